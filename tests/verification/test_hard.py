@@ -90,8 +90,11 @@ def test_twin_of_another_answer_is_wrong() -> None:
     assert next(judge(scene, scene, Scale(length=1.0, force=1.001))).outcome is Outcome.WRONG
 
 
-def test_second_method_confirms() -> None:
-    *_, last = judge(read("block", COARSE))
+@pytest.mark.parametrize("friction", [True, False])
+def test_second_method_confirms(friction: bool) -> None:
+    """Without friction condensed-newton condenses onto the pressed dofs alone, and nsgs onto all of the contact."""
+    smooth = 'contacts.base={surface="block.bottom", against="foundation", normal={law="unilateral"}}'
+    *_, last = judge(read("block", [*COARSE, *[smooth] * (not friction)]))
     assert (last.outcome, last.second) == (Outcome.SOLVED, "nsgs: agrees")
 
 

@@ -100,10 +100,11 @@ class Solved:
         }
 
     def nodal(self) -> Array:
-        """Nodal contact forces B^T p (steps, k) [N]; none where contact slides: its rows change."""
+        """Contact forces B^T p on all displacements (steps, k) [N]; none where contact slides: its rows change."""
         if any(step.searched for step in self.steps):
             return np.zeros((0, 0))
-        return np.array([self.simulation.stepper.surface.forces(step.p) for step in self.steps])
+        stepper = self.simulation.stepper
+        return np.array([stepper.system.interface.forces(*stepper.split(step.p)).array for step in self.steps])
 
 
 def _record(step: StepResult) -> Record:
