@@ -10,7 +10,7 @@ class _Quasistatic(Effect):
     name = "quasistatic"
 
     def adds(self, scene: Scene) -> str:
-        return "steps with one factor of the stiffness"
+        return "steps with the bodies prepared once"
 
     def because(self, scene: Scene) -> str | None:
         times = scene.requested_times()

@@ -39,7 +39,8 @@ with 10⁶ contact points. PETSc under MPI is the engine; how to run on a cluste
 **Firm** are counts: iterations, messages, their bytes, calls, bytes of objects. **Not firm** are seconds: CPU
 seconds, the least of two runs, on two cores that others used too. On two ranks they include waiting,
 which keeps a core busy. Nothing here was measured on more than two cores, nor beyond {largest} unknowns: what is
-said of 64 ranks and more is the model's. Errors of the mesh, results and files are not in it.
+said of 64 ranks and more is the model's. Errors of the mesh, results and files are not in it. Unknowns include the
+prescribed ones.
 """
 STRONG = """
 The same problem on one and on two ranks. `surface` and `coordinates` are rows of contacts and supports, and the
@@ -267,7 +268,9 @@ def _memory(single: Sequence[Run], two: Sequence[Run], drawn: Sequence[Run], mem
         ratio = expected / (run["memory"][-1]["iterate"] / 1e6)
         objects = f"{max(run['objects']) / 1e6:.0f}"
         rows.append([_name(run), str(run["ranks"]), " + ".join(peaks), objects, f"{expected:.0f}", f"{ratio:.2f}"])
-    yield from _table(("cells", "ranks", "peak of each [MB]", "Python's objects", "model", "over measured"), rows)
+    yield from _table(
+        ("cells", "ranks", "peak of each [MB]", "Python's objects", "model of the last", "over measured"), rows
+    )
     made = []
     for run in drawn:
         size, seconds = run["memory"][0]["gmsh"] / 1e9, run["seconds"]["gmsh"]

@@ -48,17 +48,20 @@ INTRODUCTION = """# The price of tangent-cg
 `tangent-cg` decides contact while the bodies are solved: an iteration is one product with the stiffness, one
 multigrid cycle and sweeps over the contact points. `surface-uzawa` solves the bodies once in each of its iterations.
 In 3D, where the bodies are too large to condense, `auto` begins with `tangent-cg`: in all rows here, and of
-3D in [choice](choice.md), it takes fewer seconds.
+3D in [choice](choice.md), it takes fewer seconds than `surface-uzawa`.
+`python -m stickslip.workflows.benchmarks.tangent_cg` writes this page; larger cubes are in the
+[table of prices](howto/accuracy.md#the-unit-of-cost). Seconds of single runs differ: there they are up to half as
+large again.
 
 Below, three steps of a cube with n cells a side (pressed, dragged, then dragged by a fifth of that), by friction
 coefficient and tolerance; on a rigid plane, or on another cube whose mesh does not match; then other scenes.
 
 * *Iterations* of each step, or of all.
-* *Cycles*: multigrid cycles of the first two steps (of all in other scenes) over those of one linear solve of the same
-  bodies with their contact nodes held, by conjugate gradients with BoomerAMG, to 1e-8; behind it over those of a
-  solve to the tolerance of the row.
-* *Seconds*: CPU seconds of preparation and of the same steps over those of the fastest linear solve to 1e-8; behind it
-  those of the third step.
+* *Cycles*, two numbers: multigrid cycles of the first two steps (of all in other scenes) over those of one linear solve
+  of the same bodies with their contact nodes held, by conjugate gradients with BoomerAMG, to 1e-8; and over those of
+  a solve to the tolerance of the row.
+* *Seconds*: CPU seconds of preparation and of the same steps over those of the fastest linear solve to 1e-8; and those
+  of the third step.
 * *Error*: what the method states of the last step, in the energy norm.
 
 One core of a shared machine: counts are firm, seconds are not. Where nearly all slides (μ = 0.05), multigrid is set up
