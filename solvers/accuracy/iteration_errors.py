@@ -17,11 +17,19 @@ from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import LINEAR, Observer
 from stickslip.solvers.stepping.stepper import Accepted
+from stickslip.solvers.system.system import System
 
 ROUNDING = 1e-15  # of the largest number of its kind
-FORCES = ("force", "normal_force", "tangential_force")
 AREAS = ("contact_area", "stick_area", "slip_area")
-LENGTHS = ("displacement", "max_penetration", "max_slip")
+KINDS = {  # by which the error of a number is measured
+    "force": ("force", "normal_force", "tangential_force", "tension", "moment"),  # of moments times a lever
+    "length": ("displacement", "max_penetration", "max_slip", "rotation"),  # of rotations over the size of what turns
+    "area": AREAS,
+    "pressure": ("max_pressure",),
+    "stress": ("stress",),
+    "energy": ("external", "stored", "contact", "compliance", "dissipated", "dissipation", "dissipation_total"),
+}
+KIND = {quantity: kind for kind, quantities in KINDS.items() for quantity in quantities}
 
 
 def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> dict[Quantity, ErrorParts]:
@@ -46,11 +54,9 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
         "energy": worked + left.size * float(np.sqrt(2 * state.peak)),
         "pressure": float(np.abs(left.p).max(initial=0.0)),
     }
-    arm = accepted.stepper.system.extent
     errors = {}
     for key, value in found.items():
-        kind = _kind(key.quantity)
-        lever = arm if key.quantity == "moment" else 1.0
+        kind, lever = KIND[key.quantity], _lever(accepted.stepper.system, key)
         if kind == "area":
             off: Value = np.abs(theirs[key] - value)
             linear = 0.0 * off
@@ -67,12 +73,21 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
     return errors
 
 
-def _kind(quantity: str) -> str:
-    """What a number's error is measured by."""
-    if quantity in (*FORCES, "moment"):
-        return "force"
-    if quantity in AREAS:
-        return "area"
-    if quantity in LENGTHS:
-        return "length"
-    return {"max_pressure": "pressure", "stress": "stress"}.get(quantity, "energy")
+def _lever(system: System, key: Quantity) -> float:
+    """By what the error of a force [N] or a displacement [m] gives that of the number: 1 unless something turns.
+
+    Of a moment it is the distance [m] of the farthest corner of the bodies' box from the point that it is about, of a
+    rotation 2 / size [1/m] of the side that turns, whose ends may move in opposite directions.
+    """
+    if key.quantity not in ("moment", "rotation"):
+        return 1.0
+    about, problem = np.zeros(system.mesh.dim), system.problem
+    if key.kind == "remote_points":
+        own = f"remote_points.{key.name}"
+        point = next(each for each in system.constraints.remote.every if each.coupling.key == own)
+        if key.quantity == "rotation":
+            return 2 / float(np.ptp(point.points, axis=0).max())
+        about = np.array(point.coupling.point)
+    elif key.kind == "obstacles" and (rotation := problem.obstacles[key.name].rotation):
+        about = np.array(rotation.point)
+    return float(np.linalg.norm(np.abs(system.box - about).max(axis=0)))

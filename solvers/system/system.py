@@ -132,7 +132,7 @@ class System:
     @cached_property
     def lifting(self) -> RigidModes:
         """Rigid modes of the bodies, and the rigid motion that supports prescribe."""
-        return RigidModes(self.constraints, self.mesh.joints, *self.mesh.box())
+        return RigidModes(self.constraints, self.mesh.joints, *self.box)
 
     @cached_property
     def interface(self) -> ContactInterface:
@@ -178,10 +178,14 @@ class System:
         return self.constraints.reactions(residual.array_r.reshape(-1, self.mesh.dim))
 
     @cached_property
+    def box(self) -> Array:
+        """Lower and upper corner of the bodies' bounding box (2, d) [m]."""
+        return self.mesh.box()
+
+    @cached_property
     def extent(self) -> float:
         """L, the largest side of the bodies' bounding box [m]."""
-        low, high = self.mesh.box()
-        return float(np.max(high - low))
+        return float(np.max(self.box[1] - self.box[0]))
 
 
 def contact_rows(
