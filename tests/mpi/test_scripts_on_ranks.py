@@ -148,6 +148,22 @@ everywhere = MPI.COMM_WORLD.gather([found.iterations, found.residual])
 if MPI.COMM_WORLD.rank == 0:
     print(json.dumps(everywhere))
 """
+# a round of order 2 that is of no use: rank 0 alone has the sizes of its mesh
+LOWERED = """
+import json
+import numpy as np
+from mpi4py import MPI
+from stickslip.geometry.size_field import SizeField
+from stickslip.workflows.accuracy.level import Level
+from stickslip.workflows.accuracy.rounds import _lowered
+comm, found = MPI.COMM_WORLD, []
+sizes = SizeField(points=np.eye(3, 2), cells=np.array([[0, 1, 2]]), sizes=np.ones(3))
+for field in (None, sizes if comm.rank == 0 else None):
+    found.append(_lowered(Level(order=2, factor=0.5, sizes=field), comm).factor)
+everywhere = comm.gather(found)
+if comm.rank == 0:
+    print(json.dumps(everywhere))
+"""
 SIZE = "0.2"  # MUMPS divides the last front among ranks, where it may
 SCRIPTS = {
     "audit": AUDIT,
@@ -157,6 +173,7 @@ SCRIPTS = {
     "scripted": SCRIPTED,
     "rubber": RUBBER.replace("SIZE", SIZE),
     "multigrid": MULTIGRID,
+    "lowered": LOWERED,
 }
 Both = dict[str, tuple[Any, Any]]
 
@@ -216,6 +233,11 @@ def test_multigrid_converges_however_cells_are_shared(both: Both) -> None:
     (iterations, residual), (of_two, left) = both["multigrid"]
     assert max(residual, left) <= 1e-8
     assert of_two <= 1.25 * iterations
+
+
+def test_ranks_halve_the_same_mesh_sizes(both: Both) -> None:
+    alone, one = both["lowered"]
+    assert one == alone == [0.25, 0.5]
 
 
 @pytest.mark.parametrize("size", slow(0.25))

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from numpy.testing import assert_allclose
 
 from stickslip.geometry.errors import SceneError
@@ -147,7 +148,7 @@ def test_order_2_is_in_vain_where_it_comes_no_closer() -> None:
     assert _in_vain([one(1, 0.1), one(2, 0.02), one(2, 0.03)])
     assert not _in_vain([one(1, 0.1), one(2, 0.03), one(2, 0.02)])
     assert not _in_vain([one(1, 0.01), one(2, 0.03)])
-    lowered = _lowered(Level(order=2, factor=0.5))
+    lowered = _lowered(Level(order=2, factor=0.5), MPI.COMM_SELF)
     assert (lowered.order, lowered.highest, lowered.factor) == (1, 1, 0.25)
 
 

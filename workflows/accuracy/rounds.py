@@ -190,7 +190,7 @@ class Rounds:
             goals = standings(self.scene.accuracy.goals, steps[-1], errors[-1])
         except SceneError:
             if self._level.order == 2:
-                self._next = _lowered(self._level)
+                self._next = _lowered(self._level, comm)
                 return False
             self._forget(comm)
             raise
@@ -210,7 +210,7 @@ class Rounds:
         try:
             level = self._refined(simulation, steps, move, goals, met or near)
             if _in_vain(self.done):
-                level = _lowered(level)
+                level = _lowered(level, comm)
         except SceneError as error:
             self._stuck = str(error)
             return True
@@ -292,10 +292,14 @@ def _in_vain(done: Sequence[Round]) -> bool:
     return len(off) == 2 and off[1] > off[0]
 
 
-def _lowered(level: Level) -> Level:
-    """The level of order 1 with about as many unknowns, where order 2 is of no use, or its error is not known."""
+def _lowered(level: Level, comm: Comm) -> Level:
+    """The level of order 1 with about as many unknowns, where order 2 is of no use, or its error is not known.
+
+    Collective: rank 0 alone has sizes.
+    """
     sizes = level.sizes and replace(level.sizes, sizes=level.sizes.sizes / 2)
-    return replace(level, order=1, highest=1, sizes=sizes, factor=level.factor if sizes else level.factor / 2)
+    by_sizes = comm.bcast(sizes is not None)
+    return replace(level, order=1, highest=1, sizes=sizes, factor=level.factor if by_sizes else level.factor / 2)
 
 
 def _hash(scene: Scene) -> str:
