@@ -75,7 +75,7 @@ class Audit:
     def worst(audits: Iterable[Audit]) -> dict[str, float | None]:
         """Maximum of each defect over several steps, by its name; None if there is no step."""
         rows = [asdict(audit) for audit in audits]
-        return {f.name: max((row[f.name] for row in rows), default=None) for f in fields(Audit)}
+        return {f.name: _largest([row[f.name] for row in rows]) if rows else None for f in fields(Audit)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,9 +142,7 @@ class Auditor:
         Args:
             before: the step before, where this one was solved in one substep: then slip is followed from there.
         """
-        if not all(
-            np.isfinite(values).all() for values in (record.displacement, record.p, record.w, record.stored.stress)
-        ):
+        if not record.finite:
             return Audit(**{f.name: np.inf for f in fields(Audit)})
         self._set_system(self.start.searched(record.searched) if record.searched else self.start)
         recall(self.start, record.time, record.shortened)
@@ -159,13 +157,11 @@ class Auditor:
             equilibrium=equilibrium,
             rounding=rounding,
             supports=self._supports(record, u),
-            penetration=max((n[0] for n in normal), default=0.0),
-            negative_pressure=max((n[1] for n in normal), default=0.0),
-            cone=max((t[0] for t in tangential), default=0.0),
-            complementarity=max(
-                (x for n, t in zip(normal, tangential, strict=True) for x in (n[2], t[1])), default=0.0
-            ),
-            dissipation=max((t[2] for t in tangential), default=0.0),
+            penetration=_largest([n[0] for n in normal]),
+            negative_pressure=_largest([n[1] for n in normal]),
+            cone=_largest([t[0] for t in tangential]),
+            complementarity=_largest([*(n[2] for n in normal), *(t[1] for t in tangential)]),
+            dissipation=_largest([t[2] for t in tangential]),
             fields=self._fields(record, before, w, scales),
         )
         return Audit(**{name: float(f"{value:.6g}") for name, value in asdict(found).items()})  # BLAS sums by alignment
@@ -339,7 +335,7 @@ class Auditor:
                 found.append(difference(slip, slip_of(rows, moved), rounding=scales.rounding))
         if len(stored.stress):
             found.append(stress_difference(self.system, record.displacement, record.time, stored))
-        return float(max(found))
+        return _largest(found)
 
     def _history(self, place: ContactBlock, record: Record, before: Record, scales: Scales) -> list[float]:
         """Differences of what slip is counted from, and of the stored slip, from those of the step before [-]."""
@@ -495,6 +491,6 @@ def _law_stiffness(place: ContactBlock, p: Array) -> float:
     return float(place.rows.W_n @ np.where(np.isfinite(k), k, 0.0))
 
 
-def _largest(values: Array) -> float:
-    """The largest value, at least 0."""
+def _largest(values: Array | list[float]) -> float:
+    """The largest value, at least 0; nan if one is nan."""
     return float(np.max(values, initial=0.0)) + 0.0  # no -0

@@ -44,6 +44,15 @@ class Record:
     slid: Mapping[str, Array] = field(default_factory=dict)  # see `State.slid`; contacts without a memory have none
     stored: StoredFields = field(default_factory=StoredFields)  # fields for the reader; by default none is judged
 
+    @property
+    def finite(self) -> bool:
+        """Whether every number of it is one, and none is infinite but the bound of what is tied."""
+        state = (self.displacement, self.p, self.w, self.reference, self.driven, self.shortened)
+        every = (*state, *self.searched.values(), *self.slid.values(), self.stored.stress, self.stored.von_mises)
+        shown = (values for fields in self.stored.contacts.values() for values in fields.values())
+        numbers = (values for values in shown if isinstance(values, np.ndarray) and values.dtype.kind == "f")
+        return all(np.isfinite(values).all() for values in every) and not any(np.isnan(n).any() for n in numbers)
+
 
 def difference(found: Array, expected: Array, scale: float = 0.0, rounding: float = 0.0) -> float:
     """Largest difference beyond rounding [-], relative to the largest value, or to `scale` if that is larger."""

@@ -86,3 +86,18 @@ def test_steps_that_leave_a_large_error_are_doubted(call: Call, folder: Path) ->
     assert after["error"]["dissipation_total"]["time_step"] < 0.05 * after["dissipation_total"]
     true = abs(before["dissipation_total"] - after["dissipation_total"])
     assert 0.7 * true < before["error"]["dissipation_total"]["time_step"] < 3 * true
+
+
+@pytest.mark.parametrize("pressure", [-0.001, 0.0])
+def test_a_curved_contact_that_is_pulled_or_unloaded_ends(pressure: float, call: Call, folder: Path) -> None:
+    (folder / "pulled.toml").write_text(
+        'model = "plane strain"\n[geometry]\nbuilder = "ring"\ninner_radius = 1.0\nouter_radius = 1.5\nangle = 90\n'
+        'mesh_size = 0.25\ncontact_mesh_size = 0.2\n[bodies.ring]\nE = 1.0\nnu = 0.3\n[obstacles.shaft]\n'
+        'shape = "cylinder"\npoint = [0.0, 0.0]\nradius = 1.0\n[contacts.bore]\nsurface = "ring.inner"\n'
+        'against = "shaft"\nnormal = { law = "bilateral" }\n[supports.x_axis]\nboundary = "ring.x_axis"\n'
+        'displacement = { y = 0.0 }\n[supports.y_axis]\nboundary = "ring.y_axis"\ndisplacement = { x = 0.0 }\n'
+        f'[loads.pull]\nboundary = "ring.outer"\npressure = {pressure}\n[output]\npictures = false\nerror = false\n'
+    )
+    code, _, err = call("run", "pulled.toml")
+    assert code == 0, err
+    assert "curved" not in err

@@ -231,6 +231,22 @@ def test_no_number_that_is_not_finite_passes(case: Case) -> None:
     u = case.record.displacement.copy()
     u[3, 0] = np.nan
     assert set(case.defects(replace(case.record, displacement=u)).values()) == {np.inf}
+    stored = stored_by(case.step)
+    contact, none = stored.contacts["base"], [replace(case.record, reference=case.record.reference * np.nan)]
+    for name in FIELDS:
+        spoilt = {"base": {**contact, name: np.full_like(contact[name], np.nan)}}
+        none.append(replace(case.record, stored=replace(stored, contacts=spoilt)))
+    none.append(replace(case.record, stored=replace(stored, von_mises=stored.von_mises * np.nan)))
+    for record in none:
+        assert set(case.defects(record).values()) == {np.inf}
+
+
+def test_the_worst_of_several_steps_hides_no_nan(case: Case) -> None:
+    clean = case.audit(case.record)
+    for audits in ([clean, replace(clean, cone=np.nan)], [replace(clean, cone=np.nan), clean]):
+        worst = Audit.worst(audits)["cone"]
+        assert worst is not None
+        assert np.isnan(worst)
 
 
 def test_an_audit_without_contact_sees_equilibrium_only(

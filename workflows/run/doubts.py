@@ -32,6 +32,7 @@ ACROSS = {2: 4.0, 3: 3.0}  # elements of the other side across the part that tou
 LARGE_PEAK = 0.1  # a peak higher by that than the mean of its neighbours is noise of the mesh, as measured on balls
 LARGE_SAGITTA = 0.05  # of the motion that the contact's pressure causes
 CREASE = 30.0  # [degrees]; where facets meet at a larger angle the side has a corner, and is no curve
+ROUNDING = 1e-14  # strain below which a contact transmits nothing
 LARGE_MISS = 0.05  # of the same motion
 
 
@@ -298,9 +299,13 @@ def _lengths(points: Array, facets: Ints) -> Array:
 
 
 def _motion(rows: ContactRows, problem: Problem, state: ContactState) -> float:
-    """Motion [m] that the largest pressure causes: times the extent of the closed part, by E of each body."""
+    """Motion [m] that the largest pressure or pull causes: times the extent of the closed part, by E of each body.
+
+    Where the contact transmits nothing it is inf: nothing counts beside it.
+    """
     powers = rows.surface.dim - 1 + rows.surface.axisymmetric
     give: float = sum(
         1 / problem.bodies[body].modulus_along(rows.frames[:, 0]) for body in problem.pairs[rows.name].bodies
     )
-    return state.max_pressure * float(state.contact_area ** (1 / powers)) * give
+    strain = float(np.abs(state.pressure).max(initial=0.0)) * give
+    return strain * float(state.contact_area ** (1 / powers)) if strain > ROUNDING else np.inf
