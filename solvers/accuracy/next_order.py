@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from stickslip.solvers.accuracy.by_chance import by_chance
-from stickslip.solvers.accuracy.mesh_error import DISSIPATED, Values, observed
+from stickslip.solvers.accuracy.mesh_error import DISSIPATED, ROUNDING, Values, at_points, observed, without_limit
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
 from stickslip.solvers.results.numbers import quantities
@@ -29,7 +29,7 @@ def smooth_errors(
 ) -> tuple[Values, dict[Quantity, ErrorParts]]:
     """Numbers of a step with bubbles, and the errors of its result's, but for those that an edge decides; collective.
 
-    Nothing if the step was not followed.
+    Nothing if the step was not followed, nor of numbers that have no limit.
     """
     refined, companion = accepted.state.refined, observe.stepper.companion
     if refined is None or not isinstance(companion, MeshCorrection):
@@ -43,10 +43,15 @@ def smooth_errors(
         least |= {Quantity("contacts", c.name, name): chance for name, chance in local.items()}
         least[DISSIPATED] = np.hypot(least.get(DISSIPATED, 0.0), local["dissipation"])
     corrected, errors = dict[Quantity, Value](), dict[Quantity, ErrorParts]()
-    mesh, constraints = accepted.stepper.system.mesh, accepted.stepper.system.constraints
+    system = accepted.stepper.system
+    endless = at_points(system.problem)
+    for c in system.contacts:
+        endless |= without_limit(c, result.contacts[c.name], ROUNDING * system.extent)
+    mesh, constraints = system.mesh, system.constraints
     unknown = () if mesh.comm.allreduce(constraints.apart, min) else ("supports",)
     for key, value in quantities(result).items():
-        if key in better and key.quantity not in (*AT_THE_EDGE, "stress") and key.kind not in unknown:
+        known = key in better and key not in endless and key.kind not in unknown
+        if known and key.quantity not in (*AT_THE_EDGE, "stress"):
             corrected[key] = better[key]
             off = np.maximum(FACTOR * np.abs(better[key] - value), least.get(key, 0.0))
             errors[key] = ErrorParts(mesh=off, geometry=0.0 * off, converges=True)

@@ -18,6 +18,7 @@ class CoulombByPoint(FrictionLaw):
     """Coulomb's law, s = mu p_n with mu by point; no scene asks for it, because it has no name there."""
 
     mu: Array  # (m_t,) [-]
+    most: Array | None = None  # (m_t,) that mu can become by slip [-]; None: it is constant
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -39,10 +40,11 @@ class CoulombByPoint(FrictionLaw):
         return Coulomb(mu=float(self.mu[point]), k_T=self.k_T)
 
     def of_points(self, points: Ints) -> FrictionLaw:
-        return replace(self, mu=self.mu[points])
+        return replace(self, mu=self.mu[points], most=None if self.most is None else self.most[points])
 
     def homogeneous(self, normal: NormalLaw, time: float, end: float) -> bool:
         return True
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
-        return np.inf, float(self.mu.min(initial=np.inf)), float(self.mu.max(initial=0.0))
+        most = self.mu if self.most is None else self.most
+        return np.inf, float(self.mu.min(initial=np.inf)), float(most.max(initial=0.0))

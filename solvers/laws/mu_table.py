@@ -31,6 +31,17 @@ def read(table: MuTable, at: Array) -> Array:
     return np.asarray(np.interp(at, *np.array(table).T))
 
 
+def largest_from(table: MuTable, at: Array) -> Array:
+    """Largest mu (m,) [-] at the values `at` (m,) of the first column and beyond.
+
+    >>> largest_from(((0.0, 0.2), (1.0, 0.5), (3.0, 0.3)), np.array([0.0, 2.0, 9.0]))
+    array([0.5, 0.4, 0.3])
+    """
+    x, y = np.array(table).T
+    beyond = np.append(np.maximum.accumulate(y[::-1])[::-1], y[-1])
+    return np.maximum(read(table, at), beyond[np.searchsorted(x, at)])
+
+
 def slope(table: MuTable, at: Array) -> Array:
     """Its derivative (m,), zero beyond both ends; at a corner that of the piece before it.
 

@@ -36,7 +36,8 @@ class BySlip(FrictionLaw):
 
     def at_slip(self, slid: Array) -> FrictionLaw:
         """Coulomb's law with the mu of points that have slipped by `slid` (m_t,) [m]."""
-        return CoulombByPoint(mu=mu_table.read(self.table, slid), k_T=self.k_T)
+        most = mu_table.largest_from(self.table, slid)
+        return CoulombByPoint(mu=mu_table.read(self.table, slid), most=most, k_T=self.k_T)
 
     @property
     def weakening(self) -> float:

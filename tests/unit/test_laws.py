@@ -18,6 +18,7 @@ from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
 from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.slip_dependent import SlipDependent
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.tied import Tied
 from stickslip.solvers.laws.unilateral import Unilateral
@@ -200,6 +201,13 @@ def test_laws_at_the_edge_of_what_is_possible_are_accepted() -> None:
         assert law.resists()
     assert not CoulombByPoint(mu=np.zeros(2)).resists()
     assert CoulombByPoint(mu=np.zeros(0)).lines(Unilateral(), 1.0, 1.0) == (np.inf, np.inf, 0.0)
+
+
+def test_no_bound_from_above_is_below_what_mu_becomes_by_slip() -> None:
+    """A proof that nothing balances the loads must hold for the mu that points have once they slip."""
+    law = SlipDependent(mu=((0.0, 0.1), (1e-3, 0.5), (2e-3, 0.3)))
+    for slid, most in ((0.0, 0.5), (1.5e-3, 0.4), (1.0, 0.3)):
+        assert law.at_slip(np.array([slid])).lines(Unilateral(), 1.0, 1.0)[2] == pytest.approx(most)
     assert Coulomb(mu=0.3, k_T=0.5).softness == 2.0
     assert Compliance(c_n=0.5).c_n == 0.5
 

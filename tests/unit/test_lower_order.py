@@ -75,3 +75,13 @@ def test_from_a_step_on_that_was_cut_or_fails_nothing_is_known(monkeypatch: pyte
     assert force not in known  # it is known from bubbles
     assert first.errors[str(force)].mesh > 0
     assert whole.mesh_errors([replace(first, errors={})])[0][force].mesh > 0
+
+
+def test_what_has_no_limit_has_no_error() -> None:
+    """A spring at a point gives way the more, the finer the mesh is: bubbles do not show it."""
+    spring = "springs.tip={at=[1.0, 1.0, 1.0], stiffness=0.05, direction=[1.0, 0.0, 0.0], displacement=[0.3, 0.0, 0.0]}"
+    coarse = prepare(read("cube", [*SETS, "geometry.mesh_size=0.5", spring]))
+    steps = [*coarse.steps()]
+    for errors in (steps[-1].errors, {str(key): parts for key, parts in coarse.errors(steps)[-1].items()}):
+        assert errors["springs.tip.force"].mesh is None
+        assert errors["contacts.base.normal_force"].mesh is not None

@@ -32,8 +32,8 @@ ACROSS = {2: 4.0, 3: 3.0}  # elements of the other side across the part that tou
 LARGE_PEAK = 0.1  # a peak higher by that than the mean of its neighbours is noise of the mesh, as measured on balls
 LARGE_SAGITTA = 0.05  # of the motion that the contact's pressure causes
 CREASE = 30.0  # [degrees]; where facets meet at a larger angle the side has a corner, and is no curve
-ROUNDING = 1e-14  # strain below which a contact transmits nothing
 LARGE_MISS = 0.05  # of the same motion
+ROUNDING = 1e-14  # strain below which a contact transmits nothing
 
 
 @dataclass(frozen=True, kw_only=True)
