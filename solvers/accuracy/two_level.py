@@ -13,6 +13,7 @@ Washio & Oosterlee, Electron. Trans. Numer. Anal. 6 (1997).
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -22,6 +23,7 @@ from scipy.sparse.linalg import spsolve
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Sparse, Vec
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.accuracy.bubbles import Bubbles
@@ -41,6 +43,7 @@ from stickslip.solvers.stepping.update import Surplus, displacement, new_state
 from stickslip.solvers.system.contact_interface import components
 from stickslip.solvers.system.system import System
 
+log = logging.getLogger(__name__)
 NEARER = 0.3  # factor by which an iterative method makes the residual of contact smaller
 ROUGH = 1e-2  # tolerance of a displacement that is recovered by an iterative volume solve, in energy norm
 STEPS = 2
@@ -95,6 +98,8 @@ class MeshCorrection:
     def __call__(self, stepper: Stepper, old: State, new: State, problem: SurfaceProblem) -> State | None:
         """The state with bubbles after a substep from `old` to `new`; None: it was not found; collective.
 
+        The substep itself is solved, whatever fails here.
+
         Args:
             stepper: with the contact rows of the substep.
             old: whose `refined` is the state with bubbles; None in the initial state, where it is the same.
@@ -102,7 +107,11 @@ class MeshCorrection:
             problem: that was solved.
         """
         with stepper.system.counters.clock.phase("error", "mesh"):
-            return self._followed(stepper, old, new, problem)
+            try:
+                return self._followed(stepper, old, new, problem)
+            except (SolverError, np.linalg.LinAlgError) as error:
+                log.warning("t = %g: the error of the mesh is unknown from here on: %s", new.time, error)
+                return None
 
     def displacement_at(self, state: State, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, Array]:
         """Displacement (d,) [m] of a state with bubbles at points, see `Bubbles.displacement_at`; collective."""

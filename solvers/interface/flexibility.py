@@ -135,9 +135,11 @@ class DelassusOperator(ABC):
         Nothing that later steps start from is changed.
         """
         before = self.linear_error
-        with self.counters.for_error():
-            yield
-        self.linear_error = before
+        try:
+            with self.counters.for_error():
+                yield
+        finally:
+            self.linear_error = before
 
     def snapshot(self) -> dict[str, Plain]:
         """State, besides the bodies, on which later results depend to the last bit; see `restore`."""

@@ -143,7 +143,7 @@ class Script:
             return (to,)
         end = scene.steps.end
         tables = over(scene, lambda _, now: ((end, now),) if isinstance(now, float | int) and now else now)
-        *listed, last = replace(tables, steps=Steps(end=to)).requested_times()
+        *listed, last = replace(tables.timeline(), end=to, count=1).times
         if to > end and any(not found.in_time for found in scene.expressions().values()):
             listed = sorted({*listed, end})
         return (*(t for t in listed if t - self.time > ROUNDING * to or not self._times), last)

@@ -89,7 +89,7 @@ class StepsWithBolts:
 
     def _given(self, surface: CondensedSurface, places: Ints) -> GivenTensions:
         system, key = self._system, places.tobytes()
-        if key not in self._known:
+        if key not in self._known or self._known[key].volume is not surface.volume:  # they may be condensed anew
             pulls = []
             for place in places:
                 pulls.append(system.T.createVecRight())

@@ -307,7 +307,7 @@ class Stepper:
                 break
             searched = now
         else:
-            log.warning("t = %g: pairs still change after %d searches; the last ones are kept", end, SEARCHES)
+            solution, new = replace(solution, status=Status.UNSETTLED), None
         return stepper, solution, problem, new
 
     def _with_pairs(self, searched: Mapping[str, Array]) -> Stepper:

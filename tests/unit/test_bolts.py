@@ -12,10 +12,11 @@ from numpy.testing import assert_allclose
 from shared.audited import audit
 from shared.cases import every_nth
 from stickslip.geometry.errors import SceneError
+from stickslip.solvers.newton.solution import Solution, Status
 from stickslip.solvers.results.quantities import values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.given_tension import StepsWithBolts
-from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.scene_file.read import from_dict, read
 from stickslip.workflows.verification.prepared import prepare
 
 E, K, SHORTER, MU = 1000.0, 400.0, 0.01, 0.2
@@ -246,3 +247,28 @@ def test_a_drawn_bolt_has_a_body_and_a_shank(bolt: dict[str, Any], message: str)
 def test_a_shank_beside_its_body_is_refused(levels: tuple[float, float]) -> None:
     with pytest.raises(SceneError, match=r"bolts\.b\.shank: no part of upper lies between the two planes"):
         prepare(drawn("plane strain", 1, shortening=SHORTER, shank=[[0.1, y] for y in levels]))
+
+
+def test_a_script_steps_to_a_time_before_a_bolt_is_held() -> None:
+    coarse = ["geometry.mesh_size=0.005", "output.error=false"]
+    script = prepare(read("lap_joint", coarse)).script()
+    tensions = [script.step(to=to).bolts["bolt"].tension for to in (0.5, 1.0)]
+    assert_allclose(tensions, [1.5e6, 3e6], rtol=1e-4)
+
+
+def test_a_given_tension_is_found_though_the_bodies_are_condensed_anew() -> None:
+    """Without friction they are condensed onto the pressed dofs, and onto all once another method takes over."""
+    force = {"force": [[1.0, 2.0], [2.0, 3.0]]}
+    held = {"foot": {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0}}}
+    held["left"] = {"boundary": "upper.left", "displacement": {"x": 0.0, "y": 0.0}}
+    simulation = prepare(joint(drop="shortening", bolt=force, supports=held, steps={"end": 2.0, "count": 2}))
+    stepper, chain = simulation.stepper, simulation.stepper.chain
+    before = stepper.start()
+    accepted = stepper.reach(before, 1.0, lambda row: None)
+    few = len(chain.volume.contact.rows)
+    lost = Solution(p=before.p, w=before.w, u_c=np.zeros(0), status=Status.STALLED, residual=1.0, history=())
+    assert chain.advance(simulation.system, 1.0, lost)
+    stepper._follow()
+    assert len(chain.volume.contact.rows) > few
+    accepted = stepper.reach(accepted.state, 2.0, lambda row: None)
+    assert_allclose(-accepted.state.initial_work, 3.0, rtol=1e-6)

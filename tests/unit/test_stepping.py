@@ -17,10 +17,11 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.newton.solution import OnStep, Solution, Status
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping import failure
 from stickslip.solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
 from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
+from stickslip.workflows.scene_file.read import read
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
@@ -404,4 +405,11 @@ def test_sides_that_move_apart_end_the_step(
 
     monkeypatch.setattr(Stepper, "_with_pairs", gone)
     with pytest.raises(StepError, match="the sides of a sliding contact have moved apart"):
+        next(simulation.steps())
+
+
+def test_pairs_that_never_settle_are_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stickslip.solvers.stepping.stepper.pairs_hold", lambda *arguments: False)
+    simulation = prepare(read("sliding", ["geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.4"]))
+    with pytest.raises(StepError, match="the pairs of a sliding contact change from search to search"):
         next(simulation.steps())

@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.errors import SolverError
 from stickslip.solvers.accuracy import two_level
 from stickslip.solvers.accuracy.bubbles import Bubbles, _quadrature
 from stickslip.solvers.fem.forms import WeakForms
@@ -266,3 +267,19 @@ def test_steps_of_order_2_and_of_approximate_laws_have_no_mesh_error(sets: str) 
     assert parts.total is None
     assert (parts.law is None) is ("method" in sets)
     assert not step.corrected
+
+
+@pytest.mark.parametrize("error", [SolverError("the iteration broke down"), np.linalg.LinAlgError("no convergence")])
+def test_a_step_is_solved_though_its_error_is_not_found(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*arguments: object) -> None:
+        raise error
+
+    simulation = prepare(read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"]))
+    steps = simulation.steps()
+    first = next(steps)
+    monkeypatch.setattr(two_level.MeshCorrection, "_improved", fails)
+    (second,) = steps
+    assert first.errors["contacts.base.normal_force"].mesh is not None
+    assert second.errors["contacts.base.normal_force"].mesh is None
+    assert second.contacts["base"].normal_force > 0
+    assert np.isfinite(simulation.stepper.surface.linear_error)
