@@ -87,7 +87,8 @@ class SurfaceMesh(NamedTuple):
 class ContactState:
     """One contact at the end of a step, at the n nodes of its slave side and as resultants.
 
-    Vectors have d Cartesian components. Forces and tractions act on the slave side. Pressure is positive where it
+    Vectors have d Cartesian components. Tractions act on the slave side, `force` and `moment` on the side that the
+    scene calls `surface`, which is the slave unless `slave` says or finds otherwise. Pressure is positive where it
     presses, a gap is positive where it is open. In plane models resultants and areas are per metre of thickness, in
     axisymmetric ones of the full circle.
     """
