@@ -52,7 +52,10 @@ def errors_row(step: StepResult, errors: Errors) -> dict[str, float]:
 
 
 def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
-    """By column: SI units; resultants act on the side that the scene calls `surface`; NaN: the mean slip where nothing touches."""
+    """By column, in SI units; NaN: the mean slip where nothing touches.
+
+    Resultants act on the side that the scene calls `surface`.
+    """
     found: dict[str, float] = {"step": index, "time": step.time}
     for place, amplitude in scene.drives().items():
         if is_prescribed(place):
