@@ -79,7 +79,7 @@ def test_the_uncertainty_covers_noise() -> None:
     assert abs(found.value - 1.0) <= found.uncertainty < 0.02
 
 
-@pytest.mark.parametrize("astray", [0, 2, 5])
+@pytest.mark.parametrize("astray", [0, 2, 4])
 def test_a_mesh_on_which_something_went_wrong_does_not_count(astray: int) -> None:
     h = 0.2 * RATIO ** -np.arange(6.0)
     q = 1 + h**2

@@ -10,21 +10,28 @@ from stickslip.geometry.errors import SceneError
 from stickslip.workflows.commands.accuracy import accuracy
 from stickslip.workflows.verification.accuracy.answer import MESH, TIME, TOTAL, Answer, solve
 from stickslip.workflows.verification.accuracy.judge import Case, Share, compare, endless
-from stickslip.workflows.verification.accuracy.page import passed, write_page
+from stickslip.workflows.verification.accuracy.page import line, passed, write_page
 from stickslip.workflows.verification.accuracy.problems import PROBLEMS
 from stickslip.workflows.verification.accuracy.suite import Study, in_steps
 
 NAME = "contacts.base.normal_force"
 
 
-def case(stated: float | None, true: float = 1.0, scale: float = 10.0, order: int = 1) -> Case:
+def case(
+    stated: float | None,
+    true: float = 1.0,
+    scale: float = 10.0,
+    order: int = 1,
+    problem: str = "block",
+    part: str = TOTAL,
+) -> Case:
     return Case(
-        problem="block",
+        problem=problem,
         order=order,
         mesh=1.5,
         time=1.0,
         name=NAME,
-        part=TOTAL,
+        part=part,
         stated=stated,
         true=true,
         scale=scale,
@@ -43,6 +50,39 @@ def test_a_suite_passes_with_nine_in_ten(wrong: int, expected: bool) -> None:
     cases = (case(1.0),) * (20 - wrong) + (case(0.6),) * wrong
     assert passed([Study(problem="block", cases=cases)]) is expected
     assert not passed([Study(problem="block", cases=cases, failure="no")])
+
+
+def test_an_estimator_that_states_nothing_does_not_pass() -> None:
+    """True errors of 30 % of the scale, and not a word of them."""
+    silent = Study(problem="block", cases=(case(None, true=3.0),) * 50)
+    assert not Share.of(silent.cases).enough
+    assert not passed([silent])
+    assert "none of 50 errors is stated" in line(silent)
+    assert passed([Study(problem="block", cases=(case(None, true=1e-3),) * 50)])  # too small to count
+
+
+@pytest.mark.parametrize(("silent", "expected"), [(0, True), (10, True), (12, False)])
+def test_one_in_ten_may_be_left_unstated(silent: int, expected: bool) -> None:
+    cases = (case(1.0),) * (100 - silent) + (case(None),) * silent
+    assert passed([Study(problem="block", cases=cases)]) is expected
+
+
+@pytest.mark.parametrize("where", [{"problem": "cube"}, {"part": MESH}])
+def test_something_is_stated_in_each_problem_and_part(where: dict[str, str]) -> None:
+    mute = case(None, **where)  # type: ignore[arg-type]
+    studies = [Study(problem="block", cases=(case(1.0),) * 100)]
+    assert passed(studies)
+    assert not passed([*studies, Study(problem=mute.problem, cases=(mute,))])
+
+
+def test_the_page_says_how_much_finer_the_truth_is(tmp_path: Path) -> None:
+    write_page(tmp_path / "accuracy.md", [Study(problem="block", cases=(case(1.0),))], "command")
+    told = "order 2 on a mesh 2 to 3 times finer than the finest"
+    asked_for = "at most 10 % of the true errors that are large enough to count not stated"
+    for page in (tmp_path / "accuracy.md", Path(__file__).parents[2] / "docs/accuracy.md"):
+        assert told in page.read_text()
+        assert asked_for in page.read_text()
+    assert {round(1 / problem.fine) for problem in PROBLEMS.values()} == {2, 3}
 
 
 def test_the_same_number_under_two_names_counts_once() -> None:

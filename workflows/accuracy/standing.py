@@ -8,12 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Errors, Value
+from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Errors, Quantity, Value
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.quantities import names_of, values
 from stickslip.solvers.results.step_result import StepResult
 
-LEAST = 1e-3  # of the largest number of its kind: a smaller one is not what a relative error is asked of
+LEAST = 1e-3  # of its vector: a smaller component is not what a relative error is asked of, it may as well be 0
+ROUNDING = 1e-9  # of the largest number of its kind: a smaller one is 0
+KINDS = (  # quantities of one unit; others are a kind of their own
+    ("force", "normal_force", "tangential_force", "tension"),
+    ("contact_area", "stick_area", "slip_area"),
+    ("displacement", "max_slip", "max_penetration"),
+    ("max_pressure", "stress"),
+    ("dissipation", "dissipation_total", "external", "stored", "contact", "dissipated", "compliance"),
+)
 
 
 @dataclass(frozen=True)
@@ -53,9 +61,10 @@ def standings(goals: Mapping[str, float], step: StepResult, errors: Errors) -> l
     """All goals at a step.
 
     Raises:
-        SceneError: the error of one is not known, or it has none.
+        SceneError: the error of one is not known, or it has none, or it is 0 or next to nothing.
     """
-    flat = {name: (key, axis) for key, value in quantities(step).items() for name, axis in names_of(key, value)}
+    known = quantities(step)
+    flat = {name: (key, axis) for key, value in known.items() for name, axis in names_of(key, value)}
     numbers = values(step)
     found = []
     for name, asked in goals.items():
@@ -71,12 +80,27 @@ def standings(goals: Mapping[str, float], step: StepResult, errors: Errors) -> l
         missing = _missing(parts)
         if missing:
             raise SceneError(f"accuracy.goals.{name}: its error by {missing} is not known for this scene")
-        if value == 0:
-            raise SceneError(f"accuracy.goals.{name}: is 0 at the end, so a relative error says nothing of it")
+        least = _least(key, known)
+        if abs(value) <= least:
+            near = f" ({value:.2g}; up to {least:.2g} counts as that)" if value else ""
+            raise SceneError(f"accuracy.goals.{name}: is 0 at the end{near}, so a relative error says nothing of it")
         share = {part: _at(getattr(parts, part), axis) / abs(value) for part in PARTS}
         rest = share["law"] + share["iteration"] + share["linear_solver"]
         found.append(Standing(name, asked, value, share["mesh"] + share["geometry"], share["time_step"], rest))
     return found
+
+
+def _least(key: Quantity, known: Mapping[Quantity, Value]) -> float:
+    """Up to where a number is what rounding, or a mesh without symmetry, leaves of 0.
+
+    What can cancel out is compared with its vector, friction with the force of its contact. Areas, pressures, works and
+    the like are small only where little happens: beside rounding.
+    """
+    kind = next((kind for kind in KINDS if key.quantity in kind), (key.quantity,))
+    largest = max(float(np.abs(value).max()) for other, value in known.items() if other.quantity in kind)
+    whole = known[key._replace(quantity="force")] if key.quantity == "tangential_force" else known[key]
+    cancels = np.ndim(whole) == 1
+    return max(ROUNDING * largest, LEAST * float(np.linalg.norm(whole)) if cancels else 0.0)
 
 
 def _missing(parts: ErrorParts) -> str:

@@ -82,10 +82,16 @@ def rate_of(h: Sequence[float], error: Sequence[float]) -> float | None:
 
 
 def _without_strays(x: Array, y: Array, floor: float) -> tuple[Array, Array]:
-    """Drop outliers: meshes whose value is farther from the median than any power of h explains."""
+    """Drop outliers: meshes whose value is farther from the median than any power of h explains.
+
+    Never the finest mesh; and none where most values are equal, for then distances from the median have no scale.
+    """
     off = np.abs(y - np.median(y))
-    keep = off <= max(floor, STRAY * float(np.median(off)))
-    return (x[keep], y[keep]) if len(x) > 3 else (x, y)
+    typical = float(np.median(off))
+    if len(x) <= 3 or typical <= floor:
+        return x, y
+    keep = (off <= STRAY * typical) | (x == x.min())
+    return x[keep], y[keep]
 
 
 def _fit(x: Array, y: Array) -> tuple[float, float, float]:

@@ -143,8 +143,9 @@ def _work(run: Run | None) -> tuple[str, str]:
 
 def _of_steps(study: Study) -> str:
     """Error that the time steps leave, where it was measured."""
-    known = not study.truth.exact and any(study.truth.name in run.time_steps for run in study.runs)
-    return percent(study.time_step) if known and study.time_step else "0 %" if known else "-"
+    if study.truth.exact or study.time_step is None:
+        return "-"
+    return percent(study.time_step) if study.time_step else "0 %"
 
 
 def _orders(study: Study) -> str:

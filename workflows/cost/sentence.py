@@ -19,6 +19,7 @@ def headline(studies: Sequence[Study]) -> str:
 
 def sentence(study: Study) -> str:
     """`1 % of base.max_pressure costs 3.1 s with ...; the next digit costs 21 s.`"""
+    unknown = "" if study.time_step is not None else "; the error of the time steps is not known"
     name = study.truth.name
     if study.truth.meshes < 2:
         return f"{name}: one mesh only, there is nothing to measure its error by; give it a larger --budget."
@@ -28,14 +29,14 @@ def sentence(study: Study) -> str:
     if best is None:
         return f"{name}: no run came to an end."
     if run is None:
-        return f"1 % of {name} was not reached: {_least(study, best)}."
+        return f"1 % of {name} was not reached: {_least(study, best)}{unknown}."
     said = f"1 % of {name} costs {seconds(run.seconds)} with {choice(run, study)}"
     following = study.cheapest(FIRST / 10)
     if following is run:
-        return f"{said}, and the next digit comes with it."
+        return f"{said}, and the next digit comes with it{unknown}."
     if following is not None:
-        return f"{said}; the next digit costs {seconds(following.seconds)}{_changes(run, following)}."
-    return f"{said}; the next digit was not reached: {_least(study, best)}."
+        return f"{said}; the next digit costs {seconds(following.seconds)}{_changes(run, following)}{unknown}."
+    return f"{said}; the next digit was not reached: {_least(study, best)}{unknown}."
 
 
 def choice(run: Run, study: Study) -> str:
@@ -89,8 +90,9 @@ def _changes(run: Run, following: Run) -> str:
 
 def _least(study: Study, best: Run) -> str:
     """The smallest error, and what limits it."""
-    if study.time_step > study.truth.uncertainty and study.time_step > study.worst[best.rung]:
-        return f"the time steps alone leave {percent(study.time_step)}, it takes more of them (steps.count)"
+    of_steps = study.time_step or 0.0
+    if of_steps > study.truth.uncertainty and of_steps > study.worst[best.rung]:
+        return f"the time steps alone leave {percent(of_steps)}, it takes more of them (steps.count)"
     if study.worst[best.rung] <= study.truth.uncertainty:
         return f"the reference itself is sure to {percent(study.truth.uncertainty)} only"
     return f"the best is {percent(study.sure[best.rung])} for {seconds(best.seconds)} with {choice(best, study)}"

@@ -51,25 +51,32 @@ class Study:
         }
 
     @cached_property
-    def time_step(self) -> float:
-        """Relative error that the time steps leave, as the finest mesh shows on which it was measured.
+    def time_step(self) -> float | None:
+        """Relative error that the time steps leave, as the finest mesh shows on which it was measured; None: not known.
 
         0 where the truth is exact: errors have it in them.
         """
-        measured = [run for run in self.runs if self.truth.name in run.time_steps and not self.truth.exact]
+        if self.truth.exact:
+            return 0.0
+        measured = [run for run in self.runs if self.truth.name in run.time_steps]
         finest = max((run.rung.level for run in measured), default=0)
         each = [run.time_steps[self.truth.name] for run in measured if run.rung.level == finest]
-        return max(each, default=0.0) / self.truth.scale
+        return max(each) / self.truth.scale if each else None
 
     @cached_property
     def sturdy(self) -> Mapping[Rung, float]:
-        """The worst error, not below the uncertainty and what the time steps leave."""
-        return {rung: max(self.truth.uncertainty, self.time_step, error) for rung, error in self.worst.items()}
+        """The worst error, not below the uncertainty and what the time steps leave, where that is known."""
+        least = max(self.truth.uncertainty, self.time_step or 0.0)
+        return {rung: max(least, error) for rung, error in self.worst.items()}
 
     @cached_property
     def sure(self) -> Mapping[Rung, float]:
-        """Upper bound of the error: the worst error, the uncertainty of the reference, and that of the time steps."""
-        return {rung: error + self.truth.uncertainty + self.time_step for rung, error in self.worst.items()}
+        """Upper bound of the error: the worst error, the uncertainty of the reference, and that of the time steps.
+
+        The latter is left out where it is not known.
+        """
+        more = self.truth.uncertainty + (self.time_step or 0.0)
+        return {rung: error + more for rung, error in self.worst.items()}
 
     @cached_property
     def timed(self) -> tuple[Run, ...]:

@@ -14,6 +14,7 @@ COUNTS = 1e-3  # of the scale of its kind; a smaller true error does not count
 LOW, HIGH = 0.7, 3.0  # stated / true within: of the right size
 TOO_SMALL, TOO_LARGE = 0.5, 10.0
 INSIDE, BELOW = 0.9, 0.02  # share that is asked for within the band, and that may be too small; none may be too large
+SILENT = 0.1  # share of large enough true errors of which nothing need be stated
 SAME = 1e-9  # of the scale: a number under several names is one
 GROWTH, STEADY = 0.05, 0.8  # of a pressure without limit: see `endless`
 
@@ -65,10 +66,12 @@ class Share:
     below: float
     above: int
     median: float
+    silent: int = 0  # with a true error that is large enough, and none stated
 
     @classmethod
     def of(cls, cases: Iterable[Case]) -> Share:
         """Of the cases that count."""
+        cases = list(cases)
         found = np.array([case.effectivity for case in counted(cases)])
         n = max(len(found), 1)
         return cls(
@@ -77,11 +80,19 @@ class Share:
             below=float((found < TOO_SMALL).sum() / n),
             above=int((found > TOO_LARGE).sum()),
             median=float(np.median(found)) if len(found) else np.nan,
+            silent=sum(case.stated is None and case.size > COUNTS for case in cases),
         )
+
+    @property
+    def said(self) -> bool:
+        """Whether some errors are stated, where some are large enough."""
+        return bool(self.counted or not self.silent)
 
     @property
     def enough(self) -> bool:
         """Whether it is what is asked for."""
+        if self.silent > SILENT * (self.counted + self.silent):
+            return False
         return not self.counted or (self.inside >= INSIDE and self.below <= BELOW and not self.above)
 
 

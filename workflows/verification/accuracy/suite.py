@@ -1,7 +1,7 @@
 """The suite: each problem on three meshes in both orders, its stated errors beside those by far finer runs.
 
-The error of the mesh is the distance to order 2 on a mesh at least three times finer, in the same steps; that of the
-time steps the distance to 16 times the steps on the same mesh; that of the iteration the distance of a loose iteration
+The error of the mesh is the distance to order 2 on a mesh two to three times finer, in the same steps; that of the time
+steps the distance to 16 times the steps on the same mesh; that of the iteration the distance of a loose iteration
 to the run; the total the distance to both together, the fine mesh in 16 times the steps. Where order 2 on the finest of
 the three meshes is farther from the fine mesh than a run of order 1 is, the latter's error is not known.
 """

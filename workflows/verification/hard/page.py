@@ -11,7 +11,7 @@ from statistics import median
 import numpy as np
 
 from stickslip import VERSION
-from stickslip.workflows.verification.hard.judge import Outcome
+from stickslip.workflows.verification.hard.judge import AGREES, DIFFERS, Outcome
 from stickslip.workflows.verification.hard.suite import Row
 from stickslip.workflows.verification.hard.variations import FIXED
 
@@ -60,8 +60,8 @@ def _lines(rows: Sequence[Row], command: str, picture: str) -> Iterator[str]:
     )
     yield ""
     yield (
-        "- *solved, several solutions*: so much friction admits more than one; others were met on the way, or a second "
-        "method found one, and all satisfy all conditions."
+        "- *solved, several solutions*: so much friction, or a body that is free to move without resistance, admits "
+        "more than one; others were met on the way, or a second method found one, and all satisfy all conditions."
     )
     yield "- *no equilibrium, proved*: with a collapse mechanism of floating bodies as certificate."
     yield (
@@ -72,10 +72,18 @@ def _lines(rows: Sequence[Row], command: str, picture: str) -> Iterator[str]:
         "- *refused*: with one line that says why, before solving or where the sides of a sliding contact have moved "
         "apart."
     )
-    yield "- *failed*: no answer within the limits of iterations or time."
+    yield (
+        "- *failed*: no answer within the limits of iterations or time; or an error of the program, be it in the "
+        "second opinion."
+    )
     yield "- *doubtful*: the audit found a fault; the run says so, and ends with exit code 1."
-    yield "- *wrong*: judges disagree, and the run does not say so."
+    yield (
+        "- *wrong*: judges disagree, and the run does not say so; a second method alone shows that where there is no "
+        "friction, for with friction there may be several solutions."
+    )
     yield "- *second*: share of the answers that a second method had an opinion on."
+    yield ""
+    yield twins(rows)
     yield ""
     yield f"![Scenes and variations, coloured by outcome]({picture})"
     yield ""
@@ -111,6 +119,19 @@ def table(heading: str, rows: Sequence[Row], key: Callable[[Row], str]) -> Itera
 def confirmed(row: Row) -> bool:
     """Whether a second method had an opinion on the answer."""
     return bool(row.verdict.second) and "none" not in row.verdict.second and "no use" not in row.verdict.second
+
+
+def twins(rows: Sequence[Row]) -> str:
+    """How many answers were compared with that of a twin, and what became of the other twins."""
+    doubles = [row.verdict for row in rows if row.name in FIXED and FIXED[row.name].twin]
+    answers = [verdict for verdict in doubles if verdict.twin or verdict.outcome in (Outcome.SOLVED, Outcome.BRANCH)]
+    found = Counter(verdict.twin or "not recorded" for verdict in answers)
+    compared = found.pop(AGREES, 0) + found.pop(DIFFERS, 0)
+    others = "; ".join(f"{word}: {count}" for word, count in found.items())
+    return (
+        f"Of {len(answers)} answers with a twin, a scene whose answer is known to be the same, {compared} were compared"
+        f" with it{f' ({others})' if others else ''}."
+    )
 
 
 def _entry(row: Row) -> Iterator[str]:

@@ -159,15 +159,15 @@ class Worker:
         self._pipe: Connection | None = None
 
     def perform(self, task: Task) -> Row | None:
-        """The last row that came in time; failed if none did."""
+        """The last row that came in time; failed if none did, or if what followed ended otherwise than by time."""
         pipe, last = self._started(), None
         began = clock.monotonic()
         pipe.send(task)
         limit = LIMIT
-        lost = ""
+        lost, late = "", False
         while True:
             if not pipe.poll(max(0.0, limit - (clock.monotonic() - began))):
-                lost = f"no end after {limit:.0f} s"
+                lost, late = f"no end after {limit:.0f} s", True
                 break
             try:
                 word: Row | str | None = pipe.recv()
@@ -183,7 +183,10 @@ class Worker:
             limit = clock.monotonic() - began + self._opinion
         self.end()
         if last is not None:
-            return replace(last, verdict=replace(last.verdict, second=f"none: {lost}"))
+            verdict = replace(last.verdict, second=f"none: {lost}")
+            if not late and verdict.outcome in (Outcome.SOLVED, Outcome.BRANCH):
+                verdict = replace(verdict, outcome=Outcome.FAILED, reason=f"second opinion: {lost}")
+            return replace(last, verdict=verdict)
         return _failed(task, lost, clock.monotonic() - began)
 
     def _started(self) -> Connection:
