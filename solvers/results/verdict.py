@@ -55,16 +55,22 @@ def limits(tolerance: float, law_error: float = 0.0, rounding: float = 0.0) -> A
 
 
 def passed(
-    audits: Sequence[Audit], times: Sequence[float], law_errors: Sequence[float], tolerance: float
+    audits: Sequence[Audit],
+    times: Sequence[float],
+    law_errors: Sequence[float],
+    tolerance: float,
+    numbers: Sequence[int] | None = None,
 ) -> Iterator[str]:
     """Sentences on the defects that pass their limits: for each its worst step, and what to do about it.
 
     Args:
-        audits: one a step.
+        audits: one a step that is judged.
         times: of the steps [s].
         law_errors: of the steps [-].
         tolerance: solver.tolerance.
+        numbers: of the steps; None: 1, 2, ...
     """
+    numbers = range(1, len(audits) + 1) if numbers is None else numbers
     pairs = zip(audits, law_errors, strict=True)
     allowed = [asdict(limits(tolerance, error, audit.rounding)) for audit, error in pairs]
     found = [asdict(audit) for audit in audits]
@@ -73,7 +79,8 @@ def passed(
         over = [ratio if ratio == ratio else float("inf") for ratio in ratios]  # NaN passes every limit
         worst = max(range(len(over)), key=over.__getitem__)
         if over[worst] > 1:
+            step = f"step {numbers[worst]} (t = {times[worst]:g})"
             yield (
-                f"{name.replace('_', ' ')} is {found[worst][name]:.1e} in step {worst + 1} (t = {times[worst]:g}), "
-                f"more than {allowed[worst][name]:.1e}: {HINTS[name]}"
+                f"{name.replace('_', ' ')} is {found[worst][name]:.1e} in {step}, more than "
+                f"{allowed[worst][name]:.1e}: {HINTS[name]}"
             )

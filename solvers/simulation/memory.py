@@ -196,8 +196,13 @@ def foretold(scene: Scene) -> dict[str, object] | None:
         slower=slower(problem),
         mixed=mixed(kind, averaged),
     )
-    choice = chosen(size, scene.solver, available())
+    choice = chosen(size, scene.solver, least_available(comm))
     return memory_of(scene, Counts(*kind, cells, comm.size), size, choice).plain(spare(comm))
+
+
+def least_available(comm: Comm) -> float:
+    """What each rank may take without knowing of the others [bytes], the least of all ranks; collective."""
+    return float(comm.allreduce(float(available()), op=MPI.MIN))
 
 
 def spare(comm: Comm) -> float:

@@ -1,5 +1,6 @@
 """output.step_files = "every": fields of every n-th step alone are stored; the run goes on from the last of them."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,14 @@ from numpy.testing import assert_array_equal
 import stickslip
 from shared.command import Call, result
 from shared.histories import SMALL, Stop, leaves, rows
+from stickslip.geometry.errors import FolderError, MachineError
+from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.stored_fields import Record
 from stickslip.workflows.formats.steps import light_files, step_files
 from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.pictures.report_view import model
-from stickslip.workflows.run.folder import work_of
+from stickslip.workflows.run.folder import BEGUN, work_of
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
@@ -114,6 +118,39 @@ def test_a_run_that_is_killed_goes_on_from_the_last_step_with_fields(tmp_path: P
     assert seen[0] == done[4]
     assert files(tmp_path / "out") == ([4, 5, 6], [1, 2, 3])
     assert_same_numbers(tmp_path / "out", whole)
+
+
+@pytest.mark.parametrize(("last", "said"), [(2, "none has its fields"), (5, "go on with --resume")])
+def test_steps_without_fields_are_not_overwritten_without_a_word(last: int, said: str, folder: Path) -> None:
+    done, place = list[float](), Path("out")
+
+    def kill(step: StepResult) -> None:
+        done.append(step.time)
+        if len(done) == last:
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run(scene(*LIGHT), place, Watch(on_step=kill))
+    before = files(work_of(place))
+    with pytest.raises(FolderError, match=f"has left {last} steps in .out.running; {said}"):
+        run(scene(*LIGHT), place)
+    assert files(work_of(place)) == before
+    (work_of(place) / BEGUN).unlink()
+    with pytest.raises(MachineError, match=f"is lost, so its {last} steps belong to no scene"):
+        run(scene(*LIGHT), place, resume=True)
+
+
+def test_the_audit_names_the_number_of_the_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps 4 and 6 are judged."""
+    times, judge = scene().requested_times(), Auditor.__call__
+
+    def worse(self: Auditor, record: Record, before: Record | None = None) -> Audit:
+        return replace(judge(self, record, before), cone=float(record.time > times[-2]))
+
+    monkeypatch.setattr(Auditor, "__call__", worse)
+    outcome, _ = run(scene(*LIGHT, "output.error=false"), tmp_path / "out")
+    assert outcome.status == "doubtful"
+    assert f"in step 6 (t = {times[-1]:g})" in outcome.sentence
 
 
 def test_a_viewer_is_shown_what_is_stored(tmp_path: Path) -> None:

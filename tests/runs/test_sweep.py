@@ -12,9 +12,13 @@ import numpy as np
 import pytest
 
 from shared.command import COARSE, Call, assert_one_line, result, table
+from shared.histories import Stop
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.user_files.child import Ended
-from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.run.result import scene_hash
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read, to_dict
 from stickslip.workflows.sweep import sweep as module
 from stickslip.workflows.sweep.child import Bench
 from stickslip.workflows.sweep.members import members
@@ -54,11 +58,30 @@ def test_wrong_sweep_is_refused_before_anything_is_solved(over: dict[str, Any], 
     assert not list(tmp_path.iterdir())
 
 
+def test_goals_of_accuracy_are_refused_before_anything_is_solved(call: Call, folder: Path) -> None:
+    """Each member is solved once: they would be ignored."""
+    goals = '--set=accuracy.goals={"base.normal_force" = 0.1}'
+    code, out, err = call("sweep", "block", *COARSE, goals, f"{MU}=[0.2, 0.4]", "-o", "out")
+    assert (code, out) == (2, "")
+    assert "accuracy.goals: each member is solved once" in err
+    assert_one_line(err)
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize("text", ["x,y\n1,2\n", "", "status,folder\n", "mu,folder,status\n", "\0" * 10])
+def test_table_that_no_sweep_has_written_is_refused_and_stays(text: str, call: Call, folder: Path) -> None:
+    (folder / "out").mkdir()
+    (folder / "out" / "sweep.csv").write_text(text)
+    code, out, err = call("sweep", "block", *COARSE, f"{MU}=[0.2]", "-o", "out")
+    assert (code, out) == (2, "")
+    assert "out/sweep.csv: is not the table of a sweep; move it away" in err
+    assert_one_line(err)
+    assert [path.name for path in (folder / "out").iterdir()] == ["sweep.csv"]
+    assert (folder / "out" / "sweep.csv").read_text() == text
+
+
 def test_bodies_are_prepared_once_and_answers_are_those_of_runs_alone(tmp_path: Path) -> None:
     bench, scenes = Bench(), [m.scene for m in members(read("block", SETS), {MU: [0.1, 0.3], "steps.count": [2, 3]})]
-    from stickslip.workflows.run.run import run
-    from stickslip.workflows.scene_file.read import to_dict
-
     for k, scene in enumerate(scenes):
         assert bench(to_dict(scene), tmp_path / str(k))["status"] == "converged"
         run(scene, tmp_path / f"alone{k}")
@@ -123,6 +146,33 @@ def test_member_whose_process_is_killed_is_told_and_the_next_ones_go_on(
     assert re.match(r"mu=0\.2: killed, -?[\d.]+ s: its process was ended by signal 9", str(done.solved[1]))
     assert done.solved[1].sentence == "its process was ended by signal 9; memory was full"
     assert [one.member.name for one in told] == ["mu=0.1", "mu=0.2", "mu=0.3"]
+
+
+@pytest.mark.parametrize(("E", "numbers"), [(2.0, False), (1.0, True)])
+def test_row_of_a_killed_member_has_no_numbers_of_an_earlier_scene(
+    E: float, numbers: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Of its own scene it has those of the run that was stopped before."""
+    over = {"steps.count": [2]}
+    (before,) = members(read("block", [*SETS, f"bodies.block.E={E}"]), over)
+    assert run(before.scene, tmp_path / before.name, Watch(on_step=Stop(1)))[0].status == "interrupted"
+    monkeypatch.setattr(module, "run_child", lambda *rest: Ended(code=-signal.SIGKILL, printed="", full=False))
+    done = sweep(read("block", [*SETS, "bodies.block.E=1.0"]), over, tmp_path)
+    assert done.solved[0].status == "killed"
+    assert ("base.normal_force" in done.rows[0]) == numbers
+    assert table(done.path)[0]["status"] == "killed"
+
+
+def test_members_named_like_former_results_keep_their_own(tmp_path: Path) -> None:
+    """As mu = 0 and mu = 0.1; also where the sweep is repeated with another scene."""
+    for E in (1.0, 2.0):
+        bench, both = Bench(), members(read("block", [*SETS, f"bodies.block.E={E}"]), {MU: [0.1, 0]})
+        for member in both:
+            assert bench(to_dict(member.scene), tmp_path / member.name)["status"] == "converged"
+        for member in both:
+            assert result(tmp_path / member.name)["scene"]["hash"] == scene_hash(member.scene)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mu=0", "mu=0.1", "mu=0.1~1", "mu=0~1"]
+    assert result(tmp_path / "mu=0~1")["scene"]["bodies"]["block"]["E"] == 1.0
 
 
 def test_table_goes_to_pandas_where_it_is_installed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def test_steps_that_leave_a_large_error_are_doubted(call: Call, folder: Path) ->
 def test_a_curved_contact_that_is_pulled_or_unloaded_ends(pressure: float, call: Call, folder: Path) -> None:
     (folder / "pulled.toml").write_text(
         'model = "plane strain"\n[geometry]\nbuilder = "ring"\ninner_radius = 1.0\nouter_radius = 1.5\nangle = 90\n'
-        'mesh_size = 0.25\ncontact_mesh_size = 0.2\n[bodies.ring]\nE = 1.0\nnu = 0.3\n[obstacles.shaft]\n'
+        "mesh_size = 0.25\ncontact_mesh_size = 0.2\n[bodies.ring]\nE = 1.0\nnu = 0.3\n[obstacles.shaft]\n"
         'shape = "cylinder"\npoint = [0.0, 0.0]\nradius = 1.0\n[contacts.bore]\nsurface = "ring.inner"\n'
         'against = "shaft"\nnormal = { law = "bilateral" }\n[supports.x_axis]\nboundary = "ring.x_axis"\n'
         'displacement = { y = 0.0 }\n[supports.y_axis]\nboundary = "ring.y_axis"\ndisplacement = { x = 0.0 }\n'

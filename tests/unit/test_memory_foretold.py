@@ -5,10 +5,16 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
+from mpi4py import MPI
 
+import stickslip.solvers.simulation.memory
+import stickslip.workflows.run.mesh_report
 from stickslip.geometry.errors import MachineError
+from stickslip.geometry.protocols import Comm
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.memory import (
     ERRORS,
@@ -21,9 +27,11 @@ from stickslip.solvers.simulation.memory import (
     Part,
     affordable,
     foretold,
+    least_available,
     memory_of,
 )
 from stickslip.solvers.stepping.choice import ENTRIES, Choice, Size, Stage
+from stickslip.workflows.run.mesh_report import look
 from stickslip.workflows.scene_file.read import read
 
 FACTOR = 1.4  # the peak that is foretold is that of the process within this factor, either way
@@ -48,6 +56,28 @@ def cube(unknowns: int, ranks: int = 1) -> Size:
 def test_every_kind_of_cell_has_its_prices() -> None:
     assert set(PRICES) == set(ENTRIES)
     assert all(min(vars(price).values()) >= 0 for price in PRICES.values())
+
+
+def test_ranks_choose_by_the_least_memory_of_them_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the run does; else one would refuse a scene while the others wait for it."""
+
+    class Other(SimpleNamespace):
+        """Of two ranks, whose second has nearly no memory."""
+
+        def allreduce(self, value: float, op: MPI.Op) -> float:
+            assert op == MPI.MIN
+            return min(value, 1e4)
+
+    assert least_available(cast(Comm, Other())) == 1e4
+    small = read("cube", ["geometry.mesh_size=0.5"])
+    assert (look(small)[1].stages[0].surface, foretold(small)) != ("matrix-free", None)
+    asked = list[Comm]()
+    for place in (stickslip.solvers.simulation.memory, stickslip.workflows.run.mesh_report):
+        monkeypatch.setattr(place, "least_available", lambda comm: asked.append(comm) or 1e4)
+    assert look(small)[1].stages[0].surface == "matrix-free"
+    names = [part["part"] for part in cast(list[dict[str, str]], (foretold(small) or {})["parts"])]
+    assert "multigrid" in names
+    assert len(asked) == 2
 
 
 def test_the_peak_is_that_of_the_stage_with_most_in_it() -> None:

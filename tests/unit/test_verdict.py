@@ -236,6 +236,8 @@ def test_the_worst_step_is_named() -> None:
     found = tuple(passed(audits, [1.0, 2.0, 3.0], [0.0] * 3, 1e-8))
     assert [sentence.split()[0] for sentence in found] == ["supports", "cone"]
     assert "cone is 2.0e-03 in step 2 (t = 2), more than 1.0e-05: try a smaller solver.tolerance" in found[1]
+    some = tuple(passed(audits, [1.0, 2.0, 3.0], [0.0] * 3, 1e-8, numbers=[4, 8, 9]))
+    assert "in step 8 (t = 2)" in some[1]
 
 
 def test_each_number_has_its_own_advice() -> None:

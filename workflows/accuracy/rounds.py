@@ -91,7 +91,7 @@ class Rounds:
         finished, going_on = from_rank_0(comm, lambda: self._take_up(Path(folder), resume))
         if finished:
             note = f"{folder}: the rounds are finished; nothing was changed"
-            return Outcome(finished["status"], note, Path(folder)), finished
+            return Outcome(finished["status"], note, Path(folder), tuple(finished.get("warnings") or ())), finished
         self.done = comm.bcast(self.done)
         level = comm.bcast(self._next and replace(self._next, sizes=None))
         self._next = self._next if comm.rank == 0 else level

@@ -77,10 +77,10 @@ def run_command(
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="one line an iteration")] = False,
 ) -> None:
     """Solve a scene and write its results."""
-    from stickslip.workflows.accuracy.rounds import Rounds, aiming
+    from stickslip.workflows.accuracy.rounds import aiming
+    from stickslip.workflows.accuracy.solve import run
     from stickslip.workflows.commands.mesh import announce
     from stickslip.workflows.run.result import json_text
-    from stickslip.workflows.run.run import run
     from stickslip.workflows.run.terminal import Reporter
     from stickslip.workflows.scene_file.read import find, named, read
 
@@ -90,10 +90,7 @@ def run_command(
         announce(loaded)
     reporter = Reporter(quiet=quiet or not speaks(), verbose=verbose)
     with reporter, named(scene, override or ()):
-        if loaded.accuracy.goals:
-            outcome, content = Rounds(loaded, reporter.line)(folder, reporter.watch(), resume)
-        else:
-            outcome, content = run(loaded, folder, reporter.watch(), resume, began=BEGAN)
+        outcome, content = run(loaded, folder, reporter.watch(), resume, began=BEGAN)
     if as_json:
         typer.echo(json_text(content))
     else:

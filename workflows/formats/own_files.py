@@ -2,8 +2,8 @@
 
 The first line is the program's signature; each line after it is the name of a file below the folder, as JSON, written
 before the file is made. A folder is listed with a slash at the end. While the files of one folder move to another, a
-table says where from, so that whoever comes after a crash goes on moving; another one holds
-the checksum of result.json.
+table says where from, so that whoever comes after a crash goes on moving; another one holds the checksum of
+result.json, and one in former results names the folder that they were moved from.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
@@ -23,7 +24,7 @@ from stickslip.workflows.formats.regular import parse_json, read_regular
 MARKER = ".stickslip"
 SIGNATURE = "stickslip: results of a run; only the files that are listed here are moved or removed by another run\n"
 PART = ".stickslip.part"  # of the marker, before it is whole
-FROM, CHECKSUM = "moving from", "sha256"  # keys of tables
+FROM, CHECKSUM, FORMER = "moving from", "sha256", "former results of"  # keys of tables
 LAST = "run.log"  # its lock tells other processes that the files are being moved
 DEPTH = 4  # folders below a marked one in which a run writes, and more
 _known: dict[tuple[int, int], tuple[int, int, set[str]]] = {}  # names by marker (device, inode), its size and time
@@ -35,6 +36,7 @@ class Content(NamedTuple):
     names: tuple[str, ...]
     source: Path | None  # of files that are being moved
     checksums: dict[str, str]  # sha256 by file
+    former: str  # name of the folder whose former results these are; empty: of none
 
 
 def is_marked(folder: Path) -> bool:
@@ -86,6 +88,16 @@ def own_files(folder: Path) -> set[Path]:
     return {folder / name for name in listed(folder) if not name.endswith("/")}
 
 
+def has_own(folder: Path) -> bool:
+    """Whether a file of a run is there."""
+    return any(_is_file(path) for path in own_files(folder))
+
+
+def former_of(folder: Path) -> str:
+    """Name of the folder whose former results these are; empty: of none, or nobody has noted it."""
+    return _content(folder).former
+
+
 def certify(path: Path) -> None:
     """Note the checksum of a file of a marked folder, from which `is_certified` tells later edits."""
     if path.is_file():
@@ -131,7 +143,7 @@ def remove_own(folder: Path, below: str = "", but: str = "") -> None:
     """
     if not is_marked(folder):
         return
-    names, _, checksums = _content(folder)
+    names, _, checksums, _ = _content(folder)
     gone = [name for name in names if name.startswith(below) and name != but]
     for name in gone:
         for path in (folder / name, folder / _part(name)):
@@ -152,17 +164,21 @@ def remove_unfinished(folder: Path) -> None:
             (folder / _part(name)).unlink()
 
 
-def move_own(source: Path, target: Path, whole: bool = False) -> None:
+def move_own(source: Path, target: Path, whole: bool = False, former: str = "") -> None:
     """Move the run's own files from one marked folder to another; by one rename if the second is free.
 
     Args:
         whole: what else the first holds may go with them.
+        former: what the second notes, see `former_of`.
 
     Raises:
         FolderError: something else is in their way; nothing is moved.
     """
     free = not os.path.lexists(target) or (not target.is_symlink() and not any(target.iterdir()))
     if free and not source.is_symlink() and (whole or next(foreign(source), None) is None):
+        if former_of(source) != former:
+            with suppress(PermissionError):  # results that may only be read are moved all the same
+                _write(source, listed(source), None, _content(source).checksums, former)
         try:
             source.rename(target)
         except OSError as error:
@@ -181,7 +197,7 @@ def move_own(source: Path, target: Path, whole: bool = False) -> None:
                 "with --resume"
             )
     os.makedirs(os.path.realpath(target), exist_ok=True)
-    _write(target, (*own, *names), source, _content(source).checksums)
+    _write(target, (*own, *names), source, _content(source).checksums, former)
     go_on_moving(target)
 
 
@@ -192,7 +208,7 @@ def moving_from(folder: Path) -> Path | None:
 
 def go_on_moving(target: Path) -> None:
     """Move what is still to be moved; nothing if nothing is."""
-    names, source, checksums = _content(target)
+    names, source, checksums, former = _content(target)
     if source is None:
         return
     for name in sorted(names, key=lambda name: name == LAST):
@@ -211,7 +227,7 @@ def go_on_moving(target: Path) -> None:
                 place.unlink()
         if _is_file(source / _part(name)):
             (source / _part(name)).unlink()
-    _write(target, names, None, checksums)
+    _write(target, names, None, checksums, former)
     if source.is_dir():
         _remove_empty(source, names)
         _end(source)
@@ -270,7 +286,7 @@ def _part(name: str) -> str:
 
 def _content(folder: Path) -> Content:
     """A line that is cut short, or is no name of a file below the folder, lists nothing."""
-    names, source, checksums = dict[str, None](), None, dict[str, str]()
+    names, source, checksums, former = dict[str, None](), None, dict[str, str](), ""
     for line in (_text(folder / MARKER) or "").removeprefix(SIGNATURE).splitlines(keepends=True):
         try:
             said = parse_json(line.encode()) if line.endswith("\n") else None
@@ -282,7 +298,9 @@ def _content(folder: Path) -> Content:
             source = Path(os.path.normpath(folder / said[FROM]))
         elif isinstance(said, dict) and isinstance(said.get(CHECKSUM), dict):
             checksums |= said[CHECKSUM]
-    return Content(tuple(names), source, checksums)
+        elif isinstance(said, dict) and isinstance(said.get(FORMER), str):
+            former = said[FORMER]
+    return Content(tuple(names), source, checksums, former)
 
 
 def _is_below(name: str) -> bool:
@@ -313,12 +331,20 @@ def _append(marker: Path, said: str | dict[str, Any]) -> None:
         os.fsync(descriptor)
 
 
-def _write(folder: Path, names: Iterable[str], source: Path | None, checksums: Mapping[str, str] | None = None) -> None:
+def _write(
+    folder: Path,
+    names: Iterable[str],
+    source: Path | None,
+    checksums: Mapping[str, str] | None = None,
+    former: str = "",
+) -> None:
     lines = [json.dumps(name) for name in dict.fromkeys(names)]
     if source is not None:
         lines.append(json.dumps({FROM: os.path.relpath(source, folder)}))
     if checksums:
         lines.append(json.dumps({CHECKSUM: dict(checksums)}))
+    if former:
+        lines.append(json.dumps({FORMER: former}))
     aside = folder / PART
     with aside.open("wb") as file:
         file.write((SIGNATURE + "".join(f"{line}\n" for line in lines)).encode())

@@ -43,12 +43,13 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
         audits.append(None if record is None else auditor(record, before if step.substeps == 1 else None))
         before = record
     simulation.counters.forms += auditor.start.counters.forms
-    known = [(audit, step) for audit, step in zip(audits, steps, strict=True) if audit is not None]
+    known = [(audit, k) for k, audit in enumerate(audits) if audit is not None]
     over = passed(
         [audit for audit, _ in known],
-        [step.time for _, step in known],
-        [step.law_error for _, step in known],
+        [steps[k].time for _, k in known],
+        [steps[k].law_error for _, k in known],
         simulation.scene.solver.tolerance,
+        [k + 1 for _, k in known],
     )
     return Audited(audits=tuple(audits), shared=auditor.shared, passed=tuple(over))
 

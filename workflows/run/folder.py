@@ -21,7 +21,10 @@ from stickslip.workflows.formats.own_files import (
     PART,
     certify,
     claim,
+    former_of,
     go_on_moving,
+    has_own,
+    is_certified,
     is_marked,
     mark,
     move_own,
@@ -30,10 +33,11 @@ from stickslip.workflows.formats.own_files import (
     strange,
 )
 from stickslip.workflows.formats.regular import read_json, read_regular
-from stickslip.workflows.formats.steps import step_files
+from stickslip.workflows.formats.steps import light_files, step_files
 
 LOG = LAST  # its lock is that of the folder
 BEGUN, RESULT = "begun.json", "result.json"  # what a run was begun with, and how it ended
+FORMER, OF_MEMBER = ".1", "~1"  # how folders of former results end; no member of a sweep has the second in its name
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)  # errors of network disks without locks
 READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)  # errors of results that may only be read
 AT_WORK = "process {pid} on {host}"  # a line of run.log
@@ -63,13 +67,17 @@ def work_of(target: Path) -> Path:
 class ResultsFolder:
     """Folder `target` for the results, and folder `work` that a run fills and locks until they are complete."""
 
-    def __init__(self, target: Path) -> None:
+    def __init__(self, target: Path, former: str = FORMER) -> None:
         """Check that the folders are free or hold results of a run; what a crash has left half moved is moved.
+
+        Args:
+            former: how the name of the folder ends in which former results are kept.
 
         Raises:
             FolderError: `target` holds other files.
         """
         self.target, self.place, self.work = target, place_of(target), work_of(target)
+        self._old = self.place.with_name(f"{self.place.name}{former}")
         self.notes: tuple[str, ...] = ()  # for the user
         self._held: weakref.finalize[..., ResultsFolder] | None = None  # a call releases the lock
         for folder in (self.place, self.work, self._old):
@@ -86,13 +94,15 @@ class ResultsFolder:
         return self.place, self.work, self._old
 
     @property
-    def _old(self) -> Path:
-        return self.place.with_name(f"{self.place.name}.1")
+    def _of_another(self) -> bool:
+        """Whether the folder for former results holds some that are not known to be those of this place."""
+        there = has_own(self._old) or moving_from(self._old) is not None
+        return there and former_of(self._old) != self.place.name
 
     def _go_on_moving(self, folder: Path) -> None:
         """Go on where a crash has stopped `move_own`."""
         source = moving_from(folder)
-        if source is None:
+        if source is None or (folder == self._old and source != self.place and self._of_another):
             return
         if source not in self.replaced or source == folder:
             raise FolderError(f"{folder}: its files come from {source}, which is not beside it; choose another folder")
@@ -107,28 +117,49 @@ class ResultsFolder:
             self.release()
 
     def refuse_to_lose(self) -> None:
-        """Check that no steps of another run would be lost.
+        """Check that neither steps nor results of another run would be lost.
 
         Raises:
-            FolderError: another run is at work, or one that was stopped or killed has left steps.
+            FolderError: another run is at work, or one that was stopped or killed has left steps; or see
+                `refuse_to_replace`.
         """
         if read_json(self.place / RESULT).get("status") == "interrupted":
             self._refuse(self.place)
         if is_marked(self.work):
             self.lock(self.work)
             self._refuse(self.work)
+        self.refuse_to_replace()
+
+    def refuse_to_replace(self) -> None:
+        """Check that former results would not take the place of another run's.
+
+        Raises:
+            FolderError: `TARGET.1` is not known to hold former results of the target.
+        """
+        if has_own(self.place) and self._of_another:
+            self.release()
+            solved = is_certified(self.work / RESULT)
+            raise FolderError(
+                f"{self._old}: is not known to hold former results of {self.place.name}; move it away, "
+                + ("and go on with --resume" if solved else "or choose another folder with -o")
+            )
 
     def _refuse(self, folder: Path) -> None:
         """Raise FolderError if the folder holds steps."""
-        kept = len(step_files(folder))
+        stored, light = step_files(folder), light_files(folder)
+        kept = len({*stored, *light})
         if not kept:
             return
         self.release()
-        known = (folder / BEGUN).is_file()
+        if not (folder / BEGUN).is_file():
+            way = f"without its {BEGUN} they belong to no scene: "
+        elif not stored:
+            way = "none has its fields: begin again with --resume, or "
+        else:
+            way = "go on with --resume, or "
         raise FolderError(
-            f"{self.target}: a run that was stopped has left {kept} steps in {folder}; "
-            + ("go on with --resume, or " if known else f"without its {BEGUN} they belong to no scene: ")
-            + "remove that folder, or choose another one with -o"
+            f"{self.target}: a run that was stopped has left {kept} steps in {folder}; {way}remove that folder, or "
+            "choose another one with -o"
         )
 
     def start(self) -> Path:
@@ -197,12 +228,13 @@ class ResultsFolder:
         """Move the results to their place, and release the lock; earlier ones are kept as `TARGET.1`.
 
         Raises:
-            FolderError: a file of the user is in the way; nothing is moved.
+            FolderError: a file of the user, or results of another run, are in the way; nothing is moved.
         """
+        self.refuse_to_replace()
         with disk_errors(self.target):
-            if is_marked(self.place):
+            if has_own(self.place):
                 remove_own(self._old)
-                move_own(self.place, self._old)
+                move_own(self.place, self._old, former=self.place.name)
             move_own(self.work, self.place, whole=True)
             sync_folder(self.place.parent)
         self.release()

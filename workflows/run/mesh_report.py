@@ -13,7 +13,6 @@ from scipy.sparse.csgraph import dijkstra
 
 from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
 from stickslip.geometry.arrays import Bools
-from stickslip.geometry.memory import available
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.mesh.quality import worst_quality
@@ -24,7 +23,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import EFFECTS
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.memory import Counts, Demand, memory_of, spare
+from stickslip.solvers.simulation.memory import Counts, Demand, least_available, memory_of, spare
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.stepping.choice import Choice, Size, chosen
 from stickslip.solvers.system.system import contact_rows, displacement_space
@@ -214,7 +213,7 @@ def look(scene: Scene) -> tuple[MeshReport, Choice, Demand]:
     contacts = contact_rows(problem, mesh, space, nodes, constraints)
     report = report_mesh(scene, mesh, nodes.total, contacts)
     size = Size.of(problem, mesh, constraints, contacts)
-    choice = chosen(size, scene.solver, available())
+    choice = chosen(size, scene.solver, least_available(mesh.comm))
     return report, choice, memory_of(scene, Counts.of(mesh), size, choice)
 
 

@@ -40,7 +40,7 @@ OF_COARSE = ("factorisations", "volume_solves", "linear_iterations")  # counters
 class Outcome:
     """How a run ended."""
 
-    status: str  # converged, doubtful, not_converged, no_equilibrium, interrupted
+    status: str  # converged, doubtful, not_converged, no_equilibrium, interrupted; of rounds also inaccurate
     sentence: str  # what to tell the user, empty when converged
     folder: Path
     warnings: tuple[str, ...] = ()  # what the answer itself gives reason to doubt
@@ -104,16 +104,21 @@ def summary(
         "audit": Audit.worst(audit for audit in audits if audit),
         "verdict": _verdict(simulation, steps, audited) if audits else None,
         "error": {
-            "discretisation": max((step.mesh_error for step in steps), default=None),
-            "law": max((step.law_error for step in steps), default=None),
-            "iteration": float(np.max([step.iteration_error for step in steps])) if steps else None,
-            "linear_solver": max((step.linear_error for step in steps), default=None),
+            "discretisation": _largest([step.mesh_error for step in steps]),
+            "law": _largest([step.law_error for step in steps]),
+            "iteration": _largest([step.iteration_error for step in steps]),
+            "linear_solver": _largest([step.linear_error for step in steps]),
             "what": "relative, energy norm",
         },
         "seconds": seconds_of(rows, reference.seconds if reference else None),
         "profile": [asdict(row) for row in rows],
         "linear_reference": reference and asdict(reference),
     }
+
+
+def _largest(errors: Sequence[float]) -> float | None:
+    """Of all steps; NaN, which becomes null, where that of a step is not known."""
+    return float(np.max(errors)) if errors else None
 
 
 def _verdict(simulation: Simulation, steps: Sequence[StepResult], audited: Audited) -> dict[str, Any]:

@@ -79,16 +79,18 @@ def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
     be sound: it is not touched.
 
     Raises:
-        FolderError: another process is at work there.
+        FolderError: another process is at work there; or results of another run would be lost.
         SceneError: the scene or a version was another one.
         MachineError: the last step cannot be read, or one before it is damaged or missing; or what the run was begun
             with cannot be known.
     """
     places = (results.work, results.place)
     folder = next((f for f in places if (f / BEGUN).is_file()), None)
+    if folder != results.place:
+        results.refuse_to_replace()
     if folder is None:
         for place in places:
-            if left := len(step_files(place)):
+            if left := len({*step_files(place), *light_files(place)}):
                 raise MachineError(f"{place / BEGUN}: is lost, so its {left} steps belong to no scene; {UNTOUCHED}")
         return EarlierRun(notes=(f"nothing to resume in {results.target}: begins at the start",))
     results.lock(folder)

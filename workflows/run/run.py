@@ -33,7 +33,7 @@ from stickslip.workflows.formats.steps import step_files, write_light, write_ste
 from stickslip.workflows.run.audit import Audited, audit_steps
 from stickslip.workflows.run.collective import raise_together
 from stickslip.workflows.run.doubts import Fields, Seen, doubts
-from stickslip.workflows.run.folder import BEGUN, LOG, ResultsFolder, work_of
+from stickslip.workflows.run.folder import BEGUN, FORMER, LOG, ResultsFolder, work_of
 from stickslip.workflows.run.interrupt import Interrupt
 from stickslip.workflows.run.learnt import LearntFiles, remove_learnt
 from stickslip.workflows.run.mesh_report import report_mesh
@@ -244,12 +244,13 @@ def run(
     sizes: SizeField | None = None,
     bodies: Bodies | None = None,
     began: float | None = None,
+    former: str = FORMER,
 ) -> tuple[Outcome, dict[str, Any]]:
     """Run a scene and leave its results in `folder`; collective.
 
     Args:
         scene: what to solve.
-        folder: where the results stand at the end; former ones are kept beside it as `.1`.
+        folder: where the results stand at the end; former ones are kept beside it.
         watch: what is told while the run works; absent: nobody.
         resume: go on where an earlier run of the same scene was stopped there, if there is one.
         keep: asked once all steps are solved, on every rank, with the errors of their numbers: whether the results are
@@ -257,6 +258,7 @@ def run(
         sizes: mesh sizes instead of those of the scene, on rank 0.
         bodies: of an earlier simulation, see `prepare`.
         began: `time.perf_counter()` when the program began, whose imports count too; None: it begins here.
+        former: how the name of the folder ends in which former results are kept.
 
     Returns:
         How it ended, and the content of result.json; that is empty, and the status "abandoned", if they are not kept.
@@ -274,7 +276,7 @@ def run(
     wanted(scene)  # refuses keys that no writer has
     place, earlier = Path(folder), EarlierRun()
     results: list[ResultsFolder] = []  # on rank 0
-    raise_together(comm, lambda: results.append(ResultsFolder(place)))
+    raise_together(comm, lambda: results.append(ResultsFolder(place, former)))
 
     def look() -> None:
         nonlocal earlier
@@ -288,7 +290,8 @@ def run(
         earlier = earlier.shared(comm)
         if earlier.finished is not None:
             said = [earlier.notes[0], str(earlier.finished.get("sentence") or "")]
-            return Outcome(earlier.finished["status"], ": ".join(filter(None, said)), place), earlier.finished
+            warnings = tuple(earlier.finished.get("warnings") or ())
+            return Outcome(earlier.finished["status"], ": ".join(filter(None, said)), place, warnings), earlier.finished
         return _solve(scene, place, results, earlier, watch, counters, keep, sizes, bodies)
     finally:
         for held in results:

@@ -61,6 +61,7 @@ class Reporter:
             on_estimate=self._estimate,
             on_resume=self._resumed,
             on_note=self._note,
+            on_round=self.line,
         )
 
     def _meshed(self, report: MeshReport) -> None:

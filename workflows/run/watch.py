@@ -32,6 +32,7 @@ class Watch:
     on_estimate: Callable[[], None] = lambda: None  # all steps are solved, next is the error of the time steps
     on_resume: Callable[[int, float], None] = lambda done, time: None  # number of steps that are there, and their end
     on_note: Callable[[str], None] = lambda line: None
+    on_round: Callable[[str], None] = lambda line: None  # of rounds towards an accuracy: a line on each
 
 
 def tell(simulation: Simulation, report: MeshReport, earlier: EarlierRun, watch: Watch) -> None:

@@ -13,7 +13,7 @@ from stickslip.geometry.user_files.child import end_with
 from stickslip.solvers.simulation.bodies import Bodies
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.regular import read_json
-from stickslip.workflows.run.folder import BEGUN, place_of, work_of
+from stickslip.workflows.run.folder import BEGUN, OF_MEMBER, place_of, work_of
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
@@ -33,7 +33,8 @@ class Bench:
             scene = from_dict(plain)
             begun = [read_json(place / BEGUN).get("scene") for place in (work_of(folder), place_of(folder))]
             same = identity(scene, DECIDES_NOTHING) in begun
-            outcome, _ = run(scene, folder, Watch(on_prepared=self._keep), resume=same, bodies=self._bodies)
+            watch = Watch(on_prepared=self._keep)
+            outcome, _ = run(scene, folder, watch, resume=same, bodies=self._bodies, former=OF_MEMBER)
             ended = {"status": outcome.status, "sentence": outcome.sentence}
         except StickslipError as error:
             ended = {"status": "failed", "sentence": str(error)}

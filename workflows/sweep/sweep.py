@@ -16,26 +16,32 @@ import tempfile
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from typing import Any
 
-from stickslip.geometry.errors import SceneError
+from stickslip.geometry.errors import FolderError, SceneError
 from stickslip.geometry.protocols import DataFrame
 from stickslip.geometry.user_files.child import run_child
 from stickslip.solvers.results.step_result import data_frame
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import disk_errors, write_aside
 from stickslip.workflows.formats.own_files import is_certified
-from stickslip.workflows.formats.regular import read_json
-from stickslip.workflows.run.folder import RESULT, place_of
+from stickslip.workflows.formats.regular import read_json, read_regular
+from stickslip.workflows.run.collective import raise_together
+from stickslip.workflows.run.folder import BEGUN, RESULT, place_of
 from stickslip.workflows.run.result import scene_hash
 from stickslip.workflows.run.resume import FINISHED
+from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
 from stickslip.workflows.scene_file.read import to_dict
 from stickslip.workflows.sweep.members import Member, members
 
 TABLE = "sweep.csv"
+OWN = ("status", "folder")  # columns of the table, behind those of the keys
+NOTHING_NEW = ("failed", "killed")  # statuses of members that have left no results
 PARTS = 4  # tasks for each process: members of one task share their bodies, and are told of together
+LONGEST_HEAD = 100_000  # bytes of a table in which its head is looked for
 OF_MPIRUN = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "ORTE_", "HYDI_", "MPI_LOCAL")  # variables that make a child a rank
 ROOT_MAY = "OMPI_ALLOW_RUN_AS_ROOT"
 Task = Sequence[Mapping[str, Any]]
@@ -71,11 +77,15 @@ class Sweep:
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """A row for each member: its values, how it ended, and all numbers of its last step as in steps.csv."""
+        """A row for each member: its values, how it ended, and all numbers of its last step as in steps.csv.
+
+        Where the folder of one that has failed or was killed holds results of an earlier scene, it has no numbers.
+        """
         found = []
         for one in self.solved:
-            own = dict(one.member.values) | {"status": one.status, "folder": str(one.folder)}
-            found.append(own | _last_row(place_of(one.folder) / "steps.csv"))
+            place = place_of(one.folder)
+            own = dict(one.member.values) | dict(zip(OWN, (one.status, str(one.folder)), strict=True))
+            found.append(own | (_last_row(place / "steps.csv") if _is_of(place, one) else {}))
         return found
 
     def to_pandas(self) -> DataFrame:
@@ -107,7 +117,8 @@ def sweep(
         All members; each folder is as `run` leaves it.
 
     Raises:
-        SceneError: a key or a value is wrong; nothing is solved.
+        SceneError: a key or a value is wrong, or the scene has goals of accuracy; nothing is solved.
+        FolderError: the folder has a sweep.csv that no sweep has written; nothing is solved.
         MachineError: the folder cannot be written.
     """
     from mpi4py import MPI
@@ -115,6 +126,12 @@ def sweep(
     if jobs < 1:
         raise SceneError(f"jobs = {jobs}: expected a number of processes, at least 1")
     every, place = members(scene, over), Path(folder)
+    if any(member.scene.accuracy.goals for member in every):
+        raise SceneError(
+            "sweep: accuracy.goals: each member is solved once, without rounds towards an accuracy; leave the goals "
+            "out (accuracy.goals = {}), or run the scenes one by one"
+        )
+    raise_together(MPI.COMM_WORLD, lambda: _refuse_foreign(place / TABLE))
     ended = {member.name: found for member in every if (found := _already(member, place / member.name))}
     for number, found in enumerate(ended.values(), start=1):
         on_member(number, len(every), found)
@@ -194,11 +211,40 @@ def _leave_mpirun() -> None:
             del os.environ[key]
 
 
+def _refuse_foreign(path: Path) -> None:
+    """
+    Raises:
+        FolderError: a table is there that no sweep has written.
+    """
+    if not os.path.lexists(path):
+        return
+    try:
+        first = read_regular(path, LONGEST_HEAD).decode(errors="replace").splitlines()[:1]
+    except OSError:
+        first = []
+    names = next(csv.reader(first), [])
+    if OWN not in pairwise(names[1:]):
+        raise FolderError(f"{path}: is not the table of a sweep; move it away, or choose another folder with -o")
+
+
+def _is_of(place: Path, one: Solved) -> bool:
+    """Whether the results in a member's folder are those of its scene."""
+    scene = one.member.scene
+    if one.status in NOTHING_NEW:
+        return bool(_hash_of(read_json(place / RESULT)) == scene_hash(scene))
+    return bool(read_json(place / BEGUN).get("scene") == identity(scene, DECIDES_NOTHING))
+
+
+def _hash_of(content: Mapping[str, Any]) -> Any:
+    """Hash of the scene of a result.json."""
+    return (content.get("scene") or {}).get("hash")
+
+
 def _already(member: Member, folder: Path) -> Solved | None:
     """A member that is solved, with the same scene."""
     path = place_of(folder) / RESULT
     found = read_json(path)
-    known = found.get("status") in FINISHED and (found.get("scene") or {}).get("hash") == scene_hash(member.scene)
+    known = found.get("status") in FINISHED and _hash_of(found) == scene_hash(member.scene)
     if not known or not is_certified(path):
         return None
     return Solved(member, folder, found["status"], str(found.get("sentence") or ""), None)
