@@ -194,6 +194,7 @@ assert Path("out", "notes.txt").read_text() == "mine"
 """
 
 
+@pytest.mark.slow  # others of them below, and on one rank in tests/runs
 def test_faults_on_two_ranks_are_the_same_on_both(tmp_path: Path) -> None:
     done = mpirun(2, [TESTS, "block", *SMALL, "steps.count=3"], tmp_path, ("-c", FAULTS_ON_RANKS))
     assert done.returncode == 0, done.stderr

@@ -136,7 +136,7 @@ def run_of(name: str, folder: str, words: Iterable[str]) -> list[str]:
     return ["run", name, "-q", "-o", f"{folder}/out", *options([*words, *ALWAYS])]
 
 
-ALWAYS_RUN = {2: ("block", "two_blocks", "sliding"), 3: ("cube",)}
+ALWAYS_RUN = {2: ("block", "two_blocks", "sliding"), 3: ()}
 RATES = ["solver.rates=true"]
 BLOCKS = ["output.error=false", "solver.method=block-uzawa"]
 CUBE = ["geometry.mesh_size=0.25", *ALWAYS, "solver.tolerance=1e-9"]

@@ -211,6 +211,7 @@ def test_a_run_goes_on_with_other_labels(call: Call, folder: Path, stopped: Path
     assert result(folder / "out")["units"]["contacts.max_pressure"] == "MPa"
 
 
+@pytest.mark.slow  # unbolted above
 def test_a_bolted_step_file_in_metres_and_in_millimetres(call: Call, folder: Path) -> None:
     write_assembly(folder / "joint.step", bolted)
     found = {}

@@ -44,6 +44,7 @@ def run(cache: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow  # of one process below
 def test_forms_whose_compilation_was_killed_are_compiled_again_by_several_ranks(tmp_path: Path) -> None:
     assert run(tmp_path).stdout == "2\n"
     left = leave_over(tmp_path / "stickslip")

@@ -189,6 +189,7 @@ def part(memory: dict[str, object], name: str) -> float:
         pytest.param(  # condensed
             ("cube", "geometry.mesh_size=0.125", "bodies.block.nu=0.499", "geometry.order=2", "output.error=false"),
             id="rubber",
+            marks=pytest.mark.slow,
         ),
     ],
 )
