@@ -85,10 +85,10 @@ lint: install
 	wait $$safe
 
 test: lint
-	.venv/bin/python -m pytest -n $(WORKERS) -m 'not slow'
+	.venv/bin/python -m pytest -n $(WORKERS) --dist worksteal -m 'not slow'
 
 verify: install browser
-	.venv/bin/python -m pytest -n $(WORKERS)
+	.venv/bin/python -m pytest -n $(WORKERS) --dist worksteal
 	.venv/bin/stickslip verify
 	tests/platforms/debian13.sh
 
