@@ -21,7 +21,6 @@ class Status(Enum):
     NOT_FINITE = "the iteration left the range of numbers: check the units of E, loads and lengths"
     BROKEN = "a linear solve failed, run.log says why: try another solver.method or solver.surface"
     APART = "the sides of a sliding contact have moved apart, run.log says where: check loads, friction and supports"
-    UNSETTLED = "the pairs of a sliding contact change from search to search: try more steps, or finer sides"
     NO_EQUILIBRIUM = "contact and friction cannot balance the loads"
     NO_HOLD = "no state of contact that was tried holds the bodies: check loads, friction and the start of contact"
 

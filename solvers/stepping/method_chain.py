@@ -63,6 +63,7 @@ class MethodChain:
 
     Attributes:
         repeats: whether steps are solved to estimate an error alone, see `repeating`.
+        unsettled: times [s] at which the pairs of sliding contacts still changed when the searches ran out.
     """
 
     def __init__(self, system: System, reached: Reached | None = None, factor: FactorisedVolume | None = None) -> None:
@@ -84,6 +85,7 @@ class MethodChain:
         self._unable: set[Stage] = set()  # that cannot be prepared
         self._metric: SurfaceMetric | None = None  # for methods that have none
         self.repeats = False
+        self.unsettled: list[float] = []
 
     @property
     def stage(self) -> Stage:
@@ -167,14 +169,14 @@ class MethodChain:
         The bodies keep their form, whatever fails; no step is cut; nothing is computed beside the solution. Position,
         switches and counters of work are afterwards what they were before: only `error_solves` has grown.
         """
-        before = self.at, list(self.switches)
+        before = self.at, list(self.switches), list(self.unsettled)
         with system.counters.for_error(), self.coarse.counters.for_error() if self.coarse else nullcontext():
             self.repeats = True
             try:
                 yield
             finally:
                 self.repeats = False
-                self.at, self.switches = before
+                self.at, self.switches, self.unsettled = before
 
     @property
     def exact_laws(self) -> bool:

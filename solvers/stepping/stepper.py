@@ -307,7 +307,8 @@ class Stepper:
                 break
             searched = now
         else:
-            solution, new = replace(solution, status=Status.UNSETTLED), None
+            log.warning("t = %g: pairs still change after %d searches; the last ones are kept", end, SEARCHES)
+            self.chain.unsettled.append(end)
         return stepper, solution, problem, new
 
     def _with_pairs(self, searched: Mapping[str, Array]) -> Stepper:

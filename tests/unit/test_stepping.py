@@ -21,6 +21,7 @@ from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping import failure
 from stickslip.solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
 from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
+from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.scene_file.read import read
 
 SceneOf = Callable[..., Scene]
@@ -408,8 +409,11 @@ def test_sides_that_move_apart_end_the_step(
         next(simulation.steps())
 
 
-def test_pairs_that_never_settle_are_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pairs_that_never_settle_are_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse = ["geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.4", "steps.count=2"]
+    simulation = prepare(read("sliding", coarse))
+    assert not any("pairs" in doubt for doubt in doubts(simulation, [*simulation.steps()]))
     monkeypatch.setattr("stickslip.solvers.stepping.stepper.pairs_hold", lambda *arguments: False)
-    simulation = prepare(read("sliding", ["geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.4"]))
-    with pytest.raises(StepError, match="the pairs of a sliding contact change from search to search"):
-        next(simulation.steps())
+    times = [step.time for step in simulation.steps()]
+    said = f"the pairs of a sliding contact change from search to search at t = {times[0]:g} and 1 other times"
+    assert any(said in doubt for doubt in doubts(simulation, []))

@@ -126,6 +126,12 @@ def doubts(
         errors: of the numbers of each step; None: not estimated.
     """
     problem, contacts = simulation.problem, simulation.system.contacts
+    if unsettled := simulation.stepper.chain.unsettled:
+        yield (
+            f"the pairs of a sliding contact change from search to search at t = {unsettled[0]:g}"
+            f"{f' and {len(unsettled) - 1} other times' * (len(unsettled) > 1)}: tractions there are those of the last "
+            "ones; take more steps, or finer sides"
+        )
     if steps and all(step.bodies and not any(b.max_displacement for b in step.bodies.values()) for step in steps):
         yield "nothing loads or moves the bodies: all displacements and forces are zero"
     yield from _several_solutions(steps, problem.labels("N/m" if problem.model.startswith("plane") else "N"))
