@@ -16,20 +16,13 @@ from stickslip.solvers.accuracy.mesh_error import Values
 from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import LINEAR, Observer
+from stickslip.solvers.scene.quantities import KIND, KINDS
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.solvers.system.system import System
 
 ROUNDING = 1e-15  # of the largest number of its kind
-AREAS = ("contact_area", "stick_area", "slip_area")
-KINDS = {  # by which the error of a number is measured
-    "force": ("force", "normal_force", "tangential_force", "tension", "moment"),  # of moments times a lever
-    "length": ("displacement", "max_penetration", "max_slip", "rotation"),  # of rotations over the size of what turns
-    "area": AREAS,
-    "pressure": ("max_pressure",),
-    "stress": ("stress",),
-    "energy": ("external", "stored", "contact", "compliance", "dissipated", "dissipation", "dissipation_total"),
-}
-KIND = {quantity: kind for kind, quantities in KINDS.items() for quantity in quantities}
+AREAS = KINDS["area"]
+LIKE = {"moment": "force", "rotation": "length", "dissipation": "energy"}  # kinds that are measured by another
 
 
 def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> dict[Quantity, ErrorParts]:
@@ -57,10 +50,11 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
     errors = {}
     for key, value in found.items():
         kind, lever = KIND[key.quantity], _lever(accepted.stepper.system, key)
+        kind = LIKE.get(kind, kind)
         if kind == "area":
             off: Value = np.abs(theirs[key] - value)
             linear = 0.0 * off
-        elif kind == "stress":
+        elif key.quantity == "stress":
             off, linear = (
                 0.0 * value + bounds["pressure"],
                 0.0 * value + LINEAR * accepted.linear_error * sizes["pressure"],

@@ -10,6 +10,17 @@ CONTACT_NUMBERS = (
 )  # fmt: skip
 MOVES = ("displacement", "force")
 ENERGIES = ("external", "stored", "contact", "dissipated", "time_remainder")
+KINDS = {  # of numbers that have one unit and one scale
+    "force": ("force", "normal_force", "tangential_force", "tension"),
+    "moment": ("moment",),
+    "area": ("contact_area", "stick_area", "slip_area"),
+    "pressure": ("max_pressure", "stress"),
+    "length": ("displacement", "max_penetration", "max_slip"),
+    "dissipation": ("dissipation", "dissipation_total", "dissipated"),
+    "energy": ("external", "stored", "contact", "compliance"),
+    "rotation": ("rotation",),
+}
+KIND = {quantity: kind for kind, quantities in KINDS.items() for quantity in quantities}
 STRESSES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 
 

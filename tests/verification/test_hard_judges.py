@@ -67,7 +67,7 @@ def test_without_supports_only_forces_are_unique(
     scene: Scene, key: str, by: float, expected: Outcome, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     off = dict.fromkeys(("resultants", "displacement", "nodal forces"), 0.0) | {key: by}
-    monkeypatch.setattr(judging, "_apart", lambda own, other: off)
+    monkeypatch.setattr(judging, "_differences_of_methods", lambda own, other: off)
     *_, last = judge(scene)
     assert last.outcome is expected
 
@@ -89,7 +89,7 @@ def test_nodal_forces_of_sliding_contact_are_left_out() -> None:
     def found(nodal: tuple[int, int]) -> Any:
         return SimpleNamespace(quantities=lambda: {"resultants": ("N", np.ones((1, 1)))}, nodal=lambda: np.ones(nodal))
 
-    assert judging._apart(found((0, 0)), found((1, 4))) == {"resultants": 0.0, "nodal forces": 0.0}
+    assert judging._differences_of_methods(found((0, 0)), found((1, 4))) == {"resultants": 0.0, "nodal forces": 0.0}
 
 
 class Pipe:

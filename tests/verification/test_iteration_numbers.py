@@ -39,20 +39,20 @@ def stated_and_true(scene: str, words: tuple[str, ...]) -> list[tuple[Quantity, 
 
 
 @pytest.mark.parametrize(
-    ("scene", "words", "kind", "quantity", "size"),
+    ("scene", "words", "kind", "quantity", "most"),
     [
-        ("lap_joint", ("geometry.mesh_size=0.005", "steps.count=4"), "bolts", "tension", 3e6),
-        ("sledge", ("geometry.mesh_size=0.04", "steps.count=2"), "remote_points", "rotation", 0.03),
+        ("lap_joint", ("geometry.mesh_size=0.005", "steps.count=4"), "bolts", "tension", 3e5),
+        ("sledge", ("geometry.mesh_size=0.04", "steps.count=2"), "remote_points", "rotation", 1e-4),
     ],
 )
 def test_tensions_and_rotations_are_no_energies(
-    scene: str, words: tuple[str, ...], kind: str, quantity: str, size: float
+    scene: str, words: tuple[str, ...], kind: str, quantity: str, most: float
 ) -> None:
     found = [case for case in stated_and_true(scene, words) if (case[0].kind, case[0].quantity) == (kind, quantity)]
     assert len(found) > 1
     for key, stated, true in found:
         assert np.all(stated >= true), key
-        assert np.all(stated < 0.1 * size), key  # not far too large
+        assert np.all(stated < most), key  # not far too large
 
 
 @pytest.mark.parametrize("x", [0.0, 1000.0])

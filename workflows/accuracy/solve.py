@@ -10,7 +10,6 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.bodies import Bodies
 from stickslip.workflows.accuracy.rounds import Rounds
 from stickslip.workflows.run import run as once
-from stickslip.workflows.run.folder import FORMER
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.watch import Watch
 
@@ -24,7 +23,6 @@ def run(
     sizes: SizeField | None = None,
     bodies: Bodies | None = None,
     began: float | None = None,
-    former: str = FORMER,
 ) -> tuple[Outcome, dict[str, Any]]:
     """Run a scene and leave its results in `folder`; collective.
 
@@ -41,7 +39,6 @@ def run(
         sizes: mesh sizes instead of those of the scene, on rank 0.
         bodies: of an earlier simulation, see `prepare`; rounds make their own.
         began: `time.perf_counter()` when the program began, whose imports count too; None: it begins here.
-        former: how the name of the folder ends in which former results are kept; of rounds `.1`.
 
     Returns:
         How it ended, and the content of result.json; that is empty, and the status "abandoned", if they are not kept.
@@ -53,4 +50,4 @@ def run(
     watch = watch or Watch()
     if scene.accuracy.goals and keep is None and sizes is None:
         return Rounds(scene, watch.on_round)(folder, watch, resume)
-    return once.run(scene, folder, watch, resume, keep, sizes, bodies, began, former)
+    return once.run(scene, folder, watch, resume, keep, sizes, bodies, began)

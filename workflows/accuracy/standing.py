@@ -12,16 +12,10 @@ from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Errors, Qua
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.quantities import names_of, values
 from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.quantities import KIND
 
 LEAST = 1e-3  # of its vector: a smaller component is not what a relative error is asked of, it may as well be 0
 ROUNDING = 1e-9  # of the largest number of its kind: a smaller one is 0
-KINDS = (  # quantities of one unit; others are a kind of their own
-    ("force", "normal_force", "tangential_force", "tension"),
-    ("contact_area", "stick_area", "slip_area"),
-    ("displacement", "max_slip", "max_penetration"),
-    ("max_pressure", "stress"),
-    ("dissipation", "dissipation_total", "external", "stored", "contact", "dissipated", "compliance"),
-)
 
 
 @dataclass(frozen=True)
@@ -96,11 +90,17 @@ def _least(key: Quantity, known: Mapping[Quantity, Value]) -> float:
     What can cancel out is compared with its vector, friction with the force of its contact. Areas, pressures, works and
     the like are small only where little happens: beside rounding.
     """
-    kind = next((kind for kind in KINDS if key.quantity in kind), (key.quantity,))
-    largest = max(float(np.abs(value).max()) for other, value in known.items() if other.quantity in kind)
+    unit = _unit(key)
+    largest = max(float(np.abs(value).max()) for other, value in known.items() if _unit(other) == unit)
     whole = known[key._replace(quantity="force")] if key.quantity == "tangential_force" else known[key]
     cancels = np.ndim(whole) == 1
     return max(ROUNDING * largest, LEAST * float(np.linalg.norm(whole)) if cancels else 0.0)
+
+
+def _unit(key: Quantity) -> str:
+    """Kind of a number; dissipation is compared with energy."""
+    kind = KIND[key.quantity]
+    return "energy" if kind == "dissipation" else kind
 
 
 def _missing(parts: ErrorParts) -> str:

@@ -12,7 +12,7 @@ from stickslip.solvers.accuracy.areas import areas_of_order_2
 from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.quantities import STRESSES
+from stickslip.solvers.scene.quantities import KIND, STRESSES
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 
@@ -23,16 +23,6 @@ PARTS = {  # as they are judged, of the parts of `ErrorParts`: what no truth can
     ITERATION: ("iteration", "linear_solver"),
     TOTAL: ("total",),
 }
-KINDS = {
-    "force": ("force", "normal_force", "tangential_force"),
-    "moment": ("moment",),
-    "area": ("contact_area", "stick_area", "slip_area"),
-    "pressure": ("max_pressure", "stress"),
-    "length": ("max_penetration", "max_slip", "displacement"),
-    "dissipation": ("dissipation", "dissipation_total", "dissipated"),
-    "energy": ("external", "stored", "contact", "compliance"),
-}
-KIND = {quantity: kind for kind, names in KINDS.items() for quantity in names}
 WORTH = 1e-3  # of the stored energy; the error of a smaller dissipation is not judged
 Column = Mapping[str, Array]  # (n,) for each of n steps, by the name of a number
 
@@ -100,7 +90,7 @@ def quantity(name: str) -> str:
 
 
 def kind(name: str) -> str:
-    """Kind of a number, see `KINDS`."""
+    """Kind of a number, see `solvers/scene/quantities.py`."""
     return KIND[quantity(name)]
 
 

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from stickslip import VERSION
+from stickslip.solvers.scene.quantities import KINDS
 from stickslip.workflows.scene_file.read import READY, read, to_dict
-from stickslip.workflows.verification.accuracy.answer import ITERATION, KINDS, MESH, PARTS, TIME, TOTAL, kind
+from stickslip.workflows.verification.accuracy.answer import ITERATION, MESH, PARTS, TIME, TOTAL, kind
 from stickslip.workflows.verification.accuracy.judge import (
     BELOW,
     COUNTS,
@@ -32,7 +33,9 @@ from stickslip.workflows.verification.hard.tables import overrides
 
 ASKED = (MESH, TIME, TOTAL)  # parts, of order 1, whose shares are asked for
 WORST = 25  # cases that the page lists
-COLOURS = dict(zip(KINDS, ("#1f77b4", "#17becf", "#2ca02c", "#d62728", "#9467bd", "#ff7f0e", "#7f7f7f"), strict=True))
+COLOURS = dict(
+    zip(KINDS, ("#1f77b4", "#17becf", "#2ca02c", "#d62728", "#9467bd", "#ff7f0e", "#7f7f7f", "#e377c2"), strict=True)
+)
 
 
 def asked(studies: Sequence[Study]) -> list[Case]:

@@ -232,7 +232,7 @@ def _with_second_opinion(verdict: Verdict, own: Solved) -> Verdict:
         if isinstance(error, NoEquilibriumError):
             return replace(verdict, outcome=Outcome.WRONG, reason=f"{name}: {error}", second=f"{name}: no equilibrium")
         return replace(verdict, second=f"{name}: none")
-    off = _apart(own, other)
+    off = _differences_of_methods(own, other)
     worst = max(off, key=lambda key: off[key])
     near = max(AGREEMENT, CONDITION * scene.solver.tolerance)
     if all(value <= near for value in off.values()):
@@ -249,7 +249,7 @@ def _with_second_opinion(verdict: Verdict, own: Solved) -> Verdict:
     return replace(verdict, outcome=Outcome.BRANCH, reason=verdict.reason or said, second=said)
 
 
-def _apart(own: Solved, other: Solved) -> dict[str, float]:
+def _differences_of_methods(own: Solved, other: Solved) -> dict[str, float]:
     """Relative differences by quantity; 0 of nodal forces where contact slides."""
     mine, theirs = own.quantities(), other.quantities()
     nodal, others = own.nodal(), other.nodal()
