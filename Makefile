@@ -27,7 +27,6 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 # several mpirun at a time, of more ranks than cores: share the cores, do not pin ranks to the same ones
 export OMPI_MCA_hwloc_base_binding_policy := none
-export OMPI_MCA_mpi_yield_when_idle := 1
 export OMPI_MCA_rmaps_base_oversubscribe := 1
 # the same for Open MPI 5
 export PRTE_MCA_hwloc_default_binding_policy := none

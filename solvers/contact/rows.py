@@ -58,6 +58,11 @@ class ContactRows:
         """Their numbers in the gmsh model (n_all,)."""
         return np.concatenate([self.surface.input, self.master.input]) if self.master else self.surface.input
 
+    @cached_property
+    def _spread(self) -> tuple[Sparse, Sparse]:
+        """N_n^T and N_t^T, which scipy makes anew at each access."""
+        return self.N_n.T, self.N_t.T
+
     @property
     def part(self) -> Ints:
         """Their parts of the mesh (n_all,)."""
@@ -118,9 +123,10 @@ class ContactRows:
 
         The force on the bodies is their negative.
         """
-        total = self.N_n.T @ (self.W_n * p_n)
+        normal, tangential = self._spread
+        total = normal @ (self.W_n * p_n)
         if len(self.W_t):
-            total = total + self.N_t.T @ (t.reshape(len(self.W_t), -1) * self.W_t[:, None]).ravel()
+            total = total + tangential @ (t.reshape(len(self.W_t), -1) * self.W_t[:, None]).ravel()
         return np.asarray(total.reshape(self.points.shape))
 
     def node_motion(self, moved: Array) -> tuple[Array, Array]:

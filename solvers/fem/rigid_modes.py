@@ -34,6 +34,7 @@ class RigidModes:
         """
         self.joints = joints
         self.constraints, self.centre, self.size = constraints, (low + high) / 2, float(np.max(high - low))
+        self._followed: tuple[object, Array | None] | None = None  # what was asked last, and its answer
         comm = constraints.comm
         self._Q, self._R = np.linalg.qr(self._resisted())  # Q R are the rows that resist
         if comm.size > 1:
@@ -107,8 +108,14 @@ class RigidModes:
     def followed(self, time: float) -> Array | None:
         """Coefficients (parts, k) [m] of a rigid motion that satisfies all that is prescribed at a time, or None.
 
-        Collective.
+        Collective. A substep asks three times; the last answer is kept.
         """
+        asked = self.constraints.course.at(time)
+        if self._followed is None or self._followed[0] != asked:
+            self._followed = asked, self._follow(time)
+        return self._followed[1]
+
+    def _follow(self, time: float) -> Array | None:
         of, comm = self.constraints, self.constraints.comm
         rows = [values[alike.own].ravel() for alike, values in zip(of.alike, of.wanted(time), strict=True)]
         of_rigid = [point.wanted(of.course, time) for point in of.remote.rigid]  # all ranks raise, or none

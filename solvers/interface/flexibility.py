@@ -68,6 +68,7 @@ class DelassusOperator(ABC):
             counters: counts volume solves.
         """
         self.N, self.W, self.R = N, W, R
+        self._spread = N.T  # scipy makes it anew at each access
         self.normal_rows, self.driven, self.counters = normal_rows, driven, counters
         self._lambda_max: float | None = None
 
@@ -83,7 +84,7 @@ class DelassusOperator(ABC):
 
     def forces(self, p: Array) -> Array:
         """Forces B^T p on the contact dofs (c,) [N] of tractions p (rows,) [Pa]."""
-        return np.asarray(self.N.T @ (self.W * p))
+        return np.asarray(self._spread @ (self.W * p))
 
     @abstractmethod
     def load(self, f_q: Vec, driving: Array, error: float = 0.0) -> Load:

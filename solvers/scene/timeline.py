@@ -104,6 +104,10 @@ class Course:
             return value_at(self.found[drive], time, self.timeline.end)  # type: ignore[index]
         return self.timeline.value(drive, time)
 
+    def at(self, time: float) -> tuple[float, Timeline, Mapping[Place, Amplitude]]:
+        """What the values at a time [s] follow from, to be compared with that of another time."""
+        return time, self.timeline, self.found
+
     @contextmanager
     def following(self, timeline: Timeline) -> Iterator[None]:
         """Context that uses another timeline, which has the same places."""

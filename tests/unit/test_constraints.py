@@ -217,6 +217,26 @@ def test_rigid_motions_left_free_are_counted(
         assert np.abs(K_u).max() < 1e-12 * np.abs(dense(whole(system))).max()
 
 
+def test_a_prescribed_rigid_motion_follows_the_time_and_whoever_changes_its_values(
+    scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    system = system_of(scene_of(supports={"top": support("top", x=0.3, y=-0.1)}))
+    other = scene_of(supports={"top": support("top", x=0.6, y=-0.1)}).timeline()
+    (place,) = (place for place, value in other.amplitudes.items() if value == 0.6)
+
+    def along_x(time: float) -> float:
+        motion = system.rigid_motion(time)
+        assert motion is not None
+        return float(motion[0, 0])
+
+    assert [along_x(1.0), along_x(0.5), along_x(1.0)] == pytest.approx([0.3, 0.15, 0.3])
+    with system.course.following(other):
+        assert along_x(1.0) == pytest.approx(0.6)
+    assert along_x(1.0) == pytest.approx(0.3)
+    system.course.found = {place: 0.9}
+    assert along_x(1.0) == pytest.approx(0.9)
+
+
 def test_a_periodic_block_moves_but_does_not_turn(scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_of(**SIDES))
     motions = system.lifting.unresisted
