@@ -53,6 +53,7 @@ class Reached:
     at: int  # index in `choice.stages` that each substep begins with
     switches: tuple[Switch, ...]
     whole: bool = False  # whether the bodies are condensed on all contact dofs, whatever the method needs
+    unsettled: tuple[float, ...] = ()  # see `MethodChain`
 
 
 class MethodChain:
@@ -75,7 +76,7 @@ class MethodChain:
         """
         reached = reached or Reached(choose(system), 0, ())
         self.choice, self.at, self.switches = reached.choice, reached.at, list(reached.switches)
-        self._whole = reached.whole
+        self._whole, self.unsettled = reached.whole, list(reached.unsettled)
         known = factor if self.stage.surface == "condensed" and factor and self._suits(system, factor) else None
         self.volume = known or self._prepared(system)
         self.coarse = CoarseMesh.beside(system) if self.choice.coarse else None
@@ -85,7 +86,6 @@ class MethodChain:
         self._unable: set[Stage] = set()  # that cannot be prepared
         self._metric: SurfaceMetric | None = None  # for methods that have none
         self.repeats = False
-        self.unsettled: list[float] = []
 
     @property
     def stage(self) -> Stage:
@@ -101,7 +101,7 @@ class MethodChain:
     @property
     def reached(self) -> Reached:
         """The position, to continue from later."""
-        return Reached(self.choice, self.first, tuple(self.switches), self._whole)
+        return Reached(self.choice, self.first, tuple(self.switches), self._whole, tuple(self.unsettled))
 
     def begin(self) -> None:
         """Begin a substep: with the first method that has the present form of the bodies."""

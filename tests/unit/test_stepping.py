@@ -417,3 +417,5 @@ def test_pairs_that_never_settle_are_warned_of(monkeypatch: pytest.MonkeyPatch) 
     times = [step.time for step in simulation.steps()]
     said = f"the pairs of a sliding contact change from search to search at t = {times[0]:g} and 1 other times"
     assert any(said in doubt for doubt in doubts(simulation, []))
+    resumed = prepare(simulation.scene, reached=simulation.stepper.chain.reached)
+    assert any(said in doubt for doubt in doubts(resumed, []))
