@@ -18,6 +18,7 @@ LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_FD")  # by mpi
 ALONE = {  # of Open MPI: a process that has nobody to talk to
     "PMIX_MCA_gds": "hash",  # needs no shared file in a folder that may be full
     "OMPI_MCA_ess_singleton_isolated": "1",  # needs no daemon, which takes .1 s to start
+    "OMPI_MCA_orte_create_session_dirs": "0",  # nor a folder, which such processes share and remove while one begins
     "OMPI_MCA_pml": "ob1",  # and no network, where it takes .2 s to find out which there are
 }
 

@@ -11,6 +11,7 @@ import zlib
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count, product
 from multiprocessing.connection import Connection
@@ -18,7 +19,7 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from stickslip.geometry.errors import GeometryError, SceneError
+from stickslip.geometry.errors import GeometryError, MachineError, SceneError
 from stickslip.workflows.scene_file.read import READY, read, to_dict
 from stickslip.workflows.verification.hard.judge import Outcome, Verdict, judge, supported
 from stickslip.workflows.verification.hard.tables import overrides, ready, scene_of
@@ -26,6 +27,8 @@ from stickslip.workflows.verification.hard.variations import FIXED, variation, v
 
 LIMIT = 60.0  # [s] of a variation; no end until then counts as failed
 OPINION = 8.0  # [s] more, of its second opinion
+BEGUN = "begun"  # a process has loaded what it needs
+STARTS = 3  # processes that may die before that, one after the other
 UNSOLVED = (Outcome.WRONG, Outcome.FAILED, Outcome.DOUBTFUL, Outcome.UNDECIDED)
 NAMES = tuple(sorted(path.stem for path in READY.glob("*.toml")))
 
@@ -171,7 +174,7 @@ class Worker:
                 break
             try:
                 word: Row | str | None = pipe.recv()
-            except EOFError:
+            except (EOFError, OSError):
                 lost = "the process died"
                 break
             if word == "done":
@@ -190,15 +193,29 @@ class Worker:
         return _failed(task, lost, clock.monotonic() - began)
 
     def _started(self) -> Connection:
-        if self._process is None or self._pipe is None or not self._process.is_alive():
-            for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-                os.environ[key] = "1"
-            context = multiprocessing.get_context("spawn")
-            self._pipe, theirs = context.Pipe()
-            self._process = context.Process(target=_work, args=(theirs,), daemon=True)
-            self._process.start()
-            theirs.close()
-        assert self._pipe is not None
+        """The pipe to a process that waits for tasks.
+
+        Raises:
+            MachineError: none can be started.
+        """
+        if self._pipe is not None and self._process is not None and self._process.is_alive():
+            return self._pipe
+        for _ in range(STARTS):
+            self.end()
+            pipe = self._start()
+            with suppress(EOFError, OSError):  # it has died
+                if pipe.poll(LIMIT) and pipe.recv() == BEGUN:
+                    return pipe
+        raise MachineError(f"{STARTS} processes one after the other died, or were not ready in {LIMIT:.0f} s")
+
+    def _start(self) -> Connection:
+        for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+            os.environ[key] = "1"
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_work, args=(theirs,), daemon=True)
+        self._process.start()
+        theirs.close()
         return self._pipe
 
     def end(self) -> None:
@@ -213,9 +230,12 @@ class Worker:
 
 
 def _work(pipe: Connection) -> None:
-    """Perform tasks until the pipe is closed."""
+    """Say that tasks can come, and perform them until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.getLogger().addHandler(logging.NullHandler())  # FFCx would set up the root logger, and lines be printed
+    from mpi4py import MPI  # noqa: F401  may end the process, where no task is to blame
+
+    pipe.send(BEGUN)
     while True:
         try:
             task = pipe.recv()
