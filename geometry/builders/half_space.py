@@ -94,8 +94,9 @@ class HalfSpace(Builder):
         occ.synchronize()
         flat = {name: (axis, (low, high)[end][axis]) for name, (axis, end) in self._flat(dim).items()}
         tags = sides.outer(gmsh, dim, flat)
-        contact = [tag for tag in tags["top"] if gmsh.model.getBoundingBox(dim - 1, tag)[3] < a * (1 + 1e-3)]
-        contact = [tag for tag in contact if gmsh.model.getBoundingBox(dim - 1, tag)[0] > -a * (1 + 1e-3)]
+        reach = a * (1 + 1e-3) + 1e-6  # gmsh enlarges bounding boxes by 1e-7
+        boxes = {tag: gmsh.model.getBoundingBox(dim - 1, tag) for tag in tags["top"]}
+        contact = [tag for tag, box in boxes.items() if -reach < box[0] and box[3] < reach]
         found = {"contact": contact} | tags | {"top": [tag for tag in tags["top"] if tag not in contact]}
         sides.name_groups(gmsh, dim, "half_space", found)
         across = "Abs(x)" if dim == 2 else norm("x", "y")

@@ -7,16 +7,19 @@ they are one part too if these leave them no motion against each other: two in 2
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.protocols import Gmsh
 
+TOGETHER = 1e-7  # of a body's size: nodes nearer than that lie at the same place
 STRAIGHT = 1e-6  # breadth over length below which points count as lying on a line
 
 
@@ -51,6 +54,31 @@ def find_parts(gmsh: Gmsh, dim: int, unit: float) -> tuple[Ints, Joints]:
         points=np.array([points[n] for n, *_ in pairs]).reshape(-1, dim),
         parts=np.array([pair for _, *pair in pairs], np.int64).reshape(-1, 2),
     )
+
+
+def open_seams(gmsh: Gmsh, dim: int, part: Ints, bodies: Mapping[str, int]) -> dict[str, int]:
+    """Pairs of nodes at the same place in two parts of one body, by body: there its pieces look as if they were one.
+
+    Pairs on named sides do not count: these may be in contact.
+
+    Args:
+        part: of each node, see `find_parts`.
+        bodies: tag of each body's physical group.
+    """
+    mesh, named, found = gmsh.model.mesh, np.zeros(len(part), bool), {}
+    for _, tag in gmsh.model.getPhysicalGroups(dim - 1):
+        named[np.asarray(mesh.getNodesForPhysicalGroup(dim - 1, tag)[0], np.int64) - 1] = True
+    for body, tag in bodies.items():
+        tags, flat = mesh.getNodesForPhysicalGroup(dim, tag)
+        nodes, points = np.asarray(tags, np.int64) - 1, np.asarray(flat).reshape(-1, 3)
+        if len(np.unique(part[nodes])) == 1:
+            continue
+        size = float(np.ptp(points, axis=0).max())
+        one, other = nodes[KDTree(points).query_pairs(TOGETHER * size, output_type="ndarray")].T
+        count = int(np.count_nonzero((part[one] != part[other]) & ~(named[one] & named[other])))
+        if count:
+            found[body] = count
+    return found
 
 
 def _sets_of_cells(gmsh: Gmsh, dim: int) -> tuple[Ints, Ints, Ints]:

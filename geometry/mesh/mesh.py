@@ -14,7 +14,7 @@ from stickslip.geometry.errors import GeometryError, InputError, MachineError, S
 from stickslip.geometry.memory import available
 from stickslip.geometry.mesh.gmsh_session import gmsh_session, own_interrupt
 from stickslip.geometry.mesh.jacobian import refuse_inverted_cells
-from stickslip.geometry.mesh.joints import Joints, find_parts
+from stickslip.geometry.mesh.joints import Joints, find_parts, open_seams
 from stickslip.geometry.mesh.ranks import from_rank_0
 from stickslip.geometry.protocols import Comm, DolfinxMesh, Gmsh, MeshTags
 from stickslip.geometry.shape import Request, Shape
@@ -36,6 +36,7 @@ class Mesh:
     part_count: int  # number of parts, see `find_parts`
     parts: Ints  # (local,) part of each node of this rank's cells, in the order of `domain.geometry`, numbered from 0
     joints: Joints  # nodes that several parts share
+    seams: Mapping[str, int]  # see `open_seams`
 
     @property
     def dim(self) -> int:
@@ -106,6 +107,7 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
     unit = 1.0
     failure: BaseException | None = None
     found: tuple[Ints, Joints] | None = None
+    seams: dict[str, int] = {}
     with gmsh_session() if comm.rank == 0 else nullcontext() as gmsh:
         if gmsh is not None:
             try:
@@ -116,6 +118,7 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
                 unit = mesh_shape(gmsh, shape, request)
                 names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
                 found = find_parts(gmsh, request.dim, unit)
+                seams = open_seams(gmsh, request.dim, found[0], names[request.dim])
             except InputError as error:
                 failure = GeometryError(str(error))
             except (StickslipError, KeyboardInterrupt) as error:
@@ -134,7 +137,7 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
         raise GeometryError(f"the mesh has {sum(shares)} cells, too few for {comm.size} ranks; use fewer")
     joints = found[1] if found else None
     sizes = (len(found[0]), int(found[0].max()) + 1, int(np.count_nonzero(found[0] >= 0))) if found else None
-    names, joints, sizes, unit = comm.bcast((names, joints, sizes, unit))
+    names, joints, sizes, unit, seams = comm.bcast((names, joints, sizes, unit, seams))
     assert names is not None
     assert joints is not None
     assert sizes is not None
@@ -162,6 +165,7 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
         part_count=part_count,
         parts=parts,
         joints=joints,
+        seams=seams,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.user_files.containment import walls
-from stickslip.geometry.user_files.open_file import kind_of
+from stickslip.geometry.user_files.open_file import declared_unit, kind_of
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.contact.rigid_obstacle import seen_from
 from stickslip.solvers.effects import active
@@ -21,6 +21,7 @@ from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.unresisted_modes import is_faint, least_springs
 
 FACING = 1e-6  # cosine of the angle between normals, below which two surfaces do not face each other
+INWARD = 0.99  # component along -r of the outward normal of a facet on the axis of symmetry
 AXIS = 1e-9  # relative to the scene's size: points closer than this to the axis of symmetry lie on it
 UNLOCKED = {True: 'formulation = "auto"', False: "geometry.order = 2"}  # by whether the body is isotropic
 STIFF = 1e15  # times the softest spring that can hold a body: the answer keeps some ten digits
@@ -60,7 +61,7 @@ def planned(scene: Scene) -> Problem:
 
 def warnings(scene: Scene) -> tuple[str, ...]:
     """Warnings (one line each) about a scene that can be solved, but only with a large error or at a risk."""
-    return (*_uncontained(scene), *_locking(scene), *_weakening(scene))
+    return (*_uncontained(scene), *_of_another_unit(scene), *_locking(scene), *_weakening(scene))
 
 
 def _uncontained(scene: Scene) -> tuple[str, ...]:
@@ -69,6 +70,20 @@ def _uncontained(scene: Scene) -> tuple[str, ...]:
     return (
         "geometry.file: this machine has neither seccomp (Debian's python3-seccomp) nor Landlock, so commands in the "
         "file can start programs and write files; use files that you trust",
+    )
+
+
+def _of_another_unit(scene: Scene) -> tuple[str, ...]:
+    geometry = scene.geometry
+    if not isinstance(geometry, UserFile) or geometry.length_unit is not None:
+        return ()
+    given, taken = declared_unit(Path(geometry.file)), scene.labels.length
+    if given in (None, taken):
+        return ()
+    box = " x ".join(f"{length:.3g}" for length in np.ptp(geometry.box(scene.dim), axis=0))
+    return (
+        f"geometry.file: gmsh gives coordinates of a STEP file in {given}, and they are taken to be in {taken}: the "
+        f'box is {box} {taken}; write length_unit = "{given}", or "{taken}" if that is meant',
     )
 
 
@@ -106,7 +121,7 @@ def _weakening(scene: Scene) -> Iterator[str]:
 
 
 def _refuse_on_axis(scene: Scene) -> None:
-    """Refuse contacts and loads on a side on the axis of symmetry, which has no area.
+    """Refuse loads on a side on the axis of symmetry, which has no area, and contacts of which a part lies there.
 
     Raises:
         SceneError: the key, and the side.
@@ -115,10 +130,14 @@ def _refuse_on_axis(scene: Scene) -> None:
         return
     small = AXIS * float(np.max(np.ptp(scene.geometry.box(scene.dim), axis=0)))
     sides = {f"contacts.{name}.surface": contact.surface for name, contact in scene.contacts.items()}
-    sides |= {f"loads.{name}.boundary": load.boundary for name, load in scene.loads.items()}
-    for key, side in sides.items():
-        if np.all(scene.geometry.sample(side, scene.dim)[0][:, 0] <= small):
+    of_loads = {f"loads.{name}.boundary": load.boundary for name, load in scene.loads.items()}
+    for key, side in (sides | of_loads).items():
+        points, normals = scene.geometry.sample(side, scene.dim)
+        on_axis = points[:, 0] <= small
+        if on_axis.all():
             raise SceneError(f"{key} = {side}: lies on the axis of symmetry and has no area; name another side")
+        if key in sides and (on_axis & (normals[:, 0] < -INWARD)).any():
+            raise SceneError(f"{key} = {side}: a part lies on the axis of symmetry and has no area; leave it out")
 
 
 def _refuse_faint(scene: Scene) -> None:

@@ -24,7 +24,7 @@ def test_help_names_what_is_built_and_each_command_explains_itself(call: Call) -
     for name in listed:
         code, out, err = call(name, "--help")
         assert (code, err) == (0, "")
-        assert ("--resume" in out) == (name in ("run", "cost"))
+        assert ("--resume" in out) == (name in ("run", "cost", "verify"))
 
 
 @pytest.mark.parametrize("name", sorted(BUILT))

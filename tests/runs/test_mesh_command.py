@@ -20,6 +20,7 @@ from stickslip.workflows.commands.mesh import announce
 from stickslip.workflows.run.mesh_report import elements_across, look
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict, read
+from stickslip.workflows.verification.hard.tables import toml
 
 CAD = """
 model = "3d"
@@ -201,3 +202,17 @@ def test_a_long_mesh_is_announced(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == ""
     announce(read("block", ["geometry.contact_mesh_size=1e-5"]))
     assert capsys.readouterr().err == "gmsh makes about 3e+06 cells, in up to 5.1 minutes ...\n"
+
+
+def test_the_file_that_a_scene_reads_is_not_written_over(call: Call, folder: Path) -> None:
+    draw(folder / "b.msh", 2)
+    before = (folder / "b.msh").read_bytes()
+    (folder / "link.msh").symlink_to("b.msh")
+    data = scene_data("b.msh", 2, length_unit="mm")
+    (folder / "s.toml").write_text("".join(f"{key} = {toml(value)}\n" for key, value in data.items()))
+    for target in ("b.msh", "link.msh", "./b.msh"):
+        code, _, err = call("mesh", "s.toml", "-o", target)
+        assert code == 2
+        assert "is the file that the scene reads" in err
+    assert (folder / "b.msh").read_bytes() == before
+    assert call("mesh", "s.toml", "-o", "c.msh")[0] == 0

@@ -8,9 +8,11 @@ from pathlib import Path
 import pytest
 
 from shared.command import COARSE, Spoken
+from shared.drawn import FACES, draw, scene_data
 from shared.histories import PUSHED
 from stickslip.solvers.simulation.plan import warnings
-from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.run.run import run
+from stickslip.workflows.scene_file.read import from_dict, read
 
 Call = Callable[..., Spoken]
 SOFT = "--set=bodies.block.nu=0.4999"
@@ -104,3 +106,46 @@ def test_a_curved_contact_that_is_pulled_or_unloaded_ends(pressure: float, call:
     code, _, err = call("run", "pulled.toml")
     assert code == 0, err
     assert "curved" not in err
+
+
+PIECES = """
+SetFactory("OpenCASCADE");
+Rectangle(1) = {0, 0, 0, 1, 2};
+Rectangle(2) = {1, 0, 0, 1, 2};
+"""
+IN_ONE = """
+Physical Surface("block") = {1, 2};
+Physical Curve("block.bottom") = Curve In BoundingBox {-0.1, -0.1, -1, 2.1, 0.1, 1};
+Physical Curve("block.top") = Curve In BoundingBox {-0.1, 1.9, -1, 2.1, 2.1, 1};
+"""
+SEAM = 'Physical Curve("block.seam") = Curve In BoundingBox {0.9, -0.1, -1, 1.1, 2.1, 1};\n'
+
+
+@pytest.mark.parametrize(
+    ("drawing", "warned"),
+    [
+        (PIECES + IN_ONE, True),
+        (PIECES + "Coherence;" + IN_ONE, False),
+        (PIECES.replace("1, 0, 0, 1, 2", "1.1, 0, 0, 0.9, 2") + IN_ONE, False),
+        (PIECES + IN_ONE + SEAM, False),  # may be a contact
+    ],
+)
+def test_a_body_whose_pieces_only_look_as_if_they_held_together_is_warned_of(
+    drawing: str, warned: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "b.geo").write_text(drawing)
+    _, content = run(from_dict(scene_data(tmp_path / "b.geo", mesh_size=0.5)), tmp_path / "out")
+    said = "body block is in pieces: 3 pairs of nodes lie at the same place"  # five, with those of bottom and top
+    assert any(said in line for line in content["warnings"]) == warned, content["warnings"]
+
+
+@pytest.mark.parametrize(
+    ("units", "length_unit", "warned"),
+    [("SI", None, True), ("SI", "m", False), ("SI", "mm", False), ("mm-N-MPa", None, False)],
+)
+def test_a_step_file_taken_in_another_unit_than_gmsh_gives_is_warned_of(
+    units: str, length_unit: str | None, warned: bool, tmp_path: Path
+) -> None:
+    data = scene_data(draw(tmp_path / "b.step"), 3, "part", mesh_size=0.5, names=FACES, length_unit=length_unit)
+    said = 'the box is 4 x 2 x 2 m; write length_unit = "mm", or "m" if that is meant'
+    assert any(said in warning for warning in warnings(from_dict(data | {"units": units}))) == warned

@@ -1,17 +1,20 @@
 """Axisymmetric models: a full circle of material, one rigid motion, no radial motion on the axis."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.drawn import draw, scene_data
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import System
+from stickslip.workflows.scene_file.read import from_dict
 
 SceneOf = Callable[..., Scene]
 SystemOf = Callable[[Scene], System]
@@ -90,3 +93,14 @@ def test_only_the_shift_along_the_axis_is_rigid(scene_of: SceneOf, system_of: Sy
 def test_what_breaks_the_symmetry_is_refused(tables: dict[str, Any], sentence: str, scene_of: SceneOf) -> None:
     with pytest.raises(SceneError, match=sentence):
         scene_of(model="axisymmetric", bodies={"block": {"E": 1.0, "nu": 0.3, "density": 1.0}}, **tables)
+
+
+def test_a_contact_side_of_which_a_part_lies_on_the_axis_is_refused(tmp_path: Path) -> None:
+    def scene(*edges: str) -> Scene:
+        data = scene_data(draw(tmp_path / "b.brep", 2), 2, "part", names={"part.bottom": edges, "part.top": ["edge 3"]})
+        return from_dict(data | {"model": "axisymmetric"})
+
+    make_plan(scene("edge 1"))
+    make_plan(scene("edge 1", "edge 2"))  # bottom and outer rim
+    with pytest.raises(SceneError, match=r"part\.bottom: a part lies on the axis of symmetry and has no area"):
+        make_plan(scene("edge 1", "edge 4"))

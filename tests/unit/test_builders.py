@@ -166,6 +166,13 @@ def test_opposite_sides_are_sampled_in_the_same_order_and_match(shape: Builder, 
     assert distance.min(axis=1).max() < 1e-9 * shift[0]
 
 
+@pytest.mark.parametrize("width", [1e-2, 1e-5])
+def test_the_contact_of_a_half_space_is_found_however_narrow_it_is(width: float) -> None:
+    narrow = HalfSpace(size=1.0, contact_half_width=width, mesh_size=0.5, contact_mesh_size=width / 2)
+    side = side_of(narrow, PLANE, "half_space.contact")
+    assert_allclose([side.points[:, 0].min(), side.points[:, 0].max()], [-width, width], rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("shape", "model", "side", "centre", "near", "size"),
     [

@@ -1,7 +1,10 @@
 """The hard suite: its small sibling passes, `--set` repeats its variations, and its judges see what is wrong."""
 
+import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,6 +69,35 @@ def test_only_what_was_not_solved_is_judged_again(tmp_path: Path) -> None:
     (tmp_path / "hard.jsonl").write_text("{}\n")
     with pytest.raises(MachineError, match="is not what"):
         hard(folder=tmp_path, again=True)
+
+
+def test_a_run_that_was_ended_goes_on_behind_its_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(folder: Path, resume: bool = False) -> list[tuple[str, str]]:
+        assert hard(["block"], number=3, seed=SEED, folder=folder, resume=resume)
+        rows = [json.loads(line) for line in (folder / "hard.jsonl").read_text().splitlines()]
+        return [(row["name"], row["verdict"]["outcome"]) for row in rows]
+
+    whole, solved = run(tmp_path / "whole"), suite.results
+
+    def ended(*arguments: Any, **keys: Any) -> Iterator[Row]:
+        yield next(solved(*arguments, **keys))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "results", ended)
+    with pytest.raises(KeyboardInterrupt):
+        hard(["block"], number=3, seed=SEED, folder=tmp_path)
+    monkeypatch.setattr(command, "results", solved)
+    part = tmp_path / "hard.part.jsonl"
+    part.write_text(part.read_text().replace('"iterations": ', '"iterations": 7') + '{"scene": "blo')  # a torn line
+    with pytest.raises(SceneError, match="go on with --resume"):
+        hard(["block"], number=3, seed=SEED, folder=tmp_path)
+    with pytest.raises(SceneError, match="of another run"):
+        hard(["block"], number=3, seed=SEED + 1, folder=tmp_path, resume=True)
+    assert run(tmp_path, resume=True) == whole
+    assert '"iterations": 7' in (tmp_path / "hard.jsonl").read_text()  # was not solved again
+    assert not part.exists()
 
 
 def test_tasks_follow_from_the_seed() -> None:
@@ -163,7 +195,7 @@ def test_command_writes_its_page_and_says_how_it_ended(
     outcome: Outcome, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     row = Row("cube", "mu", "mu x 2", (), Verdict(outcome=outcome))
-    monkeypatch.setattr(command, "results", lambda *arguments: iter([row]))
+    monkeypatch.setattr(command, "results", lambda *arguments, **keys: iter([row]))
     assert hard(["cube"], number=1, folder=tmp_path) == (outcome is Outcome.SOLVED)
     assert f"1 variations: 1 {outcome.value}" in capsys.readouterr().out
     assert len((tmp_path / "hard.jsonl").read_text().splitlines()) == 1

@@ -1,7 +1,9 @@
 """The judges of the hard suite: where a second method makes an answer wrong, and what becomes of it and of a twin."""
 
 import json
+import os
 from dataclasses import replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,11 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip.geometry.errors import SolverError
+from stickslip.geometry.errors import MachineError, SolverError
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.commands.hard import _line, _read
+from stickslip.workflows.commands.hard import _line, _lines, _rows
 from stickslip.workflows.scene_file.read import read
 from stickslip.workflows.verification.hard import judge as judging
+from stickslip.workflows.verification.hard import suite
 from stickslip.workflows.verification.hard.judge import AGREEMENT, Outcome, Solved, Verdict, apart, judge
 from stickslip.workflows.verification.hard.page import confirmed, twins
 from stickslip.workflows.verification.hard.suite import Row, Task, Worker
@@ -131,6 +134,35 @@ def test_a_second_opinion_that_breaks_is_a_failure_and_a_slow_one_is_not(
     assert not confirmed(found)
 
 
+def _dies_at_first(pipe: Connection) -> None:
+    """A process that MPI ends as it begins, the first time."""
+    began = Path(os.environ["BEGAN"])
+    if not began.exists():
+        began.touch()
+        os._exit(1)
+    pipe.send(suite.BEGUN)
+    task = pipe.recv()
+    pipe.send(Row(task.scene, "as it is", task.name, (), Verdict(outcome=Outcome.SOLVED)))
+    pipe.send("done")
+
+
+def test_a_process_that_dies_before_its_task_is_begun_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("BEGAN", str(tmp_path / "began"))
+    monkeypatch.setattr(suite, "_work", _dies_at_first)
+    worker = Worker(opinion=0.01)
+    found = worker.perform(Task("block", "mu x 2", 0))
+    worker.end()
+    assert found is not None
+    assert found.verdict.outcome is Outcome.SOLVED
+    monkeypatch.setattr(suite, "STARTS", 1)
+    (tmp_path / "began").unlink()
+    with pytest.raises(MachineError, match="processes one after the other died"):
+        worker.perform(Task("block", "mu x 2", 0))
+    worker.end()
+
+
 # the twin
 
 
@@ -166,4 +198,7 @@ def test_rows_from_before_twins_were_recorded_are_read(tmp_path: Path) -> None:
     plain = json.loads(_line(row))
     assert plain["verdict"].pop("twin") == "agrees"
     (tmp_path / "hard.jsonl").write_text(_line(row) + json.dumps(plain) + "\n")
-    assert _read(tmp_path / "hard.jsonl") == [row, replace(row, verdict=replace(row.verdict, twin=""))]
+    assert _rows(tmp_path, _lines(tmp_path / "hard.jsonl")) == [
+        row,
+        replace(row, verdict=replace(row.verdict, twin="")),
+    ]

@@ -293,6 +293,7 @@ def verify_command(
     again: Annotated[
         bool, typer.Option("--again", help="hard: of the run in DIR, judge again only what was not solved")
     ] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="hard: go on with the run in DIR that was ended")] = False,
 ) -> None:
     """Compare figures with closed forms and published values; or run a suite: hard, accuracy, effects."""
     from stickslip.workflows.commands.accuracy import accuracy
@@ -305,7 +306,7 @@ def verify_command(
         if suite in (names or []) and names != [suite]:
             raise SceneError(f"verify {suite}: takes no other name beside it")
     if names == ["hard"]:
-        passed = hard(only, number, seed, jobs, output, again)
+        passed = hard(only, number, seed, jobs, output, again, resume)
     elif names == ["accuracy"]:
         passed = accuracy(only, jobs, output)
     elif names == ["effects"]:

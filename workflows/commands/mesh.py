@@ -40,11 +40,14 @@ def report(scene: Scene, target: Path | None) -> None:
     """Mesh the scene, print the mesh report, and write the mesh if there is a target; collective.
 
     Raises:
-        SceneError: `target` does not end in .msh.
+        SceneError: `target` does not end in .msh, or is the file that the scene reads.
         MachineError: the file cannot be written.
     """
     if target is not None and target.suffix != ".msh":
         raise SceneError(f"-o {target}: expected a file that ends in .msh")
+    read = Path(scene.geometry.file) if isinstance(scene.geometry, UserFile) else None
+    if target is not None and read is not None and target.exists() and target.samefile(read):
+        raise SceneError(f"-o {target}: is the file that the scene reads; choose another name")
     out = _console()
     print_mesh(look(scene)[0], out)
     if target is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,7 @@ class MeshReport:
     contacts: Mapping[str, ContactReport]
     plane: bool  # whether areas are those of a metre of thickness
     units: str = "SI"  # as the scene names them
+    seams: Mapping[str, int] = field(default_factory=dict)  # pairs of nodes at which a body is open, by body
 
     @property
     def area_unit(self) -> tuple[str, str]:
@@ -95,6 +96,11 @@ class MeshReport:
         """Warnings, one line each."""
         if self.worst_quality < POOR:
             yield f"worst cell quality {self.worst_quality:.2g} is below {POOR:g}; change mesh_size or the geometry"
+        for name, pairs in self.seams.items():
+            yield (
+                f"body {name} is in pieces: {pairs} pairs of nodes lie at the same place and do not hold; "
+                "join them in the file (in gmsh Coherence or fragment, or remove duplicate nodes)"
+            )
         for name, c in self.contacts.items():
             if not c.points_that_can_touch:
                 gap = f"{c.smallest_gap:.4g} {self.length_unit}"
@@ -121,6 +127,7 @@ def report_mesh(scene: Scene, mesh: Mesh, nodes: int, contacts: Sequence[Contact
         contacts={c.name: _report_contact(scene, c, size) for c in contacts},
         plane=scene.model.startswith("plane"),
         units=scene.units,
+        seams=mesh.seams,
     )
 
 

@@ -271,7 +271,7 @@ def print_plan(content: Content) -> None:
             if c["dropped_multipliers"]:
                 out.print(f"contact {name}: {c['dropped_multipliers']} multipliers dropped")
         contacts = {name: ContactReport(**c) for name, c in mesh["contacts"].items()}
-        keys = ("cells", "nodes", "worst_quality", "plane", "units")
+        keys = ("cells", "nodes", "worst_quality", "plane", "units", "seams")
         report = MeshReport(**{key: mesh[key] for key in keys}, contacts=contacts)
         print_mesh(report, out)
         print_memory(content["memory"], out)

@@ -28,7 +28,7 @@ from stickslip.workflows.verification.hard.variations import FIXED, variation, v
 LIMIT = 60.0  # [s] of a variation; no end until then counts as failed
 OPINION = 8.0  # [s] more, of its second opinion
 BEGUN = "begun"  # a process has loaded what it needs
-STARTS = 3  # processes that may die before that, one after the other
+STARTS, START = 3, 60.0  # processes that may die before that, one after the other; [s] for each
 UNSOLVED = (Outcome.WRONG, Outcome.FAILED, Outcome.DOUBTFUL, Outcome.UNDECIDED)
 NAMES = tuple(sorted(path.stem for path in READY.glob("*.toml")))
 
@@ -86,15 +86,23 @@ def _random(task: Task) -> np.random.Generator:
     return np.random.default_rng([task.seed, zlib.crc32(f"{task.scene} {task.name}".encode())])
 
 
-def results(scenes: Sequence[str], number: int, seed: int, jobs: int, opinion: float = OPINION) -> Iterator[Row]:
+def results(
+    scenes: Sequence[str], number: int, seed: int, jobs: int, opinion: float = OPINION, known: Sequence[Row] = ()
+) -> Iterator[Row]:
     """The first `number` tasks whose variation applies, in their order.
 
     Args:
         opinion: time limit of a second opinion [s].
+        known: the first rows, of the same scenes and seed; they are not solved again, nor returned.
     """
+    left, found = tasks(scenes, seed), len(known)
+    if known:
+        last = known[-1].scene, known[-1].name
+        next(task for task in left if (task.scene, task.name) == last)
+    if found >= number:
+        return
     with Crew(jobs, opinion) as crew:
-        found = 0
-        for row in crew.map(tasks(scenes, seed)):
+        for row in crew.map(left):
             if row is not None:
                 yield row
                 found += 1
@@ -204,9 +212,9 @@ class Worker:
             self.end()
             pipe = self._start()
             with suppress(EOFError, OSError):  # it has died
-                if pipe.poll(LIMIT) and pipe.recv() == BEGUN:
+                if pipe.poll(START) and pipe.recv() == BEGUN:
                     return pipe
-        raise MachineError(f"{STARTS} processes one after the other died, or were not ready in {LIMIT:.0f} s")
+        raise MachineError(f"{STARTS} processes one after the other died, or were not ready in {START:.0f} s")
 
     def _start(self) -> Connection:
         for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
