@@ -10,6 +10,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import require
+from stickslip.geometry.mesh.bulging import Bulging, find_bulging
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.size_field import SizeField
 from stickslip.geometry.units import Units
@@ -139,6 +140,15 @@ class Shape:
             Length of the gmsh model's unit [m].
         """
         raise NotImplementedError
+
+
+    def bulging(self, gmsh: Gmsh, dim: int, unit: float) -> Bulging:
+        """How far curved surfaces bulge out of the facets of the mesh in the current gmsh model, after `put`.
+
+        Args:
+            unit: length of the gmsh model's unit [m].
+        """
+        return find_bulging(gmsh, dim, unit)
 
 
 def _gigabytes(needed: float, free: float) -> str:

@@ -172,6 +172,7 @@ def join_meshes(meshes: Sequence[RawMesh]) -> RawMesh:
     together = list(zip(meshes, first[:-1], strict=True))
     return replace(
         meshes[0],
+        bulging=None,
         points=np.concatenate([mesh.points for mesh in meshes]),
         cells={name: rows + offset for mesh, offset in together for name, rows in mesh.cells.items()},
         facets={name: rows + offset for mesh, offset in together for name, rows in mesh.facets.items()},

@@ -12,6 +12,7 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.errors import GeometryError, InputError, MachineError, SceneError, StickslipError
 from stickslip.geometry.memory import available
+from stickslip.geometry.mesh.bulging import Bulging
 from stickslip.geometry.mesh.gmsh_session import gmsh_session, own_interrupt
 from stickslip.geometry.mesh.jacobian import refuse_inverted_cells
 from stickslip.geometry.mesh.joints import Joints, find_parts, open_seams
@@ -37,6 +38,7 @@ class Mesh:
     parts: Ints  # (local,) part of each node of this rank's cells, in the order of `domain.geometry`, numbered from 0
     joints: Joints  # nodes that several parts share
     seams: Mapping[str, int]  # see `open_seams`
+    bulging: Bulging  # facets of curved surfaces
 
     @property
     def dim(self) -> int:
@@ -108,6 +110,7 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
     failure: BaseException | None = None
     found: tuple[Ints, Joints] | None = None
     seams: dict[str, int] = {}
+    bulging = Bulging.none(request.dim)
     with gmsh_session() if comm.rank == 0 else nullcontext() as gmsh:
         if gmsh is not None:
             try:
@@ -119,6 +122,7 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
                 names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
                 found = find_parts(gmsh, request.dim, unit)
                 seams = open_seams(gmsh, request.dim, found[0], names[request.dim])
+                bulging = shape.bulging(gmsh, request.dim, unit)
             except InputError as error:
                 failure = GeometryError(str(error))
             except (StickslipError, KeyboardInterrupt) as error:
@@ -137,7 +141,7 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
         raise GeometryError(f"the mesh has {sum(shares)} cells, too few for {comm.size} ranks; use fewer")
     joints = found[1] if found else None
     sizes = (len(found[0]), int(found[0].max()) + 1, int(np.count_nonzero(found[0] >= 0))) if found else None
-    names, joints, sizes, unit, seams = comm.bcast((names, joints, sizes, unit, seams))
+    names, joints, sizes, unit, seams, bulging = comm.bcast((names, joints, sizes, unit, seams, bulging))
     assert names is not None
     assert joints is not None
     assert sizes is not None
@@ -166,6 +170,7 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
         parts=parts,
         joints=joints,
         seams=seams,
+        bulging=bulging,
     )
 
 

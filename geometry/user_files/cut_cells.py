@@ -54,6 +54,7 @@ def cut_to_sizes(mesh: RawMesh, sizes: SizeField) -> RawMesh:
         points=points,
         cells={name: cells[body == k] for k, name in enumerate(mesh.cells)},
         facets={name: facets[side == k] for k, name in enumerate(mesh.facets)},
+        bulging=None,
     )
 
 

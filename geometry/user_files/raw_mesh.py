@@ -8,6 +8,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.mesh.bulging import Bulging, find_bulging
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.parts import CELL_WORD, Parts
 
@@ -33,6 +34,7 @@ class RawMesh:
     points: Array  # (n, 3)
     cells: dict[str, Ints]  # body -> nodes (c, k) of its cells, rows of `points`
     facets: dict[str, Ints]  # body.side -> nodes (f, k) of its facets
+    bulging: Bulging | None = None  # nodes are rows of `points`; lengths in the file's unit; None: not known
 
     def put(self, gmsh: Gmsh) -> None:
         """Put the mesh into the current gmsh model as discrete entities with physical groups."""
@@ -78,6 +80,7 @@ def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
         dim, kind, points,
         {body: np.searchsorted(used, rows) for body, rows in cells.items()},
         {side: np.searchsorted(used, rows) for side, rows in facets.items()},
+        find_bulging(gmsh, dim, 1.0).among(used - 1),
     )  # fmt: skip
 
 

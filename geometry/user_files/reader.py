@@ -22,6 +22,7 @@ import numpy as np
 
 from stickslip.geometry.errors import GeometryError, MachineError, StickslipError, shortened
 from stickslip.geometry.memory import available, ended_for_memory, is_full
+from stickslip.geometry.mesh.bulging import Bulging
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.child import Ended, end_with, run_child
@@ -59,7 +60,7 @@ class Question:
 
 # What an answer is made of. A child that a file has taken over could write any pickle, and a pickle can call anything.
 # The last two make arrays and scalars: numpy's versions have them in different places.
-PARTS: list[Any] = [Outline, Facets, RawMesh, np.ndarray, np.dtype]
+PARTS: list[Any] = [Outline, Facets, RawMesh, Bulging, np.ndarray, np.dtype]
 PARTS += [np.zeros(0).__reduce__()[0], np.float64().__reduce__()[0]]
 ANSWER = {(part.__module__, part.__name__): part for part in PARTS}
 

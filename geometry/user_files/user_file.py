@@ -18,6 +18,7 @@ from pydantic.json_schema import SkipJsonSchema
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import GeometryError, SceneError, nearest, prefixed, require
 from stickslip.geometry.keys import Key, Noun
+from stickslip.geometry.mesh.bulging import Bulging
 from stickslip.geometry.mesh.sizes import filled, refined_near
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request, Shape
@@ -267,7 +268,16 @@ class UserFile(Noun, Shape):
         if self.own_mesh and sizes is not None:
             mesh = cut_to_sizes(mesh, sizes)
         mesh.put(gmsh)
+        self._placed["bulging"] = mesh.bulging and mesh.bulging.times(unit)
         return unit
+
+    def bulging(self, gmsh: Gmsh, dim: int, unit: float) -> Bulging:
+        known = self._placed.pop("bulging")  # gmsh's model has the mesh alone, without the surfaces
+        return super().bulging(gmsh, dim, unit) if known is None else known
+
+    @cached_property
+    def _placed(self) -> dict[str, Bulging | None]:
+        return {}
 
     def question(self, dim: int, mesh: MeshOptions | None = None) -> Question:
         """What the child process is asked: for the mesh if `mesh` is given, else for the outline."""

@@ -49,8 +49,8 @@ class Bubbles:
         self._T = self.constraints.transformation()
         self._whole, self._alone = dx.fem.Function(self.space), dx.fem.Function(self.space)
         self._linear = dx.fem.Function(system.space)
-        self._inner = [weak.compile(form) for form in _inner_forces(problem, weak, self._whole)]
-        self._pull = [coarse.compile(form) for form in _inner_forces(problem, coarse, self._alone)]
+        self._inner = [weak.compile(form) for form in inner_forces(problem, weak, self._whole)]
+        self._pull = [coarse.compile(form) for form in inner_forces(problem, coarse, self._alone)]
         self._loads = applied_loads(problem, weak, self.constraints, self.zero())
         links = self.constraints.links
         self.initial = [dx.assemble_vector(weak.compile(weak.initial_load(s))) for s in system.initial.strains]
@@ -143,6 +143,15 @@ class Bubbles:
         total, found = dx.fem.Function(self.space), self.zero()
         total.x.array[:] = (self._shares.T @ own.reshape(-1, d)).ravel()
         dx.add_to_owners(total)
+        found.array[:] = total.x.array[: len(found.array)]
+        return found
+
+    def at_corners(self, forces: Vec) -> Vec:
+        """Forces on the nodes of a mesh of order 1, as those at the corners of cells; collective."""
+        dx.fill(self._linear, forces.array_r)
+        total, found, d = dx.fem.Function(self.space), self.zero(), self.system.mesh.dim
+        corners, nodes = dx.cell_dofs(self.space)[:, : self._corners], dx.cell_dofs(self.system.space)
+        total.x.array.reshape(-1, d)[corners] = self._linear.x.array.reshape(-1, d)[nodes]
         found.array[:] = total.x.array[: len(found.array)]
         return found
 
@@ -273,7 +282,7 @@ def _quadrature(mesh: Mesh) -> int | None:
     return 2 * (mesh.degree + (not mesh.simplicial)) + mesh.axisymmetric
 
 
-def _inner_forces(problem: Problem, weak: WeakForms, u: Function) -> list[UflForm]:
+def inner_forces(problem: Problem, weak: WeakForms, u: Function) -> list[UflForm]:
     """a(u, v) of the bodies, and the stiffness of effects, as forms of their own."""
     stiffness = [form for effect in active(problem) for form in effect.stiffness(problem, weak, u)]
     return [weak.elasticity_by_cell(u), *stiffness]

@@ -35,7 +35,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import OPEN, ContactState, Numbers, StepResult
+from stickslip.solvers.results.step_result import OPEN, STICK, ContactState, Numbers, StepResult
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.quantities import STRESSES
 from stickslip.solvers.stepping.state import State
@@ -62,6 +62,8 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
     if refined.unbent is not None:
         flat_sides = observed(observe, accepted, refined.unbent)
         straight = _values(observe, accepted, refined.unbent, flat_sides, result)
+    rims = _rims(observe, accepted, with_bubbles)
+    corrected = corrected | {key: corrected[key] + rim for key, rim in rims.items()}
     errors, chances, least = dict[Quantity, ErrorParts](), dict[Quantity, float](), dict[Quantity, Value]()
     for c in accepted.stepper.system.contacts:
         own, better = result.contacts[c.name], with_bubbles.contacts[c.name]
@@ -74,7 +76,8 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
         bent, flat = np.abs(value - straight[key]), np.abs(straight[key] - found[key])
         off = np.maximum(np.abs(value - found[key]), OPPOSED * (bent + flat))
         if key in chances:
-            whole = BETWEEN * np.abs(value - found[key]) + EDGE * chances[key]
+            rim = rims.get(key, 0.0)
+            whole = BETWEEN * np.abs(value - rim - found[key]) + EDGE * chances[key] + FACTOR * abs(rim)
         else:
             whole = STRESS * _of_stress(np.asarray(off)) if key.quantity == "stress" else FACTOR * off
         whole = np.maximum(whole, least.get(key, 0.0))
@@ -85,6 +88,19 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
         errors |= without_limit(c, result.contacts[c.name], ROUNDING * accepted.stepper.system.extent)
     errors |= {Quantity("probes", name, "stress"): ErrorParts(converges=False) for name in _at_corners(observe, result)}
     return corrected, errors | at_points(accepted.stepper.system.problem)
+
+
+def _rims(observe: Observer, accepted: Accepted, numbers: Numbers) -> dict[Quantity, float]:
+    """What the rims of contact sides add to the areas of a state with bubbles [m²]."""
+    companion, found = observe.stepper.companion, dict[Quantity, float]()
+    if not isinstance(companion, MeshCorrection):
+        return found
+    for name, rim in companion.rims(accepted.stepper.system).items():
+        status = numbers.contacts[name].status
+        touching, sticking = float(rim[status != OPEN].sum()), float(rim[status == STICK].sum())
+        areas = {"contact_area": touching, "stick_area": sticking, "slip_area": touching - sticking}
+        found |= {Quantity("contacts", name, key): area for key, area in areas.items() if rim.any()}
+    return found
 
 
 def at_points(problem: Problem) -> dict[Quantity, ErrorParts]:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -28,6 +29,7 @@ from stickslip.geometry.protocols import Sparse, Vec
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.accuracy.bubbles import Bubbles
 from stickslip.solvers.accuracy.curved_sides import bulges
+from stickslip.solvers.accuracy.left_out import LeftOut, rim_of
 from stickslip.solvers.contact.build import along
 from stickslip.solvers.contact.coupling import relative_to
 from stickslip.solvers.contact.rows import ContactRows
@@ -59,6 +61,7 @@ class Answer:
     solution: Solution
     u: Vec  # displacement of the mesh [m]
     u_strained: Vec
+    left_out: tuple[Vec, Vec] | None = None  # loads, and inner forces, of what facets leave out of the bodies [N]
 
 
 class MeshCorrection:
@@ -92,6 +95,7 @@ class MeshCorrection:
         system, bubbles = stepper.system, Bubbles(stepper.system)
         self._bubbles, self.nodes = bubbles, bubbles.nodes
         names = {side for pair in system.problem.pairs.values() for side in (pair.slave, pair.master) if side}
+        self._left_out = LeftOut(system) if system.mesh.bulging else None
         self._sides = {name: gather_surface(system.mesh, bubbles.space, bubbles.nodes, name) for name in sorted(names)}
         self._known: tuple[System, BubbleRows] | None = None
 
@@ -123,6 +127,10 @@ class MeshCorrection:
         assert state.surplus is not None
         return self._bubbles.in_cells(state.u, state.surplus, places)
 
+    def rims(self, system: System) -> Mapping[str, Array]:
+        """Area (n,) [m²] of the rim of each contact's slave, by node, see `rim_of`."""
+        return self._rows(system).rims
+
     def vector(self) -> Vec:
         """No bubbles."""
         return self._bubbles.zero()
@@ -140,13 +148,13 @@ class MeshCorrection:
         solve = chain.beside(system, surface, new, NEARER)
         if solve is None:
             return None
-        step = _Substep(stepper, self._bubbles, rows, before, new, problem)
+        step = _Substep(stepper, self._bubbles, rows, self._left_out, before, new, problem)
         with surface.loosely(ROUGH):
             last = self._improved(step, solve)
             if last is None:
                 return None
             state = step.state(last)
-            if stepper.system.mesh.degree == 1 and rows.closer.any():
+            if stepper.system.mesh.degree == 1 and (rows.closer.any() or self._left_out):
                 straight = step.answer(last.x, last.solution.p, solve, straight=True)
                 state = replace(state, unbent=None if straight is None else step.state(straight))
             return state
@@ -162,7 +170,7 @@ class MeshCorrection:
         if self._factor:
             x.axpy(self._factor, self._bubbles.displacement(self._bubbles.relaxed(step.residual(step.solved()))))
             return step.answer(x, step.new.p, solve)
-        if exact and step.rows.closer.any():
+        if exact and (step.rows.closer.any() or step.left_out):
             found = step.answer(x, step.new.p, solve, same_history=True)
         if found is None:
             return None
@@ -199,6 +207,7 @@ class BubbleRows:
 
     `closer` (rows,) [m] is by how much the gaps are smaller on the true surfaces: sides that are curved bulge out of
     their facets, and the distance of a rigid obstacle is averaged like the displacement, not taken at the node.
+    `rims` are those of `rim_of`, zero at nodes that face nothing.
     """
 
     def __init__(self, system: System, bubbles: Bubbles, sides: dict[str, Surface]) -> None:
@@ -218,6 +227,9 @@ class BubbleRows:
             self.relative.append(relative)
             numbers += [slave.nodes, master.nodes if master else numbers[0]]
         d = system.mesh.dim
+        self.rims = {
+            c.name: np.where(c.node_weights > 0, rim_of(c.surface, system.mesh.bulging), 0.0) for c in system.contacts
+        }
         self.closer = np.concatenate([*closer, np.zeros(sum(t.shape[0] for t in tangential))])
         self.N: Sparse = sparse.vstack([sparse.block_diag(normal), sparse.block_diag(tangential)]).tocsr()
         self._dim = d
@@ -282,6 +294,7 @@ class _Substep:
     stepper: Stepper
     bubbles: Bubbles
     rows: BubbleRows
+    left_out: LeftOut | None
     old: State  # with bubbles, at its start
     new: State  # without bubbles, at its end
     problem: SurfaceProblem  # that was solved without bubbles
@@ -308,11 +321,12 @@ class _Substep:
         n, forces = stepper.surface.normal_rows, self.problem.load.f_q.duplicate()
         closer = (0.0 if straight else 1.0) * self.rows.closer[:n]
         slip = self.problem.gap if same_history else self.old.w - stepper.cone.give(self.old.p)
-        pull = self.bubbles.pull(x)
-        system.T.multTranspose(-pull, forces)
+        pull, left_out = self.bubbles.pull(x), None if straight else self._left_out
+        more = -pull if left_out is None else left_out[0] - left_out[1] - pull
+        system.T.multTranspose(more, forces)
         problem = replace(
             self.problem,
-            load=stepper.surface.with_more(self.problem.load, forces),
+            load=stepper.surface.with_more(self.problem.load, forces, balanced=left_out is None),
             offset=self.problem.offset + self.rows.N @ self.rows.read(x),
             gap=np.concatenate([self.problem.gap[:n] - closer, slip[n:]]),
         )
@@ -321,7 +335,13 @@ class _Substep:
             return None
         q = problem.surface.recover(problem.load, solution.p, solution.u_c)
         u, u_strained = displacement(system, new.time, q, new.u_s)
-        return Answer(x, pull, problem, solution, u, u_strained)
+        return Answer(x, pull, problem, solution, u, u_strained, left_out)
+
+    @cached_property
+    def _left_out(self) -> tuple[Vec, Vec] | None:
+        """Loads, and inner forces in the solved step, of what facets leave out of the bodies [N]; collective."""
+        new = self.new
+        return self.left_out and (self.left_out.load(new.time), self.left_out.inner(new.u))
 
     def residual(self, answer: Answer) -> Vec:
         """Forces that are out of balance at the free bubbles [N]; collective."""
@@ -336,6 +356,14 @@ class _Substep:
         forces = self.bubbles.load(self.new.time) - inner
         self.rows.add(forces, -self._contact(answer.solution.p))
         return forces
+
+    def _left_over(self, answer: Answer, inner: Vec) -> Vec:
+        """Inner minus outer forces at all nodes of the next order [N]; collective."""
+        found = -self._unbalanced(answer, inner)
+        if answer.left_out is None:
+            return found
+        outer, resisting = answer.left_out
+        return found + self.bubbles.at_corners(resisting - outer)
 
     def own_change(self, x: Vec) -> Vec:
         """By how much bubbles change the `residual` [N] if neither bodies nor contact answer to them; collective."""
@@ -366,6 +394,12 @@ class _Substep:
             elongation=bubbles.elongation(x),
             remote=bubbles.remote(x),
         )
+        load = new.load
+        if answer.left_out is not None:
+            outer, resisting = answer.left_out
+            load, surplus = load + outer, replace(
+                surplus, inner=pull + resisting, stored=surplus.stored + answer.u_strained.dot(resisting) / 2
+            )
         driven = answer.solution.u_c[len(answer.solution.u_c) - len(new.driven) :]
         found = new_state(
             system=system,
@@ -374,7 +408,7 @@ class _Substep:
             u=answer.u,
             u_strained=answer.u_strained,
             u_s=new.u_s,
-            load=new.load,
+            load=load,
             p=p,
             driven=driven,
             surplus=surplus,
@@ -384,7 +418,7 @@ class _Substep:
             found,
             surplus=x,
             surplus_motion=motion,
-            reactions=bubbles.reactions(-self._unbalanced(answer, inner)) if system.mesh.degree == 1 else None,
+            reactions=bubbles.reactions(self._left_over(answer, inner)) if system.mesh.degree == 1 else None,
             peak=max(old.peak, found.energy.stored),
         )
 

@@ -104,10 +104,11 @@ class DelassusOperator(ABC):
     def under(self, load: Load, p: Array, error: float = 0.0) -> Array:
         """Displacement u_c (c,) [m] under a load and tractions p (rows,) [Pa]; one volume solve; collective."""
 
-    def with_more(self, load: Load, forces: Vec) -> Load:
-        """A load with more forces over the free dofs [N] that are in balance by themselves; collective.
+    def with_more(self, load: Load, forces: Vec, balanced: bool = True) -> Load:
+        """A load with more forces over the free dofs [N]; its `free`, which sets scales, stays; collective.
 
-        Its `free`, which sets scales, stays.
+        Args:
+            balanced: whether no rigid mode feels them.
         """
         return replace(load, f_q=load.f_q + forces)
 

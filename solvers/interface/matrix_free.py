@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -179,6 +180,13 @@ class MatrixFreeSurface(DelassusOperator):
         deformation = f_q.duplicate()
         free = self._solved(f_q, deformation, resultant, error, EXACT if error else SCALE)
         return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free)
+
+    def with_more(self, load: Load, forces: Vec, balanced: bool = True) -> Load:
+        more = super().with_more(load, forces)
+        if balanced:
+            return more
+        felt = np.concatenate([self.volume.floating.resultant(forces.array_r), np.zeros(self.driven)])
+        return replace(more, f_c=load.f_c + self.R @ felt, resultant=load.resultant + felt)
 
     @contextmanager
     def loosely(self, tolerance: float) -> Iterator[None]:

@@ -162,10 +162,10 @@ class CondensedSurface(DelassusOperator):
         f_c = np.concatenate([self._condensed(f_q), driving])
         return Load(f_q=f_q, driving=driving, f_c=f_c, resultant=self.R.T @ f_c, free=self.displacement(f_c))
 
-    def with_more(self, load: Load, forces: Vec) -> Load:
-        more = self.volume.condense(forces)
-        f_c = load.f_c + np.concatenate([more, np.zeros(self.driven)])
-        return replace(load, f_q=load.f_q + forces, f_c=f_c)
+    def with_more(self, load: Load, forces: Vec, balanced: bool = True) -> Load:
+        more = np.concatenate([self.volume.condense(forces), np.zeros(self.driven)])
+        resultant = load.resultant if balanced else load.resultant + self.R.T @ more
+        return replace(load, f_q=load.f_q + forces, f_c=load.f_c + more, resultant=resultant)
 
     def displacement(self, force: Array, error: float = 0.0) -> Array:
         if not len(force):

@@ -1,0 +1,190 @@
+"""What straight facets leave out of bodies with curved surfaces: their forces, and the rim of flat sides.
+
+Cells at a curved surface stand for a part of the body that is larger than they are, or smaller, by the facet times its
+mean bulge, see `find_bulging`. To first order their stiffness, weight and thermal load grow by the same ratio. Where a
+flat side ends at a curved line its facets leave out a rim, which tractions and pressure act on as well.
+
+Source: the derivative of the energy with respect to the shape, Sokolowski & Zolésio, Introduction to Shape Optimization
+(1992), section 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.geometry.mesh.bulging import Bulging
+from stickslip.geometry.protocols import Function, UflForm, Vec
+from stickslip.geometry.small_matrices import inverse_and_determinant
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.accuracy.bubbles import inner_forces
+from stickslip.solvers.effects import active
+from stickslip.solvers.fem.terms import LoadTerm
+from stickslip.solvers.scene.timeline import Place
+from stickslip.solvers.system.applied_loads import AppliedLoads
+from stickslip.solvers.system.system import System
+
+FACETS = {"triangle": 3, "tetrahedron": 4, "quadrilateral": 4, "hexahedron": 6}
+SIZES = {"triangle": 1 / 2, "tetrahedron": 1 / 6, "quadrilateral": 1.0, "hexahedron": 1.0}  # of reference cells
+
+
+class LeftOut:
+    """Forces on the nodes of the mesh of order 1, of what its facets leave out of the bodies."""
+
+    def __init__(self, system: System) -> None:
+        """Compile the forms; collective."""
+        problem, mesh, weak = system.problem, system.mesh, system.weak
+        self._system, self._u = system, dx.fem.Function(system.space)
+        denser = dx.cell_function(mesh.domain, _share_left_out(system))
+        sides = {load.boundary for load in problem.loads.values() if load.force is None}
+        rims = dx.cell_function(mesh.domain, _share_of_rims(system, sorted(sides)))
+
+        def grown(form: UflForm, loaded: bool = True) -> UflForm | None:
+            return _scaled(form, {"cell": denser} | ({"exterior_facet": rims} if loaded else {}))
+
+        inner = [grown(form, loaded=False) for form in inner_forces(problem, weak, self._u)]
+        self._inner = [weak.compile(form) for form in inner if form is not None]
+        terms = [*weak.loads(), *(term for effect in active(problem) for term in effect.loads(problem, weak))]
+        forms = [(term, grown(term.form, not _is_resultant(term))) for term in terms]
+        self._loads = AppliedLoads(weak, [replace(term, form=form) for term, form in forms if form is not None])
+        initial = [grown(weak.initial_load(strain)) for strain in system.initial.strains]
+        self._initial = [None if form is None else dx.assemble_vector(weak.compile(form)) for form in initial]
+
+    def load(self, time: float) -> Vec:
+        """External forces at a time [s], those of initial strains included [N]; collective."""
+        total, system = self._system.vector(), self._system
+        self._loads.add_to(total, system.course, time)
+        values = system.initial.values(system.course, time)
+        for value, vector in zip(values, self._initial, strict=False):
+            if vector is not None:
+                total.axpy(value, vector)
+        return total
+
+    def inner(self, u: Vec) -> Vec:
+        """Inner forces [N] of a displacement u [m]; collective."""
+        dx.fill(self._u, u.array_r)
+        first, *others = (dx.assemble_vector(form) for form in self._inner)
+        return sum(others, start=first)
+
+
+def rim_of(side: Surface, bulging: Bulging) -> Array:
+    """Area (n,) [m²] that a side has beyond its facets' edges at curved lines, by node; negative in holes."""
+    found = np.zeros(len(side.nodes))
+    if side.dim == 3 and len(bulging.edges) and side.degree == 1:
+        corners = _in_order(side.facets)
+        for (a, b), area in zip(_edges_of(corners), _rims(side.points, side.input, corners, bulging), strict=True):
+            np.add.at(found, np.stack([a, b]), area / 2)
+    return found
+
+
+def _share_left_out(system: System) -> Array:
+    """Volume that facets leave out, by that of the cell (cells,), ghosts included."""
+    mesh = system.mesh
+    nodes, x = dx.cell_nodes(mesh.domain), mesh.domain.geometry.x[:, : mesh.dim]
+    numbers, shape = np.asarray(mesh.domain.geometry.input_global_indices, np.int64), mesh.domain.topology.cell_type.name
+    found, bulging = np.zeros(len(nodes)), mesh.bulging
+    curved = np.zeros(mesh.node_count, bool)
+    curved[bulging.facets[bulging.facets >= 0]] = True
+    near = np.flatnonzero(curved[numbers[nodes]].sum(axis=1) >= mesh.dim)
+    own = nodes[near]
+    known = {tuple(row): out for row, out in zip(bulging.facets.tolist(), bulging.out, strict=True)}
+    gradient = dx.reference_basis(shape, 1, dx.midpoint(mesh.domain))[1][:, 0]
+    jacobian = np.einsum("an,cni->iac", gradient, x[own])
+    volume = SIZES[shape] * np.abs(inverse_and_determinant(jacobian)[1])
+    middle = x[own].mean(axis=1)
+    for corners in (dx.facet_dofs(system.space, k) for k in range(FACETS[shape])):
+        rows = np.sort(numbers[own[:, corners]], axis=1)
+        rows = np.pad(rows, ((0, 0), (bulging.facets.shape[1] - rows.shape[1], 0)), constant_values=-1)
+        at = [k for k, row in enumerate(rows.tolist()) if tuple(row) in known]
+        if not at:
+            continue
+        out = np.array([known[tuple(row)] for row in rows[at].tolist()])
+        points = x[own[at][:, corners]]
+        area = _area_vectors(points)
+        centre = points.mean(axis=1)
+        area *= np.sign(np.einsum("fi,fi->f", area, centre - middle[at]))[:, None]
+        more = np.einsum("fi,fi->f", out, area) / volume[at]
+        if mesh.axisymmetric:
+            more *= centre[:, 0] / middle[at, 0]
+        found[near[at]] += more
+    return found
+
+
+def _area_vectors(points: Array) -> Array:
+    """Normal (f, d) of facets with corners (f, k, d), as long as their area; of either direction."""
+    if points.shape[2] == 2:
+        along = points[:, 1] - points[:, 0]
+        return np.stack([along[:, 1], -along[:, 0]], axis=1)
+    if points.shape[1] == 3:
+        return np.asarray(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]) / 2)
+    return np.asarray(np.cross(points[:, 3] - points[:, 0], points[:, 2] - points[:, 1]) / 2)
+
+
+def _share_of_rims(system: System, sides: Iterable[str]) -> Array:
+    """Area of the rims of sides by that of the facet of the cell (cells,), ghosts included."""
+    mesh = system.mesh
+    nodes, found = dx.cell_nodes(mesh.domain), np.zeros(len(dx.cell_nodes(mesh.domain)))
+    if mesh.dim == 2 or not len(mesh.bulging.edges):
+        return found
+    x = mesh.domain.geometry.x
+    numbers = np.asarray(mesh.domain.geometry.input_global_indices, np.int64)
+    for side in sides:
+        cells, local = dx.facet_cells(mesh.domain, mesh.facets(side)).T
+        if not len(cells):
+            continue
+        facets = np.array([nodes[cell][dx.facet_dofs(system.space, k)] for cell, k in zip(cells, local, strict=True)])
+        area = np.linalg.norm(_area_vectors(x[facets]), axis=1)
+        found[cells] = sum(_rims(x, numbers, _in_order(facets), mesh.bulging)) / area
+    return found
+
+
+def _in_order(facets: Ints) -> Ints:
+    """Corners (f, k) of facets in 3D, one after the other around them."""
+    return facets if facets.shape[1] == 3 else facets[:, [0, 1, 3, 2]]
+
+
+def _edges_of(corners: Ints) -> list[tuple[Ints, Ints]]:
+    """Both ends (f,) of each edge of facets with corners (f, k)."""
+    count = corners.shape[1]
+    return [(corners[:, k], corners[:, (k + 1) % count]) for k in range(count)]
+
+
+def _rims(points: Array, numbers: Ints, corners: Ints, bulging: Bulging) -> list[Array]:
+    """Area (f,) [m²] of the rim beyond each edge of the facets with corners (f, k) in 3D.
+
+    Args:
+        numbers: of the points in the gmsh model.
+    """
+    known = {tuple(row): beside for row, beside in zip(bulging.edges.tolist(), bulging.beside, strict=True)}
+    centre, found = points[corners].mean(axis=1), []
+    for a, b in _edges_of(corners):
+        rows = np.sort(np.stack([numbers[a], numbers[b]], axis=1), axis=1).tolist()
+        beside = np.array([known.get(tuple(row), np.zeros(3)) for row in rows]).reshape(-1, 3)
+        along = points[b] - points[a]
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        outward = points[a] - centre
+        outward = outward - np.einsum("fi,fi->f", outward, along)[:, None] * along / length**2
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        found.append(np.einsum("fi,fi->f", beside, outward) * length[:, 0])
+    return found
+
+
+def _is_resultant(term: LoadTerm) -> bool:
+    """Whether a load is given by its resultant, which no rim changes."""
+    return isinstance(term.drive, Place) and term.drive.quantity == "force"
+
+
+def _scaled(form: UflForm, factors: dict[str, Function]) -> UflForm | None:
+    """The form with its integrals over cells or facets multiplied; without the others; None: nothing is left."""
+    kept = [integral for integral in form.integrals() if integral.integral_type() in factors]
+    if not kept:
+        return None
+    found: UflForm = ufl.Form(
+        [one.reconstruct(integrand=factors[one.integral_type()] * one.integrand()) for one in kept]
+    )
+    return found
