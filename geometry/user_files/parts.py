@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from inspect import signature
 
 import numpy as np
 
@@ -232,7 +233,9 @@ def _points_on(gmsh: Gmsh, dim: int, tag: int) -> Array:
         axes = [np.linspace(a, b, SAMPLES) for a, b in zip(low, high, strict=True)]
         at = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
         if dim == 2:  # the parameters are those of the untrimmed surface
-            at = at[[bool(gmsh.model.isInside(dim, tag, list(x))) for x in at]]
+            newer = "parametric" in signature(gmsh.model.isInside).parameters  # it takes coordinates, unless told
+            more = (True,) if newer else ()
+            at = at[[bool(gmsh.model.isInside(dim, tag, list(x), *more)) for x in at]]
         found.append(np.reshape(gmsh.model.getValue(dim, tag, at.ravel()), (-1, 3)))
     return np.concatenate([np.zeros((0, 3)), *found])
 
