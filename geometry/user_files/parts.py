@@ -201,7 +201,7 @@ def _select(gmsh: Gmsh, dim: int, name: str, selection: Selection, unit: float) 
     key = f'names."{name}"'
     if isinstance(selection, Mapping):
         box = np.reshape(np.asarray(selection["box"], float), (2, 3)) / unit
-        slack = 1e-6 * np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)))
+        slack = 1e-6 * np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0).max()
         points = {tag: _points_on(gmsh, dim - 1, tag) for tag in known}
         inside = [
             tag for tag, x in points.items() if len(x) and np.all(x >= box[0] - slack) and np.all(x <= box[1] + slack)

@@ -175,8 +175,8 @@ class UserFile(Noun, Shape):
 
     def check_model(self, model: Model) -> None:
         if model == "axisymmetric":
-            left = self.box(2)[0, 0]
-            require(left >= -1e-9 * np.ptp(self.box(2)), "file", self.file, f"reaches x = {left:g}; x is the radius")
+            left, size = self.box(2)[0, 0], np.ptp(self.box(2), axis=0).max()
+            require(left >= -1e-9 * size, "file", self.file, f"reaches x = {left:g}; x is the radius")
 
     def cell_count(self, request: Request) -> float:
         dim, size = request.dim, self.size(request.dim)

@@ -1,10 +1,15 @@
-"""Sides that a box selects: those that lie wholly inside, in every version of gmsh."""
+"""Sides that a box selects: those that lie wholly inside, in every version of gmsh and wherever the body is."""
+
+from pathlib import Path
 
 import pytest
 
+from shared.drawn import GEO, scene_data
+from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.parts import find_parts
+from stickslip.workflows.scene_file.read import from_dict
 
 
 def cut_ball(gmsh: Gmsh) -> int:
@@ -41,3 +46,17 @@ def test_parameters_are_given_to_gmsh_as_such(newer: bool, monkeypatch: pytest.M
         flat = cut_ball(gmsh)
         monkeypatch.setattr(gmsh.model, "isInside", newer_one if newer else older_one)
         assert find_parts(gmsh, 3, True, RIM, 1.0).sides == {"part.flat": [flat]}
+
+
+def test_a_box_is_as_sharp_far_from_the_origin() -> None:
+    with gmsh_session() as gmsh:
+        gmsh.model.occ.addBox(1e6, 0, 0, 4, 2, 2)
+        gmsh.model.occ.synchronize()
+        names = {"part.bottom": {"box": [0.0, -1.0, -1.0, 2e6, 3.0, 1.5]}}
+        assert find_parts(gmsh, 3, True, names, 1.0).sides == {"part.bottom": [5]}  # the others end at z = 2
+
+
+def test_an_axisymmetric_file_does_not_reach_beyond_the_axis_wherever_it_lies(tmp_path: Path) -> None:
+    (tmp_path / "b.geo").write_text(GEO.replace("{0, 0, 0, length", "{-1e-4, 1e6, 0, length"))
+    with pytest.raises(SceneError, match=r"reaches x = -0\.0001; x is the radius"):
+        from_dict(scene_data(tmp_path / "b.geo") | {"model": "axisymmetric"})
