@@ -64,6 +64,8 @@ def _renamed(
         key = f'names."{name}"'
         if not NAME.fullmatch(name):
             raise GeometryError(f"{key}: a body's name is made of a-z, 0-9 and _, and begins with a letter")
+        if not selection:
+            raise GeometryError(f"{key}: the list is empty")
         for old in selection:
             if isinstance(selection, Mapping) or old not in bodies:
                 hint = nearest(old, bodies)
