@@ -61,11 +61,15 @@ def refuse_open_end(path: Path) -> None:
         raise GeometryError(f"{path.name}: its last line has several statements and no line break at its end; add one")
 
 
-def parameter_names(path: Path) -> set[str]:
-    """Names of the parameters of a script: those in DefineConstant, and those that it tests with Exists."""
-    names: set[str] = set()
+def parameter_names(path: Path) -> dict[str, str]:
+    """Names of the parameters of a script: those in DefineConstant, and those that it tests with Exists.
+
+    Returns:
+        The variable of each name: the name itself, or where it is that of ONELAB the one before it.
+    """
+    names: dict[str, str] = {}
     for found in scripts(path):
-        depth = 0
+        depth, variable = 0, ""
         for i, word in enumerate(found):
             before = found[max(0, i - 2) : i]
             if word == "DefineConstant":
@@ -73,10 +77,12 @@ def parameter_names(path: Path) -> set[str]:
             elif depth:
                 depth += (word in "[{(") - (word in "]})")
                 depth = 0 if depth == 1 and word == "]" else depth
+                if depth == 2 and word == ",":
+                    variable = ""
                 if depth == 2 and found[i + 1 : i + 2] in (["="], [","], ["]"]) and word[0].isalpha():
-                    names.add(word)
-                if before == ["Name"] or before[-1:] == ["Name"]:
-                    names.add(word[1:-1])
+                    names[word] = variable = word
+                if before[-1:] == ["Name"] and variable:
+                    names.setdefault(word[1:-1], variable)
             if before == ["Exists", "("]:
-                names.add(word)
+                names[word] = word
     return names

@@ -27,6 +27,7 @@ from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.child import Ended, end_with, run_child
 from stickslip.geometry.user_files.containment import contain
+from stickslip.geometry.user_files.geo_script import parameter_names
 from stickslip.geometry.user_files.meshing import MeshOptions, mesh_parts
 from stickslip.geometry.user_files.open_file import Parameter, kind_of, open_file, unpacked
 from stickslip.geometry.user_files.outline import Facets, Outline, read_outline
@@ -159,7 +160,12 @@ def gmsh_options(question: Question) -> list[str]:
     """Command-line options of gmsh that set the parameters of a .geo script."""
     if kind_of(question.path) != "geo":
         return []
-    return [word for name, value in question.parameters.items() for word in ("-setnumber", name, repr(value))]
+    variables = parameter_names(question.path) if question.parameters else {}  # gmsh 4.8 knows no names of ONELAB
+    return [
+        word
+        for name, value in question.parameters.items()
+        for word in ("-setnumber", variables.get(name, name), repr(value))
+    ]
 
 
 def read_parts(gmsh: Gmsh, question: Question) -> Parts:

@@ -128,12 +128,14 @@ class UserFile(Noun, Shape):
             for name, value in self.parameters.items():
                 require(False, name, value, "only .geo and .py files take parameters")
         if kind == "geo":
-            known = parameter_names(Path(self.file)) if self.parameters else set()
+            known = parameter_names(Path(self.file)) if self.parameters else {}
             for name, value in self.parameters.items():
                 number = isinstance(value, int | float) and not isinstance(value, bool)
                 require(number, name, value, "a .geo file takes numbers only")
                 unknown = f"{Path(self.file).name} has no such DefineConstant; {nearest(name, known)}"
                 require(name in known, name, value, unknown)
+                alike = [other for other in self.parameters if known.get(other) == known[name]]
+                require(len(alike) == 1, name, value, f"{' and '.join(alike)} are one parameter; remove one")
 
     @property
     def degree(self) -> int:
