@@ -40,12 +40,20 @@ def _suffix(path: Path) -> str:
 def unpacked(path: Path, folder: Path) -> Path:
     """Path of the file itself, or of the decompressed content of a .gz file, which is written into `folder`.
 
+    A CAD file or a mesh gets its ending in lower case, by a link in `folder`: gmsh 4.8 does not know .BREP.
+
     Raises:
         GeometryError: it is damaged, or its content is larger than LARGEST.
     """
-    if path.suffix.lower() != ".gz":
-        return path
-    plain, size = folder / path.stem, 0
+    packs = path.suffix.lower() == ".gz"
+    plain, size = folder / (path.stem if packs else path.name), 0
+    if kind_of(path) in ("cad", "msh"):
+        plain = plain.with_suffix(_suffix(path))
+    if not packs:
+        if plain.name == path.name:
+            return path
+        plain.symlink_to(path.absolute())
+        return plain
     try:
         with gzip.open(path) as packed, plain.open("wb") as target:
             while piece := packed.read(2**20):

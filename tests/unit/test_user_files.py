@@ -170,6 +170,16 @@ def test_periodic_sides_of_a_file_get_matching_meshes(tmp_path: Path) -> None:
     assert_allclose(left[np.lexsort(left.T)], right[np.lexsort(right.T)], atol=2e-6)
 
 
+@pytest.mark.parametrize("name", ["B.BREP", "B.STP", "B.Brep.gz"])
+def test_endings_may_be_in_upper_case(name: str, tmp_path: Path) -> None:
+    plain = draw(tmp_path / ("b.step" if "STP" in name else "b.brep")).read_bytes()
+    (tmp_path / name).write_bytes(gzip.compress(plain) if name.endswith(".gz") else plain)
+    there = set(tmp_path.iterdir())
+    mesh = meshed(from_dict(scene_data(tmp_path / name, 3, "part", mesh_size=2.0, names=FACES)))
+    assert_allclose(mesh.box()[1], [4, 2, 2], atol=1e-6)
+    assert set(tmp_path.iterdir()) == there
+
+
 def test_a_gz_is_unpacked(tmp_path: Path) -> None:
     plain = draw(tmp_path / "b.step")
     packed = tmp_path / "c.step.gz"
