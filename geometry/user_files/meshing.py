@@ -34,7 +34,12 @@ class MeshOptions:
 
 
 def mesh_parts(gmsh: Gmsh, dim: int, parts: Parts, options: MeshOptions) -> RawMesh:
-    """Mesh the current gmsh model, unless the file has a mesh already, and return the mesh as arrays."""
+    """Mesh the current gmsh model and return the mesh as arrays.
+
+    A mesh that the file has already stays, unless sizes are given and there is a geometry to mesh again.
+    """
+    if (options.size is not None or options.sizes is not None) and not _is_discrete(gmsh, dim):
+        gmsh.model.mesh.clear()  # also of edges alone: they would keep their sizes
     if len(gmsh.model.mesh.getElementTypes(dim)) == 0:
         size = options.size
         if size is not None:
@@ -53,6 +58,12 @@ def mesh_parts(gmsh: Gmsh, dim: int, parts: Parts, options: MeshOptions) -> RawM
         if options.order == 2:
             gmsh.model.mesh.optimize("HighOrder")  # curved facets may have flattened the cells behind them
     return read_raw_mesh(gmsh, dim, parts)
+
+
+def _is_discrete(gmsh: Gmsh, dim: int) -> bool:
+    """Whether some edges, faces or volumes of the model are nothing but their mesh."""
+    entities = [entity for d in range(1, dim + 1) for entity in gmsh.model.getEntities(d)]
+    return any(gmsh.model.getType(*entity).startswith("Discrete") for entity in entities)
 
 
 def _set_sizes(gmsh: Gmsh, dim: int, parts: Parts, size: float, options: MeshOptions) -> None:
