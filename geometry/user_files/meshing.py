@@ -108,7 +108,8 @@ def _match(gmsh: Gmsh, dim: int, slave: list[int], master: list[int]) -> None:
     if len(slave) != len(master):
         raise GeometryError(f"periodic sides have {len(slave)} and {len(master)} entities; they must match")
     here, there = middles(slave), middles(master)
-    first, second = (np.lexsort(np.round(x - x.mean(axis=0), 6).T) for x in (here, there))
+    extent = np.ptp(here, axis=0).max() or 1.0  # 0 of a single entity
+    first, second = (np.lexsort(np.round((x - x.mean(axis=0)) / extent, 6).T) for x in (here, there))
     shift = np.eye(4)
     shift[:3, 3] = here.mean(axis=0) - there.mean(axis=0)
     gmsh.model.mesh.setPeriodic(dim - 1, [slave[i] for i in first], [master[i] for i in second], list(shift.ravel()))

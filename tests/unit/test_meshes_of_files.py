@@ -1,12 +1,17 @@
-"""Meshes of users' files: the scene's sizes, and what a file has meshed itself."""
+"""Meshes of users' files: the scene's sizes, what a file has meshed itself, and periodic sides."""
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mpi4py import MPI
+from numpy.testing import assert_allclose
 
 from shared.drawn import GEO, PY, draw, scene_data
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
+from stickslip.geometry.user_files.meshing import MeshOptions
+from stickslip.geometry.user_files.raw_mesh import RawMesh
+from stickslip.geometry.user_files.reader import Question, ask
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -20,6 +25,19 @@ OWN = (
     model.mesh.refine()
 """
 )
+PERIODIC = """
+s = LENGTH;
+Point(1) = {0, 0, 0}; Point(2) = {s, 0, 0}; Point(3) = {s, 0.3 * s, 0};
+Point(4) = {s, s, 0}; Point(5) = {0, s, 0}; Point(6) = {0, 0.3 * s, 0};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 5}; Line(5) = {5, 6}; Line(6) = {6, 1};
+Curve Loop(1) = {1:6};
+Plane Surface(1) = {1};
+Physical Surface("block") = {1};
+Physical Curve("block.bottom") = {1};
+Physical Curve("block.right") = {2, 3};
+Physical Curve("block.top") = {4};
+Physical Curve("block.left") = {5, 6};
+"""  # the edges of the left side are numbered from above, those of the right one from below
 
 
 def meshed(scene: Scene) -> Mesh:
@@ -49,3 +67,20 @@ def test_sizes_of_the_scene_leave_a_mesh_without_geometry(tmp_path: Path) -> Non
     data = scene_data(write(tmp_path / "b.geo", 'Merge "b.msh";\n'), mesh_size=0.1)
     count = [mesh.domain.topology.index_map(2).size_global for mesh in (own, meshed(from_dict(data)))]
     assert count[0] == count[1] > 0
+
+
+@pytest.mark.parametrize("length", [1.0, 1e-6])
+def test_periodic_sides_of_several_edges_match_in_any_unit(length: float, tmp_path: Path) -> None:
+    path = write(tmp_path / "b.geo", PERIODIC.replace("LENGTH", f"{length}"))
+    options = MeshOptions(
+        size=length / 5,
+        fine_size=length / 40,
+        fine_sides=["block.right"],
+        periodic=[("block.left", "block.right")],
+        order=1,
+    )
+    mesh = ask(Question(path=path, dim=2, unit=1.0, mesh=options))
+    assert isinstance(mesh, RawMesh)
+    left, right = (np.sort(mesh.points[np.unique(mesh.facets[f"block.{side}"]), 1]) for side in ("left", "right"))
+    assert len(right) == 41  # the finer side is the one whose mesh the other gets
+    assert_allclose(left, right, atol=1e-6 * length)
