@@ -53,7 +53,8 @@ def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
     """Read cells and facets of the current gmsh model.
 
     Raises:
-        GeometryError: cells of several kinds, in no body, without volume or turned inside out; a side without facets.
+        GeometryError: cells of several kinds, in no body, without volume or turned inside out; a node with a
+            coordinate that is no number; a side without facets.
     """
     kind = _only_kind(gmsh, dim)
     cells = {body: _rows(gmsh, dim, entities, kind) for body, entities in parts.bodies.items()}
@@ -63,7 +64,6 @@ def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
     stray = sum(map(len, gmsh.model.mesh.getElements(dim)[1])) - sum(map(len, cells.values()))
     if stray:
         raise GeometryError(f"{stray} cells are in no body: every cell belongs to one physical {CELL_WORD[dim]}")
-    _check_volumes(gmsh, dim, kind, parts)
     facets = {side: _rows(gmsh, dim - 1, entities, TYPES[kind]) for side, entities in parts.sides.items()}
     numbers, x, _ = gmsh.model.mesh.getNodes()
     order = np.argsort(numbers)
@@ -74,6 +74,7 @@ def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
     points = x[np.searchsorted(numbers, used)]
     if not np.isfinite(points).all():
         raise GeometryError("a node has a coordinate that is not a finite number")
+    _check_volumes(gmsh, dim, kind, parts)
     check_neighbours(kind, cells)
     _check_facets(kind, cells, facets)
     return RawMesh(

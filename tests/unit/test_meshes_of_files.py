@@ -1,4 +1,4 @@
-"""Meshes of users' files: the scene's sizes, what a file has meshed itself, and periodic sides."""
+"""Meshes of users' files: the scene's sizes, periodic sides, and what makes a mesh unusable."""
 
 from pathlib import Path
 
@@ -8,6 +8,7 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose
 
 from shared.drawn import GEO, PY, draw, scene_data
+from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.user_files.meshing import MeshOptions
 from stickslip.geometry.user_files.raw_mesh import RawMesh
@@ -84,3 +85,10 @@ def test_periodic_sides_of_several_edges_match_in_any_unit(length: float, tmp_pa
     left, right = (np.sort(mesh.points[np.unique(mesh.facets[f"block.{side}"]), 1]) for side in ("left", "right"))
     assert len(right) == 41  # the finer side is the one whose mesh the other gets
     assert_allclose(left, right, atol=1e-6 * length)
+
+
+def test_a_mesh_with_a_node_that_is_nowhere_is_refused(tmp_path: Path) -> None:
+    path = draw(tmp_path / "b.msh", 2)
+    write(path, path.read_text().replace("\n4 2 0\n", "\n4 nan 0\n"))  # the corner's node
+    with pytest.raises(GeometryError, match=r"b\.msh: a node has a coordinate that is not a finite number"):
+        from_dict(scene_data(path))
