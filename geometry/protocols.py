@@ -249,6 +249,7 @@ class UflForm(Linear, Protocol):
     """UFL form: a sum of integrals, linear in each of its test and trial functions."""
 
     def __radd__(self, other: int) -> Self: ...  # sum() begins with 0
+    def integrals(self) -> Sequence[Any]: ...
 
 
 class Measure(Protocol):

@@ -9,8 +9,8 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.bulging import Bulging, find_bulging
 from stickslip.geometry.errors import require
-from stickslip.geometry.mesh.bulging import Bulging, find_bulging
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.size_field import SizeField
 from stickslip.geometry.units import Units
@@ -140,7 +140,6 @@ class Shape:
             Length of the gmsh model's unit [m].
         """
         raise NotImplementedError
-
 
     def bulging(self, gmsh: Gmsh, dim: int, unit: float) -> Bulging:
         """How far curved surfaces bulge out of the facets of the mesh in the current gmsh model, after `put`.

@@ -10,9 +10,9 @@ import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.bulging import Bulging
 from stickslip.geometry.errors import GeometryError, InputError, MachineError, SceneError, StickslipError
 from stickslip.geometry.memory import available
-from stickslip.geometry.mesh.bulging import Bulging
 from stickslip.geometry.mesh.gmsh_session import gmsh_session, own_interrupt
 from stickslip.geometry.mesh.jacobian import refuse_inverted_cells
 from stickslip.geometry.mesh.joints import Joints, find_parts, open_seams

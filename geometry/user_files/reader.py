@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from stickslip.geometry.bulging import Bulging
 from stickslip.geometry.errors import GeometryError, MachineError, StickslipError, shortened
 from stickslip.geometry.memory import available, ended_for_memory, is_full
-from stickslip.geometry.mesh.bulging import Bulging
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.child import Ended, end_with, run_child

@@ -16,9 +16,9 @@ from pydantic import Field
 from pydantic.json_schema import SkipJsonSchema
 
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.bulging import Bulging
 from stickslip.geometry.errors import GeometryError, SceneError, nearest, prefixed, require
 from stickslip.geometry.keys import Key, Noun
-from stickslip.geometry.mesh.bulging import Bulging
 from stickslip.geometry.mesh.sizes import filled, refined_near
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request, Shape

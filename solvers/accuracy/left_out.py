@@ -17,8 +17,8 @@ import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.bulging import Bulging
 from stickslip.geometry.dolfinx_versions import ufl
-from stickslip.geometry.mesh.bulging import Bulging
 from stickslip.geometry.protocols import Function, UflForm, Vec
 from stickslip.geometry.small_matrices import inverse_and_determinant
 from stickslip.geometry.surfaces.surface import Surface
@@ -86,7 +86,8 @@ def _share_left_out(system: System) -> Array:
     """Volume that facets leave out, by that of the cell (cells,), ghosts included."""
     mesh = system.mesh
     nodes, x = dx.cell_nodes(mesh.domain), mesh.domain.geometry.x[:, : mesh.dim]
-    numbers, shape = np.asarray(mesh.domain.geometry.input_global_indices, np.int64), mesh.domain.topology.cell_type.name
+    numbers = np.asarray(mesh.domain.geometry.input_global_indices, np.int64)
+    shape = mesh.domain.topology.cell_type.name
     found, bulging = np.zeros(len(nodes)), mesh.bulging
     curved = np.zeros(mesh.node_count, bool)
     curved[bulging.facets[bulging.facets >= 0]] = True

@@ -340,8 +340,9 @@ class _Substep:
     @cached_property
     def _left_out(self) -> tuple[Vec, Vec] | None:
         """Loads, and inner forces in the solved step, of what facets leave out of the bodies [N]; collective."""
-        new = self.new
-        return self.left_out and (self.left_out.load(new.time), self.left_out.inner(new.u))
+        if self.left_out is None:
+            return None
+        return self.left_out.load(self.new.time), self.left_out.inner(self.new.u)
 
     def residual(self, answer: Answer) -> Vec:
         """Forces that are out of balance at the free bubbles [N]; collective."""
@@ -397,8 +398,9 @@ class _Substep:
         load = new.load
         if answer.left_out is not None:
             outer, resisting = answer.left_out
-            load, surplus = load + outer, replace(
-                surplus, inner=pull + resisting, stored=surplus.stored + answer.u_strained.dot(resisting) / 2
+            load, surplus = (
+                load + outer,
+                replace(surplus, inner=pull + resisting, stored=surplus.stored + answer.u_strained.dot(resisting) / 2),
             )
         driven = answer.solution.u_c[len(answer.solution.u_c) - len(new.driven) :]
         found = new_state(

@@ -108,10 +108,9 @@ def _of_surface(gmsh: Gmsh, tag: int, points: Array) -> tuple[Ints, Array]:
     x = points[nodes]
     places = [np.searchsorted(nodes, corners) for corners in of_kind]
     areas = [np.cross(x[at[:, 1]] - x[at[:, 0]], x[at[:, -1]] - x[at[:, 0]]) for at in places]
-    around = sum(
-        _sums(at, np.repeat(area[:, None], at.shape[1], axis=1), len(nodes))
-        for at, area in zip(places, areas, strict=True)
-    )
+    around = np.zeros_like(x)
+    for at, area in zip(places, areas, strict=True):
+        around += _sums(at, np.repeat(area[:, None], at.shape[1], axis=1), len(nodes))
     normals = _of_kernel(gmsh, 2, tag, nodes, _unit(around))
     found = []
     for kind, corners, at in zip(kinds, of_kind, places, strict=True):
@@ -137,7 +136,7 @@ def _points(gmsh: Gmsh) -> Array:
 
 
 def _of_kernel(gmsh: Gmsh, dim: int, tag: int, nodes: Ints, mean: Array) -> Array:
-    """Unit tangents or normals (n, 3) of the CAD kernel at nodes, as the means (n, 3) point; these where it has none."""
+    """Unit tangents or normals (n, 3) of the CAD kernel at nodes, as the means (n, 3) point; or these."""
     if gmsh.model.getType(dim, tag).startswith("Discrete"):
         return mean
     tags, _, where = gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True, returnParametricCoord=True)
@@ -147,7 +146,8 @@ def _of_kernel(gmsh: Gmsh, dim: int, tag: int, nodes: Ints, mean: Array) -> Arra
     order = np.argsort(numbers, kind="stable")
     parameters = np.reshape(where, (len(numbers), dim))[order[np.searchsorted(numbers, nodes, sorter=order)]]
     flat = list(parameters.ravel())
-    found = _unit(np.reshape(gmsh.model.getNormal(tag, flat) if dim == 2 else gmsh.model.getDerivative(1, tag, flat), (-1, 3)))
+    directions = gmsh.model.getNormal(tag, flat) if dim == 2 else gmsh.model.getDerivative(1, tag, flat)
+    found = _unit(np.reshape(directions, (-1, 3)))
     cosine = np.einsum("ni,ni->n", found, mean)
     sound = np.isfinite(cosine) & (np.abs(cosine) > ALIKE)
     return np.asarray(np.where(sound[:, None], np.sign(cosine)[:, None] * found, mean))
