@@ -7,16 +7,20 @@ from itertools import product
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.user_files.facets import curved, edge_middles, normals_of
 from stickslip.geometry.user_files.parts import FACET_WORD, Parts, nodes_at
 from stickslip.geometry.user_files.raw_mesh import RawMesh, facets_among, read_raw_mesh
+from stickslip.geometry.user_files.simple_forms import fit
 
 COARSE = 8  # cells along the box's diagonal, for sampling and drawing
 ROUND = 16  # cells on a full circle
 FLAT_SIDE = 1e-6  # a side is flat if the components of its unit normals differ by less
-STEP = 1e-3  # distance of a test point from a facet, relative to the facet's size
+KNOWN = ("Plane", "Cylinder", "Line", "Circle")  # gmsh's types of entities that facets' corners tell all about
+CURVED, CHECKED = 10_000, 50  # facets of a face whose bulge is asked for, and of those that are checked, at most
+STEEP = 0.5  # bulge of an edge of a facet relative to its length, at most; a half circle's
 RAY = np.array([0.5377, 0.7217, 0.4359])  # direction that is unlikely to meet an edge
 TILT = np.array([0.0131, 0.0073, 0.0037])  # decides between equal extremes, alike on opposite sides
 
@@ -30,6 +34,9 @@ class Facets:
     corners: Array  # (f, k, 3) [m]; their order makes normals point out of the first of `bodies`
     exact: float | None  # area or length [m^2 or m], if the CAD kernel gives it
     bodies: tuple[str, ...] = ()  # that it bounds; two where they are joined there
+    between: Array | None = None  # (n, 3) [m] points between the corners, of a CAD face that is curved
+    bulge: Array | None = None  # (f, e, 3) [m] see `curved`, of a CAD face that is no plane and no cylinder
+    off: float = 0.0  # [m] how far curved facets are from the CAD kernel's face
 
     @property
     def size(self) -> float:
@@ -53,16 +60,6 @@ class Facets:
         return normals_of(self.corners)
 
 
-def normals_of(c: Array) -> Array:
-    """Normals (f, 3) of facets with corners (f, k, 3), as long as their area; of edges in the plane z = 0."""
-    if c.shape[1] == 2:
-        along = c[:, 1] - c[:, 0]
-        return np.stack([along[:, 1], -along[:, 0], 0 * along[:, 2]], axis=1)
-    if c.shape[1] == 3:
-        return np.asarray(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]) / 2)
-    return np.asarray(np.cross(c[:, 2] - c[:, 0], c[:, 3] - c[:, 1]) / 2)
-
-
 @dataclass(frozen=True)
 class Outline:
     """Names, box and sample points of a geometry; lengths in metres."""
@@ -79,7 +76,17 @@ class Outline:
         if factor == 1:
             return self
         side = factor ** (dim - 1)
-        entities = (replace(f, corners=factor * f.corners, exact=f.exact and side * f.exact) for f in self.entities)
+        entities = (
+            replace(
+                face,
+                corners=factor * face.corners,
+                exact=face.exact and side * face.exact,
+                between=None if face.between is None else factor * face.between,
+                bulge=None if face.bulge is None else factor * face.bulge,
+                off=factor * face.off,
+            )
+            for face in self.entities
+        )
         samples = {name: (factor * points, normals) for name, (points, normals) in self.samples.items()}
         volume = factor**dim * self.volume
         return replace(self, box=factor * self.box, volume=volume, entities=tuple(entities), samples=samples)
@@ -103,7 +110,12 @@ def read_outline(gmsh: Gmsh, dim: int, parts: Parts, unit: float) -> Outline:
         bodies, corners = _outward_of_mesh(gmsh, dim, raw, corners, unit)
     of = {
         tag: Facets(
-            tag, gmsh.model.getEntityName(dim - 1, tag), found, _exact_size(gmsh, dim - 1, tag, unit), bodies[tag]
+            tag,
+            gmsh.model.getEntityName(dim - 1, tag),
+            found,
+            _exact_size(gmsh, dim - 1, tag, unit),
+            bodies[tag],
+            *_curved_face(gmsh, dim - 1, tag, found, unit),
         )
         for tag, found in corners.items()
     }
@@ -158,45 +170,55 @@ def _outward_of_mesh(gmsh: Gmsh, dim: int, raw: RawMesh, corners: dict[int, Arra
 
 
 def _outward_of_cad(gmsh: Gmsh, dim: int, parts: Parts, corners: dict[int, Array]) -> Oriented:
-    """Normals of an entity point outward if a small step along that of its largest facet leads out of the body."""
+    """Normals of an entity point outward if that of one of its large facets leads out of the body."""
     bodies: dict[int, tuple[str, ...]] = dict.fromkeys(corners, ())
     oriented = dict(corners)
     for body, tags in parts.bodies.items():
         boundary = gmsh.model.getBoundary([(dim, tag) for tag in tags], combined=True, oriented=False)
         own = [tag for _, tag in boundary if tag in corners]
         shell = Shell([corners[tag] for tag in own], dim) if own else None
-        for tag in own:
+        for place, tag in enumerate(own):
             bodies[tag] += (body,)
-            if len(bodies[tag]) > 1 or shell is None:
-                continue
-            normals = normals_of(corners[tag])
-            area = np.linalg.norm(normals, axis=1)
-            largest = int(np.argmax(area))
-            step = STEP * area[largest] ** (1 / (dim - 1)) * normals[largest] / area[largest]
-            if shell.encloses(corners[tag][largest].mean(axis=0) + step):
+            if len(bodies[tag]) == 1 and shell is not None and not shell.outward(place):
                 oriented[tag] = corners[tag][:, ::-1]
     return bodies, oriented
 
 
 class Shell:
-    """A closed boundary of facets; a ray from a point that it encloses crosses an odd number of them."""
+    """A closed boundary of facets; a ray that begins outside it crosses an even number of them."""
 
     def __init__(self, boundary: list[Array], dim: int) -> None:
         """Facets (f, k, 3) of each entity; a quadrilateral counts as two triangles."""
-        parts = [
-            np.concatenate([x[:, [0, last - 1, last]] for last in range(2, x.shape[1])]) if dim == 3 else x
-            for x in boundary
-        ]
-        self.corners, self.dim = np.concatenate(parts), dim
+        parts, facet = [], []
+        for x in boundary:
+            lasts = range(2, x.shape[1]) if dim == 3 else range(1)
+            parts.append(np.concatenate([x[:, [0, last - 1, last]] if dim == 3 else x for last in lasts]))
+            facet.append(np.tile(np.arange(len(x)), len(lasts)))
+        self.boundary, self.dim = boundary, dim
+        self.corners, self.facet = np.concatenate(parts), np.concatenate(facet)
+        self.entity = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
         self.along = RAY * ([1, 1, 0] if dim == 2 else 1)
         self.across = np.linalg.svd(self.along[None, :dim])[2][1:]  # the ray is a point in this projection
         seen = self.corners[..., :dim] @ self.across.T
         slack = 1e-9 * np.ptp(seen.reshape(-1, dim - 1), axis=0)
         self.low, self.high = seen.min(axis=1) - slack, seen.max(axis=1) + slack
 
-    def encloses(self, point: Array) -> bool:
+    def outward(self, entity: int) -> bool:
+        """Whether the normals of an entity point out of what the boundary encloses.
+
+        The ray begins on the facet that is the largest as seen along it, and that facet itself is not counted: the
+        body may be as thin as it likes.
+        """
+        corners = self.boundary[entity]
+        seen = normals_of(corners) @ self.along
+        facet = int(np.argmax(np.abs(seen)))
+        others = (self.entity != entity) | (self.facet != facet)
+        return bool((self._crossed(corners[facet].mean(axis=0), others) % 2 == 0) == (seen[facet] > 0))
+
+    def _crossed(self, point: Array, counted: Bools) -> int:
+        """How many of the facets that are counted the ray from a point crosses."""
         at = self.across @ point[: self.dim]
-        corners = self.corners[np.all((self.low <= at) & (at <= self.high), axis=1)]
+        corners = self.corners[counted & np.all((self.low <= at) & (at <= self.high), axis=1)]
         origin = corners[:, 0]
         edges = [corners[:, i] - origin for i in range(1, self.dim)]
         matrix = np.stack([*edges, np.broadcast_to(-self.along, origin.shape)], axis=2)[:, : self.dim]
@@ -204,7 +226,7 @@ class Shell:
         with np.errstate(invalid="ignore"):
             found = np.linalg.solve(matrix, (point - origin)[:, : self.dim, None])[..., 0]
         where, far = found[:, :-1], found[:, -1]
-        return bool(np.sum((far > 0) & np.all(where >= 0, axis=1) & (where.sum(axis=1) <= 1)) % 2 == 1)
+        return int(np.sum((far > 0) & np.all(where >= 0, axis=1) & (where.sum(axis=1) <= 1)))
 
 
 def _sample(corners: Array, normals: Array) -> tuple[Array, Array]:
@@ -238,6 +260,41 @@ def _exact_size(gmsh: Gmsh, dim: int, tag: int, unit: float) -> float | None:
     if (dim, tag) not in gmsh.model.occ.getEntities(dim):
         return None
     return float(gmsh.model.occ.getMass(dim, tag)) * unit**dim
+
+
+def _curved_face(
+    gmsh: Gmsh, dim: int, tag: int, corners: Array, unit: float
+) -> tuple[Array | None, Array | None, float]:
+    """`between`, `bulge` and `off` of the facets (f, k, 3) of an entity; see `Facets`.
+
+    The nearest point of a spline surface takes a third of a millisecond: of planes and cylinders few are asked for.
+    """
+    known = corners.shape[1] != dim + 1 or gmsh.model.getType(dim, tag) in KNOWN
+    if known or (dim, tag) not in gmsh.model.occ.getEntities(dim):
+        return None, None, 0.0
+
+    def nearest(x: Array) -> Array:
+        different, place = np.unique(x.reshape(-1, 3), axis=0, return_inverse=True)
+        found = np.reshape(gmsh.model.getClosestPoint(dim, tag, (different / unit).ravel())[0], (-1, 3))
+        return np.asarray(unit * found[place.ravel()].reshape(x.shape))
+
+    def bulge_of(x: Array) -> Array:
+        middles = edge_middles(x)
+        bulge = nearest(middles) - middles
+        edges = x - np.roll(x, 1, axis=1) if dim == 1 else x[:, [1, 2, 0]] - x[:, [2, 0, 1]]
+        length = np.linalg.norm(edges, axis=2)[:, : bulge.shape[1]]
+        bulge[np.linalg.norm(bulge, axis=2) > STEEP * length] = 0.0  # of another branch of the surface
+        return bulge
+
+    some = np.linspace(0, len(corners) - 1, min(CHECKED, len(corners))).astype(int)
+    bulge = bulge_of(corners[some])
+    between = (edge_middles(corners[some]) + bulge)[np.any(bulge != 0, axis=2)]
+    if len(corners) > CURVED or fit(corners, dim + 1, between).kind != "other":
+        return between, None, 0.0
+    at = np.tile([0.25, 0.75] if dim == 1 else [1 / 3, 1 / 3, 1 / 3], (len(some), 1))
+    points, _ = curved(corners[some], bulge, at)
+    off = float(np.linalg.norm(nearest(points) - points, axis=1).max())
+    return between, bulge if len(some) == len(corners) else bulge_of(corners), off
 
 
 def _corners(gmsh: Gmsh, dim: int, tag: int) -> Array:

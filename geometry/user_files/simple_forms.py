@@ -1,4 +1,4 @@
-"""The plane or the cylinder on which the facets of a face lie, found from their corners alone."""
+"""The plane or the cylinder on which a face lies, found from points on it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.user_files.outline import normals_of
+from stickslip.geometry.user_files.facets import normals_of
 
-ROUGH = 1e-5  # corners lie on the form to this, relative to the face
+ROUGH = 1e-5  # points lie on the form to this, relative to the face
 FLAT = 100.0  # a cylinder's radius, relative to the face, is less than this
 
 
@@ -41,6 +41,13 @@ class Form:
         long = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
         return np.asarray(x + across * (abs(self.radius) / long - 1))
 
+    def normals(self, x: Array) -> Array:
+        """Unit normals (n, 3) at points (n, 3) of a plane or a cylinder, outward."""
+        if self.kind == "plane":
+            return np.tile(self.axis, (len(x), 1))
+        across = self._across(x - self.point) * np.sign(self.radius)
+        return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300))
+
     def same(self, other: Form) -> bool:
         """Whether both are one plane or one cylinder, with the body on the same side."""
         if self.kind != other.kind or self.kind == "other":
@@ -58,18 +65,24 @@ class Form:
         return np.asarray(away - (away @ self.axis)[..., None] * self.axis)
 
 
-def fit(corners: Array, dim: int) -> Form:
-    """The form on which facets (f, k, 3) with outward normals lie."""
-    nodes = np.unique(corners.reshape(-1, 3), axis=0)
+def fit(corners: Array, dim: int, between: Array | None = None) -> Form:
+    """The form on which facets (f, k, 3) with outward normals lie.
+
+    Args:
+        between: other points (n, 3) of the face, as a CAD kernel knows them: corners of a few facets lie on a plane or
+            on a cylinder where a crowned face does not.
+    """
+    known = corners.reshape(-1, 3)
+    nodes = np.unique(known if between is None else np.concatenate([known, between]), axis=0)
     normals = normals_of(corners)
     middle, size = nodes.mean(axis=0), float(np.ptp(nodes, axis=0).max())
-    axis = np.append(np.linalg.svd((nodes - middle)[:, :dim], full_matrices=True)[2][dim - 1], np.zeros(3 - dim))
+    axis = np.append(_narrowest((nodes - middle)[:, :dim]), np.zeros(3 - dim))
     if np.abs((nodes - middle) @ axis).max() <= ROUGH * size:
         return Form("plane", middle, axis * np.sign(normals.sum(axis=0) @ axis or 1.0), size=size)
     other = Form("other", middle, axis, size=size)
     if len(nodes) < (8 if dim == 3 else 4):
         return other
-    start = np.linalg.svd(normals)[2][2] if dim == 3 else np.array([0.0, 0.0, 1.0])
+    start = _narrowest(normals) if dim == 3 else np.array([0.0, 0.0, 1.0])
     across = np.linalg.svd(start[None])[2][1:]
     if dim == 3:
         tilt = least_squares(lambda t: _circle(nodes - middle, start + t @ across)[2] / size, np.zeros(2)).x
@@ -82,6 +95,11 @@ def fit(corners: Array, dim: int) -> Form:
     away = corners.mean(axis=1) - found.point
     outward = np.einsum("fd,fd->", found._across(away), normals)
     return Form("cylinder", middle + centre, axis, radius * float(np.sign(outward)), size)
+
+
+def _narrowest(x: Array) -> Array:
+    """The direction (d,) in which vectors (n, d) are shortest; the triangle of QR is as small as d for any n."""
+    return np.asarray(np.linalg.svd(np.linalg.qr(x, mode="r"))[2][-1])
 
 
 def _circle(x: Array, axis: Array) -> tuple[Array, float, Array]:

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.geometry.user_files.outline import Facets, Outline, normals_of
+from stickslip.geometry.user_files.facets import curved, edge_middles, normals_of
+from stickslip.geometry.user_files.outline import Facets, Outline
 from stickslip.geometry.user_files.simple_forms import ROUGH, Form, fit
 
 WITHIN = 1e-3  # of the box's diagonal: as far as faces are paired unless the user says how far
 ACROSS = 24  # sample points across the part of a side that may touch
 FINEST = 256  # parts into which the edge of a facet is divided, at most
 LEAST = 1e-3  # of the smaller side's area: two planes that touch along an edge only are no pair
+BULGE = 4 / 3  # a quadratic facet bulges at most so much more than its edges
 OPPOSITE = 0.7  # minus the cosine between normals of facets that face each other
+AGAINST = 0.9  # the same where they meet in a point; a cone's edge on the rim of a hole is no contact
+CUT, BEST, ROUNDS = 4, 64, 6  # where the gap is least, parts of facets are cut into so many, the best ones, again
+ENOUGH = 16  # sample points within the distance asked for, for their area
+TOUCH = 1e-7  # a gap of less, relative to the part of the sides that may touch, is rounding
 SAG = 0.3  # bulge of a curved facet relative to its length times the turn of its normals; 1/4 on a circle
 
 
@@ -34,7 +40,9 @@ class Side:
     @staticmethod
     def of(body: str, faces: tuple[Facets, ...], dim: int, name: str = "") -> Side:
         """The side of these faces; a name as body.side."""
-        return Side(body, name, faces, fit(simplices(face.corners for face in faces), dim))
+        corners, between = simplices(face.corners for face in faces), [face.between for face in faces]
+        known = np.concatenate([np.zeros((0, 3)), *(points for points in between if points is not None)])
+        return Side(body, name, faces, fit(corners, dim, known))
 
     @property
     def area(self) -> float:
@@ -50,6 +58,26 @@ class Side:
         """Corners (f, d, 3) of facets whose normals point outward; a quadrilateral is two triangles."""
         return simplices(face.corners if face.bodies[0] == self.body else face.corners[:, ::-1] for face in self.faces)
 
+    @cached_property
+    def bulge(self) -> Array:
+        """Of these facets (f, e, 3), see `curved`; zero of planes and cylinders, which are known, and without CAD."""
+        parts = []
+        for face in self.faces:
+            straight = np.zeros_like(edge_middles(simplices([face.corners])))
+            bulge = straight if face.bulge is None or self.form.kind != "other" else face.bulge
+            parts.append(bulge if face.bodies[0] == self.body else bulge[:, ::-1])
+        return np.concatenate(parts)
+
+    @property
+    def off(self) -> float:
+        """How far the curved facets are from the CAD kernel's faces [m]."""
+        return max(face.off for face in self.faces) if self.form.kind == "other" else 0.0
+
+    @property
+    def sag(self) -> float:
+        """How far straight facets may be from the side [m]."""
+        return max(_sag(face) for face in self.faces)
+
 
 @dataclass(frozen=True, eq=False)
 class Pair:
@@ -60,6 +88,7 @@ class Pair:
     area: float  # of `one` within the distance asked for [m^2], in 2D length [m]
     gap: tuple[float, float]  # smallest and largest one there [m]; negative: the bodies overlap
     points: Array  # (p, 3) on `one` there [m]
+    accuracy: float = 0.0  # of a gap that is not `exact` [m]
 
     @property
     def kind(self) -> str:
@@ -104,7 +133,7 @@ def touching(outline: Outline, dim: int, within: float | None = None) -> list[Pa
     faces = [face for face in outline.entities if len(face.bodies) == 1]
     if not faces:
         return []
-    sag = np.array([_sag(face.corners) for face in faces])
+    sag = np.array([_sag(face) for face in faces])
     low, high = (np.array([face.box[i] for face in faces]) for i in (0, 1))
     body = np.array([face.bodies[0] for face in faces])
     slack = (reach + sag)[:, None]
@@ -163,7 +192,7 @@ def _sides(faces: Sequence[Facets], outline: Outline, dim: int) -> list[Side]:
     for face in faces:
         if face.number in outline.side_of:
             continue
-        form, body = fit(face.corners, dim), face.bodies[0]
+        form, body = fit(simplices([face.corners]), dim, face.between), face.bodies[0]
         same = next((k for k, s in enumerate(sides) if s.body == body and not s.name and form.same(s.form)), None)
         if same is None:
             sides.append(Side(body, "", (face,), form))
@@ -172,90 +201,179 @@ def _sides(faces: Sequence[Facets], outline: Outline, dim: int) -> list[Side]:
     return sides
 
 
-def _sag(corners: Array) -> float:
-    """How far the facets (f, k, 3) of a face may be from the curved face [m]: by the turn of neighbours' normals."""
-    normals = normals_of(corners)
+def _sag(face: Facets) -> float:
+    """How far the facets of a face may be from the curved face [m]: by their bulge, and the turn of normals."""
+    corners, normals = face.corners, face.normals()
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     f, k = corners.shape[:2]
-    _, node = np.unique(corners.reshape(-1, 3).round(12), axis=0, return_inverse=True)
+    low, high = face.box
+    places = ((corners.reshape(-1, 3) - low) / np.ptp([low, high], axis=0).max()).round(9)
+    _, node = np.unique(places, axis=0, return_inverse=True)
     node = node.ravel()
     mean = np.zeros((node.max() + 1, 3))
     np.add.at(mean, node, np.repeat(normals, k, axis=0))
     mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
     cosine = np.einsum("fkd,fd->fk", mean[node].reshape(f, k, 3), normals).min(axis=1)
     length = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    return float((SAG * length * np.arccos(np.clip(cosine, -1, 1))).max())
+    turned = float((SAG * length * np.arccos(np.clip(cosine, -1, 1))).max())
+    bulge = 0.0 if face.bulge is None else float(np.linalg.norm(face.bulge, axis=2).max())
+    return max(turned, BULGE * bulge)
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """Points of a side, each of which stands for a part of a facet, and how far they are from another side."""
+
+    facet: Ints  # (p,)
+    parts: Array  # (p, k, k) barycentric coordinates of the corners of each part
+    weights: Array  # (p,) area of each part [m^2], in 2D length [m]
+    points: Array  # (p, 3) [m]
+    gap: Array  # (p,) [m]; inf where the other side is not met, or does not face this one
+    facing: Array  # (p,) cosine between the normals there
+
+    def least(self, count: int) -> Ints:
+        """Rows of the smallest gaps."""
+        rows = np.argsort(self.gap, kind="stable")[:count]
+        return np.asarray(rows[np.isfinite(self.gap[rows])])
+
+
+@dataclass(frozen=True, eq=False)
+class _Meeting:
+    """The parts of two sides that may touch."""
+
+    corners: Array  # (f, k, 3) of the first side's facets there
+    bulge: Array  # (f, e, 3) of them
+    forms: tuple[Form, Form]
+    master: Surface  # the other side
+    normals: Array  # (g, 3) unit normals of its facets
+    far: float  # [m] as far as lines are followed
+
+    @staticmethod
+    def of(one: Side, other: Side, low: Array, high: Array, far: float) -> _Meeting | None:
+        """Of the facets that reach into a box; None if a side has none there."""
+        here, there = (_within(side.corners, low, high) for side in (one, other))
+        if not (here.any() and there.any()):
+            return None
+        corners, bulge = other.corners[there], other.bulge[there]
+        dim, straight = corners.shape[1], not bulge.any()
+        nodes = corners if straight else np.concatenate([corners, edge_middles(corners) + bulge], axis=1)
+        number = np.arange(nodes.shape[0] * nodes.shape[1])
+        master = Surface(
+            shape="triangle" if dim == 3 else "interval",
+            degree=1 if straight else 2,
+            nodes=number,
+            input=number,
+            points=nodes.reshape(-1, 3)[:, :dim],
+            facets=number.reshape(nodes.shape[:2]),
+            outward=np.ones(len(corners)),
+            axisymmetric=False,
+        )
+        normals = normals_of(corners)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return _Meeting(one.corners[here], one.bulge[here], (one.form, other.form), master, normals, far)
+
+    def sampled(self, facet: Ints, parts: Array, weights: Array) -> _Samples:
+        """The middles of parts of facets."""
+        own, other = self.forms
+        dim = self.corners.shape[1]
+        points, normals = curved(self.corners[facet], self.bulge[facet], parts.mean(axis=1))
+        points = own.onto(points)
+        if own.kind != "other":
+            exact = own.normals(points)
+            normals = exact * np.sign(np.einsum("pd,pd->p", exact, normals))[:, None]
+        met = pair(points[:, :dim], normals[:, :dim], self.master, self.far)
+        gap = met.gap if other.kind == "other" else other.distance(points)
+        facing = np.einsum("pd,pd->p", normals, self.normals[met.facet])
+        gap = np.where((met.facet >= 0) & (facing < -OPPOSITE), gap, np.inf)
+        return _Samples(facet, parts, weights, points, gap, facing)
+
+    def spread(self, spacing: float) -> _Samples:
+        """Equal parts of all facets, not longer than `spacing` [m] if FINEST of them suffice."""
+        k = self.corners.shape[1]
+        length = np.linalg.norm(self.corners - np.roll(self.corners, 1, axis=1), axis=2).max(axis=1)
+        count = np.clip(np.ceil(length / spacing), 2, FINEST).astype(int)
+        area = np.linalg.norm(normals_of(self.corners), axis=1)
+        facet, parts, weights = [], [], []
+        for n in np.unique(count):
+            rows, cut = np.flatnonzero(count == n), _parts(int(n), k)
+            facet.append(np.repeat(rows, len(cut)))
+            parts.append(np.tile(cut, (len(rows), 1, 1)))
+            weights.append(np.repeat(area[rows] / len(cut), len(cut)))
+        return self.sampled(np.concatenate(facet), np.concatenate(parts), np.concatenate(weights))
+
+    def tips(self) -> _Samples:
+        """The corners of all facets, which stand for no area."""
+        f, k = self.corners.shape[:2]
+        parts = np.tile(np.repeat(np.eye(k)[:, None], k, axis=1), (f, 1, 1))
+        return self.sampled(np.repeat(np.arange(f), k), parts, np.zeros(f * k))
+
+    def cut(self, samples: _Samples, rows: Ints) -> _Samples:
+        """The parts of these rows, each cut into smaller ones."""
+        cut = _parts(CUT, self.corners.shape[1])
+        parts = np.einsum("skl,plm->pskm", cut, samples.parts[rows]).reshape(-1, *cut.shape[1:])
+        weights = np.repeat(samples.weights[rows] / len(cut), len(cut))
+        return self.sampled(np.repeat(samples.facet[rows], len(cut)), parts, weights)
 
 
 def _measure(one: Side, other: Side, reach: float, dim: int, spacing: float = np.inf) -> Pair | None:
     """The pair, if a part of `one` has `other` within reach along its normals.
 
+    Where the gap is not the same everywhere, parts of facets are cut where it is least: curved sides may touch in a
+    point or along a line, which no sample point meets.
+
     Args:
         spacing: of sample points, at most [m].
     """
-    sag = _sag(one.corners) + _sag(other.corners)
-    far = reach + sag
+    far = reach + one.sag + other.sag
     boxes = [(x.reshape(-1, 3).min(axis=0), x.reshape(-1, 3).max(axis=0)) for x in (one.corners, other.corners)]
     low = np.maximum(boxes[0][0], boxes[1][0]) - far
     high = np.minimum(boxes[0][1], boxes[1][1]) + far
-    here, there = (_within(x, low, high) for x in (one.corners, other.corners))
-    if not (len(here) and len(there)):
+    size = float(np.linalg.norm(high - low))
+    meeting = _Meeting.of(one, other, low, high, far)
+    if meeting is None:
         return None
-    points, normals, weights = _samples(here, min(spacing, float(np.linalg.norm(high - low)) / ACROSS))
-    nodes = there.reshape(-1, 3)[:, :dim]
-    number = np.arange(len(nodes))
-    master = Surface(
-        shape="triangle" if dim == 3 else "interval",
-        degree=1,
-        nodes=number,
-        input=number,
-        points=nodes,
-        facets=number.reshape(-1, dim),
-        outward=np.ones(len(there)),
-        axisymmetric=False,
-    )
-    met = pair(points[:, :dim], normals[:, :dim], master, far)
-    exact = one.form.onto(points)
-    gap = met.gap if other.form.kind == "other" else other.form.distance(exact)
-    facing = normals_of(there)[met.facet]
-    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
-    kept = (met.facet >= 0) & (gap <= reach) & (np.einsum("pd,pd->p", normals, facing) < -OPPOSITE)
-    area, flat = float(weights[kept].sum()), one.form.kind == other.form.kind == "plane"
-    if area <= (LEAST * one.area if flat else 0.0):
+    accuracy = TOUCH * size + 2 * (one.off + other.off)
+    kinds, samples, tips = {one.form.kind, other.form.kind}, meeting.spread(min(spacing, size / ACROSS)), meeting.tips()
+    if kinds == {"plane"} and samples.weights[samples.gap <= reach].sum() <= LEAST * one.area:
         return None
-    return Pair(one, other, area, (float(gap[kept].min()), float(gap[kept].max())), exact[kept])
+    near, least = samples, [samples]
+    if len(kinds) > 1 or kinds == {"other"} or not _constant(samples.gap[samples.gap <= reach], ROUGH * size):
+        for _ in range(ROUNDS):
+            if not np.isfinite(samples.gap).any():
+                break
+            samples = meeting.cut(samples, samples.least(BEST))
+            least.append(samples)
+            near = samples if np.sum(near.gap <= reach) < ENOUGH else near
+    area = float(near.weights[near.gap <= reach].sum())
+    touch = (tips.gap <= reach) & ((area > 0) | (tips.facing < -AGAINST))
+    points = np.concatenate([near.points[near.gap <= reach], tips.points[touch]])
+    if not len(points):
+        return None
+    lowest = [found.gap.min(initial=np.inf) for found in least]
+    gaps = np.concatenate([near.gap[near.gap <= reach], tips.gap[touch], lowest])
+    found = Pair(one, other, area, (float(gaps.min()), float(gaps[gaps <= reach].max())), points, accuracy)
+    touches = not found.exact and abs(found.gap[0]) <= accuracy
+    return replace(found, gap=(0.0, max(0.0, found.gap[1]))) if touches else found
 
 
-def _within(corners: Array, low: Array, high: Array) -> Array:
-    """Facets whose box meets that between two corners."""
-    found: Array = corners[np.all((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high), axis=1)]
-    return found
+def _constant(gap: Array, within: float) -> bool:
+    return len(gap) > 0 and float(np.ptp(gap)) <= within
 
 
-def _samples(corners: Array, spacing: float) -> tuple[Array, Array, Array]:
-    """Points (p, 3), unit normals (p, 3) and weights (p,): the middles of equal parts of all facets."""
-    length = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    parts = np.clip(np.ceil(length / spacing), 2, FINEST).astype(int)
-    normals = normals_of(corners)
-    area = np.linalg.norm(normals, axis=1)
-    points, units, weights = [], [], []
-    for n in np.unique(parts):
-        rows = parts == n
-        at = _middles(int(n), corners.shape[1])
-        points.append(np.einsum("sk,fkd->fsd", at, corners[rows]).reshape(-1, 3))
-        units.append(np.repeat(normals[rows] / area[rows, None], len(at), axis=0))
-        weights.append(np.repeat(area[rows] / len(at), len(at)))
-    return np.concatenate(points), np.concatenate(units), np.concatenate(weights)
+def _within(corners: Array, low: Array, high: Array) -> Bools:
+    """Whether the box of each facet meets that between two corners."""
+    return np.asarray(np.all((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high), axis=1))
 
 
-def _middles(n: int, corners: int) -> Array:
-    """Barycentric coordinates (s, corners) of the middles of n parts of an edge, or of n^2 parts of a triangle."""
+def _parts(n: int, corners: int) -> Array:
+    """Barycentric coordinates (s, corners, corners) of the corners of n parts of an edge, or n^2 of a triangle."""
     if corners == 2:
-        t = (np.arange(n) + 0.5) / n
-        return np.stack([1 - t, t], axis=1)
+        t = np.arange(n + 1) / n
+        ends = np.stack([1 - t, t], axis=1)
+        return np.stack([ends[:-1], ends[1:]], axis=1)
     i, j = np.divmod(np.arange(n * n), n)
     upright, turned = i + j < n, (i + j < n - 1)
-    first = np.stack([i[upright] + 1 / 3, j[upright] + 1 / 3], axis=1)
-    second = np.stack([i[turned] + 2 / 3, j[turned] + 2 / 3], axis=1)
+    first = np.stack([i, j], axis=1)[upright][:, None] + np.array([[0, 0], [1, 0], [0, 1]])
+    second = np.stack([i, j], axis=1)[turned][:, None] + np.array([[1, 1], [0, 1], [1, 0]])
     t = np.concatenate([first, second]) / n
-    return np.column_stack([1 - t.sum(axis=1), t])
+    return np.concatenate([1 - t.sum(axis=2, keepdims=True), t], axis=2)

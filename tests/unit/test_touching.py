@@ -1,5 +1,6 @@
 """Pairs of sides that touch, found before any volume is meshed: their area and gap are those of the exact shapes."""
 
+import tracemalloc
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +12,8 @@ from numpy.testing import assert_allclose
 from shared.assemblies import outline_of, pinned, stacked
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.user_files.outline import Facets
-from stickslip.geometry.user_files.touching import Pair, joined, touching
+from stickslip.geometry.user_files.simple_forms import fit
+from stickslip.geometry.user_files.touching import Pair, Side, joined, touching
 from stickslip.workflows.scene_file.proposal import proposed_law, slaves
 
 
@@ -79,6 +81,115 @@ def test_a_ball_on_a_plate_is_of_another_kind() -> None:
     assert not pair.exact
     assert 0 < pair.area < 4 * np.pi * 2 * 0.02  # a cap of that height has 2 pi R h; facets of 16 to the circle
     assert np.linalg.norm(pair.points[:, :2], axis=1).max() < 0.5
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_a_ball_that_touches_a_plate_is_found_wherever_its_nodes_lie(turn: float) -> None:
+    """Reach is 3 % of the distance from the pole to the next node; a cap of that height has an area of 2 pi R h."""
+
+    def ball(occ: Any) -> None:
+        occ.addBox(-10, -10, -4, 20, 20, 4)
+        occ.rotate([(3, occ.addSphere(0, 0, 5, 5))], 0, 0, 5, 1, 0.5, 0, turn)
+
+    outline = outline_of(ball)
+    (pair,) = touching(outline, 3)
+    reach = 1e-3 * np.linalg.norm([20, 20, 14])
+    assert (pair.one.body, pair.kind, pair.exact) == ("part_2", "other", False)
+    assert pair.gap[0] == 0.0
+    assert pair.accuracy < 2e-3 * 5  # twice the error of quadratic facets whose edges are .6 R long
+    assert_allclose(pair.gap[1], reach, rtol=0.2)  # the largest one of samples
+    assert_allclose(pair.area, 2 * np.pi * 5 * reach, rtol=0.2)  # by samples
+    (touched,) = touching(outline, 3, within=1e-9 if turn == 0 else pair.accuracy)
+    assert touched.gap[0] == 0.0
+
+
+@pytest.mark.parametrize("gap", [0.01, -0.01])
+def test_the_gap_under_a_ball_is_that_of_its_pole(gap: float) -> None:
+    def ball(occ: Any) -> None:
+        occ.addBox(-10, -10, -4, 20, 20, 4)
+        occ.rotate([(3, occ.addSphere(0, 0, 5 + gap, 5))], 0, 0, 5 + gap, 1, 0.5, 0, 0.7)
+
+    (pair,) = touching(outline_of(ball), 3)
+    assert_allclose(pair.gap[0], gap, atol=pair.accuracy)
+    assert pair.accuracy < 0.9 * abs(gap)
+
+
+def test_a_cylinder_lies_on_a_plate_along_a_line() -> None:
+    def roller(occ: Any) -> None:
+        occ.addBox(-10, -10, -4, 20, 20, 4)
+        occ.rotate([(3, occ.addCylinder(-8, 0, 3, 16, 0, 0, 3))], 0, 0, 3, 1, 0, 0, 0.1)
+
+    (pair,) = touching(outline_of(roller), 3)
+    reach = 1e-3 * np.linalg.norm([20, 20, 10])
+    assert pair.gap[0] == 0.0
+    assert_allclose(pair.area, 16 * 2 * np.sqrt(2 * 3 * reach), rtol=0.2)  # a strip, by samples
+
+
+def test_bodies_that_meet_in_a_point_of_a_mesh_are_a_pair() -> None:
+    """Without CAD nothing is known but facets: of a distance of 0 they have a corner, and no area."""
+
+    def ball(occ: Any) -> None:
+        occ.addBox(-10, -10, -4, 20, 20, 4)
+        occ.addSphere(0, 0, 5, 5)
+
+    outline = outline_of(ball)
+    meshed = replace(
+        outline, entities=tuple(replace(face, between=None, bulge=None, off=0.0) for face in outline.entities)
+    )
+    (pair,) = touching(meshed, 3, within=0.0)
+    assert (pair.area, pair.gap) == (0.0, (0.0, 0.0))
+    assert_allclose(pair.points, np.zeros_like(pair.points), atol=1e-9)
+
+
+@pytest.mark.parametrize("height", [4.0, 10.0])
+def test_a_crowned_roller_in_a_bore_is_no_cylinder(height: float) -> None:
+    """A band of a sphere, one row of facets high: their corners lie on a cylinder, the face does not."""
+
+    def barrel(occ: Any) -> None:
+        outer, bore = (occ.addCylinder(0, 0, -height / 2, 0, 0, height, r) for r in (45, 30))
+        occ.cut([(3, outer)], [(3, bore)])
+        ball, band = occ.addSphere(0, 0, 0, 30), occ.addCylinder(0, 0, -height / 2, 0, 0, height, 40)
+        occ.intersect([(3, ball)], [(3, band)])
+
+    (pair,) = touching(outline_of(barrel), 3)
+    assert {pair.one.form.kind, pair.other.form.kind} == {"cylinder", "other"}
+    assert not pair.exact
+    assert pair.gap[0] == 0.0
+    assert pair.accuracy < 2e-4 * 30
+
+
+def test_a_shallow_cap_is_no_plane() -> None:
+    """Its corners lie on the rim alone."""
+
+    def boss(occ: Any) -> None:
+        stud, ball = occ.addCylinder(0, 0, 0, 0, 0, 1, 0.3), occ.addSphere(0, 0, 3, 3)
+        occ.intersect([(3, stud)], [(3, ball)])
+
+    cap = min(outline_of(boss).entities, key=lambda face: face.centre[2])
+    rim = np.linalg.norm(cap.corners[..., :2], axis=2).max(axis=1) > 0.29
+    assert fit(cap.corners[rim], 3, cap.between).kind == "other"
+    assert fit(cap.corners, 3).size == pytest.approx(0.6, rel=0.05)
+
+
+def test_forms_of_many_nodes_need_memory_in_proportion() -> None:
+    x, y = np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 60))
+    square = np.stack([x, y, 0 * x], axis=-1)
+    facets = np.stack([square[:-1, :-1], square[:-1, 1:], square[1:, 1:]], axis=2).reshape(-1, 3, 3)
+    tracemalloc.start()
+    try:
+        form = fit(facets, 3)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert form.kind == "plane"
+    assert_allclose(form.axis, [0, 0, 1], atol=1e-12)
+    assert peak < 20 * facets.nbytes  # a square matrix of the nodes has 400 times as much
+
+
+def test_the_sag_of_facets_is_relative_to_their_size() -> None:
+    ball = outline_of(lambda occ: occ.addSphere(0, 0, 0, 1))
+    sags = [Side.of("part", outline.entities, 3).sag for outline in (ball, ball.times(1e-12, 3))]
+    assert_allclose(sags[1], 1e-12 * sags[0], rtol=1e-6)
 
 
 def test_plane_models_pair_lines_and_arcs() -> None:

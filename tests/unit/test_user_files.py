@@ -64,6 +64,21 @@ Physical Surface("block") = {3};
 Physical Curve("block.bottom") = {1};
 Physical Curve("block.top") = {2};
 """
+SHEET = """
+Point(1) = {{0, 0, 0}};
+Point(2) = {{1, 0, 0}};
+Point(3) = {{1, {0}, 0}};
+Point(4) = {{0, {0}, 0}};
+Line(1) = {{2, 1}};
+Line(2) = {{3, 2}};
+Line(3) = {{4, 3}};
+Line(4) = {{1, 4}};
+Curve Loop(1) = {{-1, -2, -3, -4}};
+Plane Surface(1) = {{1}};
+Physical Surface("block") = {{1}};
+Physical Curve("block.bottom") = {{1}};
+Physical Curve("block.top") = {{3}};
+"""
 INSIDE = """
 Point(11) = {0, 1, 0};
 Point(12) = {4, 1, 0};
@@ -115,6 +130,15 @@ def test_a_mesh_whose_nodes_all_lie_in_the_body_is_read(kind: str, made: dict[st
     assert_allclose(points[:, -1], 0.0, atol=1e-12)
     facets = again.geometry.outline(again.dim).entities
     assert_allclose(sorted(f.size for f in facets), 2 * [4.0 * 2.0 ** (again.dim - 2)])
+
+
+@pytest.mark.parametrize("thickness", [1e-2, 1e-4, 1e-9])
+def test_normals_of_a_thin_sheet_point_out_of_it(thickness: float, tmp_path: Path) -> None:
+    """Its edges run clockwise, so that the normals of their lines point inward."""
+    scene = from_dict(scene_data(write(tmp_path / "sheet.geo", SHEET.format(thickness))))
+    for side, up in (("bottom", -1.0), ("top", 1.0)):
+        _, normals = scene.geometry.sample(f"block.{side}", 2)
+        assert_allclose(normals, np.tile([0, up], (len(normals), 1)), atol=1e-9)
 
 
 def test_normals_of_a_bore_look_into_it(tmp_path: Path) -> None:

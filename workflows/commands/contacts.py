@@ -29,6 +29,7 @@ from stickslip.workflows.scene_file.proposal import (
 )
 from stickslip.workflows.scene_file.read import find, named, read_geometry
 
+SHOWN = 1e-3  # accuracy of a gap relative to it, from which on it is said
 PICTURE = re.compile(r"\d+_\w+\.png")
 
 
@@ -100,6 +101,8 @@ def _list(source: str, unit: str | None, units: str | None, within: float | None
             row += [names[side], ", ".join(map(str, side.numbers))]
         low, high = (pair.fit, pair.fit) if pair.exact else pair.gap
         gap = f"{max(0.0, low):.3g}" + (f" to {high:.3g}" if high > max(0.0, low) else "")
+        if not pair.exact and pair.accuracy > SHOWN * max(-low, high):
+            gap += f" ± {pair.accuracy:.1g}"
         table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposed_law(pair, found)[0])
     if found.pairs:
         print_table(table, out)

@@ -19,6 +19,7 @@ from stickslip.workflows.pictures.view import View
 WIDTH = 4.2  # of a view [inch]
 COLOURED, GLASS, CLEAR = 0.4, 0.12, 0.04  # opacity of the two sides, of their bodies, and of the others
 POINT = 5.0  # [pixels] of the points that touch
+POINTED = 0.01  # of the smaller side is drawn at least, where sides touch in a point
 NEAR = 1.5  # the near view is so many times as wide as the smaller side
 
 
@@ -32,7 +33,8 @@ def draw_pair(path: Path, outline: Outline, pair: Pair, names: tuple[str, str]) 
     touching = pair.points
     solid = pair.one.corners.shape[1] == 3
     middle = (touching.min(axis=0) + touching.max(axis=0)) / 2
-    reach = NEAR * float(np.ptp(touching, axis=0).max()) / 2
+    extent = max(np.ptp(touching, axis=0).max(), POINTED * np.ptp(pair.one.corners, axis=(0, 1)).max())
+    reach = NEAR * float(extent) / 2
     around = middle + reach * np.array(
         [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in ((-1, 1) if solid else (0,))]
     )

@@ -286,8 +286,10 @@ def sizes(found: Assembly) -> tuple[float | None, float | None]:
     size, dim = found.geometry.size(found.dim), found.dim
     if size is None or not found.pairs:
         return size, None
-    area = sum(pair.area for pair in found.pairs)
-    smallest = min(pair.area for pair in found.pairs)
+    areas = [pair.area for pair in found.pairs if pair.area > 0]  # not of those that touch in a point alone
+    if not areas:
+        return size, None
+    area, smallest = sum(areas), min(areas)
     fine = min((area / POINTS[dim]) ** (1 / (dim - 1)), smallest ** (1 / (dim - 1)) / ACROSS)
     return size, fine if fine < size else None
 
