@@ -45,6 +45,13 @@ def test_ranks_state_the_same_errors_of_stress(tmp_path: Path) -> None:
     assert two["error"]["discretisation"] == pytest.approx(one["error"]["discretisation"], rel=1e-9)
 
 
+def test_ranks_state_the_same_errors_of_curved_bodies(tmp_path: Path) -> None:
+    words = ["run", "half_disc", "--set=geometry.order=1", "--set=steps.count=1", "--set=output.pictures=false", "-q"]
+    one, two = (done(ranks, words, tmp_path)["steps"][-1]["supports"]["top"]["error"]["force"] for ranks in (1, 2))
+    assert max(one["geometry"]) > 0
+    assert two["geometry"] == pytest.approx(one["geometry"], rel=1e-6)
+
+
 @pytest.mark.slow  # test_scripts_on_ranks has its sibling in 2D
 def test_ranks_state_the_same_errors_of_order_2_in_3d(tmp_path: Path) -> None:
     stated = []
