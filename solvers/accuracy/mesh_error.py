@@ -116,9 +116,9 @@ def without_limit(c: ContactRows, contact: ContactState, rounding: float) -> dic
     """What is said in place of an error where the largest pressure of a contact grows without end.
 
     With compliance it has a limit, which no mesh of that size comes near. The slip close by converges slowly as well,
-    if there is one above `rounding` [m].
+    if there is one above `rounding` [m]. Where nothing touches, pressures are rounding, and none grows.
     """
-    if not grows(c.surface, contact.pressure):
+    if (contact.status == OPEN).all() or not grows(c.surface, contact.pressure):
         return {}
     soft, peaks, slip = c.normal.at_quadrature, _largest(contact.pressure), np.linalg.norm(contact.slip, axis=1)
     said = {"max_pressure": ErrorParts(converges=None if soft else False)}

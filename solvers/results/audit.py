@@ -85,6 +85,7 @@ class Scales:
     p: float  # p_top [Pa]
     u: Mapping[str, float]  # u_top by contact [m]
     rounding: float  # of lengths and motions [m]
+    noise: float = 0.0  # tractions that are rounding beside all forces [Pa]
 
 
 class Auditor:
@@ -205,8 +206,8 @@ class Auditor:
         self._largest = max(self._largest, p_top)
         area = sum(float(c.node_weights.sum()) for c in system.contacts) or 1.0
         forces = sum_of_sizes(inner) + sum_of_sizes(system.load(record.time))
-        noise = ROUNDED * forces + EPS * self._largest_stiffness * u.norm(PETSc.NormType.INFINITY)
-        p_top = max(p_top, PAST * self._largest, noise / area) or 1.0
+        noise = (ROUNDED * forces + EPS * self._largest_stiffness * u.norm(PETSc.NormType.INFINITY)) / area
+        p_top = max(p_top, PAST * self._largest, noise) or 1.0
         lengths, motions = system.extent, [float(np.abs(record.displacement).max())]
         found = {}
         for place in self.cone.places:
@@ -216,7 +217,7 @@ class Auditor:
             give = float((own if own is not None else rows.normal.penetration(np.array([p_top])))[0])
             softness = 1 / rows.friction.k_T if rows.friction is not None and rows.friction.k_T else 0.0
             found[rows.name] = p_top * (self._give(rows, record.p[place.normal]) + softness) + give
-        return Scales(p=p_top, u=found, rounding=LENGTHS * max(lengths, *motions))
+        return Scales(p=p_top, u=found, rounding=LENGTHS * max(lengths, *motions), noise=noise)
 
     def _give(self, rows: ContactRows, p_n: Array) -> float:
         """Motion by unit traction [m/Pa]: the extent of the closed part, at most a body's depth, by E of each body."""
@@ -329,6 +330,7 @@ class Auditor:
                     moved,
                     scales.p,
                     scales.rounding,
+                    scales.noise,
                 )
             if rows.name in stored.contacts and not self.system.problem.pairs[rows.name].contact.sliding:
                 slip = np.asarray(stored.contacts[rows.name]["slip"], float)[:, : rows.surface.dim]

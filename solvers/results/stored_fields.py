@@ -71,6 +71,7 @@ def contact_differences(
     moved: Array,
     p_top: float,
     rounding: float,
+    noise: float,
 ) -> Iterator[float]:
     """Differences of the stored fields of a contact, slip apart [-]; tractions also as forces on the nodes of bodies.
 
@@ -83,6 +84,7 @@ def contact_differences(
         moved: displacement (n_all, d) [m] of the nodes, less that of a rigid obstacle.
         p_top: scale of tractions [Pa].
         rounding: of lengths [m].
+        noise: of tractions [Pa]; a node that is open may have a pressure of that size.
     """
     d, weights = rows.surface.dim, np.where(rows.node_weights > 0, rows.node_weights, np.inf)
     pressure = (rows.psi @ p_n) / weights
@@ -101,7 +103,7 @@ def contact_differences(
     yield difference(lam[judged], -traction[judged], p_top)
     yield difference(np.asarray(stored["gap"], float), node_gap - closing, rounding=rounding)
     # where the edge of contact crosses a facet, dual means of compliant pressures may be below zero beside it
-    yield float(pressure[stored["status"] == OPEN].max(initial=0.0)) / p_top
+    yield max(float(pressure[stored["status"] == OPEN].max(initial=0.0)) - noise, 0.0) / p_top
 
 
 def slip_of(rows: ContactRows, moved: Array) -> Array:

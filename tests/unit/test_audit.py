@@ -324,6 +324,25 @@ def test_rounding_is_no_traction_beyond_friction(case: Case) -> None:
     assert case.defects(replace(case.record, p=p))["cone"] < CLEAN
 
 
+def test_an_open_node_may_have_a_pressure_that_is_rounding_beside_the_forces_and_no_larger_one(
+    scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simulation]
+) -> None:
+    scene = scene_of(
+        contacts={"base": {"surface": "block.bottom", "against": "foundation", "gap_offset": 1.0}},
+        supports={"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}},
+        loads={"push": {"boundary": "block.left", "pressure": 1.0}},
+    )
+    simulation = simulation_of(scene)
+    (step,) = simulation.steps()
+    audit, p = Auditor(resolve(scene), simulation.mesh), np.zeros(len(step.p))
+    for pressure, least, most in ((0.0, 0.0, 1e-12), (1e-16, 0.0, 1e-12), (1e-7, 0.1, 1.0)):  # a force of 1 N/m
+        p[3] = pressure
+        contact = replace(step.contacts["base"], pressure=p[: len(step.contacts["base"].pressure)].copy())
+        assert (contact.status == OPEN).all()
+        solved = replace(step, p=p.copy(), contacts={"base": contact})
+        assert least <= audit(replace(record_of(solved), stored=stored_by(solved))).fields <= most
+
+
 def test_the_largest_of_nothing_is_zero() -> None:
     assert _largest(np.zeros(0)) == 0.0
     assert _largest(np.array([-3.0])) == 0.0

@@ -12,6 +12,7 @@ from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.areas import beyond_nodes, scatter
 from stickslip.solvers.accuracy.curved_sides import bulges
+from stickslip.solvers.accuracy.mesh_error import without_limit
 from stickslip.solvers.accuracy.peaks import grows, grows_in
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
 
@@ -203,3 +204,13 @@ def test_a_stress_grows_without_end_at_a_singular_point_alone(power: float, endl
     assert grows_in(cells, stress, 0) is endless
     assert not grows_in(cells, stress, n * n // 2 + n // 2)
     assert not grows_in(cells[:1], stress[:1], 0)  # nothing is beside it
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_pressures_of_rounding_do_not_grow(closed: bool) -> None:
+    x = np.linspace(0, 1, 26)
+    status, slip = np.full(26, SLIP if closed else OPEN), np.zeros((26, 2))
+    contact = SimpleNamespace(pressure=(x + 0.02) ** -0.5, slip=slip, status=status)
+    rows = SimpleNamespace(name="base", surface=line(x), normal=SimpleNamespace(at_quadrature=False))
+    said = without_limit(rows, contact, 1e-12)  # type: ignore[arg-type]
+    assert [key.quantity for key in said] == ["max_pressure"] * closed
