@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 from pydantic_core import core_schema
 
 from stickslip.geometry.keys import plain
 
 AXES = ("x", "y", "z")
+Noun = TypeVar("Noun")
+
+
+class ByAxis(tuple[Any, ...]):
+    """Components that a table by axis gives: those behind the last one are zero, as many as the model has."""
 
 
 def listed(value: Any) -> Any:
@@ -36,6 +41,12 @@ def tabled(value: Any) -> Any:
     return plain(value)
 
 
+def completed(noun: Noun, dim: int) -> Noun:
+    """A dataclass whose values by axis have `dim` components at least."""
+    short = {f.name: value for f in fields(noun) if isinstance(value := getattr(noun, f.name), ByAxis)}  # type: ignore[arg-type]
+    return replace(noun, **{key: (*value, *[0.0] * (dim - len(value))) for key, value in short.items()})  # type: ignore[type-var]
+
+
 @dataclass(frozen=True)
 class Components:
     """Beside the type of a key: a value of the other form is converted before it is checked."""
@@ -43,7 +54,11 @@ class Components:
     convert: Callable[[Any], Any]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
-        return core_schema.no_info_before_validator_function(self.convert, handler(source))
+        return core_schema.no_info_wrap_validator_function(self._read, handler(source))
+
+    def _read(self, value: Any, check: Callable[[Any], Any]) -> Any:
+        found = check(self.convert(value))
+        return ByAxis(found) if self.convert is listed and isinstance(value, Mapping) else found
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Callable[[Any], Any]) -> Any:
         own = handler(schema)

@@ -12,6 +12,7 @@ import numpy as np
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
+from stickslip.geometry.components import completed
 from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, require, shortened
 from stickslip.geometry.expression import CONSTANTS, Expression, Varying
 from stickslip.geometry.keys import Key, Noun
@@ -106,11 +107,25 @@ class Scene(Noun):
             SceneError, GeometryError: with a line for each mistake.
         """
         object.__setattr__(self, "geometry", self.geometry.measured_in(self.labels))
+        self._complete()
         for checks in ((self._check_names,), (self._check_dimensions, self._check_references), (self._check_rest,)):
             mistakes = Mistakes()
             for check in checks:
                 check(mistakes)
             mistakes.report()
+
+    def _complete(self) -> None:
+        """Give vectors that are tables by axis all components of the model."""
+
+        def whole(key: str, tables: Any) -> Any:
+            if isinstance(tables, Mapping):
+                return {name: whole(f"{key}.{name}" if key else name, table) for name, table in tables.items()}
+            with prefixed(key):
+                return completed(tables, self.dim)
+
+        for key in ("bodies", "loads"):
+            object.__setattr__(self, key, whole(key, getattr(self, key)))
+        object.__setattr__(self, "sections", whole("", self.sections))
 
     @property
     def labels(self) -> Units:

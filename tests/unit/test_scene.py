@@ -1,12 +1,15 @@
 """Scenes: what is said is kept, what is wrong is refused in the scene's own words."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.effects import EFFECTS
+from stickslip.solvers.effects.gravity import Gravity
+from stickslip.solvers.scene.loads import Load
 from stickslip.solvers.scene.scene import Scene, over
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.scene_file.read import READY, from_dict, read, to_dict
@@ -142,6 +145,46 @@ def test_every_value_in_time_has_its_place_and_can_be_changed_there(scene_of: Sc
     changed = over(scene, lambda place, amplitude: wanted[place])
     assert changed.drives() == wanted
     assert over(changed, lambda place, amplitude: scene.drives()[place]) == scene
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_table_by_axis_has_zeros_up_to_the_dimension_of_the_model(scene_of: SceneOf, dim: int) -> None:
+    axis, zeros = "xyz"[dim - 1], [0.0] * (dim - 1)
+    side = {"boundary": "block.top"}
+
+    def scene(**by: Any) -> Scene:
+        return scene_of(
+            dim,
+            bodies={"block": {"E": 1.0, "nu": 0.3, "density": 1.0}},
+            loads={"t": side | {"traction": by}, "f": side | {"force": by}},
+            gravity={"acceleration": by},
+            springs={"s": {"at": "block.top", "stiffness": [1.0] * dim, "displacement": by}},
+            **PRESSED | {"supports": {"top": {"boundary": "block.top", "displacement": {axis: -0.1}}}},
+        )
+
+    found = scene(x=2.0)
+    assert found == from_dict(to_dict(found))
+    assert found.loads["t"].traction == found.loads["f"].force == (2.0, *zeros)
+    places = [str(place) for place in found.drives()]
+    for key in ("loads.t.traction", "loads.f.force", "gravity.acceleration", "springs.s.displacement"):
+        assert f"{key}.{axis}" in places
+    by_program = {"t": Load(boundary="block.top", traction={"x": 2.0})}  # type: ignore[arg-type]
+    assert replace(found, loads=by_program).loads["t"].traction == (2.0, *zeros)
+    with pytest.raises(SceneError, match=r"gravity\.acceleration = \[0\.0, 0\.0.*: expected . components"):
+        replace(found, sections={"gravity": Gravity(acceleration=[0.0] * (5 - dim))})  # type: ignore[arg-type]
+    if dim == 2:
+        with pytest.raises(SceneError, match=r"loads\.t\.traction = \[0\.0, 0\.0, 1\.0\]: expected 2 components"):
+            scene(z=1.0)
+
+
+def test_axes_of_a_body_may_be_tables_by_axis(scene_of: SceneOf) -> None:
+    constants = dict.fromkeys(("E_1", "E_2", "E_3", "G_12", "G_13", "G_23"), 1.0)
+    constants |= dict.fromkeys(("nu_12", "nu_13", "nu_23"), 0.1)
+    supports = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0, "z": 0.0}}}
+    body = scene_of(3, bodies={"block": constants | {"axis_1": {"y": 2.0}, "axis_2": {"z": 1.0}}}, supports=supports)
+    assert body.bodies["block"].axis_1 == (0.0, 2.0, 0.0)
+    with pytest.raises(SceneError, match=r"^bodies\.block\.axis_2 = absent, so y: is parallel to axis_1"):
+        scene_of(3, bodies={"block": constants | {"axis_1": {"y": 2.0}}}, supports=supports)
 
 
 def test_the_plan_switches_on_what_the_scene_contains_and_says_why(scene_of: SceneOf) -> None:
