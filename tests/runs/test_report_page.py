@@ -181,6 +181,31 @@ def test_a_run_that_was_killed_has_a_page(copied: Path, call: Call, folder: Path
     assert {"summary", "view", "curves", "forces"} <= set(Page(text).ids)
 
 
+def test_results_may_be_the_working_folder(
+    copied: Path, done: Path, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(copied / "steps")
+    assert call("report", "..")[::2] == (0, "")
+    assert call("compare", "..", str(done))[::2] == (0, "")
+    monkeypatch.chdir(copied)
+    assert call("report", ".") == (0, "wrote report.html\n", "")
+    assert call("report", "/")[::2] == (
+        2,
+        "stickslip: /: holds no results of a run, neither result.json nor begun.json\n",
+    )
+
+
+def test_a_killed_run_may_be_that_of_the_working_folder(
+    copied: Path, call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (copied / "result.json").unlink()
+    copied.rename(work_of(folder / "out"))
+    (folder / "out").mkdir()
+    monkeypatch.chdir(folder / "out")
+    assert call("report", ".", "-o", "page.html") == (0, "wrote page.html\n", "")
+    assert "not ended" in Path("page.html").read_text()
+
+
 def test_an_interrupted_run_has_a_page(stopped: Path, call: Call) -> None:
     assert call("report", str(stopped))[0] == 0
     text = (stopped / "report.html").read_text()

@@ -119,9 +119,11 @@ def found(folder: Path) -> Results:
     Raises:
         FolderError: there are none.
     """
-    if not folder.is_dir() and not work_of(folder).is_dir():
+    target = folder if folder.name not in ("", "..") else folder.resolve()  # only what is written needs a name
+    known = (folder, work_of(target)) if target.name else (folder,)
+    if not any(place.is_dir() for place in known):
         raise FolderError(f"{folder}: no such folder")
-    places = [place for place in (folder, work_of(folder)) if any((place / name).is_file() for name in (RESULT, BEGUN))]
+    places = [place for place in known if any((place / name).is_file() for name in (RESULT, BEGUN))]
     return read_results(places[0] if places else folder)
 
 
