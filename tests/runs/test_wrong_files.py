@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from shared.command import COARSE, Call, assert_refused
-from stickslip.workflows.scene_file.read import READY
+from stickslip.workflows.scene_file.read import READY, read
 
 
 @pytest.mark.parametrize(
@@ -44,6 +44,14 @@ def test_folder_in_place_of_a_file_is_refused(call: Call, folder: Path) -> None:
 def test_error_names_the_scene_file(call: Call, folder: Path) -> None:
     text = (READY / "block.toml").read_text().replace("nu = 0.3", "nu = 0.7")
     (folder / "mine.toml").write_text(text)
+    assert_refused(call("run", "mine.toml", "-q"), r"mine\.toml:\d+: bodies\.block\.nu = 0\.7", folder, ["mine.toml"])
+
+
+def test_mark_that_editors_put_in_front_is_no_mistake(call: Call, folder: Path) -> None:
+    text = "\ufeff" + (READY / "block.toml").read_text()
+    (folder / "mine.toml").write_text(text, encoding="utf-8")
+    assert read(folder / "mine.toml") == read("block")
+    (folder / "mine.toml").write_text(text.replace("nu = 0.3", "nu = 0.7"), encoding="utf-8")
     assert_refused(call("run", "mine.toml", "-q"), r"mine\.toml:\d+: bodies\.block\.nu = 0\.7", folder, ["mine.toml"])
 
 

@@ -21,7 +21,7 @@ def located(messages: Sequence[str], path: Path, but: Sequence[str] = ()) -> lis
         but: keys that come from elsewhere.
     """
     try:
-        lines = lines_of_keys(path.read_text(encoding="utf-8"))
+        lines = lines_of_keys(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError):  # the message says it
         lines = {}
     found = [(_line(message, lines, but), message) for message in messages]

@@ -89,7 +89,7 @@ def _load(source: str | Path, overrides: Sequence[str]) -> tuple[Path, dict[str,
         raise SceneError(f"{said}: is a geometry file; for a scene: stickslip new --from {said}")
     try:
         with path.open("rb") as file:
-            text = file.read(LARGEST + 1).decode("utf-8")
+            text = file.read(LARGEST + 1).decode("utf-8-sig")  # editors of Windows put a mark in front
     except UnicodeDecodeError:
         raise SceneError(f"{shortened(path)}: is not a text file, and a scene is one, in UTF-8") from None
     except OSError as error:
