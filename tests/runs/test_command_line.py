@@ -88,6 +88,22 @@ def test_new_names_its_file_after_the_scene_and_never_overwrites(call: Call, fol
     assert (folder / "block.toml").read_text() == "mine now"
 
 
+def test_new_refuses_a_name_that_hides_a_ready_scene(call: Call, folder: Path) -> None:
+    for words in (("block", "cube"), ("cube", "--from", "none.step")):
+        code, _, err = call("new", *words)
+        assert (code, err) == (
+            2,
+            "stickslip: cube: expected a name that ends in .toml, for the scene that is written\n",
+        )
+    assert not list(folder.iterdir())
+
+
+def test_a_disk_that_refuses_a_new_scene_is_none_of_the_user_s_mistakes(call: Call, folder: Path) -> None:
+    (folder / "file").touch()
+    code, _, err = call("new", "block", "file/mine.toml")
+    assert (code, err) == (4, "stickslip: file/mine.toml: cannot be written: Not a directory\n")
+
+
 def test_new_refuses_an_unknown_scene_and_a_missing_folder(call: Call, folder: Path) -> None:
     code, _, err = call("new", "blok")
     assert (code, err) == (2, "stickslip: blok: no such ready scene; did you mean block?\n")

@@ -15,6 +15,7 @@ from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.parts import FACET_WORD
 from stickslip.geometry.user_files.touching import joined
 from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.workflows.commands.new import refuse_name, write_new
 from stickslip.workflows.formats.aside import disk_errors
 from stickslip.workflows.formats.own_files import is_marked, listed, mark, move_own, remove_own
 from stickslip.workflows.run.collective import raise_together
@@ -46,7 +47,8 @@ def write_scene(path: Path, unit: str | None, units: str | None, within: float |
     """Write a scene for a geometry file; collective.
 
     Raises:
-        SceneError: the target exists already.
+        SceneError: the target exists already, or does not end in .toml.
+        MachineError: it cannot be written.
     """
     raise_together(MPI.COMM_WORLD, lambda: _write(path, unit, units, within, target))
 
@@ -135,15 +137,12 @@ def _draw(found: Assembly, folder: Path) -> None:
 def _write(path: Path, unit: str | None, units: str | None, within: float | None, target: Path) -> None:
     if kind_of(path) is None:
         raise SceneError(f"--from {path}: expected a geometry file: .step, .stp, .brep, .geo, .msh or .py")
+    refuse_name(target)
     if target.exists():
         raise SceneError(f"{target}: exists already; choose another name")
     found = found_in(str(path), unit, units, within)
     text = scene_text(found, target, units or "SI")
-    try:
-        with target.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except OSError as error:
-        raise SceneError(f"{target}: cannot be written: {error.strerror}") from None
+    write_new(target, text)
     out = console(160)
     out.print(f"wrote {target}: {len(found.outline.bodies)} bodies, {len(found.pairs)} contacts")
     out.print(f"change what holds and loads it, then solve it with: stickslip run {target}", soft_wrap=True)

@@ -1,4 +1,4 @@
-"""`stickslip new NAME`: a copy of a ready scene."""
+"""`stickslip new NAME`: a copy of a ready scene, or another scene, in a new file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from stickslip.geometry.errors import SceneError, nearest
+from stickslip.geometry.errors import MachineError, SceneError, nearest
 from stickslip.workflows.scene_file.read import READY
 
 
@@ -14,14 +14,36 @@ def copy_ready(name: str, path: Path) -> None:
     """Copy a ready scene to a file of one's own.
 
     Raises:
-        SceneError: there is no such scene, or the file exists or cannot be written.
+        SceneError: there is no such scene; or see `refuse_name`, `write_new`.
     """
     ready = {p.stem: p for p in READY.glob("*.toml")}
     if name not in ready:
         raise SceneError(f"{name}: no such ready scene; {nearest(name, ready)}")
-    try:
-        with path.open("x", encoding="utf-8") as target:
-            target.write(ready[name].read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be written: {error.strerror}") from None
+    refuse_name(path)
+    write_new(path, ready[name].read_text(encoding="utf-8"))
     typer.echo(f"wrote {path}; solve it with: stickslip run {path}")
+
+
+def refuse_name(path: Path) -> None:
+    """Check the name of a scene file that is to be made: one such as `block` would hide a ready scene.
+
+    Raises:
+        SceneError: it does not end in .toml.
+    """
+    if path.suffix != ".toml":
+        raise SceneError(f"{path}: expected a name that ends in .toml, for the scene that is written")
+
+
+def write_new(path: Path, text: str) -> None:
+    """Write a scene file that is not there yet.
+
+    Raises:
+        SceneError: it is there, or its folder is not.
+        MachineError: disk full, no permission.
+    """
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except OSError as error:
+        kind = SceneError if isinstance(error, FileExistsError | FileNotFoundError) else MachineError
+        raise kind(f"{path}: cannot be written: {error.strerror}") from None
