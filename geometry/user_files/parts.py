@@ -209,7 +209,7 @@ def _select(gmsh: Gmsh, dim: int, name: str, selection: Selection, unit: float) 
             tag for tag, x in points.items() if len(x) and np.all(x >= box[0] - slack) and np.all(x <= box[1] + slack)
         ]
         if not inside:
-            raise GeometryError(f"{key} = box {list(selection['box'])}: no {word} lies wholly inside; see --list")
+            raise GeometryError(f"{key}: no {word} lies wholly inside the box; see --list")
         return inside
     found = []
     for text in selection:
