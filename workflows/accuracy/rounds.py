@@ -124,8 +124,8 @@ class Rounds:
         if last.met or outcome.status == "doubtful":
             return outcome, content
         missed = max(last.goals, key=lambda goal: goal.reached / goal.asked)
-        sentence = f"reached {percent(missed.reached)} of {missed.name}, {percent(missed.asked)} would take about "
-        sentence += "longer than can be told" if last.price is None else f"{last.price:.0f} s"
+        longer = "longer than can be told" if last.price is None else f"about {last.price:.0f} s"
+        sentence = f"reached {percent(missed.reached)} of {missed.name}, {percent(missed.asked)} would take {longer}"
         sentence += "; --resume with a larger --budget goes on from here"
         if self._stuck:
             self._forget(comm)
