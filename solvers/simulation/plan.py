@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.user_files.containment import walls
 from stickslip.geometry.user_files.open_file import declared_unit, kind_of
@@ -16,6 +17,7 @@ from stickslip.solvers.effects import active
 from stickslip.solvers.scene.material import NEARLY, Elastic, Material
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.timeline import CLOSE
 from stickslip.solvers.simulation.applicable import refuse_method
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.unresisted_modes import is_faint, least_springs
@@ -61,7 +63,8 @@ def planned(scene: Scene) -> Problem:
 
 def warnings(scene: Scene) -> tuple[str, ...]:
     """Warnings (one line each) about a scene that can be solved, but only with a large error or at a risk."""
-    return (*_uncontained(scene), *_of_another_unit(scene), *_locking(scene), *_weakening(scene))
+    found = (_uncontained, _of_another_unit, _cut, _locking, _weakening)
+    return tuple(line for lines in found for line in lines(scene))
 
 
 def _uncontained(scene: Scene) -> tuple[str, ...]:
@@ -85,6 +88,21 @@ def _of_another_unit(scene: Scene) -> tuple[str, ...]:
         f"geometry.file: gmsh gives coordinates of a STEP file in {given}, and they are taken to be in {taken}: the "
         f'box is {box} {taken}; write length_unit = "{given}", or "{taken}" if that is meant',
     )
+
+
+def _cut(scene: Scene) -> tuple[str, ...]:
+    """Tables whose values change after the last step; one that only stays as it is loses nothing."""
+    end, late = scene.steps.end, dict[str, float]()
+    for place, amplitude in scene.drives().items():
+        table = () if isinstance(amplitude, float | int) else amplitude
+        if any(t > end * (1 + CLOSE) and value != value_at(amplitude, end, end) for t, value in table):
+            late[str(place)] = table[-1][0]
+    if not late:
+        return ()
+    first = max(late, key=late.__getitem__)
+    more = f", as {len(late)} tables do" * (len(late) > 1)
+    said = f"its table goes on up to t = {late[first]:g}, past steps.end = {end:g}{more}"
+    return (f"{first}: {said}; what it lists for later times is left out",)
 
 
 def _locking(scene: Scene) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from shared.command import COARSE, Spoken
+from shared.command import COARSE, READY_NAMES, Spoken
 from shared.drawn import FACES, draw, scene_data
 from shared.histories import PUSHED
 from stickslip.solvers.simulation.plan import warnings
@@ -44,6 +44,30 @@ def test_plan_and_run_warn_of_linear_elements_that_lock(call: Call, folder: Path
 def test_no_warning_where_nothing_locks(override: str) -> None:
     assert warnings(read("block", [SOFT[6:], ALONE[6:]]))
     assert warnings(read("block", [SOFT[6:], ALONE[6:], override])) == ()
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ("x=[[5, 1]]", "supports.top.displacement.x: its table goes on up to t = 5, past steps.end = 2; what"),
+        (
+            "x=[[0, 0], [3, 1]], y=[[0, 0], [4, 1], [6, 0.5]]",
+            "supports.top.displacement.y: its table goes on up to t = 6, past steps.end = 2, as 2 tables do; what",
+        ),
+        ("x=[[0, 0], [2, 1]], y=0.1", None),
+        ("x=[[0, 0], [1, 0.1], [9, 0.1]]", None),  # nothing happens any more
+    ],
+)
+def test_a_table_that_goes_on_after_the_end_is_said(table: str, said: str | None, call: Call) -> None:
+    word = f"supports.top.displacement={{{table}}}"
+    assert [line[: len(said or "")] for line in warnings(read("block", [word]))] == ([said] if said else [])
+    code, out, _ = call("plan", "block", "--set", word)
+    assert (code, f"warning: {said}" in flat(out)) == (0, said is not None)
+
+
+@pytest.mark.parametrize("name", READY_NAMES)
+def test_ready_scenes_are_warned_of_nothing(name: str) -> None:
+    assert warnings(read(name)) == tuple(line for line in warnings(read(name)) if "mu falls by" in line)
 
 
 def test_bodies_that_nothing_loads_are_doubted(call: Call, folder: Path) -> None:
