@@ -19,6 +19,7 @@ from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request
 
 ANGLE = "in degrees: 360, or 90: a quarter with sides x_axis and y_axis"
+THINNEST = 1e-6  # of the radius: the kernel takes both circles of a thinner one for the same
 RADIAL = {"x_axis": 1, "y_axis": 0}  # sides of a quarter -> axis of the normal
 
 
@@ -37,6 +38,8 @@ class Ring(Builder):
         super().__post_init__()
         inner = self.inner_radius
         require(inner < self.outer_radius, "inner_radius", inner, "must be smaller than outer_radius")
+        thin = f"too near to outer_radius = {self.outer_radius:g}: the ring must be a millionth of it thick"
+        require(inner <= (1 - THINNEST) * self.outer_radius, "inner_radius", inner, thin)
 
     def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
         return {"ring": ("inner", "outer", *(RADIAL if self.angle == 90 else ()))}

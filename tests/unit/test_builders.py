@@ -267,6 +267,7 @@ REFUSED: dict[str, tuple[Callable[[], Builder], Model, str]] = {
     "quads below": (lambda: replace(SPACE, cells="tensor"), PLANE, "cells = tensor: this shape has no grid"),
     "many at edges": (lambda: replace(SPACE, edge_mesh_size=1e-7), "3d", "^edge_mesh_size = 1e-07: makes more than"),
     "hole": (lambda: replace(RING, inner_radius=1.5), PLANE, "inner_radius = 1.5: must be smaller than outer_radius"),
+    "thin ring": (lambda: replace(RING, inner_radius=1.5 - 1e-7), PLANE, "must be a millionth of it thick"),
     "torus": (lambda: RING, "axisymmetric", 'builder = "ring": there is one in plane models only'),
     "tube": (lambda: RING, "3d", 'builder = "ring": there is one in plane models only'),
     "many in a ring": (lambda: replace(RING, contact_mesh_size=1e-5), PLANE, "^contact_mesh_size = 1e-05: makes"),
