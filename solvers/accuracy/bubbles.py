@@ -53,7 +53,9 @@ class Bubbles:
         self._pull = [coarse.compile(form) for form in inner_forces(problem, coarse, self._alone)]
         self._loads = applied_loads(problem, weak, self.constraints, self.zero())
         links = self.constraints.links
-        self.initial = [dx.assemble_vector(weak.compile(weak.initial_load(s))) for s in system.initial.strains]
+        drawn = [None if s.shrunk is None else coarse.shrinking(s) for s in system.initial.strains]  # as the system's
+        forms = map(weak.initial_load, system.initial.strains, drawn)
+        self.initial = [dx.assemble_vector(weak.compile(form)) for form in forms]
         self.initial += [links.forces(self.zero(), links.stiffness * rest.elongation) for rest in links.rests]
         self._corners = len(dx.reference_nodes(mesh.domain.topology.cell_type.name, 1))
         self._between = np.ones(len(self.nodes.number), bool)

@@ -203,10 +203,15 @@ class WeakForms:
         """sigma = C strain (3, 3) [Pa] of an initial strain at value 1; in plane stress sigma_zz = 0."""
         return elastic_stress(initial.strain, self.problem.bodies[initial.body], self.problem.model == "plane stress")
 
-    def initial_load(self, initial: InitialStrain) -> UflForm:
-        """∫ sigma : eps(v) dx with `initial_stress`: the load of the initial strain at value 1 [N]."""
+    def initial_load(self, initial: InitialStrain, shrinking: Function | None = None) -> UflForm:
+        """∫ sigma : eps(v) dx with `initial_stress`: the load of the initial strain at value 1 [N].
+
+        Args:
+            shrinking: in place of `shrinking` in this space, for a bolt.
+        """
         if initial.shrunk is not None:
-            whole: UflForm = ufl.inner(self.stress(self.shrinking(initial), initial.body), self.strain(self.v)) * (
+            drawn = self.shrinking(initial) if shrinking is None else shrinking
+            whole: UflForm = ufl.inner(self.stress(drawn, initial.body), self.strain(self.v)) * (
                 self.volume(initial.body)
             )
             return whole
