@@ -77,12 +77,21 @@ class Bubbles:
         return self._T * free
 
     def load(self, time: float) -> Vec:
-        """External forces at a time [s], those of initial strains included [N]."""
-        total, course = self.zero(), self.system.course
-        self._loads.add_to(total, course, time)
-        for value, vector in zip(self.system.initial.values(course, time), self.initial, strict=True):
+        """External forces at a time [s], without those of initial strains [N]."""
+        total = self.zero()
+        self._loads.add_to(total, self.system.course, time)
+        return total
+
+    def strained(self, values: Array) -> Vec:
+        """Forces of initial strains of values (k,) [N]."""
+        total = self.zero()
+        for value, vector in zip(values, self.initial, strict=True):
             total.axpy(value, vector)
         return total
+
+    def initial_work(self, x: Vec) -> Array:
+        """What bubbles add to `InitialStrains.stress_work` (k,) [J]; collective."""
+        return np.array([force.dot(x) for force in self.initial])
 
     def inner(self, u: Vec, x: Vec) -> Vec:
         """Inner forces a(u + x, .) [N] of a displacement u of the mesh and bubbles x; collective.

@@ -29,6 +29,7 @@ from stickslip.geometry.protocols import Sparse, Vec
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.accuracy.bubbles import Bubbles
 from stickslip.solvers.accuracy.curved_sides import bulges
+from stickslip.solvers.accuracy.followed_bolts import BoltResponse, FollowedBolts
 from stickslip.solvers.accuracy.left_out import LeftOut, rim_of
 from stickslip.solvers.contact.build import along
 from stickslip.solvers.contact.coupling import relative_to
@@ -61,6 +62,7 @@ class Answer:
     solution: Solution
     u: Vec  # displacement of the mesh [m]
     u_strained: Vec
+    initial: Array  # (k,) values of the initial strains
     left_out: tuple[Vec, Vec] | None = None  # loads, and inner forces, of what facets leave out of the bodies [N]
 
 
@@ -98,6 +100,7 @@ class MeshCorrection:
         self._left_out = LeftOut(system) if system.mesh.bulging else None
         self._sides = {name: gather_surface(system.mesh, bubbles.space, bubbles.nodes, name) for name in sorted(names)}
         self._known: tuple[System, BubbleRows] | None = None
+        self._response = BoltResponse(system)
 
     def __call__(self, stepper: Stepper, old: State, new: State, problem: SurfaceProblem) -> State | None:
         """The state with bubbles after a substep from `old` to `new`; None: it was not found; collective.
@@ -148,7 +151,8 @@ class MeshCorrection:
         solve = chain.beside(system, surface, new, NEARER)
         if solve is None:
             return None
-        step = _Substep(stepper, self._bubbles, rows, self._left_out, before, new, problem)
+        bolts = FollowedBolts(self._response, self._bubbles, before, old, new)
+        step = _Substep(stepper, self._bubbles, rows, self._left_out, before, new, problem, bolts)
         with surface.loosely(ROUGH):
             last = self._improved(step, solve)
             if last is None:
@@ -298,13 +302,14 @@ class _Substep:
     old: State  # with bubbles, at its start
     new: State  # without bubbles, at its end
     problem: SurfaceProblem  # that was solved without bubbles
+    bolts: FollowedBolts
 
     def solved(self) -> Answer:
         """The solved step: what is answered to no bubbles."""
         p, w = self.new.p, self.new.w
         solution = Solution(p=p, w=w, u_c=np.zeros(0), status=Status.CONVERGED, residual=0.0, history=())
         none = self.stepper.system.vector()
-        return Answer(self.bubbles.zero(), none, self.problem, solution, self.new.u, self.new.u)
+        return Answer(self.bubbles.zero(), none, self.problem, solution, self.new.u, self.new.u, self.new.initial)
 
     def answer(
         self, x: Vec, p: Array, solve: Solve, same_history: bool = False, straight: bool = False
@@ -314,28 +319,36 @@ class _Substep:
         Args:
             p: tractions (rows,) [Pa] to start from.
             solve: of contact.
-            same_history: whether slip is counted from where the step without bubbles counts it from.
+            same_history: whether slip is counted from where the step without bubbles counts it from, and all bolts that
+                are tightened to a force have its tension.
             straight: whether sides are taken as their facets are.
         """
-        stepper, system, new = self.stepper, self.stepper.system, self.new
-        n, forces = stepper.surface.normal_rows, self.problem.load.f_q.duplicate()
+        stepper, new, n = self.stepper, self.new, self.stepper.surface.normal_rows
         closer = (0.0 if straight else 1.0) * self.rows.closer[:n]
         slip = self.problem.gap if same_history else self.old.w - stepper.cone.give(self.old.p)
         pull, left_out = self.bubbles.pull(x), None if straight else self._left_out
-        more = -pull if left_out is None else left_out[0] - left_out[1] - pull
-        system.T.multTranspose(more, forces)
-        problem = replace(
+        more = pull if left_out is None else pull + left_out[1] - left_out[0]
+        posed = replace(
             self.problem,
-            load=stepper.surface.with_more(self.problem.load, forces, balanced=left_out is None),
             offset=self.problem.offset + self.rows.N @ self.rows.read(x),
             gap=np.concatenate([self.problem.gap[:n] - closer, slip[n:]]),
         )
-        solution = solve(problem, p, ignore)
-        if solution.status is not Status.CONVERGED:
-            return None
-        q = problem.surface.recover(problem.load, solution.p, solution.u_c)
-        u, u_strained = displacement(system, new.time, q, new.u_s)
-        return Answer(x, pull, problem, solution, u, u_strained, left_out)
+        self.bolts.begin(trial=same_history)
+        while not self.bolts.given_up:
+            initial = self.bolts.values
+            forces = self._pulled(more, initial)
+            load = stepper.surface.with_more(posed.load, forces, balanced=left_out is None)
+            problem = replace(posed, load=load)
+            solution = solve(problem, p, ignore)
+            if solution.status is not Status.CONVERGED:
+                return None
+            q = problem.surface.recover(problem.load, solution.p, solution.u_c)
+            u, u_strained = displacement(stepper.system, new.time, q, new.u_s)
+            if self.bolts.done(u_strained, x):
+                return Answer(x, pull, problem, solution, u, u_strained, initial, left_out)
+            p = solution.p
+        log.info("t = %g: no shortening of bolts was found with bubbles", new.time)
+        return None
 
     @cached_property
     def _left_out(self) -> tuple[Vec, Vec] | None:
@@ -343,6 +356,13 @@ class _Substep:
         if self.left_out is None:
             return None
         return self.left_out.load(self.new.time), self.left_out.inner(self.new.u)
+
+    def _pulled(self, pull: Vec, initial: Array) -> Vec:
+        """Forces on the free dofs [N] of what pulls at the mesh, and of initial strains that differ from the step's."""
+        system = self.stepper.system
+        forces, more = self.problem.load.f_q.duplicate(), system.initial.added(-pull, initial - self.new.initial)
+        system.T.multTranspose(more, forces)
+        return forces
 
     def residual(self, answer: Answer) -> Vec:
         """Forces that are out of balance at the free bubbles [N]; collective."""
@@ -354,7 +374,7 @@ class _Substep:
         Args:
             inner: forces of the answer [N].
         """
-        forces = self.bubbles.load(self.new.time) - inner
+        forces = self.bubbles.load(self.new.time) + self.bubbles.strained(answer.initial) - inner
         self.rows.add(forces, -self._contact(answer.solution.p))
         return forces
 
@@ -382,7 +402,6 @@ class _Substep:
         pull, change, here = answer.pull, x - before, self.rows.read(x)
         there = self.rows.read(before)
         inner = bubbles.inner(answer.u, x)
-        work = np.array([force.dot(x) for force in bubbles.initial])
         loads = bubbles.load(new.time) + bubbles.load(old.time)
         surplus = Surplus(
             inner=pull,
@@ -391,7 +410,7 @@ class _Substep:
             stored=(answer.u_strained.dot(pull) + x.dot(inner)) / 2,
             external=loads.dot(change) / 2,
             contact=float((self._contact(p) + self._contact(old.p)) @ (here - there) / 2),
-            initial_work=work,
+            initial_work=bubbles.initial_work(x),
             elongation=bubbles.elongation(x),
             remote=bubbles.remote(x),
         )
@@ -414,6 +433,7 @@ class _Substep:
             p=p,
             driven=driven,
             surplus=surplus,
+            initial=answer.initial,
         )
         motion = dict(zip(surplus.motion, self.rows.motion(here), strict=True))
         return replace(

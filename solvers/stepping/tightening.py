@@ -52,7 +52,7 @@ class Tightening:
         self.least = np.array([-bolt.gap for bolt in self.bolts])
         self.free = np.array([start.time < bolt.held_from * (1 - CLOSE) for bolt in self.bolts])
         self.wanted = np.array([0.0 if b.tension is None else course.value(b.tension, target) for b in self.bolts])
-        self.largest = np.array([_largest(system, bolt) for bolt in self.bolts])
+        self.largest = np.array([largest_tension(system, bolt) for bolt in self.bolts])
         guessed = self.free & ~self.springs
         self.x = self.before + np.where(guessed, (self.wanted - self.pulled) / self.k, 0.0)
         self.J = np.diag(self.k)
@@ -153,7 +153,7 @@ def _worse(off: Array, before: Array) -> bool:
     return bool(np.abs(off).max() > np.abs(before).max() / 2)
 
 
-def _largest(system: System, bolt: Tightened) -> float:
+def largest_tension(system: System, bolt: Tightened) -> float:
     """Largest tension that the scene gives [N]; 1 if it is always zero, or none is given."""
     if bolt.tension is None:
         return 1.0

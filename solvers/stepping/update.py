@@ -86,6 +86,7 @@ def new_state(
     p: Array,
     driven: Array,
     surplus: Surplus | None = None,
+    initial: Array | None = None,
 ) -> State:
     """The state at the time of a solved problem; collective.
 
@@ -100,13 +101,14 @@ def new_state(
         p: tractions (rows,) [Pa].
         driven: displacement (o,) of the obstacles that forces drive [m].
         surplus: of a displacement that is added to that of the nodes.
+        initial: values (k,) of the initial strains; None: those of the course.
 
     Returns:
         The state; of its `previous`, `control`, `law_error` and `peak` it knows nothing.
     """
     cone, W, contacts, time = problem.cone, problem.surface.W, system.contacts, problem.cone.time
     inner = system.K * u_strained
-    initial = system.initial.values(system.course, time)
+    initial = system.initial.values(system.course, time) if initial is None else initial
     initial_work = system.initial.stress_work(initial, u_strained)
     stored, elongation = inner.dot(u_strained) / 2, system.constraints.links.elongation(u_strained)
     remote = system.constraints.remote.motion(u)
