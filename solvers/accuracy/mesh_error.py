@@ -177,9 +177,9 @@ def _stress(
         return {}
     system, recovered = observe.stepper.system, observe.recovered
     points = companion.in_cells(state, observe.probes)
-    smooth = recovered.smooth_at(state.u, points)
-    order_2, found = recovered.of_order_2(points), dict[str, Array]()
-    for name, cell in recovered.at_midpoints(accepted.state.u, points).items():
+    smooth = recovered.smooth_at(state.u, state.initial, points)
+    order_2, found = recovered.of_order_2(points, state.initial), dict[str, Array]()
+    for name, cell in recovered.at_midpoints(accepted.state.u, accepted.state.initial, points).items():
         reported = np.array([result.probes[name].stress[ij] for ij in STRESSES.values()])
         found[name] = reported + (smooth[name] + order_2[name]) / 2 - cell
     return {name: stress for offers in system.mesh.comm.allgather(found) for name, stress in offers.items()}

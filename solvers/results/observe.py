@@ -183,7 +183,7 @@ class Observer:
         cell_stress, nodal = self.stress(state.u, state.initial), self.stress.displacement.x.array
         numbers = self.numbers(accepted)
         displacement = self.by_node(state.u.array.reshape(-1, system.mesh.dim))
-        mesh_error, stress_error = self._mesh_error(state.u, state.peak)
+        mesh_error, stress_error = self._mesh_error(state)
         found = StepResult(
             time=state.time,
             substeps=accepted.substeps,
@@ -268,13 +268,14 @@ class Observer:
             found[point.coupling.key.split(".")[1]] = RemoteState(moved, turned, force + held[0], moment + held[1])
         return found
 
-    def _mesh_error(self, u: Vec, peak: float) -> tuple[float, Array]:
+    def _mesh_error(self, state: State) -> tuple[float, Array]:
         """`StepResult.mesh_error` and `stress_error`, this one on rank 0; collective."""
         if self.recovered is None:
             return np.nan, np.zeros(0)
         with self.stepper.system.counters.clock.phase("error", "stress"):
-            found = self.recovered(u)
-            return found.size / float(np.sqrt(2 * peak)) if peak > 0 else 0.0, self.by_cell(found.stress)
+            found = self.recovered(state.u, state.initial)
+            size = found.size / float(np.sqrt(2 * state.peak)) if state.peak > 0 else 0.0
+            return size, self.by_cell(found.stress)
 
     def _bodies(self, nodal: Array, cell_stress: Array) -> dict[str, BodyState]:
         """The largest values of each body; collective.
