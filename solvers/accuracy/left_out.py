@@ -56,20 +56,20 @@ class LeftOut:
         self._initial = [None if form is None else dx.assemble_vector(weak.compile(form)) for form in initial]
 
     def load(self, time: float) -> Vec:
-        """External forces at a time [s], those of initial strains included [N]; collective."""
-        total, system = self._system.vector(), self._system
-        self._loads.add_to(total, system.course, time)
-        values = system.initial.values(system.course, time)
-        for value, vector in zip(values, self._initial, strict=False):
-            if vector is not None:
-                total.axpy(value, vector)
+        """External forces at a time [s], without initial strains [N]; collective."""
+        total = self._system.vector()
+        self._loads.add_to(total, self._system.course, time)
         return total
 
-    def inner(self, u: Vec) -> Vec:
-        """Inner forces [N] of a displacement u [m]; collective."""
+    def inner(self, u: Vec, initial: Array) -> Vec:
+        """Inner forces [N] of a displacement u [m] and of initial strains with values (k,); collective."""
         dx.fill(self._u, u.array_r)
         first, *others = (dx.assemble_vector(form) for form in self._inner)
-        return sum(others, start=first)
+        total = sum(others, start=first)
+        for value, vector in zip(initial, self._initial, strict=False):  # springs come behind strains
+            if vector is not None:
+                total.axpy(-value, vector)
+        return total
 
 
 def rim_of(side: Surface, bulging: Bulging) -> Array:

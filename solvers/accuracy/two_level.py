@@ -355,7 +355,7 @@ class _Substep:
         """Loads, and inner forces in the solved step, of what facets leave out of the bodies [N]; collective."""
         if self.left_out is None:
             return None
-        return self.left_out.load(self.new.time), self.left_out.inner(self.new.u)
+        return self.left_out.load(self.new.time), self.left_out.inner(self.new.u, self.new.initial)
 
     def _pulled(self, pull: Vec, initial: Array) -> Vec:
         """Forces on the free dofs [N] of what pulls at the mesh, and of initial strains that differ from the step's."""
