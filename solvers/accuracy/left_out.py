@@ -2,7 +2,8 @@
 
 Cells at a curved surface stand for a part of the body that is larger than they are, or smaller, by the facet times its
 mean bulge, see `find_bulging`. To first order their stiffness, weight and thermal load grow by the same ratio. Where a
-flat side ends at a curved line its facets leave out a rim, which tractions and pressure act on as well.
+flat side ends at a curved line its facets leave out a rim, which tractions and pressure act on as well. Drawn bolts stay
+as they are.
 
 Source: the derivative of the energy with respect to the shape, Sokolowski & Zolésio, Introduction to Shape Optimization
 (1992), section 2.
@@ -40,7 +41,11 @@ class LeftOut:
         """Compile the forms; collective."""
         problem, mesh, weak = system.problem, system.mesh, system.weak
         self._system, self._u = system, dx.fem.Function(system.space)
-        denser = dx.cell_function(mesh.domain, _share_left_out(system))
+        share = _share_left_out(system)
+        for strain in system.initial.strains:
+            if strain.shrunk is not None:  # the tension of a bolt is that of its section in the mesh
+                share[mesh.cells_of(strain.body)] = 0.0
+        denser = dx.cell_function(mesh.domain, share)
         sides = {load.boundary for load in problem.loads.values() if load.force is None}
         rims = dx.cell_function(mesh.domain, _share_of_rims(system, sorted(sides)))
 

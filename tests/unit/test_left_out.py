@@ -142,3 +142,11 @@ def test_stiffness_and_weight_grow_by_what_is_left_out(tmp_path: Path) -> None:
     stretched.array[2::3] = system.nodes.points[: system.nodes.owned, 2]  # eps_zz = 1
     energy, added = stretched.dot(system.K * stretched), stretched.dot(left_out.inner(stretched, np.zeros(0)))
     assert_allclose(added / energy, more / weight, rtol=1e-9)
+
+
+def test_drawn_bolts_have_the_section_of_their_mesh(tmp_path: Path) -> None:
+    bolt = {"body": "part", "shank": [[0.0, 0.0, 0.1], [0.0, 0.0, 0.4]], "force": 1.0}
+    system = prepare(scene("disc", tmp_path, bolts={"stud": bolt})).system
+    stretched = system.vector()
+    stretched.array[2::3] = system.nodes.points[: system.nodes.owned, 2]
+    assert LeftOut(system).inner(stretched, np.ones(1)).norm() == 0
