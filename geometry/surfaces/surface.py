@@ -60,6 +60,7 @@ FACET_OF = {
 }
 EDGES = {"interval": {2: (0, 1)}, "triangle": {3: (1, 2), 4: (0, 2), 5: (0, 1)}}  # midside node -> its corners
 ALPHA = 0.2  # share of a midside basis function that is added to those of the corners of its edge
+BERNSTEIN = np.array([[1, 1 / 4, 0], [0, 1 / 2, 0], [0, 1 / 4, 1]])  # (1-x)², 2x(1-x), x² at x = 0, 1/2, 1
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,8 @@ class Surface:
 
     The integral of a corner's basis function is zero on a quadratic triangle, and at a node on the axis of symmetry.
     There contact uses another basis of the same space, phi~ = change @ phi, whose functions all have positive
-    integrals: a share of each midside function is added to those of the corners. Elsewhere phi~ = phi.
+    integrals: a share of each midside function is added to those of the corners. Elsewhere phi~ = phi, or, if the
+    basis is to be `positive`, Bernstein's polynomials: means of pressures with phi~ are then not below zero.
 
     Source of phi~: Popp, Wohlmuth, Gee & Wall, SIAM J. Sci. Comput. 34 (2012).
     """
@@ -82,6 +84,7 @@ class Surface:
     outward: Array  # (f,) 1 if the cross product of the facet's tangents points outward, else -1
     axisymmetric: bool
     parts: Ints | None = None  # (n,) of the mesh, see `find_parts`; None: all nodes are of part 0
+    positive: bool = False  # phi~ >= 0 everywhere: Bernstein's polynomials if the degree is 2
 
     @property
     def dim(self) -> int:
@@ -107,10 +110,14 @@ class Surface:
         """Change of basis (k, k) on a facet: phi~ = change @ phi."""
         k = self.facets.shape[1]
         matrix = np.eye(k)
-        if self.degree == 2 and (self.axisymmetric or self.shape == "triangle"):
+        if self.degree == 2 and self.positive and self.shape == "quadrilateral":
+            x, y = np.rint(2 * dx.reference_nodes(self.shape, 2)).astype(int).T  # 0, 1 or 2
+            return np.asarray(BERNSTEIN[np.ix_(x, x)] * BERNSTEIN[np.ix_(y, y)])
+        if self.degree == 2 and (self.positive or self.axisymmetric or self.shape == "triangle"):
+            alpha = BERNSTEIN[0, 1] if self.positive else ALPHA
             for middle, corners in EDGES[self.shape].items():
-                matrix[list(corners), middle] = ALPHA
-                matrix[middle, middle] = 1 - 2 * ALPHA
+                matrix[list(corners), middle] = alpha
+                matrix[middle, middle] = 1 - 2 * alpha
         return matrix
 
     @cached_property

@@ -221,7 +221,7 @@ def build_rows(
         if contact.normal.at_quadrature:
             points = coupling.points(degree)
             N_n = along(points.relative, points.normals[:, None])
-            W_n, psi = points.weights, points.psi
+            W_n, psi, phi = points.weights, points.psi, points.phi
             gap_n = contact.gap_offset + (points.gap if known is None else np.full_like(points.gap, known))
             directions = points.normals
             dropped = 0
@@ -234,7 +234,7 @@ def build_rows(
                 )
             N_n, W_n = carrier.rows(coupling)
             directions = carrier.directions[:, 0]
-            psi = carrier.share.T.multiply(weights[:, None]).tocsr()
+            psi = phi = carrier.share.T.multiply(weights[:, None]).tocsr()
             gap_n = carrier.mean(weights)[0] @ gap
             dropped = int(np.sum(weights != 0)) - len(W_n)
         if friction is not None:
@@ -255,8 +255,8 @@ def build_rows(
                 frames=frames[name], node_weights=weights, node_gap=gap, node_distance=coupling.gap,
                 relative=coupling.relative,
                 N_n=N_n, W_n=W_n, normals=directions, gap=gap_n, N_t=N_t, W_t=W_t,
-                tangents=carrier.directions, free=carrier.free, psi=psi, share_t=carrier.share, dropped=dropped,
-                quadrature=coupling.points, degree=degree,
+                tangents=carrier.directions, free=carrier.free, psi=psi, phi=phi, share_t=carrier.share,
+                dropped=dropped, quadrature=coupling.points, degree=degree,
             )
         )  # fmt: skip
     return found

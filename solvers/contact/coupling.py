@@ -38,6 +38,12 @@ def relative_to(own: On, surface: Surface, other: On | None, master: Surface | N
     return found
 
 
+def shares(own: On, surface: Surface, weights: Array) -> Sparse:
+    """Values of a field at q points to its integrals ∫ phi~_j (n, q), from the points' weights (q,) [m^(d-1)]."""
+    found: Sparse = surface.forces_transform @ own.basis(surface).T @ sparse.diags(weights)
+    return found.tocsr()
+
+
 @dataclass(frozen=True, kw_only=True)
 class Points:
     """The q integration points of the slave surface at which a compliance law gives pressure by displacement."""
@@ -47,6 +53,7 @@ class Points:
     gap: Array  # (q,) [m], positive when open
     normals: Array  # (q, d) unit, towards the other side
     psi: Sparse  # (n, q): values of a field to its integrals ∫ psi_j, psi_j the dual basis, by slave node
+    phi: Sparse  # (n, q): likewise to its integrals ∫ phi~_j, see `shares`
     own: On  # where they lie on the slave
     other: On | None  # the points that they face on the master; None: a rigid obstacle
 

@@ -19,7 +19,7 @@ from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import DIGITS, distribute_to_neighbours
-from stickslip.solvers.contact.coupling import Coupling, On, Points, midway_normals, relative_to
+from stickslip.solvers.contact.coupling import Coupling, On, Points, midway_normals, relative_to, shares
 
 DUAL = 1e-3  # of a facet's weights: psi whose duality is off by more is replaced by a constant
 SLIVER = 1e-9  # of a facet, or of a node's weight: less counts as not covered
@@ -192,6 +192,7 @@ def _points(slave: Surface, master: Surface, reach: float, degree: int, share: S
         gap=gap,
         normals=normals,
         psi=(share @ psi).tocsr(),
+        phi=(share @ shares(own, slave, found.weights)).tocsr(),
         own=own,
         other=other,
     )

@@ -43,6 +43,7 @@ def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
             gap=gap[met],
             normals=normals[met],
             psi=psi.tocsr(),
+            phi=psi.tocsr(),
             own=_on_nodes(slave, met),
             other=On(found.facet[met], found.local[met]),
         )

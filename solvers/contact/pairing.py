@@ -37,6 +37,8 @@ def pair_up(
     for name, known in problem.pairs.items():
         slave = sides[known.slave]
         master = sides[known.master] if known.master is not None else None
+        if known.contact.normal.at_quadrature and known.contact.friction is not None:
+            slave = replace(slave, positive=True)  # friction bounds are means of pressures with phi~
         if name in moved:
             own, other = np.split(moved[name], [len(slave.nodes)])
             slave = replace(slave, points=slave.points + own)

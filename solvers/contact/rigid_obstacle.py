@@ -14,7 +14,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.contact.coupling import Coupling, On, Points
+from stickslip.solvers.contact.coupling import Coupling, On, Points, shares
 
 UNIT = 1e-6  # by which a normal may be longer or shorter than 1
 
@@ -70,6 +70,7 @@ def _points(surface: Surface, obstacle: Obstacle, degree: int) -> Points:
         gap=gap,
         normals=-normals,
         psi=psi,
+        phi=shares(own, surface, weights.ravel()),
         own=own,
         other=None,
     )

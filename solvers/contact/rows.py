@@ -43,6 +43,7 @@ class ContactRows:
     tangents: Array  # (m_t, d-1, d) at the tangential points, unit unless the law is orthotropic
     free: Bools  # (m_t, d-1) tangential directions that carry a multiplier
     psi: Sparse  # (n, m_n): values at the normal points to integrals ∫ psi_j, psi_j the dual basis, by node
+    phi: Sparse  # (n, m_n): likewise to integrals ∫ phi~_j, of rigid laws psi; no entry is negative
     share_t: Sparse  # (m_t, n): which nodes a tangential point stands for; columns add up to 1
     dropped: int  # nodes whose multiplier a support or another contact makes redundant
     quadrature: Callable[[int], Points] | None = None  # integration points by degree; None: the rows are given without
@@ -75,8 +76,11 @@ class ContactRows:
 
     @cached_property
     def average(self) -> Sparse:
-        """(m_t, m_n): pressure at normal points to its psi_j-average at tangential points."""
-        return (self.share_t @ self.psi).multiply(1 / self.W_t[:, None]).tocsr()
+        """(m_t, m_n): pressure at normal points to its averages at tangential points; no weight is negative.
+
+        They are those with phi~_j: a node's bound is mu times the normal force there, and the bounds add up to mu N.
+        """
+        return (self.share_t @ self.phi).multiply(1 / self.W_t[:, None]).tocsr()
 
     def node_pressure(self, p_n: Array) -> Array:
         """Pressure (n,) [Pa] at the surface's nodes from that at the normal points (m_n,), with the same resultant."""

@@ -247,6 +247,7 @@ def _rows(mu: Array, dim: int) -> ContactRows:
         tangents=frames[:, 1:],
         free=np.ones((m, dim - 1), bool),
         psi=identity,
+        phi=identity,
         share_t=identity,
         dropped=0,
     )

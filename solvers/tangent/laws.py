@@ -286,6 +286,7 @@ def _part(cone: AdmissibleSet, mine: Bools) -> tuple[AdmissibleSet, Ints]:
                 W_t=c.W_t[points],
                 free=c.free[points],
                 psi=c.psi[:, at],
+                phi=c.phi[:, at],
                 share_t=c.share_t[points],
             )
         )

@@ -14,7 +14,7 @@ from shared.overlays import above, ball, below, both, flat, scattered
 from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.contact.mortar import mortar_integrals
+from stickslip.solvers.contact.mortar import mortar_coupling, mortar_integrals
 
 Array = NDArray[np.float64]
 SHAPES = ("interval", "triangle", "quadrilateral")
@@ -61,6 +61,19 @@ def check(slave: Surface, master: Surface) -> None:
 def test_forces_and_linear_displacements_go_over_exactly(kind: tuple[str, int], counts: Any, box: str) -> None:
     shape, degree = kind
     check(below(shape, degree, counts[0]), above(shape, degree, counts[1], box=BOXES[box]))
+
+
+@pytest.mark.parametrize(("kind", "counts", "box"), every_nth(2, KINDS, COUNTS, BOXES))
+def test_friction_weighs_no_pressure_of_a_law_negatively(kind: tuple[str, int], counts: Any, box: str) -> None:
+    """Nor on partly covered facets, where the weights are the covered area all the same."""
+    shape, degree = kind
+    slave = replace(below(shape, degree, counts[0]), positive=True)
+    coupling = mortar_coupling(slave, above(shape, degree, counts[1], box=BOXES[box]), 0.5)
+    points = coupling.points(EXACT)
+    assert points.phi.data.min() > -1e-15
+    assert_allclose(points.phi.sum(axis=0).A1, points.weights, atol=ROUNDING)
+    for integrals in (points.phi, points.psi):
+        assert_allclose(integrals.sum(axis=1).A1, coupling.weights, atol=ROUNDING)
 
 
 @pytest.mark.parametrize(("one", "other"), [(1, 1), (2, 2), (1, 2), (2, 1)])

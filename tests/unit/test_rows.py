@@ -73,6 +73,25 @@ def test_uniform_tractions_have_the_exact_resultant_and_nodal_forces(
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("shape", SHAPES)
+def test_friction_sees_the_normal_force_of_each_node(
+    shape: str, law: str, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    """No pressure, however uneven, gives a negative mean, and the means add up to the normal force."""
+    dim, geometry = SHAPES[shape]
+    (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact(law=law)})).contacts
+    assert rows.average.data.min() > -1e-15
+    assert_allclose(rows.W_t @ rows.average, rows.W_n, rtol=1e-12)
+    p_n = np.zeros(len(rows.W_n))
+    p_n[:: len(p_n) // 5] = 3.0
+    normal = rows.nodal_forces(p_n, np.zeros(rows.free.shape)) @ rows.normals[0]
+    slides = np.zeros(rows.free.shape)
+    slides[:, 0] = rows.average @ p_n
+    tangential = rows.nodal_forces(np.zeros_like(p_n), slides) @ rows.tangents[0, 0]
+    assert_allclose(tangential, normal, atol=1e-13)  # all slides one way: friction / mu, node by node of the body
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("shape", SHAPES)
 def test_tractions_work_on_relative_displacement_as_nodal_forces_do(
     shape: str, law: str, scene_of: SceneOf, system_of: SystemOf
 ) -> None:
