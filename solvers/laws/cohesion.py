@@ -11,7 +11,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Sparse
-from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, touching
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, touched
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +43,7 @@ class Cohesion(FrictionLaw):
         >>> law.limit(np.array([-1.0, 0.0, 4.0]), one, Unilateral(), 1.0, 1.0)
         array([0., 0., 4.])
         """
-        pressing = self.a + self.mu * np.maximum(average @ p, 0.0)
-        return np.where(touching(p, average, normal), pressing, 0.0)
+        return np.asarray(self.a * touched(p, average, normal) + self.mu * np.maximum(average @ p, 0.0))
 
     def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
         return average.multiply(np.where(average @ p > 0, self.mu, 0.0)[:, None]).tocsr()

@@ -13,7 +13,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Sparse
-from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, touching
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, touched, touching
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ class Tresca(FrictionLaw):
         return any(value for _, value in ([(0.0, self.bound)] if isinstance(self.bound, float | int) else self.bound))
 
     def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
-        return np.where(touching(p, average, normal), value_at(self.bound, time, end), 0.0)
+        return value_at(self.bound, time, end) * touched(p, average, normal)
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
         return value_at(self.bound, time, end), np.inf, np.inf

@@ -73,8 +73,8 @@ class FrictionLaw(Choice):
     """Bound s [Pa] of the tangential traction t, and the tangential stiffness of the surface before slip.
 
     With k_T, the part t / k_T of the tangential displacement is elastic, the rest is slip. Methods evaluate the bound
-    through `limit` and its slope: `average`, sparse (m_t, m_n), maps values at normal points to their psi_j-averages
-    at the points of t.
+    through `limit` and its slope: `average`, sparse (m_t, m_n) and nowhere negative, maps values at normal points to
+    their averages at the points of t, see `ContactRows.average`.
     """
 
     tag: ClassVar[str] = "law"
@@ -181,3 +181,15 @@ class FrictionLaw(Choice):
 def touching(p: Array, average: Sparse | Array, normal: NormalLaw) -> Bools:
     """Tangential points (m_t,) with contact: the average pressure is positive, or the normal law cannot open."""
     return np.asarray((average @ p > 0) | (normal.sides == 2))
+
+
+def touched(p: Array, average: Sparse | Array, normal: NormalLaw) -> Array:
+    """Share (m_t,) of each tangential point that is in contact [-]; of a law at quadrature points, of those that press.
+
+    >>> from stickslip.solvers.laws.compliance import Compliance
+    >>> touched(np.array([2.0, 0.0]), np.array([[0.25, 0.75]]), Compliance(c_n=1.0))
+    array([0.25])
+    """
+    if normal.at_quadrature:
+        return np.asarray(average @ (p > 0).astype(float))
+    return touching(p, average, normal).astype(float)

@@ -110,10 +110,11 @@ def bound(
     if type(law) is CappedCoulomb:
         return np.minimum(law.mu * np.where(mean > 0, mean, 0.0), law.s_max)
     closed = (mean > 0) | (type(normal) in (Bilateral, Tied))
+    part = average @ np.sign(p) if type(normal) is Compliance else closed.astype(float)  # that touches
     if type(law) is Cohesion:
-        return np.where(closed, law.a + law.mu * np.where(mean > 0, mean, 0.0), 0.0)
+        return np.asarray(law.a * part + law.mu * np.where(mean > 0, mean, 0.0))
     if type(law) is Tresca:
-        return np.where(closed, in_time(law.bound, time, end), 0.0)
+        return np.asarray(in_time(law.bound, time, end) * part)
     if type(law) is Stick:
         return np.where(closed, np.inf, 0.0)
     if type(law) is TangentialCompliance and type(normal) is Compliance:

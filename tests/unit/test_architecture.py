@@ -16,7 +16,7 @@ PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 EXAMPLES = {  # heading: room, and what the file imports
     "Builder": ("geometry/builders", ["stickslip.geometry.builders.cuboid: Cuboid, grid"]),
     "Obstacle": ("geometry/obstacles", ["stickslip.geometry.obstacles.obstacle: Obstacle"]),
-    "Law": ("solvers/laws", ["stickslip.solvers.laws.law: FrictionLaw, touching"]),
+    "Law": ("solvers/laws", ["stickslip.solvers.laws.law: FrictionLaw, touched"]),
     "Effect": (
         "solvers/effects",
         [
