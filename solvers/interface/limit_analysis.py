@@ -193,8 +193,7 @@ def _bounds(problem: SurfaceProblem, place: ContactBlock, outer: bool, force: fl
     for slope, start in slopes:
         if not np.isfinite(slope):
             continue
-        average = place.average.maximum(0.0) if outer else place.average  # s = mu max(average p, 0) <= mu (average)+ p
-        share = sparse.diags(slope * rows.W_t) @ average @ sparse.diags(1 / surface.W[place.normal])
+        share = sparse.diags(slope * rows.W_t) @ place.average @ sparse.diags(1 / surface.W[place.normal])
         left, right = place.normal.start, surface.normal_rows - place.normal.stop
         share = sparse.hstack([sparse.csr_matrix((m, left)), share, sparse.csr_matrix((m, right))])
         found.append((share, rows.W_t * start / force))

@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy import sparse
 
-from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.flexibility import Load
-from stickslip.solvers.interface.limit_analysis import Balance, _bounds, balancing_tractions, decide, unbalanced_motion
+from stickslip.solvers.interface.limit_analysis import Balance, balancing_tractions, decide, unbalanced_motion
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
@@ -208,29 +206,6 @@ def test_rigid_bodies_rest_where_gaps_are_small_and_evenly(problem_of: Callable[
     p = balancing_tractions(small)
     assert p is not None
     assert_allclose(p[:n][touching[:n]], 1e-9 * PRESS / W[touching[:n]].sum(), rtol=1e-5)
-
-
-class Averaged(ContactBlock):
-    """Averages of dual functions, negative at a point."""
-
-    @property
-    def average(self) -> Any:
-        average = self.rows.average
-        return average + sparse.csr_matrix(([-0.25], ([0], [1])), shape=average.shape)
-
-
-def test_negative_weights_of_an_average_do_not_tighten_the_outer_bound(
-    problem_of: Callable[..., SurfaceProblem],
-) -> None:
-    """s = mu max(average p, 0) is bounded from outside without what is negative, from inside with it."""
-    problem = problem_of(2, [0.0], {"law": "coulomb", "mu": 0.3})
-    (place,) = problem.cone.places
-    place = Averaged(rows=place.rows, normal=place.normal, tangential=place.tangential)
-    outer, inner = (_bounds(problem, place, side, 1.0).share.toarray() for side in (True, False))
-    expected = 0.3 * place.rows.W_t[0] * -0.25 / problem.surface.W[1]
-    assert (outer[0, 1], inner[0, 1]) == (0.0, pytest.approx(expected))
-    inner[0, 1] = 0.0
-    assert_allclose(outer, inner)
 
 
 def test_a_body_without_friction_says_where_nothing_holds_it() -> None:
