@@ -34,5 +34,5 @@ def test_huge_stiffness_changes_neither_the_answer_nor_the_effort() -> None:
         assert_allclose(u, u_limit, rtol=0.5 / k)  # the published shift is .43 / k
         assert_allclose(step.contacts["base"].force, limit.contacts["base"].force, rtol=5 / k)
         assert step.substeps == limit.substeps == 1
-        assert step.iterations <= 1.2 * limit.iterations
-    assert limit.iterations < 120  # 69, of which 60 in two starts that cycle
+        assert step.iterations <= 1.5 * limit.iterations  # 43 and 33
+    assert limit.iterations < 60  # 32
