@@ -2,8 +2,8 @@
 
 Cells at a curved surface stand for a part of the body that is larger than they are, or smaller, by the facet times its
 mean bulge, see `find_bulging`. To first order their stiffness, weight and thermal load grow by the same ratio. Where a
-flat side ends at a curved line its facets leave out a rim, which tractions and pressure act on as well. Drawn bolts stay
-as they are.
+flat side ends at a curved line its facets leave out a rim, which tractions and pressure act on as well. Drawn bolts
+stay as they are.
 
 Source: the derivative of the energy with respect to the shape, Sokolowski & Zolésio, Introduction to Shape Optimization
 (1992), section 2.
@@ -19,12 +19,12 @@ import numpy as np
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.bulging import Bulging
-from stickslip.geometry.dolfinx_versions import ufl
-from stickslip.geometry.protocols import Function, UflForm, Vec
+from stickslip.geometry.protocols import UflForm, Vec
 from stickslip.geometry.small_matrices import inverse_and_determinant
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.bubbles import inner_forces
 from stickslip.solvers.effects import active
+from stickslip.solvers.fem.forms import multiplied
 from stickslip.solvers.fem.terms import LoadTerm
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.system.applied_loads import AppliedLoads
@@ -50,7 +50,7 @@ class LeftOut:
         rims = dx.cell_function(mesh.domain, _share_of_rims(system, sorted(sides)))
 
         def grown(form: UflForm, loaded: bool = True) -> UflForm | None:
-            return _scaled(form, {"cell": denser} | ({"exterior_facet": rims} if loaded else {}))
+            return multiplied(form, {"cell": denser} | ({"exterior_facet": rims} if loaded else {}))
 
         inner = [grown(form, loaded=False) for form in inner_forces(problem, weak, self._u)]
         self._inner = [weak.compile(form) for form in inner if form is not None]
@@ -183,14 +183,3 @@ def _rims(points: Array, numbers: Ints, corners: Ints, bulging: Bulging) -> list
 def _is_resultant(term: LoadTerm) -> bool:
     """Whether a load is given by its resultant, which no rim changes."""
     return isinstance(term.drive, Place) and term.drive.quantity == "force"
-
-
-def _scaled(form: UflForm, factors: dict[str, Function]) -> UflForm | None:
-    """The form with its integrals over cells or facets multiplied; without the others; None: nothing is left."""
-    kept = [integral for integral in form.integrals() if integral.integral_type() in factors]
-    if not kept:
-        return None
-    found: UflForm = ufl.Form(
-        [one.reconstruct(integrand=factors[one.integral_type()] * one.integrand()) for one in kept]
-    )
-    return found

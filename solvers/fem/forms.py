@@ -55,6 +55,21 @@ def compliant_pressure(c_n: UflExpr, m_n: float, penetration: UflExpr) -> UflExp
     return found
 
 
+def multiplied(form: UflForm, factors: Mapping[str, Function]) -> UflForm | None:
+    """The form with some of its integrals multiplied, without the others; None: nothing is left.
+
+    Args:
+        factors: by the type of the integral, as UFL names it: cell, exterior_facet.
+    """
+    kept = [integral for integral in form.integrals() if integral.integral_type() in factors]
+    if not kept:
+        return None
+    found: UflForm = ufl.Form(
+        [one.reconstruct(integrand=factors[one.integral_type()] * one.integrand()) for one in kept]
+    )
+    return found
+
+
 @dataclass(frozen=True)
 class Revolved:
     """A measure of the meridian plane, extended to the full circle: dx becomes 2 pi r dx."""

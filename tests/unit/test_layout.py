@@ -19,7 +19,7 @@ FACE = ROOT / "stickslip"
 SOURCES = [*sorted(FACE.glob("*.py")), *sorted(p for name in PACKAGES for p in (ROOT / name).rglob("*.py"))]
 # A room is a folder of a package, or a file beside such folders. It imports itself and the rooms below it.
 FLOORS = {  # from the ground up
-    "geometry": "errors units memory keys components arrays protocols amplitude expression size_field shape"
+    "geometry": "errors units memory keys components arrays protocols amplitude expression size_field bulging shape"
     " small_matrices form_cache bisection dolfinx_versions mesh surfaces user_files nested_mesh corner_mesh builders"
     " obstacles",
     "solvers": "parallel linear laws scene fem contact effects system interface blocks metrics newton tangent methods"
