@@ -45,6 +45,7 @@ def test_ranks_state_the_same_errors_of_stress(tmp_path: Path) -> None:
     assert two["error"]["discretisation"] == pytest.approx(one["error"]["discretisation"], rel=1e-9)
 
 
+@pytest.mark.slow  # test_left_out has its siblings on one rank
 def test_ranks_state_the_same_errors_of_curved_bodies(tmp_path: Path) -> None:
     words = ["run", "half_disc", "--set=geometry.order=1", "--set=steps.count=1", "--set=output.pictures=false", "-q"]
     one, two = (done(ranks, words, tmp_path)["steps"][-1]["supports"]["top"]["error"]["force"] for ranks in (1, 2))

@@ -52,7 +52,11 @@ def test_rounds_reach_what_is_asked(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("goal", "takes"), [("0.0001", "longer than can be told; --resume"), ("0.1", r"about \d+ s; --resume")]
+    ("goal", "takes"),
+    [
+        ("0.0001", "longer than can be told; --resume"),
+        pytest.param("0.1", r"about \d+ s; --resume", marks=pytest.mark.slow),
+    ],
 )
 def test_a_budget_that_does_not_suffice_is_said(goal: str, takes: str, tmp_path: Path) -> None:
     words = [f"--accuracy=base.normal_force={goal}%", "--budget=0.01", "-o", str(tmp_path / "out")]

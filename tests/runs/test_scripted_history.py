@@ -345,6 +345,7 @@ def test_what_cannot_be_changed_is_refused_in_one_line_and_changes_nothing(wrong
     assert after.supports["top"][0][0] > abs(before.supports["top"][0][0])
 
 
+@pytest.mark.slow  # it is long: shorter ones stand above
 def test_study_of_twenty_lines_shears_a_block_until_it_slips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = Path(inspect.getfile(shear_until_it_slips))
     assert len(study.read_text(encoding="utf-8").splitlines()) <= 20

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from shared.ranks import mpirun
 from stickslip.geometry.user_files.child import child_environment
 from stickslip.solvers.methods import METHODS
@@ -52,6 +54,7 @@ def test_every_method_and_both_forms_of_the_bodies_give_their_memory_back() -> N
     assert left([*methods, *FORMS, spheres, ("block", "geometry.order=2")]) == ""
 
 
+@pytest.mark.slow  # one rank does it above
 def test_ranks_give_their_memory_back(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(RUNS.format(words=FORMS, COARSE=COARSE), encoding="utf-8")

@@ -21,7 +21,7 @@ from stickslip.workflows.verification.hard.suite import NAMES, Row, Task, perfor
 from stickslip.workflows.verification.hard.tables import overrides, ready, scene_of
 from stickslip.workflows.verification.hard.variations import FIXED, Scale, variation, varied
 
-FEW, SMALL = 3, 6  # variations
+FEW, SMALL = 2, 6  # variations
 SEED = 0
 COARSE = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"]
 
@@ -75,7 +75,7 @@ def test_a_run_that_was_ended_goes_on_behind_its_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def run(folder: Path, resume: bool = False) -> list[tuple[str, str]]:
-        assert hard(["block"], number=3, seed=SEED, folder=folder, resume=resume)
+        assert hard(["block"], number=2, seed=SEED, folder=folder, resume=resume)
         rows = [json.loads(line) for line in (folder / "hard.jsonl").read_text().splitlines()]
         return [(row["name"], row["verdict"]["outcome"]) for row in rows]
 
@@ -87,14 +87,14 @@ def test_a_run_that_was_ended_goes_on_behind_its_rows(
 
     monkeypatch.setattr(command, "results", ended)
     with pytest.raises(KeyboardInterrupt):
-        hard(["block"], number=3, seed=SEED, folder=tmp_path)
+        hard(["block"], number=2, seed=SEED, folder=tmp_path)
     monkeypatch.setattr(command, "results", solved)
     part = tmp_path / "hard.part.jsonl"
     part.write_text(part.read_text().replace('"iterations": ', '"iterations": 7') + '{"scene": "blo')  # a torn line
     with pytest.raises(SceneError, match="go on with --resume"):
-        hard(["block"], number=3, seed=SEED, folder=tmp_path)
+        hard(["block"], number=2, seed=SEED, folder=tmp_path)
     with pytest.raises(SceneError, match="of another run"):
-        hard(["block"], number=3, seed=SEED + 1, folder=tmp_path, resume=True)
+        hard(["block"], number=2, seed=SEED + 1, folder=tmp_path, resume=True)
     assert run(tmp_path, resume=True) == whole
     assert '"iterations": 7' in (tmp_path / "hard.jsonl").read_text()  # was not solved again
     assert not part.exists()
