@@ -21,7 +21,7 @@ from stickslip.workflows.verification.hard.suite import NAMES, Row, Task, perfor
 from stickslip.workflows.verification.hard.tables import overrides, ready, scene_of
 from stickslip.workflows.verification.hard.variations import FIXED, Scale, variation, varied
 
-FEW, SMALL = 2, 6  # variations
+FEW, SMALL = 3, 6  # variations
 SEED = 0
 COARSE = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"]
 
