@@ -2,7 +2,7 @@
 
 Bubbles make bodies softer: with the shortening of the step the tension would fall. Once a bolt is held it keeps the
 shortening of the steps with bubbles. Each answer to bubbles is found as the step is, see `tightening`; Broyden's matrix
-goes on from answer to answer.
+goes on from answer to answer of a substep, and begins anew with the next one: a resumed run has the same bits.
 """
 
 from __future__ import annotations
@@ -24,39 +24,39 @@ MOST, EACH = 8, 2  # solutions of an answer, and for each bolt
 log = logging.getLogger(__name__)
 
 
-class BoltResponse:
-    """By how much the tensions of the bolts (b,) answer to their shortenings: a matrix J (b, b) [N/m] that learns."""
+class BoltsByForce:
+    """The bolts (b,) of a system that are tightened to a force."""
 
     def __init__(self, system: System) -> None:
-        """Guess: the bodies do not give way."""
+        """Guess of their `stiffness` (b, b) [N/m], of tensions against shortenings: the bodies do not give way."""
         self.bolts = tuple(bolt for bolt in system.initial.tightened if bolt.tension is not None)
         self.places = np.array([bolt.index for bolt in self.bolts], np.int64)
         self.largest = np.array([largest_tension(system, bolt) for bolt in self.bolts])
-        self.J = np.diag(np.diag(system.initial.coupling)[self.places])
-
-    def learn(self, moved: Array, gained: Array) -> None:
-        """Take over what the tensions gain (b,) [N] when shortenings move by (b,) [m]."""
-        if moved.any():
-            self.J += np.outer(gained - self.J @ moved, moved) / (moved @ moved)
+        self.stiffness = np.diag(np.diag(system.initial.coupling)[self.places])
 
 
 class FollowedBolts:
     """The bolts of one substep with bubbles; `values` are those of all initial strains (k,) of the last answer."""
 
-    def __init__(self, response: BoltResponse, bubbles: Bubbles, before: State, old: State, new: State) -> None:
+    def __init__(self, bolts: BoltsByForce, bubbles: Bubbles, before: State, old: State, new: State) -> None:
         """
         Args:
             before: with bubbles, at the start of the substep.
             old, new: without, at its start and its end.
         """
-        self._response, self._bubbles, places = response, bubbles, response.places
-        self._free = np.array([old.time < bolt.held_from * (1 - CLOSE) for bolt in response.bolts], bool)
+        self._bolts, self._bubbles, places, self._J = bolts, bubbles, bolts.places, bolts.stiffness.copy()
+        self._free = np.array([old.time < bolt.held_from * (1 - CLOSE) for bolt in bolts.bolts], bool)
         self._wanted, self.values = -new.initial_work[places], new.initial.copy()
         moved = new.initial[places] - old.initial[places]
         self._kept = before.initial[places] + moved
-        response.learn(moved, old.initial_work[places] - new.initial_work[places])
+        self._learn(moved, old.initial_work[places] - new.initial_work[places])
         self._tried: tuple[Array, Array] | None = None  # shortenings, and by how much tensions were off
         self._tries, self._moves = 0, self._free
+
+    def _learn(self, moved: Array, gained: Array) -> None:
+        """Take over what the tensions gain (b,) [N] when shortenings move by (b,) [m]."""
+        if moved.any():
+            self._J += np.outer(gained - self._J @ moved, moved) / (moved @ moved)
 
     def begin(self, trial: bool) -> None:
         """Begin an answer.
@@ -66,8 +66,8 @@ class FollowedBolts:
         """
         self._tried, self._tries = None, 0
         self._moves = np.full(len(self._free), True) if trial else self._free
-        self._allowed = (ROUGHLY if trial else NEAR) * self._response.largest
-        places = self._response.places
+        self._allowed = (ROUGHLY if trial else NEAR) * self._bolts.largest
+        places = self._bolts.places
         self.values = self.values.copy()
         self.values[places] = np.where(self._moves, self.values[places], self._kept)
 
@@ -79,7 +79,7 @@ class FollowedBolts:
     def done(self, u: Vec, x: Vec) -> bool:
         """Whether tensions are right at a displacement u without rigid motion and bubbles x; else `values` are better;
         collective."""
-        places, moves, response = self._response.places, self._moves, self._response
+        places, moves = self._bolts.places, self._moves
         if not moves.any():
             return True
         system = self._bubbles.system
@@ -89,11 +89,11 @@ class FollowedBolts:
             return True
         now = self.values[places]
         if self._tried is not None:
-            response.learn(now - self._tried[0], off - self._tried[1])
+            self._learn(now - self._tried[0], off - self._tried[1])
         self._tried, self._tries = (now, off), self._tries + 1
         step = np.zeros(len(moves))
-        step[moves] = np.linalg.lstsq(response.J[np.ix_(moves, moves)], -off[moves], rcond=None)[0]
+        step[moves] = np.linalg.lstsq(self._J[np.ix_(moves, moves)], -off[moves], rcond=None)[0]
         self.values = self.values.copy()
         self.values[places] = now + step
-        log.debug("tension of bolts with bubbles off by %.1e", np.abs(off / response.largest).max())
+        log.debug("tension of bolts with bubbles off by %.1e", np.abs(off / self._bolts.largest).max())
         return False

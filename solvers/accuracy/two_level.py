@@ -29,7 +29,7 @@ from stickslip.geometry.protocols import Sparse, Vec
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.accuracy.bubbles import Bubbles
 from stickslip.solvers.accuracy.curved_sides import bulges
-from stickslip.solvers.accuracy.followed_bolts import BoltResponse, FollowedBolts
+from stickslip.solvers.accuracy.followed_bolts import BoltsByForce, FollowedBolts
 from stickslip.solvers.accuracy.left_out import LeftOut, rim_of
 from stickslip.solvers.contact.build import along
 from stickslip.solvers.contact.coupling import relative_to
@@ -100,7 +100,7 @@ class MeshCorrection:
         self._left_out = LeftOut(system) if system.mesh.bulging else None
         self._sides = {name: gather_surface(system.mesh, bubbles.space, bubbles.nodes, name) for name in sorted(names)}
         self._known: tuple[System, BubbleRows] | None = None
-        self._response = BoltResponse(system)
+        self._by_force = BoltsByForce(system)
 
     def __call__(self, stepper: Stepper, old: State, new: State, problem: SurfaceProblem) -> State | None:
         """The state with bubbles after a substep from `old` to `new`; None: it was not found; collective.
@@ -151,7 +151,7 @@ class MeshCorrection:
         solve = chain.beside(system, surface, new, NEARER)
         if solve is None:
             return None
-        bolts = FollowedBolts(self._response, self._bubbles, before, old, new)
+        bolts = FollowedBolts(self._by_force, self._bubbles, before, old, new)
         step = _Substep(stepper, self._bubbles, rows, self._left_out, before, new, problem, bolts)
         with surface.loosely(ROUGH):
             last = self._improved(step, solve)

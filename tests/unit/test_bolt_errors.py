@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
+from shared.histories import Stop
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.accuracy import two_level
@@ -20,6 +22,8 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.system.system import assemble
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import from_dict, read
 
 FORCE = 5.0
@@ -171,3 +175,13 @@ def test_iterative_volume_solves_follow_the_force() -> None:
     direct = [*prepare(read("lap_joint", [sets[0], sets[3]]), MPI.COMM_SELF).steps()][1]
     assert stated(tightened, "bolts.bolt.tension") < 10.0  # of 3e6 N
     assert stated(held, "bolts.bolt.tension") == pytest.approx(stated(direct, "bolts.bolt.tension"), rel=1.0)
+
+
+def test_a_resumed_run_states_the_same_errors_to_the_last_bit(tmp_path: Path) -> None:
+    scene = jack(steps={"end": 2.0, "count": 6}, output={"pictures": False})
+    _, whole = run(scene, tmp_path / "whole")
+    outcome, _ = run(scene, tmp_path / "out", Watch(on_step=Stop(4)))
+    assert outcome.status == "interrupted"
+    _, resumed = run(scene, tmp_path / "out", resume=True)
+    for key in ("contacts", "bolts", "energy", "supports"):
+        assert [step[key] for step in resumed["steps"]] == [step[key] for step in whole["steps"]]
