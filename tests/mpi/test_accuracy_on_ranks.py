@@ -32,6 +32,7 @@ def test_ranks_take_the_same_rounds(tmp_path: Path) -> None:
     assert [one["unknowns"] for one in rounds[0]] == [one["unknowns"] for one in rounds[1]]
 
 
+@pytest.mark.slow  # test_recovered_stress has its siblings on one rank
 def test_ranks_state_the_same_errors_of_stress(tmp_path: Path) -> None:
     """Each rank recovers the stress of its own cells, from those of all around its nodes."""
     points = {f"p{i}": {"point": [0.1 + 0.4 * i, 0.45]} for i in range(5)}

@@ -200,6 +200,7 @@ def test_faults_on_two_ranks_are_the_same_on_both(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow  # test_faults does it on one rank
 def test_full_disk_behind_stdout_on_two_ranks(tmp_path: Path) -> None:
     """Rank 1 says nothing, and does not wait."""
     program = "import os, sys; os.dup2(os.open('/dev/full', os.O_WRONLY), 1); "
