@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.facets import normals_of
 from stickslip.geometry.protocols import Gmsh
 
 FLAT = ("Line", "Plane")  # entities as gmsh calls them
@@ -107,10 +108,9 @@ def _of_surface(gmsh: Gmsh, tag: int, points: Array) -> tuple[Ints, Array]:
     nodes = np.unique(np.concatenate([corners.ravel() for corners in of_kind]))
     x = points[nodes]
     places = [np.searchsorted(nodes, corners) for corners in of_kind]
-    areas = [np.cross(x[at[:, 1]] - x[at[:, 0]], x[at[:, -1]] - x[at[:, 0]]) for at in places]
     around = np.zeros_like(x)
-    for at, area in zip(places, areas, strict=True):
-        around += _sums(at, np.repeat(area[:, None], at.shape[1], axis=1), len(nodes))
+    for at in places:
+        around += _sums(at, np.repeat(normals_of(x[at])[:, None], at.shape[1], axis=1), len(nodes))
     normals = _of_kernel(gmsh, 2, tag, nodes, _unit(around))
     found = []
     for kind, corners, at in zip(kinds, of_kind, places, strict=True):

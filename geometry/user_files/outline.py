@@ -9,8 +9,8 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.facets import curved, edge_middles, normals_of
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.user_files.facets import curved, edge_middles, normals_of
 from stickslip.geometry.user_files.parts import FACET_WORD, Parts, nodes_at
 from stickslip.geometry.user_files.raw_mesh import RawMesh, facets_among, read_raw_mesh
 from stickslip.geometry.user_files.simple_forms import fit

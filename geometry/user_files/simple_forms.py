@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.user_files.facets import normals_of
+from stickslip.geometry.facets import normals_of
 
 ROUGH = 1e-5  # points lie on the form to this, relative to the face
 FLAT = 100.0  # a cylinder's radius, relative to the face, is less than this

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.facets import curved, edge_middles, normals_of
 from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.geometry.user_files.facets import curved, edge_middles, normals_of
 from stickslip.geometry.user_files.outline import Facets, Outline
 from stickslip.geometry.user_files.simple_forms import ROUGH, Form, fit
 

@@ -198,13 +198,21 @@ class UserFile(Noun, Shape):
         try:
             super().refuse_too_large(request, free)
         except SceneError as error:
-            declared = declared_unit(Path(self.file))
-            taken = self.length_unit or self.scene_length
-            if declared in (None, taken):
+            if not self.other_unit:
                 raise
-            box = " x ".join(f"{length:.3g}" for length in np.ptp(self.box(request.dim), axis=0))
-            hint = f"the file's box, read in {taken}, is {box} {self.scene_length}"
-            raise SceneError(f"{error}; {hint}; is length_unit = '{declared}' missing?") from None
+            hint = f"{self.as_read(request.dim)}; is length_unit = '{self.other_unit}' missing?"
+            raise SceneError(f"{error}; {hint}") from None
+
+    @property
+    def other_unit(self) -> str | None:
+        """Unit in which gmsh gives the file's coordinates, where they are taken to be in another one; else None."""
+        declared, taken = declared_unit(Path(self.file)), self.length_unit or self.scene_length
+        return None if declared == taken else declared
+
+    def as_read(self, dim: int) -> str:
+        """How large the file is, in words."""
+        box = " x ".join(f"{length:.3g}" for length in np.ptp(self.box(dim), axis=0))
+        return f"the file's box, read in {self.length_unit or self.scene_length}, is {box} {self.scene_length}"
 
     def size(self, dim: int) -> float | None:
         """Edge length of the cells [m]; where a CAD file comes without one, that of CELLS cells of its volume."""

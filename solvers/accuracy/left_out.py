@@ -19,6 +19,7 @@ import numpy as np
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.bulging import Bulging
+from stickslip.geometry.facets import normals_of
 from stickslip.geometry.protocols import UflForm, Vec
 from stickslip.geometry.small_matrices import inverse_and_determinant
 from stickslip.geometry.surfaces.surface import Surface
@@ -31,7 +32,6 @@ from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.system import System
 
 FACETS = {"triangle": 3, "tetrahedron": 4, "quadrilateral": 4, "hexahedron": 6}
-SIZES = {"triangle": 1 / 2, "tetrahedron": 1 / 6, "quadrilateral": 1.0, "hexahedron": 1.0}  # of reference cells
 
 
 class LeftOut:
@@ -90,7 +90,7 @@ def rim_of(side: Surface, bulging: Bulging) -> Array:
 def _share_left_out(system: System) -> Array:
     """Volume that facets leave out, by that of the cell (cells,), ghosts included."""
     mesh = system.mesh
-    nodes, x = dx.cell_nodes(mesh.domain), mesh.domain.geometry.x[:, : mesh.dim]
+    nodes, x = dx.cell_nodes(mesh.domain), mesh.domain.geometry.x
     numbers = np.asarray(mesh.domain.geometry.input_global_indices, np.int64)
     shape = mesh.domain.topology.cell_type.name
     found, bulging = np.zeros(len(nodes)), mesh.bulging
@@ -100,8 +100,8 @@ def _share_left_out(system: System) -> Array:
     own = nodes[near]
     known = {tuple(row): out for row, out in zip(bulging.facets.tolist(), bulging.out, strict=True)}
     gradient = dx.reference_basis(shape, 1, dx.midpoint(mesh.domain))[1][:, 0]
-    jacobian = np.einsum("an,cni->iac", gradient, x[own])
-    volume = SIZES[shape] * np.abs(inverse_and_determinant(jacobian)[1])
+    jacobian = np.einsum("an,cni->iac", gradient, x[own][:, :, : mesh.dim])
+    volume = dx.reference_rule(shape, 1)[1].sum() * np.abs(inverse_and_determinant(jacobian)[1])
     middle = x[own].mean(axis=1)
     for corners in (dx.facet_dofs(system.space, k) for k in range(FACETS[shape])):
         rows = np.sort(numbers[own[:, corners]], axis=1)
@@ -110,25 +110,14 @@ def _share_left_out(system: System) -> Array:
         if not at:
             continue
         out = np.array([known[tuple(row)] for row in rows[at].tolist()])
-        points = x[own[at][:, corners]]
-        area = _area_vectors(points)
-        centre = points.mean(axis=1)
+        points = x[_in_order(own[at][:, corners])]
+        area, centre = normals_of(points), points.mean(axis=1)
         area *= np.sign(np.einsum("fi,fi->f", area, centre - middle[at]))[:, None]
-        more = np.einsum("fi,fi->f", out, area) / volume[at]
+        more = np.einsum("fi,fi->f", out, area[:, : mesh.dim]) / volume[at]
         if mesh.axisymmetric:
             more *= centre[:, 0] / middle[at, 0]
         found[near[at]] += more
     return found
-
-
-def _area_vectors(points: Array) -> Array:
-    """Normal (f, d) of facets with corners (f, k, d), as long as their area; of either direction."""
-    if points.shape[2] == 2:
-        along = points[:, 1] - points[:, 0]
-        return np.stack([along[:, 1], -along[:, 0]], axis=1)
-    if points.shape[1] == 3:
-        return np.asarray(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]) / 2)
-    return np.asarray(np.cross(points[:, 3] - points[:, 0], points[:, 2] - points[:, 1]) / 2)
 
 
 def _share_of_rims(system: System, sides: Iterable[str]) -> Array:
@@ -144,14 +133,14 @@ def _share_of_rims(system: System, sides: Iterable[str]) -> Array:
         if not len(cells):
             continue
         facets = np.array([nodes[cell][dx.facet_dofs(system.space, k)] for cell, k in zip(cells, local, strict=True)])
-        area = np.linalg.norm(_area_vectors(x[facets]), axis=1)
-        found[cells] = sum(_rims(x, numbers, _in_order(facets), mesh.bulging)) / area
+        corners = _in_order(facets)
+        found[cells] = sum(_rims(x, numbers, corners, mesh.bulging)) / np.linalg.norm(normals_of(x[corners]), axis=1)
     return found
 
 
 def _in_order(facets: Ints) -> Ints:
-    """Corners (f, k) of facets in 3D, one after the other around them."""
-    return facets if facets.shape[1] == 3 else facets[:, [0, 1, 3, 2]]
+    """Corners (f, k) of facets, one after the other around them."""
+    return facets if facets.shape[1] < 4 else facets[:, [0, 1, 3, 2]]
 
 
 def _edges_of(corners: Ints) -> list[tuple[Ints, Ints]]:

@@ -326,7 +326,7 @@ class _Substep:
         stepper, new, n = self.stepper, self.new, self.stepper.surface.normal_rows
         closer = (0.0 if straight else 1.0) * self.rows.closer[:n]
         slip = self.problem.gap if same_history else self.old.w - stepper.cone.give(self.old.p)
-        pull, left_out = self.bubbles.pull(x), None if straight else self._left_out
+        pull, left_out = self.bubbles.pull(x), None if straight else self._forces_left_out
         more = pull if left_out is None else pull + left_out[1] - left_out[0]
         posed = replace(
             self.problem,
@@ -351,7 +351,7 @@ class _Substep:
         return None
 
     @cached_property
-    def _left_out(self) -> tuple[Vec, Vec] | None:
+    def _forces_left_out(self) -> tuple[Vec, Vec] | None:
         """Loads, and inner forces in the solved step, of what facets leave out of the bodies [N]; collective."""
         if self.left_out is None:
             return None
@@ -417,10 +417,8 @@ class _Substep:
         load = new.load
         if answer.left_out is not None:
             outer, resisting = answer.left_out
-            load, surplus = (
-                load + outer,
-                replace(surplus, inner=pull + resisting, stored=surplus.stored + answer.u_strained.dot(resisting) / 2),
-            )
+            stored = surplus.stored + answer.u_strained.dot(resisting) / 2
+            load, surplus = load + outer, replace(surplus, inner=pull + resisting, stored=stored)
         driven = answer.solution.u_c[len(answer.solution.u_c) - len(new.driven) :]
         found = new_state(
             system=system,

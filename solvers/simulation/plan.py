@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.user_files.containment import walls
-from stickslip.geometry.user_files.open_file import declared_unit, kind_of
+from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.contact.rigid_obstacle import seen_from
 from stickslip.solvers.effects import active
@@ -80,13 +80,11 @@ def _of_another_unit(scene: Scene) -> tuple[str, ...]:
     geometry = scene.geometry
     if not isinstance(geometry, UserFile) or geometry.length_unit is not None:
         return ()
-    given, taken = declared_unit(Path(geometry.file)), scene.labels.length
-    if given in (None, taken):
+    if not geometry.other_unit:
         return ()
-    box = " x ".join(f"{length:.3g}" for length in np.ptp(geometry.box(scene.dim), axis=0))
     return (
-        f"geometry.file: gmsh gives coordinates of a STEP file in {given}, and they are taken to be in {taken}: the "
-        f'box is {box} {taken}; write length_unit = "{given}", or "{taken}" if that is meant',
+        f"geometry.file: gmsh gives coordinates of STEP files in {geometry.other_unit}; {geometry.as_read(scene.dim)}: "
+        f'write length_unit = "{geometry.other_unit}", or "{scene.labels.length}" if that is meant',
     )
 
 

@@ -1,6 +1,8 @@
 """What a user types, what comes back, and what stands in the folder afterwards."""
 
+import errno
 import json
+import os
 import re
 import subprocess
 import sys
@@ -102,6 +104,16 @@ def test_a_disk_that_refuses_a_new_scene_is_none_of_the_user_s_mistakes(call: Ca
     (folder / "file").touch()
     code, _, err = call("new", "block", "file/mine.toml")
     assert (code, err) == (4, "stickslip: file/mine.toml: cannot be written: Not a directory\n")
+
+
+def test_a_full_disk_leaves_no_part_of_a_new_scene(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    code, _, err = call("new", "block", "mine.toml")
+    assert (code, "No space left on device" in err) == (4, True)
+    assert not [*folder.iterdir()]
 
 
 def test_new_refuses_an_unknown_scene_and_a_missing_folder(call: Call, folder: Path) -> None:

@@ -171,5 +171,5 @@ def test_a_step_file_taken_in_another_unit_than_gmsh_gives_is_warned_of(
     units: str, length_unit: str | None, warned: bool, tmp_path: Path
 ) -> None:
     data = scene_data(draw(tmp_path / "b.step"), 3, "part", mesh_size=0.5, names=FACES, length_unit=length_unit)
-    said = 'the box is 4 x 2 x 2 m; write length_unit = "mm", or "m" if that is meant'
+    said = 'box, read in m, is 4 x 2 x 2 m: write length_unit = "mm", or "m" if that is meant'
     assert any(said in warning for warning in warnings(from_dict(data | {"units": units}))) == warned

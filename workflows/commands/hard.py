@@ -68,10 +68,11 @@ def hard(
     rows = _begun(folder / PART, run)[:number] if folder is not None and resume else []
     began = clock.monotonic()
     fresh = results(tuple(scenes) or NAMES, number, seed, jobs, known=rows)
-    keep = _keeper(folder / PART, run, rows) if folder is not None and not again else _forget
+    keep = _keeper(folder / PART, run, rows) if folder is not None and not again else None
     for row in judged_again(earlier, seed, jobs) if again else fresh:
         rows.append(row)
-        keep(row)
+        if keep is not None:
+            keep(row)
         if row.verdict.outcome in BAD:
             print(
                 f"{row.scene}, {row.name}: {row.verdict.outcome.value}: {row.verdict.reason}\n  {repeated(row)}",
@@ -103,10 +104,6 @@ def _keeper(path: Path, run: str, rows: Sequence[Row]) -> Callable[[Row], None]:
             file.write(_line(row))
 
     return keep
-
-
-def _forget(row: Row) -> None:
-    """Rows of a short run are written at its end."""
 
 
 def _begun(path: Path, run: str) -> list[Row]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import typer
 
-from stickslip.geometry.errors import MachineError, SceneError, nearest
+from stickslip.geometry.errors import SceneError, nearest
+from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.scene_file.read import READY
 
 
@@ -41,9 +44,7 @@ def write_new(path: Path, text: str) -> None:
         SceneError: it is there, or its folder is not.
         MachineError: disk full, no permission.
     """
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except OSError as error:
-        kind = SceneError if isinstance(error, FileExistsError | FileNotFoundError) else MachineError
-        raise kind(f"{path}: cannot be written: {error.strerror}") from None
+    for wrong, error in ((os.path.lexists(path), errno.EEXIST), (not path.parent.exists(), errno.ENOENT)):
+        if wrong:
+            raise SceneError(f"{path}: cannot be written: {os.strerror(error)}")
+    write_aside(path, text.encode())
