@@ -173,3 +173,44 @@ def test_a_step_file_taken_in_another_unit_than_gmsh_gives_is_warned_of(
     data = scene_data(draw(tmp_path / "b.step"), 3, "part", mesh_size=0.5, names=FACES, length_unit=length_unit)
     said = 'box, read in m, is 4 x 2 x 2 m: write length_unit = "mm", or "m" if that is meant'
     assert any(said in warning for warning in warnings(from_dict(data | {"units": units}))) == warned
+
+
+TILTED = """
+model = "plane strain"
+geometry = { builder = "two_blocks", length = 1.0, height = 0.25, lower_length = 2.0, lower_height = 0.5, mesh_size = 0.25 }
+bodies = { upper = { E = 1e6, nu = 0.3 }, lower = { E = 1e8, nu = 0.3 } }
+loads.top = { boundary = "upper.top", traction = [0.0, -400.0] }
+steps = { end = 2.0, count = 4 }
+
+[contacts.base]
+surface = "upper.bottom"
+against = "lower.top"
+friction = { law = "coulomb", mu = 0.1 }
+
+[remote_points.base]
+boundary = "lower.bottom"
+point = [0.0, -0.5]
+coupling = "rigid"
+displacement = { x = 0.0, y = 0.0 }
+rotation = { z = [[0, 0], [1, 0.02]] }
+
+[springs.pull]
+at = "upper.right"
+stiffness = 2e4
+direction = [1.0, 0.0]
+displacement = [[[0, 0], [1, 0], [2, 0.01]], 0.0]
+"""
+
+
+def test_sides_that_turn_by_a_part_of_mu_are_doubted(call: Call, folder: Path) -> None:
+    """A block pulled up a slope of .02 rad, to which its foundation turns: N (mu + .02) / (1 - .02 mu) in truth."""
+    (folder / "tilted.toml").write_text(TILTED)
+    pulls = {}
+    for sliding in ("false", "true"):
+        bare = ("--set=output.error=false", "--set=output.pictures=false", f"--set=contacts.base.sliding={sliding}")
+        code, _, err = call("run", "tilted.toml", "-o", sliding, *bare)
+        step = json.loads((folder / sliding / "result.json").read_text())["steps"][-1]
+        assert (code, "contacts.base: its sides turn by 20% of mu" in flat(err)) == (0, sliding == "false"), err
+        pulls[sliding] = step["springs"]["pull"]["force"][0]
+    assert pulls["false"] == pytest.approx(40.0, rel=1e-6)
+    assert pulls["true"] == pytest.approx(400 * 0.12 / (1 - 0.002), rel=2e-3)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from stickslip.solvers.simulation.simulation import Simulation
 
 LARGE_SPREAD = 0.1  # of the bodies' size: strains or rotations of this order change the answer by as much
 LARGE_TURN = 0.05  # [rad]; linear elasticity makes a strain of half its square, and turns no load or normal
+LARGE_LEAN = 0.1  # turn of the normals by mu; friction is off by about as large a part
 NO_TURN = 0.01  # spread of displacements of the size of a body below which no large part of it turns so far
 PART = 0.95  # of a body's volume turns by less than what counts: a corner's singularity is no rotation of the body
 LARGE_TIME_ERROR = 0.05  # relative; more steps are then asked for
@@ -43,17 +44,24 @@ class Seen:
     spread: float = 0.0  # displacements within a body that differ, relative to the body's box
     turn: float = 0.0  # rotation [rad], see `PART`
     jump: float = 0.0  # of the mean stress between cells, relative to the equivalent stress, where nu is above `SOFT`
+    lean: tuple[float, str] = (0.0, "")  # see `_lean`, and the contact
 
 
 class Fields:
     """Judges displacement and stress step by step: they are not kept."""
 
-    def __init__(self, problem: Problem, mesh: MeshData, before: Seen) -> None:
+    def __init__(self, problem: Problem, mesh: MeshData, contacts: Sequence[ContactRows], before: Seen) -> None:
         """
         Args:
+            contacts: with the pairs of the start.
             before: what was seen in steps before those that `see` is given.
         """
         self.seen, self._problem, self._mesh = before, problem, mesh
+        self._rubbing = [
+            rows
+            for rows in contacts
+            if rows.master is not None and rows.friction is not None and not problem.pairs[rows.name].contact.sliding
+        ]
         self._bodies = []
         for index, name in enumerate(mesh.bodies):
             cells = mesh.cells[mesh.body == index]
@@ -73,7 +81,10 @@ class Fields:
                 spread=max(self.seen.spread, spread),
                 turn=max(self.seen.turn, turn),
                 jump=max(self.seen.jump, jump),
+                lean=self.seen.lean,
             )
+        leans = ((_lean(rows, step.contacts[rows.name], step.displacement), rows.name) for rows in self._rubbing)
+        self.seen = replace(self.seen, lean=max([self.seen.lean, *leans]))
 
     def warnings(self) -> Iterator[str]:
         """One for each value that is too large."""
@@ -86,6 +97,13 @@ class Fields:
             yield (
                 f"bodies turn by up to {self.seen.turn:.2g} rad, and rotations are taken to be small: forces may be "
                 f"wrong by as large a part; apply less load or motion"
+            )
+        lean, name = self.seen.lean
+        if lean > LARGE_LEAN:
+            yield (
+                f"contacts.{name}: its sides turn by {lean:.0%} of mu, while pressure and friction keep the directions "
+                f"of the start: forces along the side are off by as large a part of the friction; set "
+                f"contacts.{name}.sliding = true"
             )
         if self.seen.jump > LARGE_JUMP:
             yield (
@@ -106,6 +124,26 @@ def _turn(mesh: MeshData, cells: Ints, displacement: Array) -> float:
     order = np.argsort(turn)
     filled = np.cumsum(np.abs(det[order]))
     return float(turn[order][np.searchsorted(filled, PART * filled[-1])])
+
+
+def _lean(rows: ContactRows, state: ContactState, displacement: Array) -> float:
+    """Resultant of the pressure along the turn of the normals, relative to that of the friction bounds [-].
+
+    The smaller of both sides' turns counts, and none where they oppose each other: contact acts half way between
+    normals that become alike, and the points of a shaft that turns in its bore have the normals of those before.
+    """
+    bound = float(state.weight @ state.bound)
+    if rows.master is None or not 0 < bound < np.inf:
+        return 0.0
+    n = len(rows.surface.points)
+    own, other = (
+        replace(side, points=side.points + moved).node_normals(CREASE) - side.node_normals(CREASE)
+        for side, moved in zip((rows.surface, rows.master), np.split(displacement[rows.input], [n]), strict=True)
+    )
+    other = rows.relative[:, n:] @ other  # opposite to the slave's, and so are the coefficients
+    smaller = np.where((np.linalg.norm(own, axis=1) < np.linalg.norm(other, axis=1))[:, None], own, other)
+    push = state.weight * state.pressure * (np.einsum("nd,nd->n", own, other) > 0)
+    return float(np.linalg.norm(push @ smaller)) / bound
 
 
 def _jump(cells: Ints, stress: Array, von_mises: Array) -> float:

@@ -93,7 +93,7 @@ class Run:
             simulation.clock.add(earlier.last.spent)
             seen = earlier.last.seen
         if simulation.mesh.comm.rank == 0:  # where the mesh and the displacements are
-            self._fields = Fields(simulation.problem, simulation.data, seen)
+            self._fields = Fields(simulation.problem, simulation.data, simulation.system.contacts, seen)
 
     def march(self, watch: Watch) -> tuple[str, str]:
         """Solve and write step by step: status, and what to tell the user."""
