@@ -45,6 +45,7 @@ from stickslip.solvers.system.system import System
 
 Estimate = Callable[["Observer", "Accepted", StepResult], StepResult]
 LINEAR = 4.0  # the error of conjugate gradients is estimated from below; measured up to 3.7 times too small
+STATUS = 1e-9  # of the largest traction, and of the motion that it causes: less than that is none
 
 
 def iteration_error(accepted: Accepted) -> float:
@@ -402,9 +403,13 @@ def _status(
         increment: (n, d) slip in the last substep [m].
         accepted: the step, for its scales and its method's slack.
     """
-    touching = (pressure > 1e-9 * accepted.problem.p_ref) | (c.normal.sides == 2)
+    problem = accepted.problem
+    before = float(np.abs(accepted.substep_start.p).max(initial=0.0))  # a release leaves a rest of it
+    scale = max(problem.scale(accepted.state.p), before)  # p_ref is far too large where bodies bend freely
+    touching = (pressure > STATUS * scale) | (c.normal.sides == 2)
     at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - accepted.slack)
-    moving = np.linalg.norm(increment, axis=1) > 1e-9 * accepted.problem.u_ref
+    motion = min(problem.u_ref, scale / problem.stiffness)
+    moving = np.linalg.norm(increment, axis=1) > STATUS * motion
     slipping = at_bound & (moving | (not bound.any()))  # nothing sticks without friction
     return np.where(touching, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
 

@@ -95,3 +95,27 @@ def test_a_rigid_motion_that_supports_prescribe_strains_the_springs_that_resist_
 def test_what_is_wrong_is_refused_in_one_line(bed: dict[str, float], side: str, message: str) -> None:
     with pytest.raises(SceneError, match=message):
         make_plan(scene(bed=bed, side=side))
+
+
+@pytest.mark.parametrize("form", ["condensed", "matrix-free"])
+def test_springs_that_hardly_hold_do_not_hide_what_sticks(form: str) -> None:
+    """Without contact the block would move by a kilometre: statuses are judged by the tractions that there are."""
+    tables: dict[str, Any] = {
+        "bodies": {"block": {"E": 2.1e11, "nu": 0.3}},
+        "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
+        "contacts": {
+            "base": {"surface": "block.bottom", "against": "floor", "friction": {"law": "coulomb", "mu": 0.3}}
+        },
+        "loads": {
+            "top": {"boundary": "block.top", "pressure": "1e6*(1+x)"},
+            "side": {"boundary": "block.left", "pressure": 4e5},
+        },
+        "solver": {"surface": form},
+    }
+    weak = {"normal": 1e3, "tangential": 1e3}
+    (held,) = prepare(scene(bed=weak, side="top", **tables)).steps()
+    (free,) = prepare(scene(bed=weak, side="top", **(tables | {"elastic_support": {}}))).steps()
+    assert held.p_ref > 1e6 * free.p_ref
+    for key in ("contact_area", "stick_area", "slip_area"):
+        assert getattr(held.contacts["base"], key) == getattr(free.contacts["base"], key)
+    assert free.contacts["base"].slip_area > 0
