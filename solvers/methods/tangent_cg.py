@@ -35,6 +35,7 @@ SHORTEST = 1e-3  # step that is halved no more
 PATIENCE = 150  # iterations of a step, if another form of the bodies can take over
 STALL_WINDOW = 40  # iterations in which the error must halve; usual are 7 to 20 in all
 ROUNDING = 1e-12  # of the energy: a growth that counts as none
+LEAST = 1e-3  # of the displacement at the start: smaller ones are measured against it, for a full release leaves none
 FASTEST, SLOWEST = 0.2, 0.9  # limits of the contraction of an iteration that is counted on
 UNKNOWN = 0.75  # contraction that is counted on before one is seen
 SEVERAL = 5  # iterations: errors that fall unevenly say little by the last one alone
@@ -229,6 +230,7 @@ class Iteration:
         stalled = Stall(STALL_WINDOW, 0.5)
         expected, slow = np.inf, 0
         moved, K_moved, contraction = np.zeros_like(self.v), np.zeros_like(self.v), UNKNOWN
+        least = LEAST * self._size()
         first = 1 if self.earlier else 0  # residual that counts: a good guess is no contraction
         for k in range(self.ready.method.max_it + 1):
             trial = self._relax()
@@ -241,7 +243,7 @@ class Iteration:
             else:
                 z, K_z = self._direction(tangent, r)
                 error = float(np.sqrt(abs(operator.dot(r, z))))
-                scale = max(self._size(), error)
+                scale = max(self._size(), least, error)
                 residual = error / scale if scale else error  # which is zero then, or no number
                 rtol = max(rtol, self.drop * residual) if k == 0 else rtol
                 status = ending(residual, 0.0, stalled(k, residual))
@@ -261,7 +263,9 @@ class Iteration:
             step = float(np.sqrt(max(operator.dot(moved, r), 0.0))) / scale
             expected = contraction / (1 - contraction) * max(residual, step)
         left = contraction * moved, contraction * K_moved
-        return self._solution(tangent, trial, left, status or Status.MAX_IT, expected, history)
+        return self._solution(
+            tangent, trial, left, status or Status.MAX_IT, expected * max(self._size(), least), history
+        )
 
     def _adapt(self, tangent: Tangent) -> None:
         """Hold in multigrid the nodes that are in contact now, if they are others than before; collective.
@@ -449,17 +453,21 @@ class Iteration:
         expected: float,
         history: list[Step],
     ) -> Solution:
-        """The solution at the present state; `left` is about the motion that is left, and K times it."""
+        """The solution at the present state; `left` is about the motion that is left, and K times it.
+
+        Args:
+            expected: energy norm [J^(1/2)] of that motion.
+        """
         problem, surface = self.problem, matrix_free(self.problem.surface)
         p, w = self._tractions(tangent)
         p = problem.project(p + problem.weight * (w - problem.gap), problem.weight)
         if status is not Status.NOT_FINITE:
             surface.found(p, self.q.copy())
-        u_c, size = surface.volume.contact.read(self.q), self._size()
+        u_c = surface.volume.contact.read(self.q)
         self._move(*left)
         after, w_after = self._tractions(self._tangent(trial))
         expected = expected if np.isfinite(expected) else 0.0
-        own = Correction(p=MARGIN * (after - p), w=MARGIN * (w_after - w), size=MARGIN * expected * size)
+        own = Correction(p=MARGIN * (after - p), w=MARGIN * (w_after - w), size=MARGIN * expected)
 
         kept = self.points.gathered(((tangent.spring > 0) | ~tangent.free).astype(float)) > 0
         kept[: surface.normal_rows] = False

@@ -417,3 +417,25 @@ def test_a_solver_apart_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -
     before = serialise(ready.snapshot(), lambda own: own.values)
     assert ready.apart(u, 1e-3)(problem, np.zeros(len(problem.gap)), lambda step: None).history
     assert_equal(serialise(ready.snapshot(), lambda own: own.values), before)
+
+
+@pytest.mark.parametrize(
+    "supports", ["{}", '{ end = { boundary = "block.right", displacement = { x = 0.0, y = 0.0 } } }']
+)
+def test_a_complete_release_leaves_nothing(supports: str) -> None:
+    scene = read(
+        "block",
+        [
+            *METHOD,
+            "geometry.mesh_size=0.25",
+            "geometry.contact_mesh_size=0.25",
+            f"supports={supports}",
+            'loads={ top = { boundary = "block.top", pressure = [[0, 0], [1, 1e-3], [2, 0]] } }',
+            "steps={ end = 2.0, count = 2 }",
+        ],
+    )
+    pressed, released = prepare(scene, MPI.COMM_SELF).steps()
+    assert pressed.contacts["base"].contact_area > 0
+    assert released.contacts["base"].normal_force < 1e-9 * pressed.contacts["base"].normal_force
+    assert np.abs(released.stress).max() < 1e-8 * np.abs(pressed.stress).max()
+    assert (released.contacts["base"].contact_area, released.substeps) == (0.0, 1)
