@@ -18,7 +18,7 @@ against order 2 on meshes four times finer, at 40 to 60 random points of a scene
 triangles (.82), recovery in hexahedra (.6). Where the stress grows without end it has no error; along an edge in 3D
 that is not seen.
 
-The first four factors are fitted to the 23 problems of `stickslip verify accuracy`, on three meshes each.
+The first four factors are fitted to problems of `stickslip verify accuracy`, on three meshes each.
 """
 
 from __future__ import annotations

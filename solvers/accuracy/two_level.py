@@ -27,12 +27,14 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Sparse, Vec
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
+from stickslip.solvers.accuracy.between_nodes import BetweenNodes
 from stickslip.solvers.accuracy.bubbles import Bubbles
 from stickslip.solvers.accuracy.curved_sides import bulges
 from stickslip.solvers.accuracy.followed_bolts import BoltsByForce, FollowedBolts
 from stickslip.solvers.accuracy.left_out import LeftOut, rim_of
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.build import along
-from stickslip.solvers.contact.coupling import relative_to
+from stickslip.solvers.contact.coupling import Points, relative_to
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.methods.method import Solve
@@ -40,6 +42,7 @@ from stickslip.solvers.newton.solution import Solution, Status, ignore
 from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.results.recovered_stress import InCell
 from stickslip.solvers.stepping.sliding import carried_over
+from stickslip.solvers.stepping.slip_dependence import with_slip
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.stepping.update import Surplus, displacement, new_state
@@ -152,7 +155,8 @@ class MeshCorrection:
         if solve is None:
             return None
         bolts = FollowedBolts(self._by_force, self._bubbles, before, old, new)
-        step = _Substep(stepper, self._bubbles, rows, self._left_out, before, new, problem, bolts)
+        friction = rows.friction(stepper.cone, old, new)
+        step = _Substep(stepper, self._bubbles, rows, self._left_out, before, new, problem, bolts, friction)
         with surface.loosely(ROUGH):
             last = self._improved(step, solve)
             if last is None:
@@ -174,7 +178,7 @@ class MeshCorrection:
         if self._factor:
             x.axpy(self._factor, self._bubbles.displacement(self._bubbles.relaxed(step.residual(step.solved()))))
             return step.answer(x, step.new.p, solve)
-        if exact and (step.rows.closer.any() or step.left_out):
+        if exact and (step.rows.closer.any() or step.left_out or step.friction):
             found = step.answer(x, step.new.p, solve, same_history=True)
         if found is None:
             return None
@@ -216,12 +220,15 @@ class BubbleRows:
 
     def __init__(self, system: System, bubbles: Bubbles, sides: dict[str, Surface]) -> None:
         normal, tangential, self.relative, numbers = [], [], [], [np.zeros(0, np.int64)]
+        self._between = list[BetweenNodes | None]()
         closer = []
         for c in system.contacts:
             pair = system.problem.pairs[c.name]
             slave = _as(c.surface, sides[pair.slave])
             master = _as(c.master, sides[pair.master]) if c.master and pair.master else None
-            n, t, relative, nearer = _rows_of(c, slave, master)
+            points = _integration_points(c, slave)
+            n, t, relative, nearer = _rows_of(c, points, slave, master)
+            self._between.append(BetweenNodes.of(c, points))
             straight = [(c.surface, slave)] + ([(c.master, master)] if c.master and master else [])
             bulging = np.concatenate([bulges(*side) for side in straight])
             known = c.normal.ties or pair.contact.gap is not None
@@ -248,6 +255,18 @@ class BubbleRows:
         """Add forces at the contact nodes [N]."""
         self._nodes.add(forces, at_contacts)
 
+    def friction(self, cone: AdmissibleSet, old: State, new: State) -> dict[str, tuple[Array, float]]:
+        """What friction between nodes adds in a substep, by contact that it adds something to."""
+        cone, found = with_slip(cone.at(new.time), new.slid), dict[str, tuple[Array, float]]()
+        for place, between in zip(cone.places, self._between, strict=True):
+            c, t = place.rows, new.p[place.tangential].reshape(-1, place.components)
+            if between is not None:
+                bound, increment = cone.bound_at_nodes(place, new.p), new.slip[c.name] - old.slip[c.name]
+                added = between.added(c.node_traction(t), bound, increment)
+                if added is not None:
+                    found[c.name] = added
+        return found
+
     def motion(self, at_contacts: Array) -> list[Array]:
         """Relative displacement (n, d) [m] at the slave's nodes of each contact."""
         parts = np.split(at_contacts.reshape(-1, self._dim), self._counts)
@@ -263,18 +282,25 @@ def _as(side: Surface, finer: Surface) -> Surface:
     return replace(finer, facets=finer.facets[order], outward=finer.outward[order])
 
 
-def _rows_of(c: ContactRows, slave: Surface, master: Surface | None) -> tuple[Sparse, Sparse, Sparse, Array]:
-    """Rows of N for the bubbles of one contact, normal and tangential; relative displacement at slave nodes; and by
-    how much the mean of a rigid obstacle's distance is smaller than that at the points of the normal rows (m_n,) [m].
-    """
+def _integration_points(c: ContactRows, slave: Surface) -> Points:
+    """Those at which bubbles on the slave count."""
     order = c.surface.degree
     degree = c.degree if c.normal.at_quadrature else 2 * order * (1 + (slave.shape != "interval")) + 1
     assert c.quadrature is not None
-    points = c.quadrature(max(degree, 2 * order + 1 + slave.axisymmetric))
+    return c.quadrature(max(degree, 2 * order + 1 + slave.axisymmetric))
+
+
+def _rows_of(
+    c: ContactRows, points: Points, slave: Surface, master: Surface | None
+) -> tuple[Sparse, Sparse, Sparse, Array]:
+    """Rows of N for the bubbles of one contact, normal and tangential; relative displacement at slave nodes; and by
+    how much the mean of a rigid obstacle's distance is smaller than that at the points of the normal rows (m_n,) [m].
+    """
     at_points = relative_to(points.own, slave, points.other, master)
     each = np.divide(1.0, c.node_weights, out=np.zeros_like(c.node_weights), where=c.node_weights > 0)
     relative = (sparse.diags(each) @ points.psi @ at_points).tocsr()
     if c.normal.at_quadrature:
+        assert c.quadrature is not None
         points = c.quadrature(c.degree)
         n, nearer = (
             along(relative_to(points.own, slave, points.other, master), c.normals[:, None]),
@@ -303,6 +329,7 @@ class _Substep:
     new: State  # without bubbles, at its end
     problem: SurfaceProblem  # that was solved without bubbles
     bolts: FollowedBolts
+    friction: Mapping[str, tuple[Array, float]]  # between nodes, see `BubbleRows.friction`
 
     def solved(self) -> Answer:
         """The solved step: what is answered to no bubbles."""
@@ -328,6 +355,7 @@ class _Substep:
         slip = self.problem.gap if same_history else self.old.w - stepper.cone.give(self.old.p)
         pull, left_out = self.bubbles.pull(x), None if straight else self._forces_left_out
         more = pull if left_out is None else pull + left_out[1] - left_out[0]
+        more = more if self._friction is None else more + self._friction
         posed = replace(
             self.problem,
             offset=self.problem.offset + self.rows.N @ self.rows.read(x),
@@ -337,7 +365,7 @@ class _Substep:
         while not self.bolts.given_up:
             initial = self.bolts.values
             forces = self._pulled(more, initial)
-            load = stepper.surface.with_more(posed.load, forces, balanced=left_out is None)
+            load = stepper.surface.with_more(posed.load, forces, balanced=left_out is None and not self.friction)
             problem = replace(posed, load=load)
             solution = solve(problem, p, ignore)
             if solution.status is not Status.CONVERGED:
@@ -356,6 +384,16 @@ class _Substep:
         if self.left_out is None:
             return None
         return self.left_out.load(self.new.time), self.left_out.inner(self.new.u, self.new.initial)
+
+    @cached_property
+    def _friction(self) -> Vec | None:
+        """Nodal forces like B^T p of friction between nodes [N]."""
+        system, none = self.stepper.system, (0.0, 0.0)
+        if not self.friction:
+            return None
+        return system.interface.spread(
+            [np.broadcast_to(self.friction.get(c.name, none)[0], c.points.shape) for c in system.contacts]
+        )
 
     def _pulled(self, pull: Vec, initial: Array) -> Vec:
         """Forces on the free dofs [N] of what pulls at the mesh, and of initial strains that differ from the step's."""
@@ -381,6 +419,8 @@ class _Substep:
     def _left_over(self, answer: Answer, inner: Vec) -> Vec:
         """Inner minus outer forces at all nodes of the next order [N]; collective."""
         found = -self._unbalanced(answer, inner)
+        if self._friction is not None:
+            found = found + self.bubbles.at_corners(self._friction)
         if answer.left_out is None:
             return found
         outer, resisting = answer.left_out
@@ -404,7 +444,7 @@ class _Substep:
         inner = bubbles.inner(answer.u, x)
         loads = bubbles.load(new.time) + bubbles.load(old.time)
         surplus = Surplus(
-            inner=pull,
+            inner=pull if self._friction is None else pull + self._friction,
             relative=self.rows.N @ here,
             motion=dict(zip((c.name for c in system.contacts), self.rows.motion(here - there), strict=True)),
             stored=(answer.u_strained.dot(pull) + x.dot(inner)) / 2,
@@ -413,12 +453,13 @@ class _Substep:
             initial_work=bubbles.initial_work(x),
             elongation=bubbles.elongation(x),
             remote=bubbles.remote(x),
+            friction=self.friction,
         )
         load = new.load
         if answer.left_out is not None:
             outer, resisting = answer.left_out
             stored = surplus.stored + answer.u_strained.dot(resisting) / 2
-            load, surplus = load + outer, replace(surplus, inner=pull + resisting, stored=stored)
+            load, surplus = load + outer, replace(surplus, inner=surplus.inner + resisting, stored=stored)
         driven = answer.solution.u_c[len(answer.solution.u_c) - len(new.driven) :]
         found = new_state(
             system=system,

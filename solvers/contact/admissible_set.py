@@ -104,6 +104,11 @@ class AdmissibleSet:
         assert law is not None
         return law.limit(p_n, place.average, place.rows.normal, self.time, self.end)
 
+    def bound_at_nodes(self, place: ContactBlock, p: Array) -> Array:
+        """Friction bound (n,) [Pa] at the slave's nodes of one contact, at tractions p (rows,) [Pa]."""
+        c, t = place.rows, p[place.tangential].reshape(-1, place.components)
+        return np.asarray(c.share_t.T @ c.along_traction(self.bound(place, p[place.normal]), t))
+
     def bound_slope(self, place: ContactBlock, p_n: Array) -> Sparse:
         """Slope ds/dp_n (m_t, m_n) of that bound."""
         law = place.rows.friction

@@ -312,14 +312,15 @@ class Observer:
         slip, increment = state.slip[c.name], state.slip[c.name] - accepted.substep_start.slip[c.name]
         cone, bound = with_slip(stepper.cone.at(state.time), state.slid), np.zeros_like(pressure)
         if c.friction is not None:  # at the points that carry the multipliers, then distributed to nodes
-            bound = c.share_t.T @ c.along_traction(cone.bound(cone.places[index], p_n), t)
+            bound = cone.bound_at_nodes(cone.places[index], state.p)
         lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)
         status = _status(c, pressure, multiplier, bound, increment, accepted)
         weight, pair = c.node_weights, stepper.system.problem.pairs[c.name]
         own = np.arange(len(c.points)) < len(c.surface.points)
         on = own if pair.slave == pair.contact.surface else ~own  # nodes of the side that the scene calls the surface
-        x, forces = c.points[on], -c.nodal_forces(p_n, t)[on]
-        resultant, tangential = forces.sum(axis=0), (weight[:, None] * multiplier).sum(axis=0)
+        x, forces = c.points[on], -state.forces[c.name][on]
+        between = (state.forces[c.name] - c.nodal_forces(p_n, t))[own]  # the friction of a state with bubbles
+        resultant, tangential = forces.sum(axis=0), (weight[:, None] * multiplier + between).sum(axis=0)
         moment = np.atleast_1d(cross(x, forces).sum(axis=0))
         if c.surface.axisymmetric:  # over the full circle the radial parts balance
             resultant, tangential, moment = resultant * [0, 1], tangential * [0, 1], 0 * moment

@@ -72,6 +72,9 @@ class Surplus:
     initial_work: Array  # (k,) see `InitialStrains.stress_work` [J]
     elongation: Array  # (r,) of links [m]
     remote: Array  # (components,) motion of remote points [m, rad]
+    friction: Mapping[
+        str, tuple[Array, float]
+    ]  # by contact, nodal forces (n_all, d) [N] like B^T p, and dissipation [J]
 
 
 def new_state(
@@ -124,6 +127,8 @@ def new_state(
     prescribed, of_slacks = system.initial.external(old.initial, initial, old.initial_work, initial_work)
     external, contact, slip = external + prescribed, -of_slacks, {}
     forces = {c.name: c.nodal_forces(*parts) for c, *parts in zip(contacts, *split(cone, p), strict=True)}
+    for name, (between, _) in surplus.friction.items() if surplus is not None else ():
+        forces[name] = forces[name] + between
     here, there = system.interface.displacement(u), system.interface.displacement(old.u)
     for c, v, v_old in zip(contacts, here, there, strict=True):
         # forces at both ends of the substep, each by its own rows: so the energy balance is exact
@@ -133,15 +138,17 @@ def new_state(
         slip[c.name] = old.slip[c.name] + c.node_motion(v - v_old - pushed)[1]
         if surplus is not None:
             slip[c.name] = slip[c.name] + c.tangential_part(surplus.motion[c.name])
+    slipping = W * p * (w - problem.gap - cone.give(p))
+    dissipated = np.array([slipping[place.tangential].sum() for place in cone.places])
     if surplus is not None:
         external, contact = external + surplus.external, contact + surplus.contact
-    slipping = W * p * (w - problem.gap - cone.give(p))
+        dissipated += [surplus.friction[c.name][1] if c.name in surplus.friction else 0.0 for c in contacts]
     energy = Energy(
         external=old.energy.external + external,
         stored=stored + system.initial.stored(initial, initial_work),
         contact=old.energy.contact + contact,
         compliance=float(W @ cone.energy(p)),
-        dissipation=old.energy.dissipation + np.array([slipping[place.tangential].sum() for place in cone.places]),
+        dissipation=old.energy.dissipation + dissipated,
     )
     return State(
         time=time,

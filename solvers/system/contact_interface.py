@@ -115,8 +115,12 @@ class ContactInterface:
             p_n: for each contact its normal tractions [Pa].
             t: for each contact its tangential tractions [Pa].
         """
-        total, parts = self.T.createVecLeft(), zip(self.contacts, p_n, t, strict=True)
-        self._nodes.add(total, np.concatenate([np.zeros(0), *(c.nodal_forces(*p).ravel() for c, *p in parts)]))
+        return self.spread([c.nodal_forces(*parts) for c, *parts in zip(self.contacts, p_n, t, strict=True)])
+
+    def spread(self, forces: list[Array]) -> Vec:
+        """Forces (n_all, d) [N] at the nodes of each contact, over all displacements."""
+        total = self.T.createVecLeft()
+        self._nodes.add(total, np.concatenate([np.zeros(0), *(each.ravel() for each in forces)]))
         return total
 
     def force_of(self, c: ContactRows, p_n: Array, t: Array) -> Vec:

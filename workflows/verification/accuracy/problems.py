@@ -13,7 +13,7 @@ from stickslip.geometry.builders.builder import Builder
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.laws.unilateral import Unilateral
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.scene_file.read import from_dict, read
 from stickslip.workflows.verification.cases import (
     cattaneo,
     circular_drive,
@@ -114,6 +114,32 @@ def _shrink_fit() -> Scene:
     return shrink_fit.scene(shrink_fit.Press(order=1, cells=0.05, ratio=1.5))
 
 
+def _turntable() -> Scene:
+    """A square block on a table that turns and moves: slip has another direction at every node."""
+    return from_dict(
+        {
+            "model": "3d",
+            "geometry": {"builder": "block", "length": 0.1, "width": 0.1, "height": 0.02, "mesh_size": 0.01},
+            "bodies": {"block": {"E": 1e9, "nu": 0.0}},
+            "obstacles": {
+                "table": {
+                    "shape": "plane",
+                    "point": [0.0, 0.0, 0.0],
+                    "normal": [0.0, 0.0, 1.0],
+                    "rotation": {"angle": [[1, 0], [2, 0.02]], "point": [0.05, 0.05, 0.0], "axis": [0.0, 0.0, 1.0]},
+                    "displacement": {"x": [[1, 0], [2, 5e-4]]},
+                }
+            },
+            "contacts": {
+                "base": {"surface": "block.bottom", "against": "table", "friction": {"law": "coulomb", "mu": 0.3}}
+            },
+            "supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0, "z": [[1, -1e-5]]}}},
+            "steps": {"end": 2.0, "count": 2},
+            "solver": {"method": METHOD},
+        }
+    )
+
+
 def _fit() -> Values:
     p = shrink_fit.exact(shrink_fit.Press()).p
     area = pi / 2 * JOINT
@@ -134,6 +160,7 @@ def _column() -> Values:
 
 
 PROBLEMS: Mapping[str, Problem] = {
+    "turntable": Problem(scene=_turntable, fine=0.5, long=False),
     "column": Problem(scene=_pressed, exact=_column(), source="closed form"),
     "sheared_column": Problem(scene=_sheared),
     "circular_drive": Problem(scene=_circle, fine=0.5),

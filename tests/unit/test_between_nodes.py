@@ -1,0 +1,118 @@
+"""Friction between nodes: a block on a turning table, whose moment is in the books."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from stickslip.solvers.accuracy.between_nodes import BetweenNodes
+from stickslip.solvers.results.error_parts import Quantity
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.workflows.scene_file.read import from_dict
+
+MU, SIDE, FORCE = 0.3, 0.1, 5000.0
+MOMENT = MU * FORCE * SIDE * (np.sqrt(2) + np.log(1 + np.sqrt(2))) / 6  # of even pressure on a square
+TURN = [[1, 0], [2, 0.02]]
+EVEN = [[1, -1e-5]]
+BLOCK = {"builder": "block", "length": SIDE, "width": SIDE, "height": 0.02, "mesh_size": 0.02, "cells": "tensor"}
+TABLE = {"shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}
+TURNED = TABLE | {"rotation": {"angle": TURN, "point": [SIDE / 2, SIDE / 2, 0.0], "axis": [0, 0, 1]}}
+
+
+def turning(friction: dict[str, Any] | None = None, **tables: Any) -> Simulation:
+    data: dict[str, Any] = {
+        "model": "3d",
+        "geometry": BLOCK,
+        "bodies": {"block": {"E": 1e9, "nu": 0.0}},
+        "obstacles": {"table": TURNED},
+        "contacts": {
+            "base": {
+                "surface": "block.bottom",
+                "against": "table",
+                "friction": friction or {"law": "coulomb", "mu": MU},
+            }
+        },
+        "supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0, "z": EVEN}}},
+        "steps": {"end": 2.0, "count": 2},
+    }
+    return prepare(from_dict(data | tables))
+
+
+@pytest.mark.parametrize("form", ["condensed", "matrix-free"])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_the_moment_of_a_turning_table_has_the_error_that_is_stated(order: int, form: str) -> None:
+    *_, last = turning(geometry=BLOCK | {"order": order}, solver={"surface": form}).steps()
+    moment, support = (Quantity(*of, "moment") for of in (("obstacles", "table"), ("supports", "top")))
+    found, corrected, stated = (
+        last.obstacles["table"].moment[2],
+        last.corrected[str(moment)],
+        last.errors[str(moment)].mesh,
+    )
+    assert isinstance(corrected, np.ndarray)
+    assert isinstance(stated, np.ndarray)
+    assert abs(corrected[2] - MOMENT) < 0.05 * abs(found - MOMENT) + 4e-4 * MOMENT  # the pressure is not quite even
+    assert 0.9 < stated[2] / abs(found - MOMENT) < 3
+    assert_allclose(last.errors[str(support)].mesh, stated, rtol=1e-3, atol=1e-3 * stated[2])
+
+
+def test_the_dissipation_has_it_too() -> None:
+    *_, last = turning().steps()
+    number = str(Quantity("contacts", "base", "dissipation_total"))
+    stated, corrected, work = last.errors[number].mesh, last.corrected[number], MOMENT * TURN[-1][1]
+    true = last.contacts["base"].dissipation_total - work
+    assert abs(corrected - work) < 0.4 * true  # the block gives way a little
+    assert stated is not None
+    assert 0.9 < stated / true < 3
+
+
+def test_nothing_is_added_where_all_slip_has_one_direction() -> None:
+    moved = TABLE | {"displacement": {"x": [[1, 0], [2, 0.01]]}}
+    simulation = turning(obstacles={"table": moved})
+    *_, last = simulation.steps()
+    c = last.contacts["base"]
+    (rows,) = simulation.system.contacts
+    assert rows.quadrature is not None
+    between = BetweenNodes.of(rows, rows.quadrature(5))
+    assert between is not None
+    assert c.slip_area > 0
+    assert between.added(-c.traction, c.bound, c.slip_increment) is None
+    middle = [SIDE / 2, SIDE / 2, 0.0]
+    wheel = np.cross([0.0, 0.0, 1.0], c.points - middle)
+    sizes = np.linalg.norm(wheel, axis=1, keepdims=True)
+    added = between.added(c.bound[:, None] * wheel / sizes, c.bound, wheel)
+    assert added is not None
+    moment = np.cross(c.points - middle, added[0])[:, 2].sum()
+    assert -1 < moment / (c.weight * c.bound * sizes[:, 0]).sum() < 0  # slip between nodes is shorter than theirs
+    assert added[1] < 0
+
+
+def test_both_sides_feel_it_in_balance() -> None:
+    """A block on a block, whose top turns."""
+    shape = {"builder": "two_blocks", "length": 1.0, "width": 1.0, "height": 0.4, "lower_height": 0.3}
+    simulation = turning(
+        geometry=shape | {"mesh_size": 0.25, "lower_mesh_size": 0.3},
+        bodies=dict.fromkeys(("upper", "lower"), {"E": 1e9, "nu": 0.0}),
+        obstacles={},
+        contacts={
+            "base": {"surface": "upper.bottom", "against": "lower.top", "friction": {"law": "coulomb", "mu": MU}}
+        },
+        supports={"floor": {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0, "z": 0.0}}},
+        remote_points={
+            "top": {
+                "boundary": "upper.top",
+                "point": [0.5, 0.5, 0.4],
+                "coupling": "rigid",
+                "displacement": {"x": 0.0, "y": 0.0, "z": [[1, -1e-5]]},
+                "rotation": {"x": 0.0, "y": 0.0, "z": [[1, 0], [2, 1e-4]]},
+            }
+        },
+    )
+    *_, last = simulation.steps()
+    assert last.contacts["base"].slip_area > 0
+    names = ("contacts", "base"), ("supports", "floor"), ("remote_points", "top")
+    contact, floor, top = (last.corrected[str(Quantity(*name, "moment"))][2] for name in names)  # type: ignore[index]
+    moment = last.contacts["base"].moment[2]
+    assert abs(contact - moment) > 1e-3 * abs(moment)
+    assert_allclose(contact, floor, rtol=1e-6)
+    assert_allclose(top, -floor, rtol=0.01)
