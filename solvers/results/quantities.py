@@ -24,21 +24,30 @@ def values(step: StepResult) -> dict[str, float]:
     for name, (moved, stress) in step.probes.items():
         found |= _vector(f"probe.{name}.displacement", moved)
         found |= {f"probe.{name}.stress.{key}": float(stress[ij]) for key, ij in STRESSES.items()}
-    for name, (force, _) in step.supports.items():
-        found |= _vector(f"support.{name}.force", force)
-    for name, (moved, force, _) in step.obstacles.items():
+    for name, (force, moment) in step.supports.items():
+        found |= _vector(f"support.{name}.force", force) | _turns(f"support.{name}.moment", moment)
+    for name, (moved, force, moment) in step.obstacles.items():
         found |= _vector(f"obstacle.{name}.displacement", moved) | _vector(f"obstacle.{name}.force", force)
+        found |= _turns(f"obstacle.{name}.moment", moment)
     for name, spring in step.springs.items():
         found |= _vector(f"spring.{name}.force", spring.force)
     found |= {f"bolt.{name}.tension": bolt.tension for name, bolt in step.bolts.items()}
     for name, point in step.remote_points.items():
         found |= _vector(f"remote_point.{name}.displacement", point.displacement)
         found |= _vector(f"remote_point.{name}.force", point.force)
+        found |= _turns(f"remote_point.{name}.rotation", point.rotation)
+        found |= _turns(f"remote_point.{name}.moment", point.moment)
     return found | {f"energy.{key}": float(getattr(step.energy, key)) for key in ENERGIES}
 
 
 def _vector(name: str, components: Array) -> dict[str, float]:
     return {f"{name}.{axis}": float(value) for axis, value in zip("xyz", components, strict=False)}
+
+
+def _turns(name: str, components: Array) -> dict[str, float]:
+    """Of a moment or a rotation, (1,) about z in 2D."""
+    axes = "z" if len(components) == 1 else "xyz"
+    return {f"{name}.{axis}": float(value) for axis, value in zip(axes, components, strict=True)}
 
 
 SINGULAR = {
@@ -49,7 +58,7 @@ SINGULAR = {
 
 
 def total_errors(step: StepResult, errors: Errors) -> dict[str, float]:
-    """Total error of every number by the names that `values` has, and of moments; NaN: not known."""
+    """Total error of every number by the names that `values` has; NaN: not known."""
     found: dict[str, float] = {}
     for key, value in quantities(step).items():
         total = errors[key].total if key in errors else None

@@ -8,7 +8,7 @@ CONTACT_NUMBERS = (
     "normal_force", "tangential_force", "max_pressure", "contact_area", "stick_area", "slip_area", "max_penetration",
     "max_slip", "dissipation", "dissipation_total",
 )  # fmt: skip
-MOVES = ("displacement", "force")
+MOVES, TURNS = ("displacement", "force"), ("rotation", "moment")
 ENERGIES = ("external", "stored", "contact", "dissipated", "time_remainder")
 KINDS = {  # of numbers that have one unit and one scale
     "force": ("force", "normal_force", "tangential_force", "tension"),
@@ -40,14 +40,18 @@ def names(
     (('base.normal_force', 'base.tangential_force'), ('probe.tip.displacement.x', 'probe.tip.displacement.y'))
     """
     axes = "xyz"[:dim]
+    turns = axes if dim == 3 else "z"
     return (
         *(f"{name}.{key}" for name in contacts for key in CONTACT_NUMBERS),
         *(f"probe.{name}.displacement.{a}" for name in probes for a in axes),
         *(f"probe.{name}.stress.{ij}" for name in probes for ij in STRESSES),
         *(f"support.{name}.force.{a}" for name in supports for a in axes),
+        *(f"support.{name}.moment.{a}" for name in supports for a in turns),
         *(f"obstacle.{name}.{key}.{a}" for name in obstacles for key in MOVES for a in axes),
+        *(f"obstacle.{name}.moment.{a}" for name in obstacles for a in turns),
         *(f"spring.{name}.force.{a}" for name in springs for a in axes),
         *(f"bolt.{name}.tension" for name in bolts),
         *(f"remote_point.{name}.{key}.{a}" for name in remote_points for key in MOVES for a in axes),
+        *(f"remote_point.{name}.{key}.{a}" for name in remote_points for key in TURNS for a in turns),
         *(f"energy.{key}" for key in ENERGIES),
     )

@@ -177,7 +177,7 @@ def test_a_step_file_taken_in_another_unit_than_gmsh_gives_is_warned_of(
 
 TILTED = """
 model = "plane strain"
-geometry = { builder = "two_blocks", length = 1.0, height = 0.25, lower_length = 2.0, lower_height = 0.5, mesh_size = 0.25 }
+geometry = { builder = "two_blocks", length = 1.0, height = 0.25, lower_length = 2.0, mesh_size = 0.25 }
 bodies = { upper = { E = 1e6, nu = 0.3 }, lower = { E = 1e8, nu = 0.3 } }
 loads.top = { boundary = "upper.top", traction = [0.0, -400.0] }
 steps = { end = 2.0, count = 4 }

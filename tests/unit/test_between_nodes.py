@@ -92,7 +92,7 @@ def test_both_sides_feel_it_in_balance() -> None:
     shape = {"builder": "two_blocks", "length": 1.0, "width": 1.0, "height": 0.4, "lower_height": 0.3}
     simulation = turning(
         geometry=shape | {"mesh_size": 0.25, "lower_mesh_size": 0.3},
-        bodies=dict.fromkeys(("upper", "lower"), {"E": 1e9, "nu": 0.0}),
+        bodies={name: {"E": 1e9, "nu": 0.0} for name in ("upper", "lower")},
         obstacles={},
         contacts={
             "base": {"surface": "upper.bottom", "against": "lower.top", "friction": {"law": "coulomb", "mu": MU}}

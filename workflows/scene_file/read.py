@@ -37,6 +37,7 @@ from stickslip.workflows.writers.writer import added_keys
 LARGEST = 20_000_000  # characters of a scene file
 WORD = re.compile(r"[^\[\]{}\"',]*")  # a value of --set that may be a text without quotes
 SHORT = re.compile(r"[+-]?(\.\d+|\d+\.)([eE][+-]?\d+)?")  # numbers that TOML wants with a digit more
+AXES = "xyz"
 DEEPEST = 20  # tables and lists within each other
 LACKS = re.compile(r"(?P<table>\w+)\.(?P<name>\w+)\.(?P<key>[\w.]+): missing")
 Names = Mapping[str, Sequence[str]]  # of what each table of a scene holds
@@ -374,8 +375,12 @@ def _put(data: dict[str, Any], key: str, value: Any, said: str) -> None:
     """Put the value of a dotted key; `said` names it in a refusal."""
     *tables, last = key.strip().split(".")
     require(len(tables) < DEEPEST, said, "[...]", f"tables more than {DEEPEST} deep")
-    for table in tables:
-        data = data.setdefault(table, {})
-        if not isinstance(data, dict):
+    found: Any = data
+    for depth, table in enumerate(tables, 1):
+        found = found.setdefault(table, {}) if isinstance(found, dict) else None
+        if isinstance(found, list) and last in AXES[: len(found)] and depth == len(tables):
+            found[AXES.index(last)] = value  # of a vector that is given as a list
+            return
+        if not isinstance(found, dict):
             raise SceneError(f"{said}: {shortened(table)} is not a table")
-    data[last] = value
+    found[last] = value
