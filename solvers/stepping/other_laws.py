@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Stepper
@@ -15,19 +16,25 @@ def with_laws(stepper: Stepper, contacts: Mapping[str, Contact], state: State) -
 
     Args:
         contacts: by name, those that change; the kinds of their laws stay.
-        state: to go on from.
+        state: to go on from. Its rows stay those of its own pairs: sliding contacts were searched since.
     """
     system, problem = stepper.system, stepper.system.problem
-    rows = []
-    for c in system.contacts:
-        contact = contacts.get(c.name, problem.pairs[c.name].contact)
-        nearer = contact.gap_offset - problem.pairs[c.name].contact.gap_offset
-        rows.append(replace(c, friction=contact.tangential, gap=c.gap + nearer, node_gap=c.node_gap + nearer))
+
+    def changed(rows: tuple[ContactRows, ...]) -> tuple[ContactRows, ...]:
+        found = []
+        for c in rows:
+            contact = contacts.get(c.name, problem.pairs[c.name].contact)
+            nearer = contact.gap_offset - problem.pairs[c.name].contact.gap_offset
+            found.append(replace(c, friction=contact.tangential, gap=c.gap + nearer, node_gap=c.node_gap + nearer))
+        return tuple(found)
+
     pairs = {name: replace(pair, contact=contacts.get(name, pair.contact)) for name, pair in problem.pairs.items()}
-    changed = replace(system, problem=replace(problem, pairs=pairs), contacts=tuple(rows))
-    other = Stepper(changed, stepper.chain, stepper.searched)
+    own = changed(system.contacts)
+    other = Stepper(
+        replace(system, problem=replace(problem, pairs=pairs), contacts=own), stepper.chain, stepper.searched
+    )
     if other.stage.surface == stepper.stage.surface:
         other.surface.adopt(stepper.surface)
     other.companion = stepper.companion
-    refined = state.refined and replace(state.refined, rows=changed.contacts)
-    return other, replace(state, rows=changed.contacts, refined=refined)
+    rows = own if state.rows is system.contacts else changed(state.rows)
+    return other, replace(state, rows=rows, refined=state.refined and replace(state.refined, rows=rows))

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 import stickslip
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.scene_file.read import from_dict, read
 
 COARSE = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25", "output.error=false"]
 TRESCA = "contacts.base.friction={law='tresca', bound=[[0, 0], [1, 0.02], [2, 0.01], [3, 0.03]]}"
@@ -58,6 +58,38 @@ def test_gap_offset_presses_like_the_motion_of_the_support(normal: str) -> None:
     by_support = moved.step(to=2.0).contacts["base"]
     assert by_support.normal_force > 0
     assert_allclose(by_offset.normal_force, by_support.normal_force, rtol=1e-10)
+
+
+def test_pairs_that_were_searched_stay_when_laws_change() -> None:
+    """A block is drawn over the end of another one, which rests on a floor: coefficients change by nothing."""
+    friction = {"law": "coulomb", "mu": 0.3}
+    drawn = {"x": [[1.0, 0.0], [4.0, 0.3]], "y": [[1.0, -1e-3], [4.0, -1e-3]]}
+    blocks = {"builder": "two_blocks", "length": 1.0, "lower_length": 1.1, "height": 0.5}
+    scene = from_dict(
+        {
+            "model": "plane strain",
+            "geometry": blocks | {"mesh_size": 0.125, "lower_mesh_size": 0.1},
+            "bodies": {"upper": {"E": 1e9, "nu": 0.3}, "lower": {"E": 1e9, "nu": 0.3}},
+            "obstacles": {"floor": {"shape": "plane", "point": [0.0, -0.5], "normal": [0.0, 1.0]}},
+            "contacts": {
+                "joint": {"surface": "upper.bottom", "against": "lower.top", "friction": friction, "sliding": True},
+                "base": {"surface": "lower.bottom", "against": "floor", "friction": friction | {"mu": 0.5}},
+            },
+            "supports": {"top": {"boundary": "upper.top", "displacement": drawn}},
+            "steps": {"end": 4.0, "count": 4},
+        }
+    )
+    simulation = stickslip.prepare(scene)
+    script, other = simulation.script(), simulation.script()
+    for time in (1.0, 2.0, 3.0, 4.0):
+        more = 1 + 1e-13 * max(time - 2.0, 0.0)
+        mine = script.step(to=time, contacts={"joint": {"mu": 0.3 * more}, "base": {"mu": 0.5 * more}})
+        theirs = other.step(to=time)
+        for name, contact in mine.contacts.items():
+            assert_allclose(contact.force, theirs.contacts[name].force, rtol=1e-8)
+            assert_allclose(contact.dissipation, theirs.contacts[name].dissipation, rtol=1e-8, atol=1e-8)
+        assert_allclose(mine.energy.external, theirs.energy.external, rtol=1e-8)
+    assert mine.contacts["joint"].max_slip > 0.25
 
 
 @pytest.mark.parametrize(
