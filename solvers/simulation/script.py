@@ -18,8 +18,8 @@ from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.other_laws import with_laws
-from stickslip.solvers.stepping.state import State
-from stickslip.solvers.stepping.stepper import ROUNDING, Accepted, Stepper
+from stickslip.solvers.stepping.state import EQUAL, State
+from stickslip.solvers.stepping.stepper import Accepted, Stepper
 
 Values = Mapping[str, Mapping[str, float]]  # by name and component
 UNCHANGED: Values = {}
@@ -146,7 +146,7 @@ class Script:
         *listed, last = replace(tables.timeline(), end=to, count=1).times
         if to > end and any(not found.in_time for found in scene.expressions().values()):
             listed = sorted({*listed, end})
-        return (*(t for t in listed if t - self.time > ROUNDING * to or not self._times), last)
+        return (*(t for t in listed if t - self.time > EQUAL * to or not self._times), last)
 
     def _of_contacts(self, given: Values) -> tuple[dict[Place, float], Scene]:
         """Values in time of friction laws by their place, and the scene with all else that contacts are given.

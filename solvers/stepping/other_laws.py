@@ -33,7 +33,7 @@ def with_laws(stepper: Stepper, contacts: Mapping[str, Contact], state: State) -
     other = Stepper(
         replace(system, problem=replace(problem, pairs=pairs), contacts=own), stepper.chain, stepper.searched
     )
-    if other.stage.surface == stepper.stage.surface:
+    if other.volume is stepper.volume:
         other.surface.adopt(stepper.surface)
     other.companion = stepper.companion
     rows = own if state.rows is system.contacts else changed(state.rows)

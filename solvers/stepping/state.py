@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +42,8 @@ class Energy:
         return self.contact - self.compliance - self.dissipated
 
 
+EQUAL = 1e-12  # relative; times that differ by less are equal
+FAR = 100.0  # times the last substep; an extrapolation farther ahead would amplify what its iteration left
 HALVINGS = 8  # a step is cut down to 1/256 before it is given up
 ROUNDING = 1e-9  # relative; sizes that differ by less are equal
 ENOUGH = 3  # easy substeps in a row after which the size doubles: if every second one is hard, a larger one would fail
@@ -139,3 +141,16 @@ class State:
     unbent: State | None = None  # the same with straight sides, of a state with bubbles whose sides bulge
     refined: State | None = None  # the same history with bubbles, see `solvers/accuracy`; None: it is not followed
     peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded
+
+    def ahead(self, time: float, turns: Iterable[float]) -> Array:
+        """Tractions (rows,) [Pa] extrapolated to a later time [s]; the state's own if a load or motion turns here.
+
+        Args:
+            turns: times [s] at which one does.
+        """
+        if self.previous is None:
+            return self.p
+        far = (time - self.time) / (self.time - self.previous.time)
+        if far > FAR or any(abs(turn - self.time) <= EQUAL * self.time for turn in turns):
+            return self.p
+        return self.p + far * (self.p - self.previous.p)

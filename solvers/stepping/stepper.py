@@ -25,6 +25,7 @@ from stickslip.solvers.newton.solution import Convergence, Correction, OnStep, S
 from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.stepping import failure
+from stickslip.solvers.stepping.choice import Stage
 from stickslip.solvers.stepping.failure import describe_motion
 from stickslip.solvers.stepping.given_tension import StepsWithBolts
 from stickslip.solvers.stepping.history import HistoryRow, count_iterations
@@ -38,8 +39,6 @@ from stickslip.solvers.system.system import System
 
 log = logging.getLogger(__name__)
 SEARCHES = 6  # of the pairs, in one substep
-ROUNDING = 1e-12  # relative; times that differ by less are equal
-FAR = 100.0  # times the last substep; an extrapolation farther ahead would amplify what its iteration left
 PAIRS = 0.5  # of an error, what pairs that are searched elsewhere add to the next step; measured: .02 to .15
 EASY = 0.5  # of the iterations allowed; a substep that takes more is not easy
 OnIteration = Callable[[HistoryRow], None]  # called after each iteration of each attempt, on every rank
@@ -117,7 +116,7 @@ class Stepper:
     def __init__(
         self, system: System, chain: MethodChain | None = None, searched: Mapping[str, Array] | None = None
     ) -> None:
-        """Prepare the bodies, unless `chain` has them; collective.
+        """Prepare the bodies, unless `chain` has them, and the method, unless pairs were `searched`; collective.
 
         Args:
             system: the bodies, and the contact rows of their present pairs.
@@ -134,13 +133,18 @@ class Stepper:
         self._with_bolts = StepsWithBolts(system)
         self._tightening: Tightening | None = None  # of the bolts, in the present step
         self.volume, self.surface = self.chain.volume, prepare_surface(system, self.chain.volume)
-        self.method_after = self.chain.method(system, self.surface)
-        self.stage = self.chain.stage  # the first that could be prepared
+        self.stage: Stage | None = None  # that `method_after` is of; None: of none yet
+        if not self.searched:
+            self._follow()
 
-    def _follow(self) -> None:
-        """Take over the current stage of `chain`; the surface stays if the bodies' form does; collective."""
+    def _follow_bodies(self) -> None:
+        """Take over the bodies of `chain`; the surface stays if their form does; collective."""
         if self.volume is not self.chain.volume:
             self.volume, self.surface = self.chain.volume, prepare_surface(self.system, self.chain.volume)
+
+    def _follow(self) -> None:
+        """Take over the current stage of `chain`; a SolverError says that it cannot be prepared; collective."""
+        self._follow_bodies()
         self.method_after = self.chain.method(self.system, self.surface)
         self.stage = self.chain.stage
 
@@ -289,8 +293,7 @@ class Stepper:
         names = [c.name for c in self.system.contacts if self.system.problem.pairs[c.name].contact.sliding]
         if not names:
             return self, *self._solve(state, end, history, on_iteration, can_be_cut)
-        if self.stage is not self.chain.stage:
-            self._follow()  # the steppers of other pairs share it
+        self._follow_bodies()  # the steppers of other pairs share what it stores
         searched = relative_positions(self.system, state, names)
         for _ in range(SEARCHES):
             try:
@@ -314,8 +317,7 @@ class Stepper:
     def _with_pairs(self, searched: Mapping[str, Array]) -> Stepper:
         """A stepper of the same bodies, with the pairs that are found at these `relative_positions`; collective."""
         other = Stepper(self.system.searched(searched), self.chain, searched)
-        if other.stage.surface == self.stage.surface:
-            other.surface.adopt(self.surface)
+        other.surface.adopt(self.surface)
         return other
 
     def _solve(
@@ -328,19 +330,17 @@ class Stepper:
         began = clock.perf_counter()
 
         def record(step: Step) -> None:
-            row = HistoryRow(time=end, step=step, seconds=clock.perf_counter() - began, method=self.stage.method)
+            row = HistoryRow(time=end, step=step, seconds=clock.perf_counter() - began, method=self.chain.stage.method)
             history.append(row)
             log.info("t = %g  iteration %d  residual %.2e", row.time, step.iteration, step.residual)
             on_iteration(row)
 
         while True:
-            if self.stage is not self.chain.stage:
-                self._follow()
             attempt = self._attempt(state, end, record)
             solution, _, new = attempt
             if new is not None or solution.status is Status.NO_EQUILIBRIUM:
                 return attempt
-            if can_be_cut and self.stage.surface == "condensed":
+            if can_be_cut and self.chain.stage.surface == "condensed":
                 return attempt  # Newton's chain is long: a shorter step helps it more than another method
             if not self.chain.advance(self.system, end, solution):
                 return attempt
@@ -348,7 +348,7 @@ class Stepper:
     def _attempt(
         self, state: State, end: float, record: OnStep
     ) -> tuple[Solution, SurfaceProblem | None, State | None]:
-        """One substep with the present pairs and method; a linear solve that fails ends as `Status.BROKEN`."""
+        """One substep with the present pairs and method; a failure of linear algebra ends as `Status.BROKEN`."""
         system = self.system
         rows: list[Step] = []
 
@@ -358,6 +358,8 @@ class Stepper:
 
         problem = None
         try:
+            if self.stage is not self.chain.stage:
+                self._follow()
             problem, u_s, load = self.posed(state, end)
             start = (
                 self._first_tractions(state, end) if problem.p_ref > 0 else np.zeros_like(state.p)
@@ -370,7 +372,7 @@ class Stepper:
                 return nothing_balances, problem, None
             method = self.method_after(state)
             at_once = None
-            if self._tightening is not None and self.stage.method == CondensedNewton.NAME:
+            if self._tightening is not None and self.chain.stage.method == CondensedNewton.NAME:
                 at_once = self._with_bolts.solve(self._tightening, problem, u_s, state, start, on_step)
             if at_once is not None:
                 solution, (problem, u_s, load) = at_once, self.posed(state, end)
@@ -436,7 +438,7 @@ class Stepper:
             left = found.correct(before)
         else:
             slid = {name: lengths + before.slid.get(name, 0.0) for name, lengths in old.slid.items()}
-            if self.stage.surface != "condensed":
+            if self.chain.stage.surface != "condensed":
                 found = replace(found, w=new.w)  # of the displacement that was recovered
             nearer, size, slid = exact_by_turns(
                 exact_problem(problem, before), self.cone.at(new.time), slid, found, self._exact
@@ -447,25 +449,19 @@ class Stepper:
 
     def _exact(self, problem: SurfaceProblem, found: Solution) -> tuple[Solution, float]:
         """The exact solution of a surface problem from one that is near, and their distance [J^(1/2)]; collective."""
-        if self.stage.surface == "condensed":
+        if self.chain.stage.surface == "condensed":
             return by_schur_complement(problem, found)
         # the uncondensed form solves floating bodies on springs: that is no response of theirs
-        most = 0 if self.stage.surface == "sparse" and self.surface.floating else SOLVES
+        most = 0 if self.chain.stage.surface == "sparse" and self.surface.floating else SOLVES
         return by_flexibility(problem, self.chain.flexibility(self.system, self.surface), found, most)
 
     def _first_tractions(self, state: State, end: float) -> Array:
-        """Tractions (rows,) [Pa] that the iteration starts from: extrapolated, unless some load or motion turns.
+        """Tractions (rows,) [Pa] that the iteration starts from.
 
-        Measured: with exact volume solves it saves a third to two thirds of Newton's iterations and an eighth to a
-        quarter of Uzawa's; with iterative ones it costs a fifth more, so there it is off.
+        Measured: with exact volume solves extrapolation saves a third to two thirds of Newton's iterations and an
+        eighth to a quarter of Uzawa's; with iterative ones it costs a fifth more, so there it is off.
         """
-        previous, turns = state.previous, self.system.course.timeline.turns
-        if previous is None or not self.surface.exact:
-            return state.p
-        far = (end - state.time) / (state.time - previous.time)
-        if far > FAR or any(abs(turn - state.time) <= ROUNDING * state.time for turn in turns):
-            return state.p
-        return state.p + far * (state.p - previous.p)
+        return state.ahead(end, self.system.course.timeline.turns) if self.surface.exact else state.p
 
     def split(self, p: Array) -> tuple[list[Array], list[Array]]:
         """Flat tractions (rows,) [Pa] as pressures (m_n,) and tangential tractions (m_t, d-1) of each contact."""

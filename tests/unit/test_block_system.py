@@ -59,7 +59,7 @@ def reference(cell: Cell) -> Simulation:
 
 
 def blocks_of(simulation: Simulation) -> BlockSystem:
-    ready = simulation.stepper.chain._ready[simulation.stepper.stage]
+    ready = simulation.stepper.chain._ready[simulation.stepper.chain.stage]
     assert isinstance(ready, OnBlocks)
     return ready.blocks
 

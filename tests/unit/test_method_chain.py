@@ -9,16 +9,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.geometry.errors import MachineError
+from stickslip.geometry.errors import MachineError, SolverError
 from stickslip.solvers.interface.coarse_mesh import CoarseMesh
 from stickslip.solvers.linear.conjugate_gradients import MOST_ITERATIONS
 from stickslip.solvers.methods import Solver
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.methods.method import Ready
 from stickslip.solvers.methods.surface_uzawa import PATIENCE, LearningIteration
 from stickslip.solvers.newton.solution import Solution, Status
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Size, Stage, chosen
+from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.solvers.system.system import System
 from stickslip.workflows.benchmarks.auto import BARS, Case
@@ -163,6 +165,26 @@ def test_a_linear_solve_that_fails_leaves_the_steps_before_it(
     monkeypatch.setattr("stickslip.solvers.linear.conjugate_gradients.MOST_ITERATIONS", 0)
     with pytest.raises(StepError, match="a linear solve failed"):
         next(steps)
+
+
+def test_a_method_that_cannot_be_prepared_on_the_way_hands_the_step_on(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last one with this form of the bodies: another form is next."""
+    expected = forces(simulation_of(pressed(scene_of, method="condensed-newton")))
+    hasten(monkeypatch)
+    simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
+    whole = MethodChain._readied
+
+    def unable(chain: MethodChain, *bodies: Any) -> Ready:
+        if chain.stage.safe:
+            raise SolverError("no safer metric")
+        return whole(chain, *bodies)
+
+    monkeypatch.setattr(MethodChain, "_readied", unable)
+    assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
+    last = simulation.stepper.chain.switches[-1]
+    assert (last.after, last.because) == ("condensed-newton (condensed)", Status.BROKEN.value)
 
 
 def test_no_switch_to_what_memory_has_no_room_for(

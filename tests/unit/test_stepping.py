@@ -1,5 +1,6 @@
 """Substeps: a step that fails is tried in parts, each from the last good state, and the parts grow again."""
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -12,13 +13,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError
+from stickslip.geometry.errors import SceneError, SolverError
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.newton.solution import OnStep, Solution, Status
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping import failure
+from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
 from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
 from stickslip.workflows.run.doubts import doubts
@@ -407,6 +409,31 @@ def test_sides_that_move_apart_end_the_step(
     monkeypatch.setattr(Stepper, "_with_pairs", gone)
     with pytest.raises(StepError, match="the sides of a sliding contact have moved apart"):
         next(simulation.steps())
+
+
+@pytest.mark.parametrize(("failing", "ended"), [(range(3, 4), ""), (range(2, 99), "a linear solve failed")])
+def test_pairs_that_no_method_can_be_prepared_for_cut_the_step(
+    failing: range, ended: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of the second step's end, or all that are searched from there on."""
+    coarse = ["geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.4", "steps.count=2"]
+    simulation = prepare(read("sliding", [*coarse, 'solver.method="condensed-newton"']))
+    whole, count = MethodChain.method, itertools.count(1)
+
+    def unable(*bodies: Any) -> Any:
+        if next(count) in failing:
+            raise SolverError("the contact rows of a node are nearly the same")
+        return whole(*bodies)
+
+    monkeypatch.setattr(MethodChain, "method", unable)
+    steps = simulation.steps()
+    assert next(steps).substeps == 1
+    if ended:
+        with pytest.raises(StepError, match=rf"t = 1\.00391: no residual in a step of 0\.00391 s .*{ended}"):
+            next(steps)
+    else:
+        last = next(steps)
+        assert (last.time, last.substeps) == (2.0, 2)
 
 
 def test_pairs_that_never_settle_are_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
