@@ -6,6 +6,7 @@ import logging
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Protocol
 
 import numpy as np
@@ -31,10 +32,10 @@ from stickslip.solvers.stepping.given_tension import StepsWithBolts
 from stickslip.solvers.stepping.history import HistoryRow, count_iterations
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.sliding import carried_over, pairs_hold, relative_positions
-from stickslip.solvers.stepping.slip_dependence import exact_by_turns, no_slip, solve_by_turns, with_slip
-from stickslip.solvers.stepping.state import HALVINGS, Energy, Previous, State
+from stickslip.solvers.stepping.slip_dependence import exact_by_turns, solve_by_turns, with_slip
+from stickslip.solvers.stepping.state import HALVINGS, Previous, State
 from stickslip.solvers.stepping.tightening import Tightening
-from stickslip.solvers.stepping.update import displacement, new_state, relative_displacement, split
+from stickslip.solvers.stepping.update import at_rest, displacement, new_state, relative_displacement, split
 from stickslip.solvers.system.system import System
 
 log = logging.getLogger(__name__)
@@ -81,13 +82,25 @@ class Accepted:
     others: tuple[Array, ...]  # tractions (rows,) [Pa] of other solutions of a substep, the last one that has any
     history: tuple[HistoryRow, ...]  # every iteration of every attempt
 
+    def after(self, before: Accepted | None) -> Accepted:
+        """The same, with the work of a try before it."""
+        if before is None:
+            return self
+        return replace(
+            self,
+            iterations=before.iterations + self.iterations,
+            volume_solves=before.volume_solves + self.volume_solves,
+            history=before.history + self.history,
+        )
+
 
 class StepError(SolverError):
     """A step could not be solved: its smallest substep failed.
 
     Attributes:
         history: every iteration of the step, those of good substeps first (tuple of `HistoryRow`).
-        last_good: the step up to its last good substep (`Accepted`); None if no substep succeeded.
+        last_good: the step up to its last good substep (`Accepted`); None if no substep succeeded, or if bolts and
+            springs do not have their forces there.
     """
 
     def __init__(self, time: float, text: str, history: tuple[HistoryRow, ...], last_good: Accepted | None) -> None:
@@ -150,52 +163,28 @@ class Stepper:
 
     def start(self) -> State:
         """The initial state: at rest at t = 0, without load, displacement or traction; collective."""
-        zero, vector = np.zeros(self.cone.size), self.system.vector
-        nothing_yet = np.zeros(len(self.system.contacts))
-        energy = Energy(external=0.0, stored=0.0, contact=0.0, compliance=0.0, dissipation=nothing_yet)
-        driven = np.zeros(len(self.system.obstacles.driven))
-        motion = {c.name: np.zeros_like(c.points) for c in self.system.contacts}
-        slip = {c.name: np.zeros_like(c.surface.points) for c in self.system.contacts}
-        forces, rows = {name: np.zeros_like(m) for name, m in motion.items()}, self.system.contacts
-        unstrained = np.zeros(len(self.system.initial.forces))
-        return State(
-            time=0.0,
-            u=vector(),
-            u_s=vector(),
-            load=vector(),
-            initial=unstrained,
-            initial_work=unstrained,
-            elongation=np.zeros(len(self.system.constraints.links.stiffness)),
-            remote=np.zeros(self.system.constraints.remote.rows.shape[0]),
-            residual=vector(),
-            p=zero,
-            w=zero,
-            motion=motion,
-            driven=driven,
-            slip=slip,
-            slid=no_slip(self.cone),
-            forces=forces,
-            rows=rows,
-            energy=energy,
-        )
+        return at_rest(self.system, self.cone)
 
     def reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:
         """Solve one step, with bolts and springs as long as their forces ask; as `_reach`; collective."""
         tightening = self._tightening = Tightening.of(self.system, start, target)
-        accepted, tries = self._reach(start, target, on_iteration), 1
-        while tightening is not None and not tightening.done(accepted.state):
-            tries += 1
-            if tries > tightening.most or tightening.lost:
-                text = f"{tightening.names}: {tightening.unfound}"
-                raise StepError(target, text, accepted.history, None)
-            again = self._reach(start, target, on_iteration)
-            accepted = replace(
-                again,
-                iterations=accepted.iterations + again.iterations,
-                volume_solves=accepted.volume_solves + again.volume_solves,
-                history=accepted.history + again.history,
-            )
+        accepted: Accepted | None = None
+        for tries in count(1):
+            try:
+                accepted = self._reach(start, target, on_iteration).after(accepted)
+            except StepError as error:
+                good = error.last_good
+                if good is not None and tightening is not None and not tightening.holds(good.state):
+                    good = None  # lengths that were only tried
+                error.last_good = good and good.after(accepted)
+                error.history = (accepted.history if accepted else ()) + error.history
+                raise
+            if tightening is None or tightening.done(accepted.state):
+                break
+            if tries >= tightening.most or tightening.lost:
+                raise StepError(target, f"{tightening.names}: {tightening.unfound}", accepted.history, None)
         destroy_released(self.system.mesh.comm)
+        assert accepted is not None
         return accepted
 
     def _reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:

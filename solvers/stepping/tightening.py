@@ -17,7 +17,7 @@ import logging
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import Array, Bools
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.scene.timeline import CLOSE
 from stickslip.solvers.stepping.state import State
@@ -43,7 +43,6 @@ class Tightening:
             target: time at its end [s].
         """
         self.system, self.start, self.target = system, start, target
-        course = system.course
         self.bolts = system.initial.tightened
         self.places = np.array([bolt.index for bolt in self.bolts])
         self.k = np.diag(system.initial.coupling)[self.places]
@@ -51,7 +50,7 @@ class Tightening:
         self.springs = np.array([bolt.tension is None for bolt in self.bolts])
         self.least = np.array([-bolt.gap for bolt in self.bolts])
         self.free = np.array([start.time < bolt.held_from * (1 - CLOSE) for bolt in self.bolts])
-        self.wanted = np.array([0.0 if b.tension is None else course.value(b.tension, target) for b in self.bolts])
+        self.wanted = self._given(target)
         self.largest = np.array([largest_tension(system, bolt) for bolt in self.bolts])
         guessed = self.free & ~self.springs
         self.x = self.before + np.where(guessed, (self.wanted - self.pulled) / self.k, 0.0)
@@ -100,12 +99,9 @@ class Tightening:
 
     def done(self, state: State) -> bool:
         """Whether the tensions are right; if not, the step is to be solved again with other lengths."""
-        tension = self.tension(state)
-        off = np.where(self.free, tension - self.wanted, 0.0)
-        taut = self.springs & (tension > self.k * (self.x - self.least))
-        defect = np.where(taut, self.k * (self.x - self.least), off)
-        scale = np.where(self.springs, self._scale(state, tension), self.largest)
-        allowed = LOOSE * self.system.problem.solver.tolerance * scale
+        off, taut, defect = self._compared(state, self.x, self.wanted)
+        scale = self._scale(state)
+        allowed = self._allowed(scale)
         log.info("t = %g: tension of bolts and springs off by %.1e", self.target, np.abs(defect / scale).max())
         near = np.all(np.abs(defect) <= allowed)  # with a loose solver no length need be better
         exact = np.all(np.abs(defect) <= np.where(taut, 0.0, TIGHT * scale))
@@ -134,10 +130,30 @@ class Tightening:
         self._set()
         return False
 
-    def _scale(self, state: State, tension: Array) -> Array:
-        """Of the forces of springs (b,) [N]; collective."""
+    def holds(self, state: State) -> bool:
+        """Whether the tensions are right at a time on the way; collective."""
+        defect = self._compared(state, state.initial[self.places], self._given(state.time))[2]
+        return bool(np.all(np.abs(defect) <= self._allowed(self._scale(state))))
+
+    def _given(self, time: float) -> Array:
+        """Tensions (b,) [N] that the scene gives; 0 for springs."""
+        return np.array([0.0 if b.tension is None else self.system.course.value(b.tension, time) for b in self.bolts])
+
+    def _compared(self, state: State, x: Array, wanted: Array) -> tuple[Array, Bools, Array]:
+        """By how much tensions are off (b,) [N], which springs are taut, and how far each is from being right [N]."""
+        tension = self.tension(state)
+        off = np.where(self.free, tension - wanted, 0.0)
+        taut = self.springs & (tension > self.k * (x - self.least))
+        return off, taut, np.where(taut, self.k * (x - self.least), off)
+
+    def _allowed(self, scale: Array) -> Array:
+        """Deviation (b,) [N] that another solution need not mend; scale: see `_scale`."""
+        return LOOSE * self.system.problem.solver.tolerance * scale
+
+    def _scale(self, state: State) -> Array:
+        """Of the forces of bolts and springs (b,) [N]; collective."""
         far = float(state.u.norm(PETSc.NormType.NORM_INFINITY))
-        return np.maximum(np.abs(tension), self.k * max(far, TINY))
+        return np.where(self.springs, np.maximum(np.abs(self.tension(state)), self.k * max(far, TINY)), self.largest)
 
     def _set(self) -> None:
         begun = self.start.time < self.target

@@ -1,4 +1,4 @@
-"""The new state of equilibrium from the solution of a substep: displacement, slip, forces, work and energy."""
+"""States of equilibrium, at rest and from the solution of a substep: displacement, slip, forces, work and energy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.stepping.slip_dependence import lengthened
+from stickslip.solvers.stepping.slip_dependence import lengthened, no_slip
 from stickslip.solvers.stepping.state import Energy, State
 from stickslip.solvers.system.system import System
 
@@ -57,6 +57,42 @@ def displacement(system: System, time: float, q: Vec, u_s: Vec) -> tuple[Vec, Ve
     moved = system.T * q
     u = moved + u_s
     return u, u if system.rigid_motion(time) is None else moved
+
+
+def at_rest(system: System, cone: AdmissibleSet) -> State:
+    """The state at t = 0, without load, displacement or traction; collective.
+
+    Args:
+        cone: of the contact rows.
+    """
+    zero, vector = np.zeros(cone.size), system.vector
+    nothing_yet = np.zeros(len(system.contacts))
+    energy = Energy(external=0.0, stored=0.0, contact=0.0, compliance=0.0, dissipation=nothing_yet)
+    driven = np.zeros(len(system.obstacles.driven))
+    motion = {c.name: np.zeros_like(c.points) for c in system.contacts}
+    slip = {c.name: np.zeros_like(c.surface.points) for c in system.contacts}
+    forces, rows = {name: np.zeros_like(m) for name, m in motion.items()}, system.contacts
+    unstrained = np.zeros(len(system.initial.forces))
+    return State(
+        time=0.0,
+        u=vector(),
+        u_s=vector(),
+        load=vector(),
+        initial=unstrained,
+        initial_work=unstrained,
+        elongation=np.zeros(len(system.constraints.links.stiffness)),
+        remote=np.zeros(system.constraints.remote.rows.shape[0]),
+        residual=vector(),
+        p=zero,
+        w=zero,
+        motion=motion,
+        driven=driven,
+        slip=slip,
+        slid=no_slip(cone),
+        forces=forces,
+        rows=rows,
+        energy=energy,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,11 +13,17 @@ from numpy.testing import assert_allclose
 
 from shared.audited import audit
 from shared.cases import every_nth
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.newton.solution import Solution, Status
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.method import Solve
+from stickslip.solvers.newton.solution import OnStep, Solution, Status
 from stickslip.solvers.results.quantities import values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.given_tension import StepsWithBolts
+from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.scene_file.read import from_dict, read
 from stickslip.workflows.verification.prepared import prepare
 
@@ -272,3 +280,36 @@ def test_a_given_tension_is_found_though_the_bodies_are_condensed_anew() -> None
     assert len(chain.volume.contact.rows) > few
     accepted = stepper.reach(accepted.state, 2.0, lambda row: None)
     assert_allclose(-accepted.state.initial_work, 3.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("begins", "good"), [(0.0, None), (1.0, 1.5)])
+def test_a_step_that_fails_has_all_tries_and_no_state_with_another_tension(
+    begins: float, good: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the tension is sought, and the third try fails on its way; and once the bolt is held."""
+    monkeypatch.setattr(StepsWithBolts, "solve", lambda *words: None)
+    base = {"joint": {"surface": "upper.bottom", "against": "lower.top", "gap_offset": 1e-6}}
+    force = {"force": [[1.0, 3.0]], "held_from": 1.0}
+    tables = {"steps": {"end": 2.0, "count": 2}, "solver": {"method": "condensed-newton"}}
+    simulation = prepare(joint(bolt=force, drop="shortening", contacts=base, **tables))
+    stepper, rows, tries = simulation.stepper, list[HistoryRow](), itertools.count(1)
+    state, whole = stepper.start(), stepper.method_after
+    if begins:
+        state = stepper.reach(state, begins, lambda row: None).state
+
+    def after(state: State) -> Solve:
+        def solve(problem: SurfaceProblem, p: Array, on_step: OnStep) -> Solution:
+            found, first = whole(state)(problem, p, on_step), next(tries) < 3 and not begins
+            length = problem.cone.time - state.time
+            fails = not first and (state.time >= begins + 0.5 or length > 0.5)
+            return replace(found, status=Status.STALLED) if fails else found
+
+        return solve
+
+    stepper.method_after = after
+    with pytest.raises(StepError, match="the residual stopped falling") as failed:
+        stepper.reach(state, begins + 1.0, rows.append)
+    assert failed.value.history == tuple(rows)
+    last = failed.value.last_good
+    assert (last and last.state.time) == good
+    assert last is None or last.history == tuple(rows[: len(last.history)])
