@@ -10,16 +10,17 @@ from __future__ import annotations
 import logging
 
 import numpy as np
+from petsc4py import PETSc
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.accuracy.bubbles import Bubbles
 from stickslip.solvers.scene.timeline import CLOSE
 from stickslip.solvers.stepping.state import State
-from stickslip.solvers.stepping.tightening import largest_tension
+from stickslip.solvers.stepping.tightening import largest_tension, stretched
 from stickslip.solvers.system.system import System
 
-NEAR, ROUGHLY = 1e-6, 1e-3  # deviation of the tension, relative to the largest in time; of an answer that is a trial
+NEAR, ROUGHLY = 1e-6, 1e-3  # deviation of a tension, relative to the largest of all; of an answer that is a trial
 MOST, EACH = 8, 2  # solutions of an answer, and for each bolt
 log = logging.getLogger(__name__)
 
@@ -31,8 +32,13 @@ class BoltsByForce:
         """Guess of their `stiffness` (b, b) [N/m], of tensions against shortenings: the bodies do not give way."""
         self.bolts = tuple(bolt for bolt in system.initial.tightened if bolt.tension is not None)
         self.places = np.array([bolt.index for bolt in self.bolts], np.int64)
-        self.largest = np.array([largest_tension(system, bolt) for bolt in self.bolts])
+        self.largest = largest_tension(system)
         self.stiffness = np.diag(np.diag(system.initial.coupling)[self.places])
+
+    def scale(self, u: Vec) -> Array | float:
+        """Of the tensions, [N] or (b,) [N]: where none is given, by the displacement u; collective."""
+        far = float(u.norm(PETSc.NormType.NORM_INFINITY))
+        return self.largest or stretched(np.diag(self.stiffness), far)
 
 
 class FollowedBolts:
@@ -66,7 +72,7 @@ class FollowedBolts:
         """
         self._tried, self._tries = None, 0
         self._moves = np.full(len(self._free), True) if trial else self._free
-        self._allowed = (ROUGHLY if trial else NEAR) * self._bolts.largest
+        self._near = ROUGHLY if trial else NEAR
         places = self._bolts.places
         self.values = self.values.copy()
         self.values[places] = np.where(self._moves, self.values[places], self._kept)
@@ -85,7 +91,8 @@ class FollowedBolts:
         system = self._bubbles.system
         work = system.initial.stress_work(self.values, u) + self._bubbles.initial_work(x)
         off = np.where(moves, -work[places] - self._wanted, 0.0)
-        if np.all(np.abs(off) <= self._allowed):
+        scale = self._bolts.scale(u)
+        if np.all(np.abs(off) <= self._near * scale):
             return True
         now = self.values[places]
         if self._tried is not None:
@@ -95,5 +102,5 @@ class FollowedBolts:
         step[moves] = np.linalg.lstsq(self._J[np.ix_(moves, moves)], -off[moves], rcond=None)[0]
         self.values = self.values.copy()
         self.values[places] = now + step
-        log.debug("tension of bolts with bubbles off by %.1e", np.abs(off / self._bolts.largest).max())
+        log.debug("tension of bolts with bubbles off by %.1e", np.abs(off / scale).max())
         return False

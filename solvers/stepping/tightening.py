@@ -21,12 +21,12 @@ from stickslip.geometry.arrays import Array, Bools
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.scene.timeline import CLOSE
 from stickslip.solvers.stepping.state import State
-from stickslip.solvers.system.initial_strain import Tightened
 from stickslip.solvers.system.system import System
 
-TIGHT = 1e-9  # deviation of the tension, relative to the largest of a bolt in time, that is aimed at
+TIGHT = 1e-9  # deviation of a tension, relative to the largest of all bolts and times, that is aimed at
 LOOSE = 10.0  # times solver.tolerance: that is allowed where another solution comes no nearer
 MOST, EACH = 30, 3  # solutions of a step, and for each bolt and spring
+SLIGHT = 1e-5  # of the force that displacements would make of a bolt's stiffness: less is known by rounding only
 TINY = 1e-300  # [m]
 FLAT = 1e-6  # of its stiffness: a spring that answers with less is made as long as the bodies, where others may hold
 log = logging.getLogger(__name__)
@@ -51,7 +51,7 @@ class Tightening:
         self.least = np.array([-bolt.gap for bolt in self.bolts])
         self.free = np.array([start.time < bolt.held_from * (1 - CLOSE) for bolt in self.bolts])
         self.wanted = self._given(target)
-        self.largest = np.array([largest_tension(system, bolt) for bolt in self.bolts])
+        self.largest = largest_tension(system)
         guessed = self.free & ~self.springs
         self.x = self.before + np.where(guessed, (self.wanted - self.pulled) / self.k, 0.0)
         self.J = np.diag(self.k)
@@ -153,7 +153,8 @@ class Tightening:
     def _scale(self, state: State) -> Array:
         """Of the forces of bolts and springs (b,) [N]; collective."""
         far = float(state.u.norm(PETSc.NormType.NORM_INFINITY))
-        return np.where(self.springs, np.maximum(np.abs(self.tension(state)), self.k * max(far, TINY)), self.largest)
+        own = np.maximum(np.abs(self.tension(state)), stretched(self.k, far))
+        return np.where(self.springs | (self.largest == 0), own, np.maximum(self.largest, SLIGHT * own))
 
     def _set(self) -> None:
         begun = self.start.time < self.target
@@ -169,12 +170,16 @@ def _worse(off: Array, before: Array) -> bool:
     return bool(np.abs(off).max() > np.abs(before).max() / 2)
 
 
-def largest_tension(system: System, bolt: Tightened) -> float:
-    """Largest tension that the scene gives [N]; 1 if it is always zero, or none is given."""
-    if bolt.tension is None:
-        return 1.0
-    times = system.course.timeline.times
-    return max((abs(system.course.value(bolt.tension, time)) for time in times), default=0.0) or 1.0
+def largest_tension(system: System) -> float:
+    """Largest tension that the scene gives, of all bolts and times [N]: of a step all are as exact."""
+    course = system.course
+    places = [bolt.tension for bolt in system.initial.tightened if bolt.tension is not None]
+    return max((abs(course.value(place, time)) for place in places for time in course.timeline.times), default=0.0)
+
+
+def stretched(k: Array, far: float) -> Array:
+    """Forces (b,) [N] of bolts or springs of stiffness k (b,) [N/m] that are longer by `far` [m]; never zero."""
+    return k * max(far, TINY)
 
 
 def recall(system: System, time: float, shortened: Array) -> None:

@@ -134,6 +134,27 @@ def test_bolts_share_what_one_of_them_loosens() -> None:
     assert max(audit(simulation, two).values()) < 1e-7
 
 
+@pytest.mark.parametrize(("force", "idle"), [(3.0, 0.0), (3.0, 1e-10), (0.0, 0.0), (1e-12, 0.0)])
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_tensions_are_as_exact_in_every_unit_of_force(
+    unit: float, force: float, idle: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A slack bolt beside a tight one is as exact as that, not to a part of itself or of 1 N."""
+    monkeypatch.setattr(StepsWithBolts, "solve", lambda *words: None)
+    stiff = {"stiffness": K * unit}
+    made = joint(
+        bolt={"force": [[1.0, force * unit]]} | stiff,
+        drop="shortening",
+        bolts={"idle": {"force": idle * unit} | stiff},
+        bodies={name: {"E": E * unit, "nu": 0.0} for name in ("upper", "lower")},
+        loads={"press": {"boundary": "upper.top", "traction": [0.0, [[1.0, -unit]]]}},
+        output={"error": False},
+    )
+    (step,) = prepare(made).steps()
+    tensions = np.array([step.bolts[name].tension for name in ("b", "idle")])
+    assert_allclose(tensions / unit, [force, idle], atol=3e-9)
+
+
 @pytest.mark.parametrize(
     ("bolt", "message"),
     [
