@@ -75,7 +75,7 @@ class SurfaceProblem:
 
     def is_scaled(self, other: SurfaceProblem) -> bool:
         """Whether this is another problem of the same bodies in another unit: load, gaps, motions in proportion."""
-        if self.p_ref == 0 or other.p_ref == 0 or not self.cone.homogeneous(self.gamma):
+        if self.p_ref == 0 or other.p_ref == 0 or not self.cone.homogeneous:
             return False
         scale = self.p_ref / other.p_ref
         pairs = ((self.gap, other.gap), (self.offset, other.offset), (self.load.free, other.load.free))

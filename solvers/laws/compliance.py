@@ -31,6 +31,10 @@ class Compliance(NormalLaw):
         require(self.c_n > 0, "c_n", self.c_n, "must be positive, in Pa/m^m_n")
         require(self.m_n >= 1, "m_n", self.m_n, "must be at least 1")
 
+    @property
+    def power(self) -> float:
+        return self.m_n
+
     def degree(self, order: int) -> int:
         return order + int(np.ceil(self.m_n * order))
 

@@ -28,6 +28,11 @@ class NormalLaw(Choice):
     ties: ClassVar[bool] = False  # no relative motion in any direction, from the initial position on
     at_quadrature: ClassVar[bool] = False  # pressure is a function of displacement, at facet quadrature points
 
+    @property
+    def power(self) -> float | None:
+        """The power of the penetration that pressure is proportional to, 1 for a rigid law; None: to no power."""
+        return None if self.at_quadrature else 1.0
+
     def degree(self, order: int) -> int:
         """Quadrature degree that the law needs on facets, for elements of an order."""
         return 2 * order

@@ -53,9 +53,10 @@ class TangentialCompliance(FrictionLaw):
         return average.multiply((average @ s > 0)[:, None]).multiply(slope[None, :]).tocsr()
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
-        one, two = self._pointwise(np.array([1.0, 2.0]), normal)
-        proportional = np.isclose(two, 2 * one, rtol=1e-12)  # m_T = m_n; other powers have no bounding lines
-        return (np.inf, one, one) if proportional else (np.inf, 0.0, np.inf)
+        if self.c_T > 0 and self.m_T != normal.power:
+            return np.inf, 0.0, np.inf  # different powers have no bounding lines
+        slope = float(self._pointwise(np.ones(1), normal)[0])
+        return np.inf, slope, slope
 
     def _pointwise(self, p: Array, normal: NormalLaw) -> Array:
         return np.asarray(self.c_T * normal.penetration(p) ** self.m_T)

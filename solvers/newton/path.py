@@ -51,7 +51,7 @@ BACK = 2.0  # s at which the path is given up: it leads away
 
 def applies(problem: SurfaceProblem) -> bool:
     """Whether the problem is piecewise linear: in the plane, pressures and bounds proportional to what causes them."""
-    if not isinstance(problem.surface, CondensedSurface) or not problem.cone.homogeneous(problem.gamma):
+    if not isinstance(problem.surface, CondensedSurface) or not problem.cone.homogeneous:
         return False
     return all(place.components == 1 and not isinstance(place.rows.friction, Stick) for place in problem.cone.places)
 

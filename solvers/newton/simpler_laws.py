@@ -37,6 +37,7 @@ class Tangent(NormalLaw):
     """p = k (u_n - g)_+, each point with a stiffness of its own."""
 
     at_quadrature: ClassVar[bool] = True
+    power: ClassVar[float] = 1.0
     k: Array  # (m,) [Pa/m]
 
     def resolvent(self, p_hat: Array, gamma: Array) -> Array:
@@ -52,7 +53,7 @@ class Tangent(NormalLaw):
 def applies(problem: SurfaceProblem) -> bool:
     """Whether there are simpler laws: pressures or friction bounds are not proportional, and no bound jumps."""
     jump = any(place.rows.friction is not None and place.rows.friction.continuous for place in problem.cone.places)
-    return not problem.cone.homogeneous(problem.gamma) and not jump
+    return not problem.cone.homogeneous and not jump
 
 
 def ends(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:

@@ -1,8 +1,9 @@
 """The admissible set of several contacts: their rows, laws in proportion, what springs take, the residual."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -71,11 +72,30 @@ HOMOGENEOUS: Mapping[str, tuple[Laws, bool]] = {
 def test_laws_in_proportion_are_known(laws: Laws, expected: bool) -> None:
     """As they say; and if so, twice the trial has twice the projection."""
     found, gamma = cone((2, 3, *laws), (3, 3, Unilateral(), None)), np.linspace(0.5, 2.0, 15)
-    assert found.homogeneous(gamma) is expected
-    assert cone((3, 3, Unilateral(), None), (2, 3, *laws)).homogeneous(gamma) is expected  # whichever comes first
+    assert found.homogeneous is expected
+    assert cone((3, 3, Unilateral(), None), (2, 3, *laws)).homogeneous is expected  # whichever comes first
     trial = np.random.default_rng(0).normal(size=15) * 3
     twice, once = found.project(2 * trial, gamma), found.project(trial, gamma)
     assert np.allclose(twice, 2 * once) is expected
+
+
+@pytest.mark.parametrize("pascal", [1.0, 1e-6])
+def test_so_they_are_in_every_unit_of_pressure(pascal: float) -> None:
+    """Stiff surfaces, whose penetrations at 1 Pa and at 2 Pa both are next to nothing in metres."""
+    straight, curved = Compliance(c_n=1e13 * pascal), Compliance(c_n=1e16 * pascal, m_n=2.0)
+    bounds = [TangentialCompliance(c_T=3e17 * pascal, m_T=m_T) for m_T in (1.0, 2.0)]
+    laws = product([straight, curved], [None, Coulomb(mu=0.3), *bounds])
+    found = [cone((2, 3, *each)).homogeneous for each in laws]
+    assert found == [True, True, True, False, *4 * [False]]
+    assert [s.homogeneous(n, 1.0, 1.0) for n in (straight, curved) for s in bounds] == [True, False, False, True]
+
+
+def test_what_a_new_compliant_law_does_not_say_is_not_assumed() -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Cushion(Compliance):
+        power = NormalLaw.power
+
+    assert not cone((2, 3, Cushion(c_n=4.0), None)).homogeneous
 
 
 @pytest.mark.parametrize("dim", [2, 3])

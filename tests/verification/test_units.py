@@ -31,6 +31,23 @@ def test_a_file_in_millimetres_is_the_same_in_a_scene_in_metres_and_in_one_in_mi
     assert not failures(units_case.from_step(method))
 
 
+def test_surfaces_as_stiff_as_steel_are_the_same_in_millimetres() -> None:
+    """A block that nothing but friction holds: the bound by its penetration is .3 of the pressure on it."""
+    normal, friction = {"law": "compliance", "c_n": 1e13}, {"law": "compliance", "c_T": 3e17, "m_T": 2.0}
+    pressed = {side: {"boundary": f"block.{side}", "pressure": p} for side, p in (("top", 1e8), ("left", 1e6))}
+    block = {
+        "model": "plane strain",
+        "geometry": {"builder": "block", "length": 0.1, "height": 0.05, "mesh_size": 0.025},
+        "bodies": {"block": {"E": 2.1e11, "nu": 0.3}},
+        "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
+        "contacts": {
+            "base": {"surface": "block.bottom", "against": "floor", "normal": normal, "friction": friction},
+        },
+        "loads": pressed,
+    }
+    assert not failures(units_case.in_both("block of steel", from_dict(block)))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [name for name in units_case.SCENES if name not in units_case.FLOATING + units_case.GRADED]
