@@ -16,7 +16,6 @@ from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import project_disc
 from stickslip.solvers.interface.discrete import DiscreteProblem
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.methods.method import SameEveryStep
 from stickslip.solvers.methods.sweeps import sweep_until_solved
 from stickslip.solvers.newton.solution import OnStep, Solution, ignore
 
@@ -49,7 +48,7 @@ class Colour:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ColouredSweeps(SameEveryStep):
+class ColouredSweeps:
     """Non-smooth Gauss-Seidel on a discrete problem; `Sweeps` of `nsgs` is the same on a dense operator.
 
     A contact's normal reaction is exact for its present u_T; its friction is one projected step of size

@@ -81,6 +81,9 @@ class GramIteration(SameEveryStep):
     rtol: float = 1e-8
     max_it: int = 10000
 
+    def renewed(self, setup: Setup) -> Ready:
+        return self  # the metric is of the bodies, `on` that of the rows
+
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         metric = self.metric.on(problem, self.relaxation)
 

@@ -72,9 +72,12 @@ class Ready(ABC):
     def after(self, state: Before) -> Solve:
         """The solver of the step that follows an accepted state."""
 
+    @abstractmethod
     def renewed(self, setup: Setup) -> Ready:
-        """The method for the same bodies with other contact rows; data that depend on the bodies only are kept."""
-        return self
+        """The method for the same bodies with other contact rows, gaps and friction; what it knows of the bodies stays.
+
+        It is itself where it reads all of these from the problem of each step.
+        """
 
     def flexibility(self, surface: DelassusOperator) -> Flexibility | None:
         """The approximate Delassus operator that the method has, if it has one."""
@@ -163,6 +166,9 @@ class Stateless(Method, SameEveryStep):
     """A method without preparation and without memory of earlier steps."""
 
     def build(self, setup: Setup) -> Ready:
+        return self
+
+    def renewed(self, setup: Setup) -> Ready:
         return self
 
     def discrete(self, surface: GivenSurface) -> Solve | None:

@@ -16,7 +16,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.methods.applicability import Applicability
 from stickslip.solvers.methods.coloured_sweeps import ColouredSweeps
-from stickslip.solvers.methods.method import Method, Ready, SameEveryStep, Setup, Turn
+from stickslip.solvers.methods.method import Method, Ready, SameEveryStep, Setup, Solve, Turn
 from stickslip.solvers.methods.sweeps import sweep_until_solved
 from stickslip.solvers.newton.solution import OnStep, Solution, ignore
 
@@ -56,7 +56,7 @@ class NSGS(Method):
     def build(self, setup: Setup) -> Ready:
         return Sweeps(self, _delassus(setup))
 
-    def discrete(self, surface: GivenSurface) -> SameEveryStep:
+    def discrete(self, surface: GivenSurface) -> Solve:
         return ColouredSweeps(rtol=self.rtol, max_it=self.max_it)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.discrete import DiscreteProblem
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.methods.method import SameEveryStep, Solve
+from stickslip.solvers.methods.method import Solve
 from stickslip.solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 
 FIRST, FACTOR, LEAST, MOST = 1e-2, 10.0, 1e-10, 1e2  # epsilon, relative to the largest diagonal entry of W
@@ -24,7 +24,7 @@ OUTER = 60  # regular problems
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProximalPoints(SameEveryStep):
+class ProximalPoints:
     """epsilon falls tenfold when regular problems are solved, and rises tenfold when one is not.
 
     After each failure it falls only after twice as many successes as before: on a branch that has no solution r drifts

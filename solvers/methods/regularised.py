@@ -100,12 +100,16 @@ class OnVolume(Ready):
 
     def __init__(self, method: Regularised, system: System, surface: DelassusOperator) -> None:
         """Compile the forms; collective."""
-        self.system = system
+        self.method, self.system = method, system
         self.contact_dofs = Replicated(system.K_B.createVecRight(), system.interface.dofs)
         self.contact = SmoothedForces(system)
         self.rows = _Recovery(system, surface)
         self.rtol, self.max_it = method.rtol, method.max_it
         self.levels = levels(method.smoothing)
+
+    def renewed(self, setup: Setup) -> Ready:
+        """Build again: the forms hold gaps and coefficients of friction."""
+        return self.method.build(setup)
 
     def after(self, state: Before) -> Solve:
         return NextStep(self, state.u, state.motion)

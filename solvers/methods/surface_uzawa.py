@@ -82,6 +82,9 @@ class LearningIteration(SameEveryStep):
     smooth: Callable[[], tuple[Array, Array]] | None = None  # see `CoarseMesh.smooth_responses`; called once
     learnt: dict[str, Secants] = field(default_factory=dict, repr=False)
 
+    def renewed(self, setup: Setup) -> Ready:
+        return self  # F is of the bodies
+
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         surface, F = problem.surface, self._F(problem.surface)
         history: list[Step] = []

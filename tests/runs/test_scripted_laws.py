@@ -6,6 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import stickslip
+from stickslip.solvers.methods import METHODS
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.scene_file.read import from_dict, read
 
@@ -49,12 +50,29 @@ def test_bound_in_time_is_that_of_a_scene_that_lists_it() -> None:
     assert script.scene.contacts["base"].friction.bound[-1] == (3.0, 0.03)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_goes_on_with_other_friction_and_another_gap(method: str) -> None:
+    """T = mu N with the new mu; and without friction a gap .1 smaller doubles the force of a support .1 down."""
+    sets = [f'solver.method="{method}"', "solver.tolerance=1e-5"]
+    script = prepared(*sets, "contacts.base.friction.mu=0.3").script()
+    script.step(to=1.0)
+    script.step(to=2.0, supports={"top": {"x": 0.3}})
+    let = script.step(to=3.0, contacts={"base": {"mu": 0.1}}, supports={"top": {"x": 0.6}}).contacts["base"]
+    assert_allclose(let.tangential_force, 0.1 * let.normal_force, rtol=1e-3)
+    smooth = prepared(*sets, "contacts.base.friction.mu=0.0", "supports.top.displacement={x=0.0, y=-0.1}").script()
+    once = smooth.step(to=2.0).contacts["base"].normal_force
+    twice = smooth.step(to=3.0, contacts={"base": {"gap_offset": -0.1}}).contacts["base"].normal_force
+    assert_allclose(twice, 2 * once, rtol=1e-3)
+
+
+@pytest.mark.parametrize("method", ["auto", "regularised"])
 @pytest.mark.parametrize("normal", ["{law='unilateral'}", "{law='compliance', c_n=1.0, m_n=1.0}"])
-def test_gap_offset_presses_like_the_motion_of_the_support(normal: str) -> None:
-    still = prepared(f"contacts.base.normal={normal}", "supports.top.displacement={x=0.0, y=0.0}").script()
+def test_gap_offset_presses_like_the_motion_of_the_support(normal: str, method: str) -> None:
+    sets = [f"contacts.base.normal={normal}", f'solver.method="{method}"']
+    still = prepared(*sets, "supports.top.displacement={x=0.0, y=0.0}").script()
     still.step(to=1.0)
     by_offset = still.step(to=2.0, contacts={"base": {"gap_offset": -0.1}}).contacts["base"]
-    moved = prepared(f"contacts.base.normal={normal}", "supports.top.displacement={x=0.0, y=-0.1}").script()
+    moved = prepared(*sets, "supports.top.displacement={x=0.0, y=-0.1}").script()
     by_support = moved.step(to=2.0).contacts["base"]
     assert by_support.normal_force > 0
     assert_allclose(by_offset.normal_force, by_support.normal_force, rtol=1e-10)
