@@ -39,7 +39,7 @@ def others(problem: SurfaceProblem, p: Array) -> Iterator[Array]:
         w = problem.relative_displacement(found.u_c)
         if problem.natural_residual(found.p, w) > SOLVED:
             continue
-        size = max(np.abs(found.p).max(initial=0.0), np.abs(p).max(initial=0.0))
+        size = max(problem.scale(found.p), problem.scale(p))
         if all(np.abs(found.p - one).max(initial=0.0) > APART * size for one in known):
             known.append(found.p)
             yield found.p

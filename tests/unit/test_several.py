@@ -112,3 +112,14 @@ def test_solutions_are_apart_by_a_part_of_the_larger_one(
     monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: 0.0)
     assert len(list(several.others(problem, zero))) == 1
     assert not list(several.others(problem, one))
+
+
+def test_tractions_that_are_rounding_are_no_other_solution(
+    problem_of: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = problem_of(MUCH)
+    touching = np.full(len(problem.gap), 1e-16 * problem.p_ref)
+    end = Start(p=0 * touching, u_c=np.zeros(problem.surface.size), p_hat=0 * touching)
+    monkeypatch.setattr(path, "path_from_open", lambda of, kinks: iter([end]))
+    monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: 0.0)
+    assert not list(several.others(problem, touching))
