@@ -8,7 +8,7 @@ Source: Klarbring, Ing.-Arch. 60 (1990), of one node; Hild, Q. J. Mech. Appl. Ma
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -23,7 +23,9 @@ SOLVED = 1e-6  # natural residual of another solution: it is the end of a path, 
 APART = 1e-3  # of the largest traction: solutions that differ by less are one
 
 
-def others(problem: SurfaceProblem, p: Array) -> Iterator[Array]:
+def others(
+    problem: SurfaceProblem, p: Array, keeps: Callable[[Array, Array], bool] = lambda p, w: True
+) -> Iterator[Array]:
     """Tractions (rows,) [Pa] of solutions that differ from p, on the path from all open; none where it does not apply.
 
     It finds no others of floating bodies, of curved laws, in 3D, off this path, or where there are many rows.
@@ -31,13 +33,14 @@ def others(problem: SurfaceProblem, p: Array) -> Iterator[Array]:
     Args:
         problem: the contact problem of the step.
         p: tractions (rows,) [Pa] that solve it.
+        keeps: whether tractions (rows,) [Pa] and relative displacement (rows,) [m] have the laws of the problem.
     """
     if len(p) > MOST or problem.surface.floating or _most_friction(problem) <= ENOUGH or not path.applies(problem):
         return
     known = [p]
     for found in path.path_from_open(problem, KINKS):
         w = problem.relative_displacement(found.u_c)
-        if problem.natural_residual(found.p, w) > SOLVED:
+        if problem.natural_residual(found.p, w) > SOLVED or not keeps(found.p, w):
             continue
         size = max(problem.scale(found.p), problem.scale(p))
         if all(np.abs(found.p - one).max(initial=0.0) > APART * size for one in known):

@@ -19,6 +19,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.law import touching
+from stickslip.solvers.newton import several
 from stickslip.solvers.newton.correction import ENOUGH, FLOOR
 from stickslip.solvers.newton.solution import Solution, Status
 
@@ -140,6 +141,22 @@ def exact_by_turns(
     off = _apart(problem, with_slip(cone, lengthened(slid, problem, at.p, at.w)), at.p)
     ended, turned = solve_by_turns(problem, cone, slid, at.p, solve, max(ENOUGH * off, FLOOR))
     return at, size if ended.status is found.status else np.nan, lengthened(slid, turned, at.p, at.w)
+
+
+def other_ends(problem: SurfaceProblem, cone: AdmissibleSet, slid: Lengths, p: Array) -> tuple[Array, ...]:
+    """Tractions (rows,) [Pa] of other solutions of a substep, with the mu of the slip in each of them.
+
+    Args:
+        problem: of the substep, with the mu that p was found with.
+        cone: with laws that depend on slip.
+        slid: lengths of slip at the start of the substep.
+        p: tractions (rows,) [Pa] that solve it.
+    """
+
+    def keeps(p: Array, w: Array) -> bool:
+        return _apart(problem, with_slip(cone, lengthened(slid, problem, p, w)), p) <= several.SOLVED
+
+    return tuple(several.others(problem, p, keeps) if slid else several.others(problem, p))
 
 
 def _apart(problem: SurfaceProblem, other: AdmissibleSet, p: Array) -> float:

@@ -20,7 +20,6 @@ from stickslip.solvers.interface.limit_analysis import unbalanced_motion
 from stickslip.solvers.interface.prepare import elastic_stiffness, prepare_surface
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.newton import several
 from stickslip.solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
 from stickslip.solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
 from stickslip.solvers.parallel.released import destroy_released
@@ -32,7 +31,7 @@ from stickslip.solvers.stepping.given_tension import StepsWithBolts
 from stickslip.solvers.stepping.history import HistoryRow, count_iterations
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.sliding import carried_over, pairs_hold, relative_positions
-from stickslip.solvers.stepping.slip_dependence import exact_by_turns, solve_by_turns, with_slip
+from stickslip.solvers.stepping.slip_dependence import exact_by_turns, other_ends, solve_by_turns, with_slip
 from stickslip.solvers.stepping.state import HALVINGS, Previous, State
 from stickslip.solvers.stepping.tightening import Tightening
 from stickslip.solvers.stepping.update import at_rest, displacement, new_state, relative_displacement, split
@@ -406,7 +405,7 @@ class Stepper:
             log.warning("t = %g: the error of the iteration is unknown: %s", end, error)
             left = replace(state.correction or Correction.none(len(new.w)), size=np.nan)
         return (
-            replace(solution, others=tuple(several.others(problem, solution.p))),
+            replace(solution, others=other_ends(problem, self.cone.at(end), state.slid, solution.p)),
             problem,
             replace(new, previous=previous, law_error=law_error, peak=peak, correction=left),
         )

@@ -13,11 +13,37 @@ from stickslip.solvers.newton import path, several
 from stickslip.solvers.newton.starts import Start
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.stepper import Accepted
 
 MUCH = {"law": "coulomb", "mu": 2.0}
 DRIVEN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
 PULLED = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}}
 SOFT = {"normal": {"law": "compliance", "c_n": 20.0}}
+
+
+LIFTED = {"x": 0.1, "y": 0.02}
+
+
+@pytest.fixture
+def reached(scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simulation]) -> Callable[..., Accepted]:
+    """The last step of a block with friction that weakens from mu_s."""
+
+    def make(mu_s: float, mu_k: float, slip_length: float, top: dict[str, Any], count: int) -> Accepted:
+        law = {"law": "static_kinetic", "mu_s": mu_s, "mu_k": mu_k, "slip_length": slip_length}
+        stepper = simulation_of(
+            scene_of(
+                contacts={"base": {"surface": "block.bottom", "against": "foundation", "friction": law}},
+                supports={"top": {"boundary": "block.top", "displacement": top}},
+                steps={"end": float(count), "count": count},
+            )
+        ).stepper
+        state = stepper.start()
+        for time in range(1, count + 1):
+            accepted = stepper.reach(state, float(time), lambda row: None)
+            state = accepted.state
+        return accepted
+
+    return make
 
 
 @pytest.fixture
@@ -123,3 +149,12 @@ def test_tractions_that_are_rounding_are_no_other_solution(
     monkeypatch.setattr(path, "path_from_open", lambda of, kinks: iter([end]))
     monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: 0.0)
     assert not list(several.others(problem, touching))
+
+
+def test_others_have_the_friction_of_their_own_slip(reached: Callable[..., Accepted]) -> None:
+    """Three answers with mu = 3 everywhere: open, stick, and one that slips, which has not 3 then."""
+    accepted = reached(3.0, 0.1, 0.01, LIFTED, 1)
+    assert not accepted.state.p.any()
+    frozen = list(several.others(accepted.problem, accepted.state.p))
+    assert len(frozen) == 2
+    assert_array_equal(accepted.others, frozen[1:])
