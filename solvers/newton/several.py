@@ -51,5 +51,5 @@ def others(
 def _most_friction(problem: SurfaceProblem) -> float:
     """The largest coefficient of friction of the step [-]."""
     cone = problem.cone
-    most = [place.rows.friction.lines(place.rows.normal, cone.time, cone.end)[1] for place in cone.with_friction()]  # type: ignore[union-attr]
+    most = [place.rows.friction.lines(place.rows.normal, cone.time, cone.end)[2] for place in cone.with_friction()]  # type: ignore[union-attr]
     return max((float(np.max(mu, initial=0.0)) for mu in most), default=0.0)

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
 from stickslip.solvers.newton import path, several
 from stickslip.solvers.newton.starts import Start
 from stickslip.solvers.scene.scene import Scene
@@ -21,6 +22,7 @@ PULLED = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}
 SOFT = {"normal": {"law": "compliance", "c_n": 20.0}}
 
 
+WEDGED = {"x": [[1.0, 0.05], [2.0, 0.12]], "y": [[1.0, -0.036], [2.0, 0.0013]]}  # and lifted off, but for friction
 LIFTED = {"x": 0.1, "y": 0.02}
 
 
@@ -78,12 +80,25 @@ def test_the_most_friction_is_that_of_the_laws(
     assert several._most_friction(problem_of(friction, normal)) == pytest.approx(most)
 
 
+def test_points_that_have_slipped_hide_no_others(reached: Callable[..., Accepted]) -> None:
+    """One end has mu = .9, the other points 2: it is wedged, and could as well be off the ground."""
+    accepted = reached(2.0, 0.9, 1e-3, WEDGED, 2)
+    (contact,) = accepted.problem.cone.contacts
+    assert isinstance(contact.friction, CoulombByPoint)
+    assert_allclose(np.unique(contact.friction.mu), [0.9, 2.0])
+    assert several._most_friction(accepted.problem) == pytest.approx(2.0)
+    assert accepted.state.p.max() > 0.01
+    assert_array_equal(accepted.others, [np.zeros_like(accepted.state.p)])
+
+
 @pytest.mark.parametrize(
     ("friction", "tables", "looked_for"),
     [
         (MUCH, DRIVEN, True),
         ({"law": "coulomb", "mu": several.ENOUGH}, DRIVEN, False),
         (None, DRIVEN, False),
+        ({"law": "stick"}, DRIVEN, False),
+        ({"law": "tresca", "bound": 0.1}, DRIVEN, False),
         (MUCH, PULLED, False),
         ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, DRIVEN, False),
         ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, PULLED, False),
