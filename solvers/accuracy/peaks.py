@@ -15,6 +15,7 @@ from stickslip.geometry.surfaces.surface import Surface
 
 STEEP = 0.15  # part by which the nearest nodes have less; smooth pressures: .10 at most on the meshes that were tried
 END = 0.05  # the same at the end of a side
+SAME = 1e-9  # relative: neighbours that share a multiplier, as where two contacts meet
 CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4}
 CONVEX = 1.5  # times the next fall; r^(-1/2) has 2.3, r^(-1/10) 1.8
 
@@ -24,16 +25,17 @@ def grows(side: Surface, pressure: Array) -> bool:
     if not len(pressure):
         return False
     peak, near = int(np.argmax(pressure)), side.neighbours()
-    rings, seen = [float(pressure[peak])], np.arange(len(pressure)) == peak
+    first = np.arange(len(pressure)) == peak
+    seen = first | ((near @ first.astype(float) > 0) & (pressure >= (1 - SAME) * pressure[peak]))
+    rings, ends = [float(pressure[peak])], any(_ends(side, int(node)) for node in np.flatnonzero(seen))
     for _ in range(2):
         ring = (near @ seen.astype(float) > 0) & ~seen
         if not ring.any():
             return False
         rings.append(float(pressure[ring].max()))
         seen |= ring
-    first, second = -np.diff(rings)
-    steep = END if _ends(side, peak) else STEEP
-    return bool(rings[-1] > 0 and first > steep * rings[0] and first > CONVEX * abs(second))
+    fall, second = -np.diff(rings)
+    return bool(rings[-1] > 0 and fall > (END if ends else STEEP) * rings[0] and fall > CONVEX * abs(second))
 
 
 def grows_in(cells: Ints, stress: Array, cell: int) -> bool:

@@ -157,6 +157,8 @@ def test_only_powers_grow(pressure: Callable[[Array], Array], expected: bool) ->
         ([1.0, 0.96, 0.93, 0.9, 0.87, 0.84], False),
         ([1.0, 0.99, 0.95, 0.87, 0.7, 0.5], False),  # symmetric about the end
         ([0.99, 1.16, 1.0, 0.99, 0.98, 0.98], False),  # beside the end
+        ([1.16, 1.16, 1.09, 1.06, 1.04, 1.02], True),  # the end has the multiplier of its neighbour
+        ([1.0, 1.0, 1.0, 1.0, 1.0, 1.0], False),
     ],
 )
 def test_at_the_end_of_a_side_a_smaller_fall_is_enough(pressure: list[float], expected: bool) -> None:
