@@ -78,7 +78,6 @@ class Regularised(Method):
         friction=("coulomb", "tresca"),
         k_T=False,
         operators=(RIGID,),
-        sliding=False,
     )
     ROW: ClassVar = 7
 
