@@ -10,13 +10,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.surfaces.surface import Surface
 
 STEEP = 0.15  # part by which the nearest nodes have less; smooth pressures: .10 at most on the meshes that were tried
 END = 0.05  # the same at the end of a side
 SAME = 1e-9  # relative: neighbours that share a multiplier, as where two contacts meet
-CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4}
+LINES = {  # corners of each line of a facet, in 2D a corner itself, and the node between them at order 2
+    "interval": [((0,), 0), ((1,), 1)],
+    "triangle": [((1, 2), 3), ((0, 2), 4), ((0, 1), 5)],
+    "quadrilateral": [((0, 1), 4), ((0, 2), 5), ((1, 3), 6), ((2, 3), 7)],
+}
 CONVEX = 1.5  # times the next fall; r^(-1/2) has 2.3, r^(-1/10) 1.8
 
 
@@ -24,16 +28,19 @@ def grows(side: Surface, pressure: Array) -> bool:
     """Whether the largest pressure (n,) [Pa] of a side of n nodes grows without end."""
     if not len(pressure):
         return False
-    peak, near = int(np.argmax(pressure)), side.neighbours()
+    peak, near, rim = int(np.argmax(pressure)), side.neighbours(), _rim(side)
     first = np.arange(len(pressure)) == peak
-    seen = first | ((near @ first.astype(float) > 0) & (pressure >= (1 - SAME) * pressure[peak]))
-    rings, ends = [float(pressure[peak])], any(_ends(side, int(node)) for node in np.flatnonzero(seen))
+    front = first | ((near @ first.astype(float) > 0) & (pressure >= (1 - SAME) * pressure[peak]))
+    ends = bool(rim[front].any())
+    rings, seen = [float(pressure[peak])], front.copy()
+    if ends and side.dim == 3:  # along an edge it may be as high: nodes behind the edge count
+        seen |= rim
     for _ in range(2):
-        ring = (near @ seen.astype(float) > 0) & ~seen
-        if not ring.any():
+        front = (near @ front.astype(float) > 0) & ~seen
+        if not front.any():
             return False
-        rings.append(float(pressure[ring].max()))
-        seen |= ring
+        rings.append(float(pressure[front].max()))
+        seen |= front
     fall, second = -np.diff(rings)
     return bool(rings[-1] > 0 and fall > (END if ends else STEEP) * rings[0] and fall > CONVEX * abs(second))
 
@@ -58,14 +65,16 @@ def grows_in(cells: Ints, stress: Array, cell: int) -> bool:
     return bool(first > STEEP * rings[0] and first > CONVEX * abs(second))
 
 
-def _ends(side: Surface, node: int) -> bool:
-    """Whether a side ends at a node: one of the lines that meet there belongs to one facet alone."""
-    corners = side.facets[:, : CORNERS[side.shape]]
-    found, place = np.nonzero(corners == node)
-    if side.dim == 2:
-        return len(found) == 1
-    others = corners[found]
-    near = others != node
-    if side.shape == "quadrilateral":
-        near[np.arange(len(found)), 3 - place] = False  # across
-    return bool((np.unique(others[near], return_counts=True)[1] == 1).any())
+def _rim(side: Surface) -> Bools:
+    """Nodes (n,) at which a side ends: on a line between two corners, in 2D at a corner, of one facet alone."""
+    lines = LINES[side.shape]
+    ends = side.facets[:, np.array([corners for corners, _ in lines])]
+    key, count = np.unique(
+        np.sort(ends, axis=2).reshape(-1, ends.shape[2]), axis=0, return_inverse=True, return_counts=True
+    )[1:]
+    alone = (count[key] == 1).reshape(ends.shape[:2])
+    found = np.zeros(len(side.points), bool)
+    found[ends[alone]] = True
+    if side.degree == 2 and side.dim == 3:
+        found[side.facets[:, [middle for _, middle in lines]][alone]] = True
+    return found

@@ -283,3 +283,43 @@ def test_a_step_is_solved_though_its_error_is_not_found(error: Exception, monkey
     assert second.errors["contacts.base.normal_force"].mesh is None
     assert second.contacts["base"].normal_force > 0
     assert np.isfinite(simulation.stepper.surface.linear_error)
+
+
+@pytest.mark.parametrize("layers", [2, pytest.param(8, marks=pytest.mark.slow)])
+def test_flat_cells_that_bend_have_the_error_that_is_stated(layers: int) -> None:
+    """A cantilever of cells up to eight times as long as high, which shear in place of bending."""
+
+    def answer(order: int, size: float, layers: int) -> StepResult:
+        words = [
+            f"geometry={{ builder = 'strip', length = 20.0, height = 1.0, mesh_size = {size}, layers = {layers}, "
+            f"cells = 'tensor', order = {order} }}",
+            "bodies.strip={ E = 1000.0, nu = 0.3, density = 1.0 }",
+            "obstacles={ floor = { shape = 'plane', point = [0.0, 0.0], normal = [0.0, 1.0] } }",
+            "contacts.base={ surface = 'strip.bottom', against = 'floor', normal = { law = 'compliance', c_n = 0.1 } }",
+            "supports={ left = { boundary = 'strip.left', displacement = { x = 0.0, y = 0.0 } } }",
+            "loads={ end = { boundary = 'strip.right', traction = { y = -0.1 } } }",
+            "probes={ tip = { point = [20.0, 0.0] } }",
+            "gravity.acceleration=[0.0, 0.0]",
+            "steps={ end = 1.0, count = 1 }",
+            f"output.error={'true' if order == 1 else 'false'}",
+        ]
+        (step,) = prepare(read("strip", words)).steps()
+        return step
+
+    found, true = answer(1, 1.0, layers), answer(2, 0.5, 4)
+    off = abs(found.probes["tip"].displacement - true.probes["tip"].displacement)[1]
+    stated = np.asarray(found.errors["probes.tip.displacement"].mesh)[1]
+    assert off > 0.05 * abs(true.probes["tip"].displacement[1])
+    assert 0.9 < stated / off < 3
+    energy = found.errors["energy.stored"].mesh
+    assert energy is not None
+    assert 0.5 < energy / abs(found.energy.stored - true.energy.stored) < 3
+
+
+def test_an_error_that_bubbles_do_not_find_is_none(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(two_level, "MOST", 2)
+    monkeypatch.setattr(two_level, "SLOW", 0.01)
+    (step,) = simulation_of(pressed(scene_of, "plane strain", "tensor", mesh_size=0.25)).steps()
+    assert "contacts.base.normal_force" not in step.corrected
