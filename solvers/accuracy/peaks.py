@@ -16,7 +16,9 @@ from stickslip.geometry.surfaces.surface import Surface
 STEEP = 0.15  # part by which the nearest nodes have less; smooth pressures: .10 at most on the meshes that were tried
 END = 0.05  # the same at the end of a side
 SAME = 1e-9  # relative: neighbours that share a multiplier, as where two contacts meet
-LINES = {  # corners of each line of a facet, in 2D a corner itself, and the node between them at order 2
+LINES: dict[
+    str, list[tuple[tuple[int, ...], int]]
+] = {  # corners of each line of a facet, in 2D a corner itself, and the node between them at order 2
     "interval": [((0,), 0), ((1,), 1)],
     "triangle": [((1, 2), 3), ((0, 2), 4), ((0, 1), 5)],
     "quadrilateral": [((0, 1), 4), ((0, 2), 5), ((1, 3), 6), ((2, 3), 7)],
@@ -67,14 +69,13 @@ def grows_in(cells: Ints, stress: Array, cell: int) -> bool:
 
 def _rim(side: Surface) -> Bools:
     """Nodes (n,) at which a side ends: on a line between two corners, in 2D at a corner, of one facet alone."""
-    lines = LINES[side.shape]
-    ends = side.facets[:, np.array([corners for corners, _ in lines])]
-    key, count = np.unique(
-        np.sort(ends, axis=2).reshape(-1, ends.shape[2]), axis=0, return_inverse=True, return_counts=True
-    )[1:]
-    alone = (count[key] == 1).reshape(ends.shape[:2])
+    corners, middles = (np.array(each) for each in zip(*LINES[side.shape], strict=True))
+    ends = side.facets[:, corners]
+    rows = np.sort(ends, axis=2).reshape(-1, corners.shape[1])
+    _, line, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    alone = (count[line.ravel()] == 1).reshape(ends.shape[:2])
     found = np.zeros(len(side.points), bool)
     found[ends[alone]] = True
     if side.degree == 2 and side.dim == 3:
-        found[side.facets[:, [middle for _, middle in lines]][alone]] = True
+        found[side.facets[:, middles][alone]] = True
     return found

@@ -216,3 +216,16 @@ def test_pressures_of_rounding_do_not_grow(closed: bool) -> None:
     rows = SimpleNamespace(name="base", surface=line(x), normal=SimpleNamespace(at_quadrature=False))
     said = without_limit(rows, contact, 1e-12)  # type: ignore[arg-type]
     assert [key.quantity for key in said] == ["max_pressure"] * closed
+
+
+@pytest.mark.parametrize("shape", ["triangle", "quadrilateral"])
+@pytest.mark.parametrize(("power", "expected"), [(-0.5, True), (0.5, False), (1.0, False)])
+def test_along_an_edge_pressures_behind_it_count(shape: str, power: float, expected: bool) -> None:
+    """Nearly as high all along the edge x = 0, with a largest one somewhere."""
+    x = np.arange(7)
+    points = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((7, 7))], axis=-1).reshape(-1, 3).astype(float)
+    a = (7 * x[:6, None] + x[:6]).ravel()
+    quads = np.stack([a, a + 1, a + 7, a + 8], axis=1)
+    facets = quads if shape == "quadrilateral" else np.concatenate([quads[:, [0, 1, 3]], quads[:, [0, 2, 3]]])
+    pressure = (points[:, 0] + 0.3) ** power if power < 0 else (7 - points[:, 0]) ** power
+    assert grows(side(points, facets, shape), pressure * (1 + 1e-3 * np.sin(points[:, 1] / 2))) is expected
