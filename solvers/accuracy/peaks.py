@@ -35,14 +35,14 @@ def grows(side: Surface, pressure: Array) -> bool:
     front = first | ((near @ first.astype(float) > 0) & (pressure >= (1 - SAME) * pressure[peak]))
     ends = bool(rim[front].any())
     rings, seen = [float(pressure[peak])], front.copy()
-    if ends and side.dim == 3:  # along an edge it may be as high: nodes behind the edge count
-        seen |= rim
+    layer = rim if ends and side.dim == 3 else seen  # along an edge it may be as high: nodes behind the edge count
     for _ in range(2):
+        seen = seen | layer
         front = (near @ front.astype(float) > 0) & ~seen
         if not front.any():
             return False
         rings.append(float(pressure[front].max()))
-        seen |= front
+        layer = front | (near @ layer.astype(float) > 0)
     fall, second = -np.diff(rings)
     return bool(rings[-1] > 0 and fall > (END if ends else STEEP) * rings[0] and fall > CONVEX * abs(second))
 

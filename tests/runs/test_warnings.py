@@ -214,3 +214,16 @@ def test_sides_that_turn_by_a_part_of_mu_are_doubted(call: Call, folder: Path) -
         pulls[sliding] = step["springs"]["pull"]["force"][0]
     assert pulls["false"] == pytest.approx(40.0, rel=1e-6)
     assert pulls["true"] == pytest.approx(400 * 0.12 / (1 - 0.002), rel=2e-3)
+
+
+@pytest.mark.parametrize("carries", [True, False])
+def test_a_support_at_a_point_that_carries_is_doubted(carries: bool, call: Call, folder: Path) -> None:
+    """Two points under a block; or one beside a side that carries, which holds it along the side alone."""
+    held = {
+        True: "supports={a={point=[0.0,2.0],displacement={x=0,y=0}},b={point=[4.0,2.0],displacement={y=-0.01}}}",
+        False: "supports={a={point=[0.0,2.0],displacement={x=0}},b={boundary='block.top',displacement={y=-0.01}}}",
+    }
+    smooth = "--set=contacts.base={surface='block.bottom',against='foundation'}"
+    words = ["--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5", "--set=output.error=false", smooth]
+    code, _, err = call("run", "block", "-o", "out", *words, f"--set={held[carries]}")
+    assert (code, "a point carries" in flat(err)) == (0, carries), err

@@ -18,6 +18,7 @@ from stickslip.solvers.results.step_result import OPEN, ContactState, MeshData, 
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.simulation.simulation import Simulation
 
+AT_POINT = 0.01  # of the largest force: what a support at a point carries beside rounding and a lack of symmetry
 LARGE_SPREAD = 0.1  # of the bodies' size: strains or rotations of this order change the answer by as much
 LARGE_TURN = 0.05  # [rad]; linear elasticity makes a strain of half its square, and turns no load or normal
 LARGE_LEAN = 0.1  # turn of the normals by mu; friction is off by about as large a part
@@ -172,6 +173,7 @@ def doubts(
         )
     if steps and all(step.bodies and not any(b.max_displacement for b in step.bodies.values()) for step in steps):
         yield "nothing loads or moves the bodies: all displacements and forces are zero"
+    yield from _carried_at_points(problem, steps)
     yield from _several_solutions(steps, problem.labels("N/m" if problem.model.startswith("plane") else "N"))
     yield from _slip_jumps(steps)
     yield from large_time_errors(problem, steps, errors or ())
@@ -185,6 +187,23 @@ def doubts(
         if (peak.status != OPEN).any() and peak.max_pressure > 0:
             yield from _few_points(rows, problem, peak)
             yield from _cut_corners(rows, problem, peak)
+
+
+def _carried_at_points(problem: Problem, steps: Sequence[StepResult]) -> Iterator[str]:
+    """Supports at a point that carry: a point gives way the more, the finer the mesh is, and all numbers with it."""
+    points = [name for name, support in problem.supports.items() if support.boundary is None]
+    share = dict.fromkeys(points, 0.0)
+    for step in steps if points else ():
+        sizes = {name: float(np.linalg.norm(support.force)) for name, support in step.supports.items()}
+        largest = max([*sizes.values(), *(float(np.linalg.norm(c.force)) for c in step.contacts.values())])
+        for name in points:
+            share[name] = max(share[name], sizes.get(name, 0.0) / largest if largest else 0.0)
+    name = max(share, key=share.__getitem__, default="")
+    if name and share[name] > AT_POINT:
+        yield (
+            f"supports.{name}: a point carries {share[name]:.0%} of the largest force, and gives way the more, the "
+            "finer the mesh is: numbers that depend on it have no limit, and stated errors are too small; hold a side"
+        )
 
 
 def _several_solutions(steps: Sequence[StepResult], unit: str) -> Iterator[str]:
