@@ -19,6 +19,7 @@ from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import CompiledForm, Function, Sparse, UflForm, Vec
 from stickslip.geometry.small_matrices import inverse_and_determinant, inverses
+from stickslip.solvers.accuracy.finer_loads import beyond
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.supports import find_constraints
@@ -43,7 +44,7 @@ class Bubbles:
         self.space = dx.vector_space(mesh.domain, mesh.degree + 1)
         self.nodes = Nodes.of(mesh, self.space)
         exact = _quadrature(mesh)
-        weak = WeakForms(problem, mesh, self.space, system.counters, exact)
+        weak = WeakForms(problem, mesh, self.space, system.counters, exact, beyond(mesh))
         coarse = WeakForms(problem, mesh, system.space, system.counters, exact)
         self.constraints = find_constraints(problem, mesh, self.space, self.nodes)
         self._T = self.constraints.transformation()

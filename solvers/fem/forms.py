@@ -25,7 +25,7 @@ from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Place
 
 Field = Callable[..., tuple[Any, ...]]  # from coordinates to components, by arithmetic operators only
-SMOOTH = 4  # degree of the quadrature of an expression, beyond twice the order
+SMOOTH = 4  # degree of the quadrature of an expression, beyond twice the order, but where a form asks for more
 SYMBOLS: Mapping[str, Callable[..., Any]] = {
     "sin": ufl.sin, "cos": ufl.cos, "tan": ufl.tan, "exp": ufl.exp, "sqrt": ufl.sqrt, "log": ufl.ln, "abs": abs,
     "min": ufl.min_value, "max": ufl.max_value,
@@ -91,6 +91,7 @@ class WeakForms:
     space: FunctionSpace
     counters: Counters
     degree: int | None = None  # of the quadrature on cells; None: that of the mesh
+    smooth: int = SMOOTH  # that of an expression, beyond twice the order
 
     @cached_property
     def u(self) -> UflExpr:
@@ -276,7 +277,7 @@ class WeakForms:
         return found
 
     def _volume_of(self, initial: InitialStrain) -> Measure:
-        return self.volume(initial.body, 2 * self.mesh.degree + SMOOTH if initial.field else None)
+        return self.volume(initial.body, 2 * self.mesh.degree + self.smooth if initial.field else None)
 
     def loads(self) -> list[LoadTerm]:
         """The scene's surface loads; effects add theirs."""
@@ -308,7 +309,7 @@ class WeakForms:
         if expression is None:
             return LoadTerm(drive=place, form=density * measure(None))
         clock = self.constant(0.0)
-        form = self._value(place, clock) * density * measure(2 * self.mesh.degree + SMOOTH)
+        form = self._value(place, clock) * density * measure(2 * self.mesh.degree + self.smooth)
         return LoadTerm(drive=place, form=form, clock=clock if expression.in_time else None)
 
     def _value(self, place: Place, clock: Constant) -> UflExpr:

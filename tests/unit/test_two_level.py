@@ -323,3 +323,23 @@ def test_an_error_that_bubbles_do_not_find_is_none(
     monkeypatch.setattr(two_level, "SLOW", 0.01)
     (step,) = simulation_of(pressed(scene_of, "plane strain", "tensor", mesh_size=0.25)).steps()
     assert "contacts.base.normal_force" not in step.corrected
+
+
+@pytest.mark.parametrize(("width", "least"), [(0.02, 0.9), (0.06, 0.7)])
+def test_loads_narrower_than_a_facet_have_the_error_of_their_quadrature(width: float, least: float) -> None:
+    """A bell of pressure on facets ten times and three times as long."""
+    words = [
+        "geometry={ builder = 'block', length = 2.0, height = 1.0, mesh_size = 0.2 }",
+        "supports={}",
+        f"loads={{ top = {{ boundary = 'block.top', pressure = '0.1*exp(-((x-1.1)/{width})**2)' }} }}",
+        "probes={}",
+        "steps={ end = 1.0, count = 1 }",
+    ]
+    (step,) = prepare(read("block", words)).steps()
+    true = 0.1 * width * np.sqrt(np.pi)
+    off = abs(step.contacts["base"].normal_force - true)
+    stated, corrected = step.errors["contacts.base.normal_force"].mesh, step.corrected["contacts.base.normal_force"]
+    assert off > 0.005 * true
+    assert stated is not None
+    assert least < stated / off < 3
+    assert abs(corrected - true) < 0.1 * off
