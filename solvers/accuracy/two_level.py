@@ -171,7 +171,7 @@ class MeshCorrection:
         if self._factor:
             x.axpy(self._factor, self._bubbles.displacement(self._bubbles.relaxed(step.residual(step.solved()))))
             return step.answer(x, step.new.p, solve)
-        if exact and (step.rows.closer.any() or step.left_out or step.friction or step.finer is not None):
+        if exact and (step.rows.closer.any() or step.left_out or step.finer is not None):
             found = step.answer(x, step.new.p, solve, same_history=True)
         if found is None:
             return None
