@@ -7,6 +7,7 @@ block on a turning table has all of its error of the moment from it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,19 +33,21 @@ class BetweenNodes:
     phi: Sparse  # (n, q): values at integration points to integrals ∫ phi~_j
     weights: Array  # (q,) [m^(d-1)]
     around: Ints | None  # (q, k) nodes of each point's facet, at order 2
+    driven: Sequence[int]  # axes along which a force drives the obstacle
 
     @classmethod
-    def of(cls, c: ContactRows, points: Points) -> BetweenNodes | None:
+    def of(cls, c: ContactRows, points: Points, driven: Sequence[int] = ()) -> BetweenNodes | None:
         """None: no friction, or one whose direction is not that of slip."""
         if c.friction is None or c.friction.orthotropic or not c.friction.resists():
             return None
         around = c.surface.facets[points.own.facet] if c.surface.degree == 2 else None
-        return cls(c.relative, c.frames[:, 0], points.phi, points.weights, around)
+        return cls(c.relative, c.frames[:, 0], points.phi, points.weights, around, driven)
 
     def added(self, multiplier: Array, bound: Array, increment: Array) -> tuple[Array, float] | None:
         """Nodal forces (n_all, d) [N] like B^T p, whose negatives act on the bodies, and dissipation [J].
 
-        None where all slip around has the same direction.
+        None where all slip around has the same direction, and where it would push an obstacle that a force drives: that
+        is in balance.
 
         Args:
             multiplier: tangential (n, d) [Pa].
@@ -71,6 +74,8 @@ class BetweenNodes:
         forces = np.zeros_like(increment)
         np.add.at(forces, node, share * along)
         size_at = np.linalg.norm(moved, axis=1)
-        if np.linalg.norm(forces) <= ROUNDING * np.linalg.norm(self.phi @ bound_at):
+        nothing = np.linalg.norm(forces) <= ROUNDING * np.linalg.norm(self.phi @ bound_at)
+        pushed = np.abs(forces.sum(axis=0)[list(self.driven)]).max(initial=0.0)
+        if nothing or pushed > ROUNDING * np.abs(forces).sum():
             return None
         return np.asarray(self.relative.T @ forces), float((self.weights * bound_at) @ (size_at - mean_size))

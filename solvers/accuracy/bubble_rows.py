@@ -45,7 +45,8 @@ class BubbleRows:
             master = _as(c.master, sides[pair.master]) if c.master and pair.master else None
             points = _integration_points(c, slave)
             n, t, relative, nearer = _rows_of(c, points, slave, master)
-            self._between.append(BetweenNodes.of(c, points))
+            driven = [axis for obstacle, axis in system.obstacles.driven if obstacle == pair.obstacle]
+            self._between.append(BetweenNodes.of(c, points, driven))
             straight = [(c.surface, slave)] + ([(c.master, master)] if c.master and master else [])
             bulging = np.concatenate([bulges(*side) for side in straight])
             known = c.normal.ties or pair.contact.gap is not None

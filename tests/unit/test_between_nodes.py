@@ -116,3 +116,18 @@ def test_both_sides_feel_it_in_balance() -> None:
     assert abs(contact - moment) > 1e-3 * abs(moment)
     assert_allclose(contact, floor, rtol=1e-6)
     assert_allclose(top, -floor, rtol=0.01)
+
+
+def test_nothing_pushes_an_obstacle_that_a_force_drives() -> None:
+    """A table that a force presses against the block may turn it; one that a force pulls along keeps its balance."""
+    (rows,) = turning().system.contacts
+    assert rows.quadrature is not None
+    pulled, pressed = (BetweenNodes.of(rows, rows.quadrature(5), axes) for axes in ([0], [2]))
+    assert pulled is not None
+    assert pressed is not None
+    away = rows.surface.points - [0.3 * SIDE, 0.4 * SIDE, 0.0]
+    wheel = np.cross([0.0, 0.0, 1.0], away)
+    bound = np.ones(len(wheel))
+    multiplier = wheel / np.linalg.norm(wheel, axis=1, keepdims=True)
+    assert pulled.added(multiplier, bound, wheel) is None
+    assert pressed.added(multiplier, bound, wheel) is not None
