@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
 
 STEEP = 0.15  # part by which the nearest nodes have less; smooth pressures: .10 at most on the meshes that were tried
@@ -34,8 +35,15 @@ def grows(side: Surface, pressure: Array) -> bool:
     first = np.arange(len(pressure)) == peak
     front = first | ((near @ first.astype(float) > 0) & (pressure >= (1 - SAME) * pressure[peak]))
     ends = bool(rim[front].any())
-    rings, seen = [float(pressure[peak])], front.copy()
-    layer = rim if ends and side.dim == 3 else seen  # along an edge it may be as high: nodes behind the edge count
+    behind = (
+        [rim] if ends and side.dim == 3 else []
+    )  # along an edge it may be as high: nodes behind the edge count, too
+    return any(_falls(pressure, near, front, layer, END if ends else STEEP) for layer in (front, *behind))
+
+
+def _falls(pressure: Array, near: Sparse, front: Bools, layer: Bools, steep: float) -> bool:
+    """Whether a largest pressure (n,) falls off like a power of the distance from nodes `front`, and from `layer`."""
+    rings, seen = [float(pressure[front].max())], front
     for _ in range(2):
         seen = seen | layer
         front = (near @ front.astype(float) > 0) & ~seen
@@ -43,8 +51,8 @@ def grows(side: Surface, pressure: Array) -> bool:
             return False
         rings.append(float(pressure[front].max()))
         layer = front | (near @ layer.astype(float) > 0)
-    fall, second = -np.diff(rings)
-    return bool(rings[-1] > 0 and fall > (END if ends else STEEP) * rings[0] and fall > CONVEX * abs(second))
+    first, second = -np.diff(rings)
+    return bool(rings[-1] > 0 and first > steep * rings[0] and first > CONVEX * abs(second))
 
 
 def grows_in(cells: Ints, stress: Array, cell: int) -> bool:

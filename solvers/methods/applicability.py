@@ -11,7 +11,8 @@ RIGID = "rigid"  # the operator of a rigid obstacle
 class Applicability:
     """What a method supports.
 
-    Every method works in every model, with cells of every kind and order, and on any number of ranks.
+    Every method works in every model, with cells of every kind and order, with pairs that are searched again, and on
+    any number of ranks.
     """
 
     floating: bool  # bodies that only contact and friction hold, and obstacles that a force moves
@@ -21,7 +22,6 @@ class Applicability:
     friction: tuple[str, ...] | None = None  # names of the supported friction laws; None: all
     k_T: bool = True  # tangential stiffness before slip
     operators: tuple[str, ...] | None = None  # supported contact operators: RIGID, and those between bodies; None: all
-    sliding: bool = True  # contact that is searched again on the deformed bodies
     matrix_free: bool = True  # bodies in matrix-free form: iterative volume solves
     condensed: bool = True  # bodies in condensed form: a dense stiffness of the contact dofs; in neither form: sparse
     contends: bool = True  # whether a cost study that may choose the method tries this one

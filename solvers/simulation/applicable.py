@@ -66,8 +66,6 @@ def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Re
         key = "operator" if contact.operator else "against"
         only = "rigid obstacles only" if table.operators == (RIGID,) else ", ".join(table.operators or ())
         yield key, getattr(contact, key), f"works with {only}"
-    if contact.sliding and not table.sliding:
-        yield "sliding", "true", "searches contact only once, on the undeformed bodies"
     if contact.friction is not None and contact.friction.k_T is not None and not table.k_T:
         yield "friction.k_T", contact.friction.k_T, "has no tangential stiffness"
     for key, law in (("normal", contact.normal), ("friction", contact.friction)):

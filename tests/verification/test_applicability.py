@@ -27,7 +27,6 @@ OPEN = {
     "friction": None,
     "operators": None,
     "k_T": True,
-    "sliding": True,
     "floating": True,
     "driven": True,
 }

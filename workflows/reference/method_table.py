@@ -25,13 +25,13 @@ def columns(method: Applicability) -> tuple[str, ...]:
     """What the method can do, a cell for each of `COLUMNS`.
 
     >>> columns(METHODS["regularised"].WORKS_WITH)
-    ('unilateral, bilateral, compliance', 'coulomb, tresca; no k_T', 'rigid; no sliding', 'held by supports',
+    ('unilateral, bilateral, compliance', 'coulomb, tresca; no k_T', 'rigid', 'held by supports',
      'condensed or matrix-free')
     """
     return (
         _known(method.normal),
         _known(method.friction) + ("" if method.k_T else "; no k_T"),
-        _known(method.operators) + ("" if method.sliding else "; no sliding"),
+        _known(method.operators),
         f"held or floating{'' if method.driven else '; no driven obstacles'}"
         if method.floating
         else f"held by supports{' or compliance' if method.bedded else ''}",
