@@ -345,6 +345,11 @@ def _pull_back(shape: str, degree: int, nodes: Array, point: Array) -> Array:
     return local
 
 
+def borders(shape: str) -> Ints:
+    """Corners (m, k) of the m lines around a reference facet, in 2D each end by itself; in dolfinx's order."""
+    return np.array(basix.topology(getattr(basix.CellType, shape))[-2])
+
+
 def reference_rule(shape: str, degree: int) -> tuple[Array, Array]:
     """Quadrature points (q, k) and weights (q,) of a reference interval, triangle or quadrilateral."""
     points, weights = basix.make_quadrature(getattr(basix.CellType, shape), degree)

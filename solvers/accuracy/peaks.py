@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
@@ -17,13 +18,6 @@ from stickslip.geometry.surfaces.surface import Surface
 STEEP = 0.15  # part by which the nearest nodes have less; smooth pressures: .10 at most on the meshes that were tried
 END = 0.05  # the same at the end of a side
 SAME = 1e-9  # relative: neighbours that share a multiplier, as where two contacts meet
-LINES: dict[
-    str, list[tuple[tuple[int, ...], int]]
-] = {  # corners of each line of a facet, in 2D a corner itself, and the node between them at order 2
-    "interval": [((0,), 0), ((1,), 1)],
-    "triangle": [((1, 2), 3), ((0, 2), 4), ((0, 1), 5)],
-    "quadrilateral": [((0, 1), 4), ((0, 2), 5), ((1, 3), 6), ((2, 3), 7)],
-}
 CONVEX = 1.5  # times the next fall; r^(-1/2) has 2.3, r^(-1/10) 1.8
 
 
@@ -77,7 +71,7 @@ def grows_in(cells: Ints, stress: Array, cell: int) -> bool:
 
 def _rim(side: Surface) -> Bools:
     """Nodes (n,) at which a side ends: on a line between two corners, in 2D at a corner, of one facet alone."""
-    corners, middles = (np.array(each) for each in zip(*LINES[side.shape], strict=True))
+    corners = dx.borders(side.shape)
     ends = side.facets[:, corners]
     rows = np.sort(ends, axis=2).reshape(-1, corners.shape[1])
     _, line, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
@@ -85,5 +79,6 @@ def _rim(side: Surface) -> Bools:
     found = np.zeros(len(side.points), bool)
     found[ends[alone]] = True
     if side.degree == 2 and side.dim == 3:
+        middles = len(dx.reference_nodes(side.shape, 1)) + np.arange(len(corners))
         found[side.facets[:, middles][alone]] = True
     return found
