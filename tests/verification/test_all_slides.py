@@ -92,5 +92,6 @@ def test_it_slides_straight_on(geometry: dict[str, Any]) -> None:
     if geometry.get("order") != 2:
         stated = simulation.errors(steps)[-1][Quantity("probes", "middle", "displacement")].mesh
         assert stated is not None
-        assert 0.2 < np.asarray(stated)[1] / abs(u[1]) < 5  # 1.5 and 1.4 on finer meshes, .23 by chance here
+        # with the default cells the drift that is left happens to be that of the run: .23
+        assert (0.5 if geometry else 0.2) < np.asarray(stated)[1] / abs(u[1]) < 5
         assert abs(np.asarray(step.corrected[str(Quantity("probes", "middle", "displacement"))])[1]) < abs(u[1])

@@ -17,7 +17,7 @@ from stickslip.workflows.verification.cases.agreement import Answer
 TOLERANCE = 1e-9
 SAME = 1e-6  # that, times the condition of friction, and digits to spare
 COARSE = 0.01  # regularised, compliance with friction: the bound is that of nodes, which costs with the mesh size
-AXIS = 0.06  # regularised, on a ball under the axis: of two nodes that touch, that on the axis keeps its friction
+AXIS = 0.06  # regularised, a ball under the axis: of two nodes that touch one is on the axis; with finer cells .001
 ROUNDED = 1.05  # the error that a law states is measured, too
 ENOUGH = 400  # iterations of a step; none of these cells takes more
 EVERY = 131  # a prime: the sample takes each method through laws, operators, models and more by turns
