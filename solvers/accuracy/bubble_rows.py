@@ -26,6 +26,8 @@ from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.contact_interface import components
 from stickslip.solvers.system.system import System
 
+AT_BOUND = 1e-6  # relative: a multiplier that near to the bound slips
+
 
 class BubbleRows:
     """Relative displacement that bubbles cause at the contact rows: that of their mean values over psi_j.
@@ -79,8 +81,9 @@ class BubbleRows:
         for place, between in zip(cone.places, self._between, strict=True):
             c, t = place.rows, new.p[place.tangential].reshape(-1, place.components)
             if between is not None:
-                bound, increment = cone.bound_at_nodes(place, new.p), new.slip[c.name] - old.slip[c.name]
-                added = between.added(c.node_traction(t), bound, increment)
+                bound, used = cone.bound(place, new.p[place.normal]), np.linalg.norm(t * c.free, axis=1)
+                slips, limit = (c.share_t.T @ np.column_stack([used >= (1 - AT_BOUND) * bound, bound])).T
+                added = between.added(slips > 1 - AT_BOUND, limit, new.slip[c.name] - old.slip[c.name])
                 if added is not None:
                     found[c.name] = added
         return found
