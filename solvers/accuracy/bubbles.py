@@ -22,6 +22,7 @@ from stickslip.geometry.small_matrices import inverse_and_determinant, inverses
 from stickslip.solvers.accuracy.finer_loads import beyond
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.ground_springs import GroundSprings
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.recovered_stress import InCell
@@ -53,6 +54,7 @@ class Bubbles:
         self._inner = [weak.compile(form) for form in inner_forces(problem, weak, self._whole)]
         self._pull = [coarse.compile(form) for form in inner_forces(problem, coarse, self._alone)]
         self._loads = applied_loads(problem, weak, self.constraints, self.zero())
+        self.ground = GroundSprings.of(weak)
         links = self.constraints.links
         drawn = [None if s.shrunk is None else coarse.shrinking(s) for s in system.initial.strains]  # as the system's
         forms = map(weak.initial_load, system.initial.strains, drawn)

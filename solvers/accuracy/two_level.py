@@ -351,6 +351,7 @@ class _Substep:
             initial_work=bubbles.initial_work(x),
             elongation=bubbles.elongation(x),
             remote=bubbles.remote(x),
+            ground=bubbles.ground.exerted(x),
             friction=self.friction,
         )
         load = new.load if self.finer is None else new.load + self.finer

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
-from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import UflExpr, UflForm
@@ -44,11 +43,7 @@ class _ElasticSupport(Effect):
     table = Mapping[str, ElasticSupport]
 
     def stiffness(self, problem: Problem, weak: WeakForms, u: UflExpr) -> Iterable[UflForm]:
-        n, v = ufl.FacetNormal(weak.mesh.domain), weak.v
-        for table in problem.tables["elastic_support"].values():
-            along, whole = ufl.inner(u, n) * ufl.inner(v, n), ufl.inner(u, v)
-            stress = weak.constant(table.normal) * along + weak.constant(table.tangential) * (whole - along)
-            yield stress * weak.boundary(table.boundary)
+        return [weak.springs(springs, u) for springs in problem.springs if springs.key.split(".")[0] == self.name]
 
 
 EFFECT = _ElasticSupport()

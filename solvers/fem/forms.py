@@ -19,6 +19,7 @@ from stickslip.solvers.fem.terms import InitialStrain, LoadTerm, drawn_together
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Springs
 from stickslip.solvers.scene.material import Elastic, Material
 from stickslip.solvers.scene.orthotropic import DOUBLED, PAIRS, Orthotropic
 from stickslip.solvers.scene.problem import Problem
@@ -354,6 +355,25 @@ class WeakForms:
 
     def _integral(self, form: UflForm) -> float:
         return float(self.mesh.comm.allreduce(dx.fem.assemble_scalar(self.compile(form))))
+
+    def springs(self, springs: Springs, u: UflExpr) -> UflForm:
+        """∫ (k_n u_n v_n + k_t u_t . v_t) ds of springs per area between a side and the ground.
+
+        Args:
+            u: trial function, or a displacement [m].
+        """
+        n = ufl.FacetNormal(self.mesh.domain)
+        along, whole = ufl.inner(u, n) * ufl.inner(self.v, n), ufl.inner(u, self.v)
+        stress = self.constant(springs.normal) * along + self.constant(springs.tangential) * (whole - along)
+        found: UflForm = stress * self.boundary(springs.boundary)
+        return found
+
+    def rigid_motion(self, translation: Constant, rotation: Constant) -> UflExpr:
+        """Translation (d,) plus rotation about the origin, (1,) in 2D and (3,) in 3D, times the place."""
+        x = ufl.SpatialCoordinate(self.mesh.domain)
+        turned = ufl.cross(rotation, x) if self.mesh.dim == 3 else rotation[0] * ufl.as_vector([-x[1], x[0]])
+        found: UflExpr = translation + turned
+        return found
 
     def constant(self, value: float | Array) -> Constant:
         """A number or matrix that a compiled form reads at run time, so that other values need no new compilation."""

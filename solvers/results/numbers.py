@@ -23,6 +23,9 @@ def quantities(step: StepResult | Numbers) -> dict[Quantity, Value]:
     for name, support in step.supports.items():
         found[Quantity("supports", name, "force")] = support.force
         found[Quantity("supports", name, "moment")] = _moment(support.moment)
+    for name, support in step.elastic_support.items():
+        found[Quantity("elastic_support", name, "force")] = support.force
+        found[Quantity("elastic_support", name, "moment")] = _moment(support.moment)
     for name, obstacle in step.obstacles.items():
         found[Quantity("obstacles", name, "displacement")] = obstacle.displacement
         found[Quantity("obstacles", name, "force")] = obstacle.force

@@ -199,6 +199,7 @@ class Observer:
             springs=numbers.springs,
             bolts=numbers.bolts,
             remote_points=numbers.remote_points,
+            elastic_support=numbers.elastic_support,
             probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
             iteration_error=iteration_error(accepted),
@@ -240,6 +241,10 @@ class Observer:
             springs=springs,
             bolts=bolts,
             remote_points=self._remote_points(state, reactions),
+            elastic_support={
+                key.split(".")[1]: Reaction(*pair)
+                for key, pair in system.ground.by_key(state.ground, system.mesh.dim).items()
+            },
             energy=state.energy,
         )
 

@@ -26,6 +26,8 @@ def values(step: StepResult) -> dict[str, float]:
         found |= {f"probe.{name}.stress.{key}": float(stress[ij]) for key, ij in STRESSES.items()}
     for name, (force, moment) in step.supports.items():
         found |= _vector(f"support.{name}.force", force) | _turns(f"support.{name}.moment", moment)
+    for name, (force, moment) in step.elastic_support.items():
+        found |= _vector(f"elastic_support.{name}.force", force) | _turns(f"elastic_support.{name}.moment", moment)
     for name, (moved, force, moment) in step.obstacles.items():
         found |= _vector(f"obstacle.{name}.displacement", moved) | _vector(f"obstacle.{name}.force", force)
         found |= _turns(f"obstacle.{name}.moment", moment)
@@ -52,7 +54,7 @@ def _turns(name: str, components: Array) -> dict[str, float]:
 
 SINGULAR = {
     "contacts": "", "supports": "support.", "obstacles": "obstacle.", "springs": "spring.",
-    "bolts": "bolt.", "remote_points": "remote_point.", "probes": "probe.",
+    "bolts": "bolt.", "remote_points": "remote_point.", "elastic_support": "elastic_support.", "probes": "probe.",
     "energy": "energy",
 }  # fmt: skip
 

@@ -25,7 +25,7 @@ STATUS_WORDS = ("open", "slip", "stick")  # of these values, in tables
 
 
 class Reaction(NamedTuple):
-    """What a support exerts on the body."""
+    """What a support exerts on the body, or an elastic one."""
 
     force: Array  # (d,) [N]
     moment: Array  # (1,) in 2D, about z; (3,) in 3D; about the origin [N m]
@@ -158,6 +158,7 @@ class Numbers:
     springs: Mapping[str, SpringForce]
     bolts: Mapping[str, BoltState]
     remote_points: Mapping[str, RemoteState]
+    elastic_support: Mapping[str, Reaction]
     energy: Energy  # totals since t = 0 [J]
 
 
@@ -211,6 +212,7 @@ class StepResult:
     springs: Mapping[str, SpringForce] = field(default_factory=dict)
     bolts: Mapping[str, BoltState] = field(default_factory=dict)
     remote_points: Mapping[str, RemoteState] = field(default_factory=dict)
+    elastic_support: Mapping[str, Reaction] = field(default_factory=dict)
     bodies: Mapping[str, BodyState] = field(default_factory=dict)
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 

@@ -9,7 +9,7 @@ CONTACT_NUMBERS = (
     "max_slip", "dissipation", "dissipation_total",
 )  # fmt: skip
 MOVES, TURNS = ("displacement", "force"), ("rotation", "moment")
-ENERGIES = ("external", "stored", "contact", "dissipated", "time_remainder")
+ENERGIES = ("external", "stored", "contact", "compliance", "dissipated", "time_remainder")
 KINDS = {  # of numbers that have one unit and one scale
     "force": ("force", "normal_force", "tangential_force", "tension"),
     "moment": ("moment",),
@@ -33,6 +33,7 @@ def names(
     springs: Collection[str] = (),
     remote_points: Collection[str] = (),
     bolts: Collection[str] = (),
+    elastic_support: Collection[str] = (),
 ) -> tuple[str, ...]:
     """Names of all numbers of a scene with these contacts, supports, obstacles, probes, springs and so on.
 
@@ -47,6 +48,8 @@ def names(
         *(f"probe.{name}.stress.{ij}" for name in probes for ij in STRESSES),
         *(f"support.{name}.force.{a}" for name in supports for a in axes),
         *(f"support.{name}.moment.{a}" for name in supports for a in turns),
+        *(f"elastic_support.{name}.force.{a}" for name in elastic_support for a in axes),
+        *(f"elastic_support.{name}.moment.{a}" for name in elastic_support for a in turns),
         *(f"obstacle.{name}.{key}.{a}" for name in obstacles for key in MOVES for a in axes),
         *(f"obstacle.{name}.moment.{a}" for name in obstacles for a in turns),
         *(f"spring.{name}.force.{a}" for name in springs for a in axes),

@@ -186,7 +186,9 @@ class Scene(Noun):
         springs = [link.name for link in self.links() if link.table == "springs"]
         bolts = [name for section, name in self.effect_tables() if section == "bolts"]
         points = [coupling.key.split(".")[1] for coupling in self.couplings()]
-        return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes, springs, points, bolts)
+        elastic = [each.key.split(".")[1] for each in self.springs()]
+        shown = (self.contacts, self.supports, self.obstacles, self.probes)
+        return names(self.dim, *shown, springs, points, bolts, elastic)
 
     def effect_tables(self) -> dict[tuple[str, str], EffectTable]:
         """Tables that effects own, by (effect, name of the table); the name is "" if the effect has one table only."""

@@ -119,6 +119,7 @@ class State:
     initial_work: Array  # (k,) see `InitialStrains.stress_work` [J]
     elongation: Array  # (r,) of each of `Links`, the motion of the ground left out [m]
     remote: Array  # (components,) motion of remote points [m, rad]
+    ground: Array  # (components,) what springs to the ground exert, see `GroundSprings` [N, N m]
     residual: Vec  # K u - load - forces of initial strains + B^T p [N]: what supports and periodic sides carry
     p: Array  # (rows,) tractions [Pa], pressure positive
     w: Array  # (rows,) relative displacement [m]

@@ -82,6 +82,7 @@ def at_rest(system: System, cone: AdmissibleSet) -> State:
         initial_work=unstrained,
         elongation=np.zeros(len(system.constraints.links.stiffness)),
         remote=np.zeros(system.constraints.remote.rows.shape[0]),
+        ground=np.zeros(len(system.ground.forces)),
         residual=vector(),
         p=zero,
         w=zero,
@@ -108,6 +109,7 @@ class Surplus:
     initial_work: Array  # (k,) see `InitialStrains.stress_work` [J]
     elongation: Array  # (r,) of links [m]
     remote: Array  # (components,) motion of remote points [m, rad]
+    ground: Array  # (components,) what springs to the ground exert [N, N m]
     friction: Mapping[
         str, tuple[Array, float]
     ]  # by contact, nodal forces (n_all, d) [N] like B^T p, and dissipation [J]
@@ -150,7 +152,7 @@ def new_state(
     initial = system.initial.values(system.course, time) if initial is None else initial
     initial_work = system.initial.stress_work(initial, u_strained)
     stored, elongation = inner.dot(u_strained) / 2, system.constraints.links.elongation(u_strained)
-    remote = system.constraints.remote.motion(u)
+    remote, ground = system.constraints.remote.motion(u), system.ground.exerted(u)
     residual = inner - system.initial.added(load, initial) + system.interface.forces(*split(cone, p))
     w, motion = relative_displacement(system, u, time, driven), system.obstacles.motions(system.contacts, time, driven)
     if surplus is not None:
@@ -159,6 +161,7 @@ def new_state(
         stored = stored + surplus.stored
         residual, w = residual + surplus.inner, w + surplus.relative
         elongation, remote = elongation + surplus.elongation, remote + surplus.remote
+        ground = ground + surplus.ground
     external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
     prescribed, of_slacks = system.initial.external(old.initial, initial, old.initial_work, initial_work)
     external, contact, slip = external + prescribed, -of_slacks, {}
@@ -195,6 +198,7 @@ def new_state(
         initial_work=initial_work,
         elongation=elongation,
         remote=remote,
+        ground=ground,
         residual=residual,
         p=p,
         w=w,

@@ -22,6 +22,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.ground_springs import GroundSprings
 from stickslip.solvers.fem.links import Links
 from stickslip.solvers.fem.mean_dilatation import MeanDilatation
 from stickslip.solvers.fem.rigid_modes import RigidModes
@@ -176,6 +177,11 @@ class System:
             residual: see `State` [N].
         """
         return self.constraints.reactions(residual.array_r.reshape(-1, self.mesh.dim))
+
+    @cached_property
+    def ground(self) -> GroundSprings:
+        """Springs to the ground, for what they exert; collective at the first access."""
+        return GroundSprings.of(self.weak)
 
     @cached_property
     def box(self) -> Array:

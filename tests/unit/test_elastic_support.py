@@ -10,8 +10,11 @@ from numpy.testing import assert_allclose
 
 from shared.audited import audit
 from stickslip.geometry.errors import SceneError
+from stickslip.solvers.results.error_parts import Quantity
+from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan, planned
+from stickslip.solvers.simulation.simulation import prepare as with_errors
 from stickslip.workflows.scene_file.read import from_dict
 from stickslip.workflows.verification.prepared import prepare
 
@@ -68,6 +71,9 @@ def test_springs_carry_the_weight() -> None:
     u = step.displacement[base]
     mean = (u[1:] + u[:-1]).mean(axis=0) / 2  # of equal facets
     assert_allclose(mean, [3.0 / K, -2.0 / K], rtol=1e-10)
+    bed = step.elastic_support["bed"]
+    assert_allclose(bed.force, [-6.0, 4.0], rtol=1e-10)
+    assert_allclose(bed.moment, 1.0 * 4.0 + 0.5 * 6.0, rtol=1e-10)
     assert step.energy.external == pytest.approx(step.energy.stored, rel=1e-10)
     assert max(audit(simulation, step).values()) < 1e-10
 
@@ -119,3 +125,54 @@ def test_springs_that_hardly_hold_do_not_hide_what_sticks(form: str) -> None:
     for key in ("contact_area", "stick_area", "slip_area"):
         assert getattr(held.contacts["base"], key) == getattr(free.contacts["base"], key)
     assert free.contacts["base"].slip_area > 0
+
+
+def bedded(model: str, mesh_size: float = 0.5, order: int = 1, **tables: Any) -> StepResult:
+    """A block on springs, pressed beside its middle by a lid with friction; the last of two steps."""
+    up, width = ("z", {"width": 1.0}) if model == "3d" else ("y", {})
+    point, normal = ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]) if model == "3d" else ([0.0, 1.0], [0.0, -1.0])
+    shape = {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": mesh_size, "order": order} | width
+    pressed: dict[str, Any] = {up: [[1, -0.03], [2, -0.03]]}
+    data: dict[str, Any] = {
+        "geometry": shape,
+        "bodies": {"block": {"E": E, "nu": 0.3, "density": 1.0}},
+        "obstacles": {"lid": {"shape": "plane", "point": point, "normal": normal, "displacement": pressed}},
+        "contacts": {"top": {"surface": "block.top", "against": "lid", "friction": {"law": "coulomb", "mu": 0.2}}},
+        "steps": {"end": 2.0, "count": 2},
+    }
+    if model != "axisymmetric":
+        pressed["x"] = [[1, 0], [2, 0.02]]
+        data["loads"] = {"push": {"boundary": "block.right", "pressure": [[1, 0], [2, 2.0]]}}
+    bed = WHOLE if model != "axisymmetric" else NORMAL
+    *_, last = with_errors(scene(model, bed, **(data | tables))).steps()
+    return last
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("model", ["plane strain", "axisymmetric", "3d"])
+def test_what_springs_exert_is_in_balance(model: str, order: int) -> None:
+    """As it is, and with bubbles: with the contact, and the pressure on the right side."""
+    last = bedded(model, order=order)
+    bed, top = last.elastic_support["bed"], last.contacts["top"]
+    push = np.zeros(len(bed.force))
+    push[0] = -2.0 if model != "axisymmetric" else 0.0
+    size = top.normal_force
+    assert_allclose(bed.force + top.force + push, 0.0, atol=1e-7 * size)
+    turned = -push[0] / 2 if model == "plane strain" else push[0] * np.array([0.0, 0.5, -0.5]) if model == "3d" else 0.0
+    assert_allclose(bed.moment + top.moment + turned, 0.0, atol=1e-7 * size)
+    if order == 1:
+        for key, loads, most in (("force", push, 1e-3), ("moment", turned, 2e-3)):
+            names = (str(Quantity(*of, key)) for of in (("elastic_support", "bed"), ("contacts", "top")))
+            assert_allclose(sum(np.asarray(last.corrected[name]) for name in names) + loads, 0.0, atol=most * size)
+
+
+def test_its_error_is_stated() -> None:
+    """A wall carries a part: how much is not a matter of balance."""
+    wall = {"wall": {"boundary": "block.left", "displacement": {"x": 0.0, "y": 0.0, "z": 0.0}}}
+    found, fine = bedded("3d", 0.25, supports=wall), bedded("3d", 0.125, order=2, supports=wall)
+    for key in ("force", "moment"):
+        name = str(Quantity("elastic_support", "bed", key))
+        own, true = (getattr(step.elastic_support["bed"], key) for step in (found, fine))
+        stated, corrected = (np.asarray(part) for part in (found.errors[name].mesh, found.corrected[name]))
+        assert 0.8 < np.linalg.norm(stated) / np.linalg.norm(own - true) < 2.5
+        assert np.linalg.norm(corrected - true) < 0.5 * np.linalg.norm(own - true)

@@ -186,6 +186,10 @@ def _step(step: StepResult, errors: Errors | None, audit: Audit | None) -> dict[
             | error("remote_points", name)
             for name, (u, turn, f, m) in step.remote_points.items()
         },
+        "elastic_support": {
+            name: {"force": f.tolist(), "moment": _moment(m)} | error("elastic_support", name)
+            for name, (f, m) in step.elastic_support.items()
+        },
         "probes": {
             name: {"displacement": u.tolist(), "stress": [float(sigma[ij]) for ij in STRESSES.values()]}
             | error("probes", name)

@@ -99,7 +99,7 @@ class ContactRecord(TypedDict):
 
 @closed
 class SupportRecord(TypedDict):
-    """What a support exerts on its body."""
+    """What a support exerts on its body, or an elastic one."""
 
     force: Force
     moment: Moment
@@ -189,6 +189,7 @@ class StepRecord(TypedDict):
     springs: dict[str, SpringRecord]
     bolts: dict[str, BoltRecord]
     remote_points: dict[str, RemotePointRecord]
+    elastic_support: dict[str, SupportRecord]
     probes: dict[str, ProbeRecord]
     bodies: dict[str, BodyRecord]
     energy: EnergyRecord

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from stickslip.geometry.amplitude import value_at
-from stickslip.geometry.arrays import Array
 from stickslip.solvers.results.error_parts import Errors
 from stickslip.solvers.results.quantities import total_errors, values
 from stickslip.solvers.results.step_result import ContactState, StepResult
@@ -66,13 +65,6 @@ def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
         found |= _vectors(name, contact, scene.axisymmetric)
     found |= step.columns
     energies = {key: numbers.pop(key) for key in (f"energy.{key}" for key in ENERGIES)}
-    for name, (_, moment) in step.supports.items():
-        numbers |= _moment(f"support.{name}.moment", moment)
-    for name, point in step.remote_points.items():
-        numbers |= _moment(f"remote_point.{name}.moment", point.moment)
-        numbers |= _moment(f"remote_point.{name}.rotation", point.rotation)
-    for name, (_, _, moment) in step.obstacles.items():
-        numbers |= _moment(f"obstacle.{name}.moment", moment)
     effort = {key: getattr(step, key) for key in EFFORT}
     return {
         name: float(n) if isinstance(n, float) else int(n) for name, n in (found | numbers | energies | effort).items()
@@ -80,7 +72,7 @@ def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
 
 
 def _vectors(name: str, contact: ContactState, axisymmetric: bool) -> dict[str, float]:
-    """Components of the resultant, of its tangential part, and of the mean slip, weighted by pressure."""
+    """Components of the resultant, its moment and tangential part, and of the mean slip, weighted by pressure."""
     tangential = contact.weight @ contact.traction
     pressing = contact.weight * np.abs(contact.pressure)
     touches = contact.contact_area > 0 and pressing.sum() > 0
@@ -88,13 +80,10 @@ def _vectors(name: str, contact: ContactState, axisymmetric: bool) -> dict[str, 
     if axisymmetric:  # over the full circle the radial parts balance
         tangential = tangential * [0, 1]
     vectors = {"force": contact.force, "tangential_force": tangential, "slip": slip}
-    return {
+    found = {
         f"{name}.{key}.{axis}": float(x)
         for key, vector in vectors.items()
         for axis, x in zip("xyz", vector, strict=False)
     }
-
-
-def _moment(name: str, moment: Array) -> dict[str, float]:
-    axes = "z" if len(moment) == 1 else "xyz"
-    return {f"{name}.{axis}": float(value) for axis, value in zip(axes, moment, strict=True)}
+    turns = "z" if len(contact.moment) == 1 else "xyz"
+    return found | {f"{name}.moment.{axis}": float(x) for axis, x in zip(turns, contact.moment, strict=True)}
