@@ -41,6 +41,11 @@ def test_folder_in_place_of_a_file_is_refused(call: Call, folder: Path) -> None:
     assert_refused(call("run", "mine", "-q"), r"mine: is a folder; name a scene file", folder, ["mine"])
 
 
+def test_a_folder_of_results_does_not_hide_the_ready_scene(call: Call, folder: Path) -> None:
+    (folder / "block").mkdir()
+    assert call("plan", "block")[0] == 0
+
+
 def test_error_names_the_scene_file(call: Call, folder: Path) -> None:
     text = (READY / "block.toml").read_text().replace("nu = 0.3", "nu = 0.7")
     (folder / "mine.toml").write_text(text)

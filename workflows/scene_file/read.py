@@ -165,7 +165,7 @@ def find(source: str | Path) -> Path:
     try:
         if path.is_file():
             return path
-        if path.is_dir():
+        if path.is_dir() and str(source) not in ready:  # a ready scene's results have its name now and then
             raise SceneError(f"{said}: is a folder; name a scene file")
     except OSError as error:  # such as a name that is too long
         raise SceneError(f"{said}: cannot be read: {error.strerror}") from None
