@@ -7,7 +7,7 @@
 # make debian13  on another Debian, as root: Debian 13 in a root of its own; see tests/platforms/debian13.sh
 # make fuzz      inputs, files, environments, kills and tampering drawn by lot; N=20000: so many of each kind
 # make dist      a wheel and a source archive, in dist
-# make docs      runs every command that the pages show, then makes build/docs/index.html; five minutes
+# make docs      runs every console block of the pages, then makes build/docs/index.html; five minutes
 # make mutants   changes the code in small ways: does a test notice? ONLY="laws path": some modules of tests/mutation
 
 SHELL := /bin/bash

@@ -45,6 +45,9 @@ step.displacement       (nodes, d) [m]
 step.stress             (cells, 3, 3) [Pa]; step.von_mises (cells,) [Pa]
 step.bodies             a `BodyState` by name: largest displacement [m] and von Mises stress [Pa]
 step.supports           reactions by name: force (d,) [N] and moment [N m]
+step.elastic_support    what springs per area exert: force (d,) [N] and moment [N m] by name
+step.springs, .bolts    forces (d,) [N] by name; tension [N] and shortening [m]
+step.remote_points      displacement [m], rotation [rad], force [N] and moment [N m] by name
 step.obstacles          displacement (d,) [m], force (d,) [N] and moment [N m] by name
 step.probes             displacement (d,) [m] and stress (3, 3) [Pa] at points, by name
 step.energy             an `Energy` [J]
@@ -77,15 +80,18 @@ Functions         read, prepare, steps, run, sweep, load
 Scene             Scene, Material, Orthotropic, Contact, Support, Load, Probe, Steps, Solver, Gram,
                   Output, Exact, Accuracy
 Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, HalfDisc, HalfSpace, Ring,
-                  Rings, Spheres, Stack, Strip, TwoBlocks
-Obstacles         Plane, Cylinder, Sphere, Rotation
+                  Rings, Spheres, Stack, Strip, TwoBlocks, Wedge
+Obstacles         Plane, Cylinder, Sphere, Cone, Rotation
 Normal laws       Unilateral, Compliance, Bilateral, Tied
-Friction laws     Coulomb, Tresca, TangentialCompliance, Stick
-Effects           Gravity, Periodic
+Friction laws     Coulomb, CappedCoulomb, Cohesion, OrthotropicCoulomb, PressureDependent,
+                  SlipDependent, StaticKinetic, Stick, TangentialCompliance, Tresca
+Effects           BodyForce, Bolt, Centrifugal, ElasticSupport, Gravity, Periodic, RemotePoint,
+                  Spring, Thermal
 Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
                   HistoryTuple, Step, Status
 Results           StepResult, ContactState, OPEN, SLIP, STICK, BodyState, Reaction, ObstacleState,
-                  ProbeValue, Energy, MeshData, SurfaceMesh, Convergence; errors: Quantity, ErrorParts
+                  SpringForce, BoltState, RemoteState, ProbeValue, Energy, MeshData, SurfaceMesh,
+                  Convergence; errors: Quantity, ErrorParts
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended);
                   Loaded; sweeps: Sweep, Solved
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,

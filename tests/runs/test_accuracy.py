@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from jsonschema import Draft202012Validator
 
 from shared.cases import slow
 from shared.ranks import STICKSLIP
 from stickslip.geometry.mesh.msh_file import write_msh
 from stickslip.workflows.pictures.report_page import page
 from stickslip.workflows.pictures.report_results import read_results
+from stickslip.workflows.run.result_schema import result_schema
 from stickslip.workflows.scene_file.read import READY, read
 
 COARSE = ["--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5", "--set=output.pictures=false"]
@@ -63,7 +65,10 @@ def test_a_budget_that_does_not_suffice_is_said(goal: str, takes: str, tmp_path:
     code, said = stickslip("block", *COARSE, *words)
     assert code == 3
     assert re.search(f"of base.normal_force, {goal} % would take {takes}", said)
-    assert not result(tmp_path / "out")["accuracy"]["met"]
+    content = result(tmp_path / "out")
+    assert not content["accuracy"]["met"]
+    assert (content["status"], content["sentence"] in said) == ("inaccurate", True)
+    Draft202012Validator(result_schema()).validate(content)
 
 
 @pytest.mark.parametrize(

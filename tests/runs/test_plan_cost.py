@@ -51,6 +51,13 @@ def test_days_are_not_counted(capsys: pytest.CaptureFixture[str]) -> None:
     assert [cell.strip() for cell in row.split("│")[4:-1]] == ["60 s*", "22 h*", "more than a day*"]
 
 
+def test_ranks_are_refused(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    code, _, err = call("plan", "block", *SMALL, "--cost")
+    assert code == 2
+    assert "start it without mpirun" in err
+
+
 def test_a_scene_without_a_mesh_size_is_refused(call: Call) -> None:
     code, _, err = call("plan", "block", "--cost", "--set=contacts={}")
     assert code == 2

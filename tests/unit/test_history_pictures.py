@@ -152,6 +152,20 @@ def test_gravity_and_a_given_bound_have_their_curves_also_of_contacts_with_misle
     assert "contact force [N/m]" in panels
 
 
+def test_a_support_and_an_obstacle_of_one_name_have_a_curve_each() -> None:
+    scene, columns = circle()
+    columns |= {name.replace("support.top", "support.foundation"): values for name, values in columns.items()}
+    same = dataclasses.replace(scene, supports={"foundation": scene.supports["top"]})
+    motions = dict(panels_of(same, from_rest(columns)))["motion [m]"]
+    assert_array_equal(motions["foundation, x"], from_rest(columns)["support.foundation.displacement.x"])
+
+
+def test_a_support_by_an_expression_has_no_loop() -> None:
+    scene, columns = circle()
+    del columns["support.top.displacement.x"]
+    assert {panel.title for panel in driving(scene, from_rest(columns))} == {"support top", "obstacle foundation"}
+
+
 def test_only_the_largest_curves_and_loops_are_drawn() -> None:
     curves = {f"c{k}": np.array([0.0, float(k)]) for k in range(9)}
     assert list(most(curves)) == ["c3", "c4", "c5", "c6", "c7", "c8"]

@@ -23,6 +23,7 @@ from stickslip.geometry.memory import available, peak
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.size_field import SizeField, adapted, volumes
 from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.solvers.accuracy.next_order import AT_THE_EDGE
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.results.error_parts import Errors
 from stickslip.solvers.results.step_result import OPEN, StepResult
@@ -45,7 +46,7 @@ from stickslip.workflows.run.run import begun_with, run
 from stickslip.workflows.run.watch import Watch
 
 log = logging.getLogger(__name__)
-LOCAL = ("max_pressure", "contact_area", "stick_area", "slip_area", "max_slip")  # decided near the contact
+LOCAL = (*AT_THE_EDGE, "max_slip")  # decided near the contact
 COARSE = Move(0.5, 1)  # where a contact is too coarse for its errors to be known
 MOST = 12  # rounds
 LIBRARIES = 5e8  # bytes that the first round takes for libraries, on each rank
@@ -111,26 +112,28 @@ class Rounds:
             self._forget(comm)
             return outcome, content
         last = self.done[-1]
+        if not last.met and outcome.status != "doubtful":
+            outcome = replace(outcome, status="inaccurate", sentence=self._missed(last))
         accuracy = {"met": last.met, "rounds": [one.plain for one in self.done], "scene": _hash(self.scene)}
-        content = content | {"accuracy": accuracy}
+        content = content | {"status": outcome.status, "sentence": outcome.sentence, "accuracy": accuracy}
 
         def write() -> None:
             write_result(outcome.folder, content)
             certify(outcome.folder / RESULT)
 
         raise_together(comm, write)
-        if last.met:
+        if last.met or (self._stuck and outcome.status == "inaccurate"):
             self._forget(comm)
-        if last.met or outcome.status == "doubtful":
-            return outcome, content
+        return outcome, content
+
+    def _missed(self, last: Round) -> str:
+        """What is said of goals that are not reached."""
         missed = max(last.goals, key=lambda goal: goal.reached / goal.asked)
-        longer = "longer than can be told" if last.price is None else f"about {last.price:.0f} s"
-        sentence = f"reached {percent(missed.reached)} of {missed.name}, {percent(missed.asked)} would take {longer}"
-        sentence += "; --resume with a larger --budget goes on from here"
+        said = f"reached {percent(missed.reached)} of {missed.name}"
         if self._stuck:
-            self._forget(comm)
-            sentence = f"reached {percent(missed.reached)} of {missed.name}; {self._stuck}"
-        return replace(outcome, status="inaccurate", sentence=sentence), content
+            return f"{said}; {self._stuck}"
+        longer = "longer than can be told" if last.price is None else f"about {last.price:.0f} s"
+        return f"{said}, {percent(missed.asked)} would take {longer}; --resume with a larger --budget goes on from here"
 
     def _take_up(self, folder: Path, resume: bool) -> tuple[dict[str, Any] | None, bool]:
         """Finished rounds; content of result.json if all are; whether a round was stopped in its course; on rank 0."""

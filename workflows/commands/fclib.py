@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time as clock
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ from stickslip.solvers.stepping.discrete_chain import AUTO, refuse_unusable, sol
 from stickslip.workflows.formats.fclib import LocalProblem, read_problem, write_solved
 from stickslip.workflows.pictures.performance_profile import FACTORS, draw_profile, shares
 from stickslip.workflows.run.folder import ResultsFolder
+from stickslip.workflows.run.one_process import refuse_mpirun
 from stickslip.workflows.run.result import write_json
 
 ALL = "all"
@@ -77,8 +77,7 @@ def fclib(files: Sequence[Path], output: Path, asked: Sequence[str], tolerance: 
         SceneError: a file, a method or an option is wrong; nothing is written.
         MachineError: the disk is full.
     """
-    if "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ:
-        raise SceneError("fclib: solves small problems on one core; start it without mpirun")
+    refuse_mpirun("fclib: solves small problems on one core")
     if not 0 < tolerance < 1:
         raise SceneError(f"--tolerance {tolerance:g}: must lie between 0 and 1")
     methods = _methods(asked)

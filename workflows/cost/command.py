@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +24,7 @@ from stickslip.workflows.cost.study import Study
 from stickslip.workflows.cost.table import summary, write_csv, write_summary
 from stickslip.workflows.cost.truth import truth_of
 from stickslip.workflows.run.interrupt import Interrupt
+from stickslip.workflows.run.one_process import refuse_mpirun
 
 BUSY = 0.9  # share of a core below which seconds are not those of the runs alone
 OF_MEMORY = 0.8  # of the available memory, for one run
@@ -61,8 +61,7 @@ def cost(
     """
     if not 0 < budget < math.inf:
         raise SceneError(f"--budget {budget:g}: must be positive, in seconds")
-    if "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ:
-        raise SceneError("cost: measures runs on one core; start it without mpirun")
+    refuse_mpirun("cost: measures runs on one core")
     check(asked, scene)
     ladder, notes = ladder_of(scene, named)
     kept, limits = Kept(target, scene, resume), Budget(budget, OF_MEMORY * available(), scene.dim)

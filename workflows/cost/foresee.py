@@ -27,6 +27,7 @@ from stickslip.workflows.cost.child import forms
 from stickslip.workflows.cost.ladder import COARSEST, FINEST
 from stickslip.workflows.cost.predict import power_law
 from stickslip.workflows.cost.rung import RATIO
+from stickslip.workflows.run.one_process import refuse_mpirun
 
 log = logging.getLogger(__name__)
 ASKED = (0.1, 0.01, 0.001)
@@ -104,8 +105,9 @@ def foresee(
         on_coarse: called with each that is solved.
 
     Raises:
-        SceneError: there is no mesh size to change, no contact, or no coarse version can be solved.
+        SceneError: under mpirun; there is no mesh size to change, no contact, or no coarse version can be solved.
     """
+    refuse_mpirun("--cost: measures coarse versions on one core")
     if not scene.contacts:
         raise SceneError("contacts: there is none, and of its numbers the prices are told")
     found = list[Coarse]()

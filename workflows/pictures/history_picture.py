@@ -95,7 +95,8 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
         curve = np.concatenate([[at_rest], steps[column(place)][1:]])
         known = place.quantity in panels and (place.table not in scene.sections or place.table == "gravity")
         panel = panels[place.quantity] if known else _panel_of_effect(scene, place)
-        prescribed.setdefault(panel, {})[label] = curve
+        curves = prescribed.setdefault(panel, {})
+        curves[f"{place.table} {label}" if label in curves else label] = curve
     yield from prescribed.items()
     found: Curves = {}
     for name, contact in scene.contacts.items():

@@ -106,7 +106,8 @@ def driving(scene: Scene, steps: Columns) -> Iterator[Panel]:
         *(("support", name, axis) for name, support in scene.supports.items() for axis in support.displacement),
         *(("obstacle", name, axis) for name in scene.obstacles for axis in "xyz"[: scene.dim]),
     ):
-        if axis != "normal":  # has no component of the force
+        # a normal is no component of the force, and what an expression prescribes has no column
+        if axis != "normal" and f"{table}.{name}.displacement.{axis}" in steps:
             x, y = (steps[f"{table}.{name}.{key}.{axis}"] for key in ("displacement", "force"))
             yield Panel(f"{table} {name}", x, y, f"displacement, {axis} [m]", f"force, {axis} [{force}]")
     for name, obstacle in scene.obstacles.items():

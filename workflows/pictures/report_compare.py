@@ -8,7 +8,8 @@ from html import escape
 from typing import Any
 
 from stickslip.geometry.errors import FolderError
-from stickslip.workflows.formats.plus_minus import of_parts, parts_of, plus_minus, stated
+from stickslip.solvers.results.error_parts import ErrorParts
+from stickslip.workflows.formats.plus_minus import missing, of_parts, parts_of, plus_minus, stated
 from stickslip.workflows.pictures.report_page import ENERGIES, NUMBERS, PHASES, as_written, bare_page, table
 from stickslip.workflows.pictures.report_results import Results
 
@@ -96,7 +97,9 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, str]]:
 def _numbers(a: Results, b: Results) -> Iterator[tuple[str, ...]]:
     last = a.reported[-1], b.reported[-1]
     yield _difference("time [s]", *last, "time")
-    alike = a.units == b.units
+
+    def alike(of: str) -> bool:
+        return a.unit(of) == b.unit(of)
 
     def unit(of: str) -> str:
         return " or ".join(dict.fromkeys((a.unit(of), b.unit(of))))
@@ -108,13 +111,13 @@ def _numbers(a: Results, b: Results) -> Iterator[tuple[str, ...]]:
 
     for name, mine, theirs in both("contacts"):
         for key, words, of in NUMBERS:
-            yield _difference(f"{name}: {words} [{unit(of)}]", mine, theirs, key, alike=alike)
+            yield _difference(f"{name}: {words} [{unit(of)}]", mine, theirs, key, alike=alike(of))
     for name, mine, theirs in both("supports"):
         for place, axis in enumerate("xyz"[: 3 if a.solid else 2]):
-            yield _difference(f"{name}: force {axis} [{unit('N')}]", mine, theirs, "force", place, alike)
+            yield _difference(f"{name}: force {axis} [{unit('N')}]", mine, theirs, "force", place, alike("N"))
     mine, theirs = ((step.get("energy") or {}) for step in last)
     for words, key in ENERGIES:
-        yield _difference(f"{words} [{unit('J')}]", mine, theirs, key, alike=alike)
+        yield _difference(f"{words} [{unit('J')}]", mine, theirs, key, alike=alike("J"))
 
 
 def _difference(
@@ -123,25 +126,26 @@ def _difference(
     """A row: both numbers, their difference with the errors of both, relative to A, and whether these explain it.
 
     Args:
-        alike: whether both have the same units; else there is no difference.
+        alike: whether both have the same unit; else there is no difference.
     """
 
-    def of(owner: Told) -> tuple[float | None, str, float | None]:
+    def of(owner: Told) -> tuple[float | None, str, ErrorParts]:
         value = owner.get(key)
         value = value[place] if isinstance(value, list) and place is not None and place < len(value) else value
         if not isinstance(value, int | float):
-            return None, NOTHING, None
+            return None, NOTHING, ErrorParts()
         parts = parts_of((owner.get("error") or {}).get(key), place)
-        return value, of_parts(value, parts), stated(parts)
+        return value, of_parts(value, parts), parts
 
-    (mine, told, error), (theirs, told_too, error_too) = of(a), of(b)
+    (mine, told, parts), (theirs, told_too, parts_too) = of(a), of(b)
     if mine is None or theirs is None or not alike:
         return words, told, told_too, NOTHING, NOTHING, NOTHING
-    change = theirs - mine
+    change, error, error_too = theirs - mine, stated(parts), stated(parts_too)
     known = None if error is None or error_too is None else error + error_too
+    incomplete = bool(missing(parts) or missing(parts_too))
     relative = f"{100 * change / abs(mine):+.3g} %" if mine and change else NOTHING
     within = NOTHING if known is None else "yes" if abs(change) <= known else "no"
-    return words, told, told_too, plus_minus(change, known) if change else "0", relative, within
+    return words, told, told_too, plus_minus(change, known, incomplete=incomplete) if change else "0", relative, within
 
 
 def _prices(a: Results, b: Results) -> Iterator[tuple[str, ...]]:

@@ -48,6 +48,7 @@ ENERGIES = (
     ("dissipated", "dissipated"),
 )
 ASKED = ("geometry", "bodies", "obstacles", "contacts", "supports", "loads", "probes", "steps")  # first, in this order
+DOUBT = ("doubtful", "inaccurate", "interrupted", "not ended")
 LATER = ("title", "model", "units", "solver", "output", "exact", "accuracy", "hash")
 PHASES = ("imports", "mesh", "assemble", "prepare", "iterate", "error", "audit", "output", "other")
 Html = str
@@ -141,7 +142,7 @@ def _head(results: Results) -> Html:
         f"{count} step{'s' * (count > 1)}" if (count := len(results.reported)) else "no step was solved",
         f"stickslip {content.get('version')}, dolfinx {content.get('dolfinx')}",
     ]
-    kind = {"converged": "good", "doubtful": "doubt", "interrupted": "doubt", "not ended": "doubt"}.get(status, "bad")
+    kind = "good" if status == "converged" else "doubt" if status in DOUBT else "bad"
     return (
         f'<header><h1>{escape(results.title)}</h1><p><b class="badge {kind}">{escape(status)}</b> '
         f"{escape(' · '.join(filter(None, facts)))} · results “{escape(results.name)}”</p></header>"

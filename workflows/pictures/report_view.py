@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import AnyArray, Array, Ints
@@ -46,12 +45,12 @@ def model(results: Results) -> dict[str, Any] | None:
         MachineError: a step's file is damaged.
     """
     mesh, solid = results.mesh, results.solid
-    if not results.steps or not {"mesh/points", "mesh/cells", "mesh/body"} <= set(mesh):
+    if not results.steps or not {"mesh/points", "mesh/cells", "mesh/body", "mesh/bodies"} <= set(mesh):
         return None
-    points, bodies = mesh["mesh/points"], tuple(results.scene.get("bodies") or ())
+    points, bodies = mesh["mesh/points"], [name.decode() for name in mesh["mesh/bodies"].tolist()]
     faces, owners = skin(mesh["mesh/cells"], solid)
-    names = [name for name in results.scene.get("contacts") or () if f"contacts/{name}/points" in mesh]
-    places = {name: _nodes(results, name, bodies) for name in names}
+    names = [name for name in results.scene.get("contacts") or () if f"contacts/{name}/nodes" in mesh]
+    places = {name: mesh[f"contacts/{name}/nodes"] for name in names}
     shown = np.unique(np.concatenate([faces.ravel(), *places.values()]))
     local = np.full(len(points), -1)
     local[shown] = np.arange(len(shown))
@@ -93,7 +92,7 @@ def model(results: Results) -> dict[str, Any] | None:
     return {
         "solid": solid,
         "units": {unit: results.units(unit) for unit in ("m", "Pa")},
-        "bodies": list(bodies),
+        "bodies": bodies,
         "points": _packed(points[shown], "float32"),
         "width": faces.shape[1],
         "pieceWidth": 3 if solid else 2,
@@ -187,16 +186,3 @@ def _packed(values: AnyArray, kind: str, scale: float | None = None) -> dict[str
     numbers = np.asarray(values if scale is None else np.round(values / scale))
     data = base64.b64encode(numbers.astype(np.dtype(kind).newbyteorder("<")).tobytes()).decode()
     return {"type": kind, "data": data} | ({} if scale is None else {"scale": scale})
-
-
-def _nodes(results: Results, contact: str, bodies: tuple[str, ...]) -> Ints:
-    """Nodes of the mesh of a contact surface, on the body whose nodes they are; if of several, on that of `surface`."""
-    mesh, surface = results.mesh, str(results.scene["contacts"][contact].get("surface", "")).split(".")[0]
-    places: Array = mesh[f"contacts/{contact}/points"]
-    found: list[tuple[float, bool, Ints]] = []
-    scale = float(np.ptp(mesh["mesh/points"], axis=0).max())
-    for number, name in enumerate(bodies):
-        own = np.unique(mesh["mesh/cells"][mesh["mesh/body"] == number])
-        distance, nearest = cKDTree(mesh["mesh/points"][own]).query(places)
-        found.append((round(float(distance.max()) / scale, 9), name != surface, own[nearest]))
-    return min(found, key=lambda one: one[:2])[2]

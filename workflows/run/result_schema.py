@@ -6,7 +6,7 @@ result.py fills these records; a test holds what it writes against the schema.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NotRequired, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, with_config
 from typing_extensions import TypedDict, is_typeddict
@@ -20,7 +20,7 @@ from stickslip.solvers.stepping.method_chain import Switch
 from stickslip.workflows.pictures.report_results import PER_METRE
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-Status = Literal["converged", "doubtful", "not_converged", "no_equilibrium", "interrupted"]
+Status = Literal["converged", "doubtful", "not_converged", "no_equilibrium", "inaccurate", "interrupted"]
 Vector = list[float]
 Value = float | Vector
 closed = with_config(ConfigDict(extra="forbid"))  # for a table whose keys are all listed
@@ -247,7 +247,7 @@ class Counters(TypedDict):
 
 @closed
 class Verdict(TypedDict):
-    """The audit's limits, and those that were passed."""
+    """The audit's limits, and those that were exceeded."""
 
     limits: Audit
     passed: list[str]
@@ -295,6 +295,35 @@ class ProfileRecord(TypedDict):
 
 
 @closed
+class GoalRecord(TypedDict):
+    """A number that rounds refine for, and its error in one of them."""
+
+    value: float
+    error: float
+    asked: Annotated[float, Key("", "in the number's own unit, as the error")]
+
+
+@closed
+class RoundRecord(TypedDict):
+    """A round of solving and estimating."""
+
+    order: int
+    unknowns: int
+    steps: int
+    seconds: float
+    goals: dict[str, GoalRecord]
+
+
+@closed
+class AccuracyRecord(TypedDict):
+    """What became of the goals of a run; steps and errors are those of the last round."""
+
+    met: Annotated[bool, Key("", "false: exit code 3, the budget did not reach a goal")]
+    rounds: list[RoundRecord]
+    scene: Annotated[str, Key("", "hash of the scene as it was asked, before refinement")]
+
+
+@closed
 class ResultRecord(TypedDict):
     """A run. null: not computed."""
 
@@ -322,6 +351,7 @@ class ResultRecord(TypedDict):
     seconds: Annotated[SecondsRecord, Key("s", "wall time")]
     profile: list[ProfileRecord]
     linear_reference: LinearReference | None
+    accuracy: NotRequired[AccuracyRecord]
 
 
 def result_schema() -> dict[str, Any]:

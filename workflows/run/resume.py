@@ -99,7 +99,7 @@ def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
         raise MachineError(f"{folder / BEGUN}: damaged: names no scene or no mesh; {UNTOUCHED}")
     refuse_changes(begun["scene"], identity(scene, DECIDES_NOTHING), results.target)
     ended = read_json(folder / RESULT)
-    if ended.get("status") in FINISHED and is_certified(folder / RESULT):
+    if ended.get("status") in (*FINISHED, "inaccurate") and is_certified(folder / RESULT):
         done = "nothing was changed"
         if folder == results.work:  # killed when there was nothing left to do but this
             remove_learnt(folder)
