@@ -84,6 +84,24 @@ def test_files_of_the_user_in_earlier_results_stay_there(call: Call, done: Path,
         assert names_in(done) == names_in(old) - set(OWN) == names_in(whole)
 
 
+def test_files_that_the_user_names_in_a_results_folder_stay_there(call: Call, done: Path) -> None:
+    """Also where the program has written them: a scene, pages, the table of a sweep."""
+    made = [
+        ("new", "block", "out/mine.toml"),
+        ("report", "out", "-o", "out/page.html"),
+        ("compare", "out", "out", "-o", "out/alike.html"),
+        ("sweep", "block", *WORDS[5:], "contacts.base.friction.mu=[0.2]", "-q", "-o", "out"),
+    ]
+    for words in made:
+        assert call(*words)[0] == 0
+    texts = {name: (done / name).read_bytes() for name in ("mine.toml", "page.html", "alike.html", "sweep.csv")}
+    assert call("report", "out")[0] == 0
+    for _ in range(2):
+        assert call(*WORDS) == (0, "", "")
+        assert {name: (done / name).read_bytes() for name in texts} == texts
+        assert not (done / "report.html").exists()  # it shows what the folder has held before
+
+
 @pytest.mark.parametrize("linked", ["out", "out.1", ".out.running"])
 def test_links_to_folders_are_followed_and_kept(linked: str, call: Call, folder: Path, whole: Path) -> None:
     link, place = folder / linked, folder / "elsewhere" / "place"

@@ -11,16 +11,20 @@ from stickslip.geometry.errors import MachineError
 from stickslip.workflows.formats.own_files import claim
 
 
-def write_aside(path: Path, *content: bytes | memoryview) -> None:
+def write_aside(path: Path, *content: bytes | memoryview, own: bool = True) -> None:
     """Write beside `path`, bring it to the disk, then rename: readers and a crash see the old file or the new one.
 
-    A link is followed and kept. In the folder of a run the file is listed as its own.
+    A link is followed and kept.
+
+    Args:
+        own: in the folder of a run the file is listed as its own; a file that the user names is not.
 
     Raises:
         MachineError: disk full, no permission; `path` is then as it was.
     """
     with disk_errors(path):
-        claim(path)
+        if own:
+            claim(path)
         path = Path(os.path.realpath(path)) if path.is_symlink() else path
         aside = path.with_name(f".{path.name}.part")
         try:

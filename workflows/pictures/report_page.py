@@ -56,7 +56,7 @@ Told = Mapping[str, Any]
 
 
 def write_report(results: Results, path: Path) -> Path:
-    """Write the page.
+    """Write the page; it is one of the run's files where runs write it, and the user's elsewhere.
 
     Raises:
         FolderError: the results are of another version, or were changed.
@@ -66,7 +66,7 @@ def write_report(results: Results, path: Path) -> Path:
         content = page(results)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         raise FolderError(f"{results.folder}: not results that this version can read: {error!r}") from error
-    write_aside(path, content.encode())
+    write_aside(path, content.encode(), own=path == results.folder / NAME)
     return path
 
 

@@ -274,4 +274,4 @@ def _write(done: Sweep) -> None:
     table.writeheader()
     table.writerows(rows)
     with disk_errors(done.path):
-        write_aside(done.path, text.getvalue().encode())
+        write_aside(done.path, text.getvalue().encode(), own=False)
