@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -178,6 +179,27 @@ def test_a_resumed_run_shows_no_step_that_was_taken_away(tmp_path: Path) -> None
     resumed.step(17, result_of(mesh, 17.5))
     reader: Any = pv.get_reader(tmp_path / "fields.xdmf")  # type: ignore[no-untyped-call]
     assert_array_equal(reader.time_values, [*times[:16], 17.5])
+
+
+@pytest.mark.parametrize("lacking", [0, 1, None])
+def test_errors_are_shown_where_every_step_has_them(lacking: int | None, tmp_path: Path) -> None:
+    """A run may go on with the estimate switched on, or off; VTK shows the first step's error with a step without."""
+    mesh = mesh_of("triangle")
+    steps = [replace(result_of(mesh, time), stress_error=np.full(2, time)) for time in (0.5, 1.0)]
+    if lacking is not None:
+        steps[lacking] = replace(steps[lacking], mesh_error=np.nan, stress_error=np.zeros(0))
+    for index, step in enumerate(steps, start=1):
+        write_step(tmp_path, index, step)
+        files = FieldFiles(job_of(tmp_path, mesh))
+        files.resume([step.without_fields() for step in steps[: index - 1]])
+        files.step(index, step)
+        files.finish(ENDED)
+    assert ("stress_error" in (tmp_path / "fields.xdmf").read_text()) == (lacking is None)
+    for step in steps:
+        shown = vtk_grid(tmp_path / "fields.xdmf", step.time).cell_data
+        assert_array_equal(shown["von_mises"], step.von_mises)
+        if lacking is None:
+            assert_array_equal(shown["stress_error"], step.stress_error)
 
 
 @pytest.mark.parametrize(

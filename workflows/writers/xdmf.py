@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree as ET  # it writes only  # nosec B405
 
+import numpy as np
+
 from stickslip.geometry.arrays import Array, Ints
+from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.formats.aside import make_folder, write_aside
 from stickslip.workflows.formats.hdf5 import checksum, stored_checksum, write_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_arrays
@@ -69,6 +72,15 @@ class FieldFiles(SeriesWriter):
     def __init__(self, job: Job) -> None:
         super().__init__(job)
         self._checksum: str | None = None  # of the mesh in fields.h5, once it is known
+        self._with_error = True  # whether all steps have theirs: a run may go on with estimates switched on or off
+
+    def resume(self, steps: Sequence[StepResult]) -> None:
+        self._with_error = not any(np.isnan(step.mesh_error) for step in steps)
+        super().resume(steps)
+
+    def step(self, index: int, result: StepResult) -> None:
+        self._with_error &= not np.isnan(result.mesh_error)
+        super().step(index, result)
 
     def write_index(self, steps: Sequence[tuple[int, float]]) -> None:
         """Write them all; without a step only fields.h5: readers of XDMF refuse a series that has no time."""
@@ -82,7 +94,8 @@ class FieldFiles(SeriesWriter):
                 write_arrays(folder / MESH_FILE, arrays, {})
         if not steps:
             return
-        fields = (*BODY_FIELDS, ERROR) if self.job.scene.output.error else BODY_FIELDS
+        # a step without it would be shown with that of another one: VTK's reader keeps fields that it has read first
+        fields = (*BODY_FIELDS, ERROR) if self._with_error else BODY_FIELDS
         body = _grid("mesh", "bodies", mesh.points, mesh.cells, mesh.shape)
         write_aside(folder / "fields.xdmf", _series(body, fields, steps))
         for name, surface in mesh.surfaces.items():
