@@ -142,6 +142,11 @@ def test_a_study_that_was_killed_is_taken_up_where_it_was(
     with pytest.raises(ZeroDivisionError):
         call(*SMALL, "-q")
     assert not (folder / "out").exists()
+    before = sorted(str(path) for path in folder.rglob("*"))
+    code, out, err = call(*SMALL, "-q")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "out: a study that was killed has left 3 finished runs in .out.running; go on with --resume" in err
+    assert sorted(str(path) for path in folder.rglob("*")) == before
     made: list[Rung] = []
 
     def count(scene: Scene, rung: Rung, *more: Any) -> Run:
