@@ -25,6 +25,17 @@ from stickslip.workflows.sweep.members import members
 from stickslip.workflows.sweep.sweep import Solved, sweep
 
 MU = "contacts.base.friction.mu"
+SQUARE = """Point(1)={0,0,0,.5}; Point(2)={1,0,0,.5}; Point(3)={1,1,0,.5}; Point(4)={0,1,0,.5};
+Line(1)={1,2}; Line(2)={2,3}; Line(3)={3,4}; Line(4)={4,1}; Line Loop(1)={1,2,3,4};
+Plane Surface(1)={1}; Physical Surface("part")={1}; Physical Line("part.base")={1}; Physical Line("part.top")={3};
+"""
+PART = """model = "plane strain"
+geometry.file = "a.geo"
+bodies.part = { E = 1.0, nu = 0.3 }
+supports.base = { boundary = "part.base", displacement = { x = 0.0, y = 0.0 } }
+supports.top = { boundary = "part.top", displacement = { y = -0.1 } }
+output = { pictures = false, error = false }
+"""
 SETS = [word.removeprefix("--set=") for word in COARSE]
 
 
@@ -38,6 +49,27 @@ def test_members_are_all_combinations_and_have_short_names() -> None:
     odd = members(read("block"), {"supports.top.displacement.y": [[[0, 0], [1, -0.1]], [[0, 0], [1, -0.2]]]})
     assert len({m.name for m in odd}) == 2
     assert all(set(m.name) <= set("abcdefghijklmnopqrstuvwxyz0123456789.+=-_") for m in odd)
+
+
+def test_keys_of_a_member_are_judged_together() -> None:
+    """As those of `--set`: the scene's contact_mesh_size is larger than the new mesh_size."""
+    sizes = {"geometry.mesh_size": 0.04, "geometry.contact_mesh_size": 0.02}
+    for keys in (list(sizes), list(sizes)[::-1]):
+        (member,) = members(read("block"), {key: [sizes[key]] for key in keys})
+        assert member.scene == read("block", [f"{key}={value}" for key, value in sizes.items()])
+    with pytest.raises(SceneError, match=r"contact_mesh_size = 0\.05: must not exceed mesh_size"):
+        members(read("block"), {"geometry.mesh_size": [0.04]})
+
+
+def test_files_of_geometries_begin_at_the_scene_file(call: Call, folder: Path) -> None:
+    """As those of `--set`."""
+    (folder / "sub").mkdir()
+    for name in ("a.geo", "b.geo"):
+        (folder / "sub" / name).write_text(SQUARE)
+    (folder / "sub" / "part.toml").write_text(PART)
+    code, _, err = call("sweep", "sub/part.toml", 'geometry.file=["a.geo", "b.geo"]', "-q", "-o", "out")
+    assert (code, err) == (0, "")
+    assert sorted(path.name for path in (folder / "out").iterdir()) == ["file=a.geo", "file=b.geo", "sweep.csv"]
 
 
 @pytest.mark.parametrize(

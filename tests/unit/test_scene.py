@@ -12,7 +12,7 @@ from stickslip.solvers.effects.gravity import Gravity
 from stickslip.solvers.scene.loads import Load
 from stickslip.solvers.scene.scene import Scene, over
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.workflows.scene_file.read import READY, from_dict, read, to_dict, with_value
+from stickslip.workflows.scene_file.read import READY, from_dict, read, to_dict, with_keys
 
 SceneOf = Callable[..., Scene]
 READY_NAMES = sorted(path.stem for path in READY.glob("*.toml"))
@@ -63,11 +63,11 @@ def test_every_noun_survives_being_written_and_read(scene_of: SceneOf) -> None:
 def test_a_component_of_a_vector_has_a_key_however_the_vector_is_given() -> None:
     for given in ("[0.0, -9.81]", "{ y = -9.81 }"):
         scene = read("block", [f"gravity.acceleration={given}", "bodies.block.density=1.0"])
-        turned = with_value(scene, "gravity.acceleration.x", 0.5)
+        turned = with_keys(scene, {"gravity.acceleration.x": 0.5})
         assert to_dict(turned)["gravity"]["acceleration"] == [0.5, -9.81]
         assert read("block", [f"gravity.acceleration={given}", "bodies.block.density=1", "gravity.acceleration.x=0.5"])
         with pytest.raises(SceneError, match=r"acceleration is not a table|z"):
-            with_value(scene, "gravity.acceleration.z", 0.5)
+            with_keys(scene, {"gravity.acceleration.z": 0.5})
 
 
 def test_an_override_changes_one_key_and_nothing_else() -> None:

@@ -271,7 +271,9 @@ def sweep_command(
 
     loaded = read(scene, override or ())
     with named(scene, override or ()):
-        code = sweep_scene(loaded, over, output or Path("results") / f"{find(scene).stem}_sweep", jobs, quiet)
+        path = find(scene)
+        folder = output or Path("results") / f"{path.stem}_sweep"
+        code = sweep_scene(loaded, over, path.parent, folder, jobs, quiet)
     sys.exit(code)
 
 

@@ -24,8 +24,11 @@ WIDEST = 24  # letters of a value in the table
 PROBLEM = {"doubtful": 1}  # exit codes, other than 3
 
 
-def sweep_scene(scene: Scene, words: Sequence[str], folder: Path, jobs: int, quiet: bool) -> int:
+def sweep_scene(scene: Scene, words: Sequence[str], files: Path, folder: Path, jobs: int, quiet: bool) -> int:
     """Solve the members, and say how they end; the exit code, 0 if all are solved.
+
+    Args:
+        files: the scene file's folder.
 
     Raises:
         SceneError: a key or a value is wrong.
@@ -35,7 +38,7 @@ def sweep_scene(scene: Scene, words: Sequence[str], folder: Path, jobs: int, qui
         if speaks() and not quiet:
             typer.echo(f"{number:>{len(str(count))}}/{count}  {solved}")
 
-    done = sweep(scene, _parsed(words), folder, jobs, tell)
+    done = sweep(scene, _parsed(words), folder, jobs, tell, files)
     if not speaks():
         return 0
     off = [one for one in done.solved if one.status != "converged"]

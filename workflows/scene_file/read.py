@@ -292,17 +292,21 @@ def to_dict(scene: Scene) -> dict[str, Any]:
     return plain
 
 
-def with_value(scene: Scene, key: str, value: Any) -> Scene:
-    """The scene with another value of a key, dotted as in `--set`.
+def with_keys(scene: Scene, values: Mapping[str, Any], folder: Path | None = None) -> Scene:
+    """The scene with other values of keys, dotted as in `--set`; it is judged when all are put.
+
+    Args:
+        folder: where a relative `geometry.file` begins, by default the working folder.
 
     Raises:
         SceneError: an unknown key, or a value that it refuses.
     """
     data = to_dict(scene)
     own = _names(data)
-    _put(data, key, value, key)
+    for key, value in values.items():
+        _put(data, key, value, key)
     with _of_new_names(own):
-        return from_dict(data)
+        return from_dict(data, folder)
 
 
 def with_method(solver: Settings, words: str) -> Settings:

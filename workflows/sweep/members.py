@@ -8,12 +8,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.keys import plain
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.scene_file.read import to_dict, with_value
+from stickslip.workflows.scene_file.read import to_dict, with_keys
 
 MOST = 10_000  # members
 LONGEST = 80  # letters of a folder's name
@@ -35,11 +36,12 @@ class Member:
         return json.dumps([whole["geometry"], whole["bodies"]], sort_keys=True)
 
 
-def members(scene: Scene, over: Mapping[str, Sequence[Any]]) -> list[Member]:
+def members(scene: Scene, over: Mapping[str, Sequence[Any]], files: Path | None = None) -> list[Member]:
     """All combinations; the last key changes fastest.
 
     Args:
         over: values by dotted key, as in a scene file.
+        files: where a relative `geometry.file` begins, by default the working folder.
 
     Raises:
         SceneError: a key has no values, or a scene with one of them is wrong.
@@ -57,10 +59,8 @@ def members(scene: Scene, over: Mapping[str, Sequence[Any]]) -> list[Member]:
     for combination in product(*over.values()):
         chosen = {key: plain(value) for key, value in zip(over, combination, strict=True)}
         name = _safe(",".join(f"{names[key]}={said(value)}" for key, value in chosen.items()))
-        changed = scene
         try:
-            for key, value in chosen.items():
-                changed = with_value(changed, key, value)
+            changed = with_keys(scene, chosen, files)
         except SceneError as error:
             raise SceneError(f"sweep: {name}: {error}") from None
         if name in (member.name for member in found):

@@ -103,6 +103,7 @@ def sweep(
     folder: str | Path,
     jobs: int = 1,
     on_member: Callable[[int, int, Solved], None] = lambda number, count, solved: None,
+    files: Path | None = None,
 ) -> Sweep:
     """Solve a scene with all combinations of values of some keys; not collective: one process calls it, or all ranks.
 
@@ -112,6 +113,7 @@ def sweep(
         folder: each member has a folder in it; `sweep.csv` there has a row for each.
         jobs: number of processes; under mpirun the ranks are taken instead.
         on_member: told how many members have ended, of how many, and the last one.
+        files: where a relative `geometry.file` begins, by default the working folder.
 
     Returns:
         All members; each folder is as `run` leaves it.
@@ -125,7 +127,7 @@ def sweep(
 
     if jobs < 1:
         raise SceneError(f"jobs = {jobs}: expected a number of processes, at least 1")
-    every, place = members(scene, over), Path(folder)
+    every, place = members(scene, over, files), Path(folder)
     if any(member.scene.accuracy.goals for member in every):
         raise SceneError(
             "sweep: accuracy.goals: each member is solved once, without rounds towards an accuracy; leave the goals "
