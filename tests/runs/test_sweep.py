@@ -155,6 +155,31 @@ def test_member_that_fails_does_not_take_the_others_with_it(call: Call, folder: 
     assert [row["status"] for row in table(folder / "out" / "sweep.csv")] == ["not_converged", "converged"]
 
 
+def test_members_that_are_all_refused_have_their_table(call: Call, folder: Path) -> None:
+    """Nothing else makes the folder."""
+    sets = ["--set=supports.top.displacement={x=0.1}", "--set=solver.method=uzawa"]
+    code, out, err = call("sweep", "block", *COARSE, *sets, 'solver.surface=["condensed"]', "-o", "sub/out")
+    assert code == 3
+    assert "1 of 1 members are not solved, or doubtful: surface=condensed" in err
+    assert_one_line(err)
+    assert "surface=condensed: failed" in out
+    assert [path.name for path in (folder / "sub" / "out").iterdir()] == ["sweep.csv"]
+    assert [row["status"] for row in table(folder / "sub" / "out" / "sweep.csv")] == ["failed"]
+
+
+@pytest.mark.parametrize(("place", "code", "said"), [("file", 2, "is not a folder"), ("/proc/out", 4, "be written")])
+def test_folder_that_cannot_be_is_known_before_anything_is_solved(
+    place: str, code: int, said: str, call: Call, folder: Path
+) -> None:
+    (folder / "file").write_text("mine")
+    spoken = call("sweep", "block", *COARSE, f"{MU}=[0.2]", "-o", place)
+    assert spoken[:2] == (code, "")
+    assert f"{place}: " in spoken[2]
+    assert said in spoken[2]
+    assert_one_line(spoken[2])
+    assert [path.name for path in folder.iterdir()] == ["file"]
+
+
 def test_member_whose_process_is_killed_is_told_and_the_next_ones_go_on(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

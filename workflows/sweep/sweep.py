@@ -120,7 +120,7 @@ def sweep(
 
     Raises:
         SceneError: a key or a value is wrong, or the scene has goals of accuracy; nothing is solved.
-        FolderError: the folder has a sweep.csv that no sweep has written; nothing is solved.
+        FolderError: the folder has a sweep.csv that no sweep has written, or is none; nothing is solved.
         MachineError: the folder cannot be written.
     """
     from mpi4py import MPI
@@ -133,7 +133,7 @@ def sweep(
             "sweep: accuracy.goals: each member is solved once, without rounds towards an accuracy; leave the goals "
             "out (accuracy.goals = {}), or run the scenes one by one"
         )
-    raise_together(MPI.COMM_WORLD, lambda: _refuse_foreign(place / TABLE))
+    raise_together(MPI.COMM_WORLD, lambda: _make(place))
     ended = {member.name: found for member in every if (found := _already(member, place / member.name))}
     for number, found in enumerate(ended.values(), start=1):
         on_member(number, len(every), found)
@@ -211,6 +211,20 @@ def _leave_mpirun() -> None:
     for key in [*os.environ]:
         if key.startswith(OF_MPIRUN) and not key.startswith(ROOT_MAY):
             del os.environ[key]
+
+
+def _make(place: Path) -> None:
+    """Make the folder, for the table too if no member writes anything; before the hours are spent.
+
+    Raises:
+        FolderError: a file is there, or a table that no sweep has written.
+        MachineError: it cannot be made.
+    """
+    if place.exists() and not place.is_dir():
+        raise FolderError(f"-o {place}: is not a folder; choose another one with -o")
+    _refuse_foreign(place / TABLE)
+    with disk_errors(place):
+        os.makedirs(os.path.realpath(place), exist_ok=True)
 
 
 def _refuse_foreign(path: Path) -> None:
