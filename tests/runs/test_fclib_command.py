@@ -129,6 +129,22 @@ def test_a_former_result_is_kept_and_its_files_are_not_read_from_there(
         assert "which is replaced; choose another folder with -o" in err
 
 
+def test_report_in_the_folder_is_where_it_was_asked_for(call: Call, folder: Path, files: list[str]) -> None:
+    """It is the user's: later runs leave it there."""
+    for names in (files, files[:1]):
+        assert call("fclib", *names, "-o", "out", "--json", "out/figures.json")[::2] == (0, "")
+        assert len(json.loads((folder / "out" / "figures.json").read_text())["problems"]) == len(names)
+    assert call("fclib", *files, "-o", "out")[0] == 0
+    assert len(json.loads((folder / "out" / "figures.json").read_text())["problems"]) == 1
+    assert not (folder / "out.1" / "figures.json").exists()
+
+
+def test_report_that_cannot_be_written_takes_no_solution_with_it(call: Call, folder: Path, files: list[str]) -> None:
+    code, _, err = call("fclib", *files, "-o", "out", "--json", "none/figures.json")
+    assert (code, err) == (4, "stickslip: none/figures.json: cannot be written: No such file or directory\n")
+    assert sorted(path.name for path in (folder / "out").glob("*.hdf5")) == files
+
+
 def test_an_error_leaves_nothing(call: Call, folder: Path, files: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_: object) -> None:
         raise KeyboardInterrupt

@@ -75,7 +75,7 @@ def fclib(files: Sequence[Path], output: Path, asked: Sequence[str], tolerance: 
 
     Raises:
         SceneError: a file, a method or an option is wrong; nothing is written.
-        MachineError: the disk is full.
+        MachineError: the disk is full, or the report cannot be written; the copies are there then.
     """
     refuse_mpirun("fclib: solves small problems on one core")
     if not 0 < tolerance < 1:
@@ -94,8 +94,10 @@ def fclib(files: Sequence[Path], output: Path, asked: Sequence[str], tolerance: 
         print("\n".join(summary(entries, found)))
         if len(methods) > 1:
             draw_profile(folder.work / "profile.png", f"{len(entries)} discrete problems at {tolerance:g}", found)
-        for place in (folder.work / "fclib.json", *([report] if report else [])):
-            write_json(place, _content(entries, tolerance, found))
+        content = _content(entries, tolerance, found)
+        write_json(folder.work / "fclib.json", content)
+    if report is not None:
+        write_json(report, content, own=False)  # it may lie in the folder, which is in its place now
     every = all(any(result.solved for result in entry.results) for entry in entries)
     return 0 if every else 3
 
