@@ -96,7 +96,7 @@ class KeptRounds:
         arrays = {} if level.sizes is None else vars(level.sizes)
         file = io.BytesIO()
         np.savez(file, **{ABOUT: np.array(json.dumps(about))}, **arrays)
-        write_aside(self.path, file.getvalue())
+        write_aside(self.path, file.getvalue(), own=False)
 
     def remove(self) -> None:
         """Nothing is left to go on with."""
