@@ -82,7 +82,7 @@ def at_rest(system: System, cone: AdmissibleSet) -> State:
         initial_work=unstrained,
         elongation=np.zeros(len(system.constraints.links.stiffness)),
         remote=np.zeros(system.constraints.remote.rows.shape[0]),
-        ground=np.zeros(len(system.ground.forces)),
+        ground=np.zeros(system.ground.forces.shape[0]),
         residual=vector(),
         p=zero,
         w=zero,
