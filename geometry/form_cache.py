@@ -11,6 +11,7 @@ import fcntl
 import os
 import stat
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import wraps
@@ -21,6 +22,7 @@ from stickslip.geometry.errors import MachineError
 
 LOCK = ".lock"
 TURN, TURNS = 10, 60  # [s] to wait for another process between two looks for left-overs, and how often
+MANY_POINTS = "Number of integration points per cell"  # a warning of FFCx
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 
 
@@ -113,7 +115,8 @@ def patient(compile_object: Callable[..., Any], cache: Path) -> Callable[..., An
                         clean = changed
             comm.barrier()  # the other ranks must not hold the lock meanwhile
             try:
-                with _locked(cache, fcntl.LOCK_SH):
+                with _locked(cache, fcntl.LOCK_SH), warnings.catch_warnings():
+                    warnings.filterwarnings("ignore", MANY_POINTS)  # denser quadrature is asked for where it is needed
                     return compile_object(comm, *arguments, **options)
             except Exception as error:
                 late = comm.bcast("compilation timed out" in str(error)) if comm.size > 1 else "timed out" in str(error)

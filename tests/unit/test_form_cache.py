@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time as clock
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -119,3 +120,13 @@ def test_cache_of_others_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyP
     other, _ = find_cache()
     assert other != folder
     assert other.stat().st_mode & 0o077 == 0
+
+
+def test_many_integration_points_are_no_warning(tmp_path: Path) -> None:
+    """FFCx warns of 216 points in a hexahedron, which loads by expressions ask for."""
+
+    def compiled(comm: Any) -> str:
+        warnings.warn("Number of integration points per cell is: 216. Consider using ...", stacklevel=1)
+        return "compiled"
+
+    assert patient(compiled, tmp_path)(OneRank()) == "compiled"
