@@ -146,6 +146,7 @@ def test_a_study_that_was_killed_is_taken_up_where_it_was(
     code, out, err = call(*SMALL, "-q")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "out: a study that was killed has left 3 finished runs in .out.running; go on with --resume" in err
+    assert call("run", "block", "-q", "-o", "out")[0] == 2
     assert sorted(str(path) for path in folder.rglob("*")) == before
     made: list[Rung] = []
 

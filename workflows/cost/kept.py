@@ -9,11 +9,9 @@ from stickslip.geometry.errors import FolderError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.run_record import Run, load, store
 from stickslip.workflows.formats.aside import make_folder
-from stickslip.workflows.run.folder import ResultsFolder
+from stickslip.workflows.run.folder import RUNS, SCENE, ResultsFolder
 from stickslip.workflows.run.result import write_json
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
-
-SCENE, RUNS = "scene.json", "runs"
 
 
 class Kept:
@@ -26,8 +24,6 @@ class Kept:
             SceneError: the scene to resume was another one.
         """
         self._folder, plain = ResultsFolder(target), identity(scene, DECIDES_NOTHING)
-        if not resume:
-            self._refuse_to_lose()
         source = next((f for f in (self._folder.work, self._folder.place) if (f / SCENE).is_file()), None)
         if resume and source is None:
             raise FolderError(f"{target}: holds no cost study to resume; leave out --resume")
@@ -42,20 +38,6 @@ class Kept:
             for run in self.runs:
                 self.keep(run)
             write_json(self.path / SCENE, plain)  # last: from now on the study is resumed from here
-
-    def _refuse_to_lose(self) -> None:
-        """
-        Raises:
-            FolderError: another study is at work, or one that was killed has left finished runs.
-        """
-        left = load(self.path / RUNS) if (self.path / SCENE).is_file() else []
-        if left:
-            self._folder.lock(self.path)
-            self._folder.release()
-            raise FolderError(
-                f"{self._folder.target}: a study that was killed has left {len(left)} finished runs in {self.path}; "
-                "go on with --resume, or remove that folder, or choose another one with -o"
-            )
 
     @property
     def path(self) -> Path:

@@ -38,6 +38,7 @@ from stickslip.workflows.formats.steps import light_files, step_files
 LOG = LAST  # its lock is that of the folder
 BEGUN, RESULT = "begun.json", "result.json"  # what a run was begun with, and how it ended
 FORMER, OF_MEMBER = ".1", "~1"  # how folders of former results end; no member of a sweep has the second in its name
+SCENE, RUNS = "scene.json", "runs"  # of a cost study, which has no steps; the scene is written when the runs are there
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)  # errors of network disks without locks
 READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)  # errors of results that may only be read
 AT_WORK = "process {pid} on {host}"  # a line of run.log
@@ -145,7 +146,14 @@ class ResultsFolder:
             )
 
     def _refuse(self, folder: Path) -> None:
-        """Raise FolderError if the folder holds steps."""
+        """Raise FolderError if the folder holds steps, or runs of a cost study."""
+        runs = [*(folder / RUNS).glob("*.json")] if (folder / SCENE).is_file() else []
+        if runs:
+            self.release()
+            raise FolderError(
+                f"{self.target}: a study that was killed has left {len(runs)} finished runs in {folder}; go on with "
+                "--resume, or remove that folder, or choose another one with -o"
+            )
         stored, light = step_files(folder), light_files(folder)
         kept = len({*stored, *light})
         if not kept:
