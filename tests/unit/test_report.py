@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from stickslip.workflows.run.terminal import console, print_table
+from stickslip.workflows.run.terminal import console, contact_cells, print_table
 
 HEADS = ("contact", "normal force [N]", "touching [m²]", "max penetration [m]")
 ROW = ("base", "-1.2346e-10", "1.2346e-06", "-6.9389e-17")
@@ -41,3 +41,9 @@ def test_a_narrow_window_leaves_columns_out_and_cuts_no_number(width: int) -> No
 
 def test_a_wide_window_keeps_heads_on_one_line() -> None:
     assert all(head in printed(90) for head in HEADS)
+
+
+def test_a_penetration_of_rounding_is_zero() -> None:
+    contact = {"max_penetration": 1e-17, "error": {"max_penetration": {"mesh": 2e-17, "converges": True}}}
+    assert contact_cells(contact, ["max_penetration"], moved=0.1) == ["0"]
+    assert contact_cells(contact, ["max_penetration"], moved=1e-6) == ["(1 ± 2)e-17*"]

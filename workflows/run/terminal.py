@@ -19,13 +19,14 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of
+from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.writers.writer import registered
 
 Content = dict[str, Any]
+ROUNDING = 1e-13  # of the displacement: so small a penetration is that of the solution's digits
 
 
 class Reporter:
@@ -209,8 +210,9 @@ def _contacts(content: Content) -> Table:
         table.add_column(name, justify="left" if name == "contact" else "right")
     for step in content["steps"]:
         cost = (str(step["iterations"]), str(step["volume_solves"]))
+        moved = max((body["max_displacement"] for body in (step.get("bodies") or {}).values()), default=0.0)
         for name, contact in (step["contacts"] or {"-": None}).items():
-            table.add_row(f"{step['time']:g}", name, *contact_cells(contact, numbers), *cost)
+            table.add_row(f"{step['time']:g}", name, *contact_cells(contact, numbers, moved), *cost)
     return table
 
 
@@ -229,9 +231,20 @@ def contact_numbers(model: str, units: Units) -> dict[str, str]:
     return {key: units.label(head) for key, head in heads.items()}
 
 
-def contact_cells(contact: Content | None, keys: Iterable[str]) -> list[str]:
-    """Numbers of a contact of result.json, with their errors."""
-    return ["-" if contact is None else of_parts(contact[key], _parts(contact, key)) for key in keys]
+def contact_cells(contact: Content | None, keys: Iterable[str], moved: float = 0.0) -> list[str]:
+    """Numbers of a contact of result.json, with their errors; a penetration of rounding is 0.
+
+    Args:
+        moved: largest displacement of the bodies [m].
+    """
+    return ["-" if contact is None else _cell(contact, key, moved) for key in keys]
+
+
+def _cell(contact: Content, key: str, moved: float) -> str:
+    value, parts = contact[key], _parts(contact, key)
+    if key == "max_penetration" and value + (stated(parts) or 0.0) <= ROUNDING * moved:
+        return "0"
+    return of_parts(value, parts)
 
 
 def _parts(numbers: Content, key: str) -> ErrorParts:
