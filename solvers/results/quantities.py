@@ -25,20 +25,20 @@ def values(step: StepResult) -> dict[str, float]:
         found |= _vector(f"probe.{name}.displacement", moved)
         found |= {f"probe.{name}.stress.{key}": float(stress[ij]) for key, ij in STRESSES.items()}
     for name, (force, moment) in step.supports.items():
-        found |= _vector(f"support.{name}.force", force) | _turns(f"support.{name}.moment", moment)
+        found |= _vector(f"support.{name}.force", force) | turns(f"support.{name}.moment", moment)
     for name, (force, moment) in step.elastic_support.items():
-        found |= _vector(f"elastic_support.{name}.force", force) | _turns(f"elastic_support.{name}.moment", moment)
+        found |= _vector(f"elastic_support.{name}.force", force) | turns(f"elastic_support.{name}.moment", moment)
     for name, (moved, force, moment) in step.obstacles.items():
         found |= _vector(f"obstacle.{name}.displacement", moved) | _vector(f"obstacle.{name}.force", force)
-        found |= _turns(f"obstacle.{name}.moment", moment)
+        found |= turns(f"obstacle.{name}.moment", moment)
     for name, spring in step.springs.items():
         found |= _vector(f"spring.{name}.force", spring.force)
     found |= {f"bolt.{name}.tension": bolt.tension for name, bolt in step.bolts.items()}
     for name, point in step.remote_points.items():
         found |= _vector(f"remote_point.{name}.displacement", point.displacement)
         found |= _vector(f"remote_point.{name}.force", point.force)
-        found |= _turns(f"remote_point.{name}.rotation", point.rotation)
-        found |= _turns(f"remote_point.{name}.moment", point.moment)
+        found |= turns(f"remote_point.{name}.rotation", point.rotation)
+        found |= turns(f"remote_point.{name}.moment", point.moment)
     return found | {f"energy.{key}": float(getattr(step.energy, key)) for key in ENERGIES}
 
 
@@ -46,7 +46,7 @@ def _vector(name: str, components: Array) -> dict[str, float]:
     return {f"{name}.{axis}": float(value) for axis, value in zip("xyz", components, strict=False)}
 
 
-def _turns(name: str, components: Array) -> dict[str, float]:
+def turns(name: str, components: Array) -> dict[str, float]:
     """Of a moment or a rotation, (1,) about z in 2D."""
     axes = "z" if len(components) == 1 else "xyz"
     return {f"{name}.{axis}": float(value) for axis, value in zip(axes, components, strict=True)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -119,7 +119,6 @@ class State:
     initial_work: Array  # (k,) see `InitialStrains.stress_work` [J]
     elongation: Array  # (r,) of each of `Links`, the motion of the ground left out [m]
     remote: Array  # (components,) motion of remote points [m, rad]
-    ground: Array  # (components,) what springs to the ground exert, see `GroundSprings` [N, N m]
     residual: Vec  # K u - load - forces of initial strains + B^T p [N]: what supports and periodic sides carry
     p: Array  # (rows,) tractions [Pa], pressure positive
     w: Array  # (rows,) relative displacement [m]
@@ -139,6 +138,7 @@ class State:
     )
     surplus_motion: Mapping[str, Array] | None = None  # (n, d) relative motion by it at the nodes of each contact [m]
     reactions: Mapping[str, tuple[Array, Array]] | None = None  # of each support with bubbles: force [N], moment [N m]
+    ground: Array = field(default_factory=lambda: np.zeros(0))  # that springs to it exert, see `GroundSprings` [N, N m]
     unbent: State | None = None  # the same with straight sides, of a state with bubbles whose sides bulge
     refined: State | None = None  # the same history with bubbles, see `solvers/accuracy`; None: it is not followed
     peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded

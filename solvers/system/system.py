@@ -58,6 +58,7 @@ class System:
     loads: AppliedLoads
     initial: InitialStrains
     dilatation: MeanDilatation  # of nearly incompressible bodies
+    ground: GroundSprings  # what springs to the ground exert
 
     @property
     def course(self) -> Course:
@@ -177,11 +178,6 @@ class System:
             residual: see `State` [N].
         """
         return self.constraints.reactions(residual.array_r.reshape(-1, self.mesh.dim))
-
-    @cached_property
-    def ground(self) -> GroundSprings:
-        """Springs to the ground, for what they exert; collective at the first access."""
-        return GroundSprings.of(self.weak)
 
     @cached_property
     def box(self) -> Array:
@@ -320,6 +316,7 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         contacts=contacts,
         assembled=cache(lambda: _assembled(problem, weak, constraints, dilatation, T)),
         dilatation=dilatation,
+        ground=GroundSprings.of(weak),
         T=T,
         loads=applied_loads(problem, weak, constraints, T.createVecLeft()),
         initial=_initial_strains(problem, weak, constraints.links, T.createVecLeft()),

@@ -96,7 +96,7 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
         known = place.quantity in panels and (place.table not in scene.sections or place.table == "gravity")
         panel = panels[place.quantity] if known else _panel_of_effect(scene, place)
         curves = prescribed.setdefault(panel, {})
-        curves[f"{place.table} {label}" if label in curves else label] = curve
+        curves[f"{place.table.removesuffix('s')} {label}" if label in curves else label] = curve
     yield from prescribed.items()
     found: Curves = {}
     for name, contact in scene.contacts.items():

@@ -8,7 +8,7 @@ import numpy as np
 
 from stickslip.geometry.amplitude import value_at
 from stickslip.solvers.results.error_parts import Errors
-from stickslip.solvers.results.quantities import total_errors, values
+from stickslip.solvers.results.quantities import total_errors, turns, values
 from stickslip.solvers.results.step_result import ContactState, StepResult
 from stickslip.solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES
 from stickslip.solvers.scene.scene import Scene
@@ -85,5 +85,4 @@ def _vectors(name: str, contact: ContactState, axisymmetric: bool) -> dict[str, 
         for key, vector in vectors.items()
         for axis, x in zip("xyz", vector, strict=False)
     }
-    turns = "z" if len(contact.moment) == 1 else "xyz"
-    return found | {f"{name}.moment.{axis}": float(x) for axis, x in zip(turns, contact.moment, strict=True)}
+    return found | turns(f"{name}.moment", contact.moment)
