@@ -13,7 +13,6 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.size_field import USUAL, SizeField, volumes
@@ -31,6 +30,8 @@ def cut_to_sizes(mesh: RawMesh, sizes: SizeField) -> RawMesh:
         mesh: triangles or tetrahedra of order 1.
         sizes: in the mesh's unit.
     """
+    from scipy.spatial import cKDTree  # late: it loads much else
+
     d = SIMPLEX[mesh.kind]
     points, cells = mesh.points, np.concatenate(list(mesh.cells.values()))
     body = np.repeat(np.arange(len(mesh.cells)), [len(rows) for rows in mesh.cells.values()])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.facets import normals_of
@@ -85,6 +84,8 @@ def fit(corners: Array, dim: int, between: Array | None = None) -> Form:
     start = _narrowest(normals) if dim == 3 else np.array([0.0, 0.0, 1.0])
     across = np.linalg.svd(start[None])[2][1:]
     if dim == 3:
+        from scipy.optimize import least_squares  # late: it loads much else
+
         tilt = least_squares(lambda t: _circle(nodes - middle, start + t @ across)[2] / size, np.zeros(2)).x
         start = start + tilt @ across
     axis = start / np.linalg.norm(start)

@@ -6,6 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import stickslip
+from shared.cases import every_nth
 from stickslip.solvers.methods import METHODS
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.scene_file.read import from_dict, read
@@ -50,7 +51,7 @@ def test_bound_in_time_is_that_of_a_scene_that_lists_it() -> None:
     assert script.scene.contacts["base"].friction.bound[-1] == (3.0, 0.03)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", every_nth(3, METHODS))
 def test_every_method_goes_on_with_other_friction_and_another_gap(method: str) -> None:
     """T = mu N with the new mu; and without friction a gap .1 smaller doubles the force of a support .1 down."""
     sets = [f'solver.method="{method}"', "solver.tolerance=1e-5"]

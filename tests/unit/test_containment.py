@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
+from shared.cases import every_nth
 from shared.drawn import GEO, PY, scene_data
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.mesh.mesh import build_mesh
@@ -88,7 +89,7 @@ def test_a_machine_that_cannot_says_so(folder: Path, monkeypatch: pytest.MonkeyP
     assert line.startswith("geometry.file: this machine has neither seccomp (Debian's python3-seccomp) nor Landlock")
 
 
-@pytest.mark.parametrize("name", SCRIPTS)
+@pytest.mark.parametrize("name", every_nth(3, SCRIPTS))
 def test_a_script_starts_nothing_and_writes_nothing(name: str, folder: Path) -> None:
     script = folder / "b.geo"
     script.write_text(SCRIPTS[name])

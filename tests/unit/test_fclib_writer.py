@@ -39,7 +39,7 @@ def scene_of(case: str, *words: str) -> Any:
     return read(case.split()[0], [*CASES.get(case, []), *EXPORT, *words])
 
 
-@pytest.mark.parametrize("case", often(CASES, ("block", "block without friction", "cube", "two_blocks")))
+@pytest.mark.parametrize("case", often(CASES, ("block without friction", "cube", "two_blocks")))
 def test_solving_the_files_gives_the_tractions_of_the_run(tmp_path: Path, case: str) -> None:
     scene = scene_of(case)
     outcome, _ = run(scene, tmp_path / "out")

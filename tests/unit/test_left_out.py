@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import every_nth
 from shared.drawn import scene_data
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.solvers.accuracy.left_out import LeftOut, rim_of
@@ -81,7 +82,7 @@ def base_of(found: Scene, folder: Path) -> dict[str, Any]:
     return dict(run(found, folder)[1]["steps"][-1]["contacts"]["base"])
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", every_nth(2, SHAPES))
 def test_weight_and_area_are_off_by_what_is_stated(shape: str, tmp_path: Path) -> None:
     _, model, volume, area, _ = SHAPES[shape]
     base = base_of(scene(shape, tmp_path), tmp_path / "out")
@@ -96,8 +97,7 @@ def test_weight_and_area_are_off_by_what_is_stated(shape: str, tmp_path: Path) -
         assert abs(error["corrected"] - exact) < 0.1 * off
 
 
-@pytest.mark.parametrize("shape", ["disc", "holed"])
-@pytest.mark.parametrize("load", ["pressure", "traction", "force"])
+@pytest.mark.parametrize(("shape", "load"), every_nth(2, ["disc", "holed"], ["pressure", "traction", "force"]))
 def test_pressure_acts_on_the_rim_too_and_a_force_is_what_it_is(shape: str, load: str, tmp_path: Path) -> None:
     top = SHAPES[shape][4]
     value = {"pressure": 7.0}.get(load, {"z": -7.0})

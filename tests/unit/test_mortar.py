@@ -57,13 +57,13 @@ def check(slave: Surface, master: Surface) -> None:
     assert np.all(np.isinf(gap) == ~covered)
 
 
-@pytest.mark.parametrize(("kind", "counts", "box"), every_nth(2, KINDS, COUNTS, BOXES))
+@pytest.mark.parametrize(("kind", "counts", "box"), every_nth(4, KINDS, COUNTS, BOXES))
 def test_forces_and_linear_displacements_go_over_exactly(kind: tuple[str, int], counts: Any, box: str) -> None:
     shape, degree = kind
     check(below(shape, degree, counts[0]), above(shape, degree, counts[1], box=BOXES[box]))
 
 
-@pytest.mark.parametrize(("kind", "counts", "box"), every_nth(2, KINDS, COUNTS, BOXES))
+@pytest.mark.parametrize(("kind", "counts", "box"), every_nth(4, KINDS, COUNTS, BOXES))
 def test_friction_weighs_no_pressure_of_a_law_negatively(kind: tuple[str, int], counts: Any, box: str) -> None:
     """Nor on partly covered facets, where the weights are the covered area all the same."""
     shape, degree = kind

@@ -92,7 +92,7 @@ def same_forces(one: list[State], other: list[State], tolerance: float) -> None:
             assert_allclose(b.forces[name], force, atol=tolerance * size)
 
 
-@pytest.mark.parametrize("name", often(SMALL, ("cube", "cylinders", "shrink_fit", "foundation", "ring", "shaft")))
+@pytest.mark.parametrize("name", often(SMALL, ("cube", "shrink_fit", "foundation")))
 def test_every_kind_of_scene_has_the_answer_of_condensed_newton(name: str, simulation_of: SimulationOf) -> None:
     scene = read(name, SMALL[name])
     answers = []
@@ -102,7 +102,7 @@ def test_every_kind_of_scene_has_the_answer_of_condensed_newton(name: str, simul
     same_forces(*answers, tolerance=1e-8 if name in ("block", "strip") else 1e-9)
 
 
-@pytest.mark.parametrize("name", often(SMALL, ("block", "two_blocks", "foundation", "arch", "sliding", "axisymmetric")))
+@pytest.mark.parametrize("name", often(SMALL, ("two_blocks", "sliding", "axisymmetric")))
 def test_without_a_matrix_every_kind_of_scene_has_that_answer_too(name: str, simulation_of: SimulationOf) -> None:
     scene = read(name, SMALL[name] + SHORTER.get(name, ()))
     ways = (("condensed-newton", "condensed", 1e-11), ("surface-uzawa", "matrix-free", 1e-10))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import slow
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.accuracy import two_level
@@ -228,7 +229,7 @@ def test_with_many_iterations_energy_is_in_balance(name: str, monkeypatch: pytes
     assert energy.stored != step.energy.stored
 
 
-@pytest.mark.parametrize("name", ["sliding", "half_space", "stack", "fretting"])
+@pytest.mark.parametrize("name", ["sliding", *slow("half_space"), "stack", *slow("fretting")])
 def test_it_follows_sliding_and_driven_and_floating_bodies(name: str) -> None:
     sets = ["geometry.order=1", "steps.count=2"] if name == "fretting" else FOUR if name == "half_space" else []
     step = last(name, *sets)

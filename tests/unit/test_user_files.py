@@ -361,8 +361,8 @@ def test_neither_builder_nor_file_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
-    [
+    "case",
+    every_nth(3, [
         (GEO.replace('Physical Surface("block") = {1};', ""), "names no body: a body is a physical group of surfaces"),
         (GEO.replace('"block")', '"Block")'), 'physical surface "Block" .1.: a body\'s name is made of a-z'),
         (GEO.replace("block.bottom", "bottom"), 'side "bottom": a side is named body.side'),
@@ -375,9 +375,10 @@ def test_neither_builder_nor_file_is_refused() -> None:
         (GEO + "x = 1; y = 2;", "last line has several statements and no line break"),
         (GEO + "Exit;\n", "gmsh ended without an answer|gmsh says"),
         (GEO.replace('"block.top") = {3}', '"block.top") = {77}'), "block.top: no such side; did you mean"),
-    ],
+    ]),
 )  # fmt: skip
-def test_wrong_scripts_are_refused(text: str, says: str, tmp_path: Path) -> None:
+def test_wrong_scripts_are_refused(case: tuple[str, str], tmp_path: Path) -> None:
+    text, says = case
     with pytest.raises((SceneError, GeometryError), match=says) as caught:
         meshed(from_dict(scene_data(write(tmp_path / "b.geo", text))))
     assert "\n" not in str(caught.value)

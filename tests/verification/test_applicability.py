@@ -20,7 +20,7 @@ COARSE = 0.01  # regularised, compliance with friction: the bound is that of nod
 AXIS = 0.06  # regularised, a ball under the axis: of two nodes that touch one is on the axis; with finer cells .001
 ROUNDED = 1.05  # the error that a law states is measured, too
 ENOUGH = 400  # iterations of a step; none of these cells takes more
-EVERY = 131  # a prime: the sample takes each method through laws, operators, models and more by turns
+EVERY = 197  # a prime: the sample takes each method through laws, operators, models and more by turns
 CELLS = [cell for method in METHODS for model in MODELS for cell in whole(method, model)]
 OPEN = {
     "normal": None,

@@ -24,7 +24,7 @@ HELD_BY_CONTACT = {
 }
 DRIVEN = {"half_space", "sphere"}  # obstacles that forces move
 SOLVED = sorted({path.stem for path in READY.glob("*.toml")} - HELD_BY_CONTACT - DRIVEN)
-QUICK = {"block", "cube", "foundation", "shaft", "sliding", "spheres"}
+QUICK = {"block", "foundation", "sliding", "spheres"}
 
 
 def by(method: str, name: str, **keys: Any) -> Scene:

@@ -43,7 +43,7 @@ def test_section_of_a_press_fit_has_the_pressure_of_lame(method: str) -> None:
     assert not failures(figures(Fit(model="axisymmetric", method=method), SECTION))
 
 
-@pytest.mark.parametrize("fit", [Fit(drawn=True), Fit(gap="of the meshes"), *slow(Fit())], ids=str)
+@pytest.mark.parametrize("fit", [Fit(drawn=True), *slow(Fit(gap="of the meshes"), Fit())], ids=str)
 def test_quarter_of_a_press_fit_has_the_pressure_and_stresses_of_lame(fit: Fit) -> None:
     assert not failures(figures(fit, SOLID))
 
@@ -59,7 +59,7 @@ def test_quarter_of_a_hub_that_cools_is_that_of_lame() -> None:
     assert not failures(figures(Fit(heated=True), SOLID))
 
 
-@pytest.mark.parametrize("name", ["INTERFERENCE", "EXPANDS"])
+@pytest.mark.parametrize("name", ["INTERFERENCE", *slow("EXPANDS")])
 def test_checks_notice_another_interference_or_expansion(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     found = solve(Fit(model="axisymmetric", heated=True))
     monkeypatch.setattr(case, name, 1.001 * getattr(case, name))
@@ -67,6 +67,7 @@ def test_checks_notice_another_interference_or_expansion(name: str, monkeypatch:
     assert abs(other[2].p / found[2].p - 1) > 100 * SECTION.p
 
 
+@pytest.mark.slow  # on one mesh above
 def test_pressures_of_a_quarter_converge() -> None:
     errors = [abs(found.p / found.exact - 1) for size in (0.5, 1.0) for found in solve(Fit(finer=size))]
     assert 1.5 < np.log2(errors[0] / errors[1]) < 2.5  # a row has one normal, that of its node

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import often
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.scene_file.read import from_dict
@@ -104,9 +105,12 @@ def test_below_the_threshold_the_node_leaves_the_plane(mu: float, tmp_path: Path
     assert_allclose(reaction, 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("mu", "others"), [(0.5, 0), (1.1, 0), (1.4, 0), (1.6, 0), (3.0, 2), (10.0, 2)])
-def test_the_three_answers_are_met_and_told(mu: float, others: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "case", often([(0.5, 0), (1.1, 0), (1.4, 0), (1.6, 0), (3.0, 2), (10.0, 2)], [(1.4, 0), (1.6, 0), (3.0, 2)])
+)
+def test_the_three_answers_are_met_and_told(case: tuple[float, int], tmp_path: Path) -> None:
     """Below mu = 1 / 0.6 the node of this load cannot stick: with 1.6 there is one answer as well."""
+    mu, others = case
     simulation = prepare(scene_of(mu, tmp_path, [[-1.0, -0.6]], floor=CLEARANCE))
     (step,) = simulation.steps()
     tip, pressures = step.contacts["tip"], [one["tip"] for one in step.other_solutions]

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import stickslip
-from shared.cases import every_nth
+from shared.cases import every_nth, slow
 from stickslip.geometry.keys import Choice, Key, Noun
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent
@@ -26,7 +26,7 @@ def test_millimetres_give_the_same_iterations_and_answers(name: str) -> None:
     assert not failures(units_case.compared(name, "condensed-newton"))
 
 
-@pytest.mark.parametrize("method", ["condensed-newton", "uzawa"])
+@pytest.mark.parametrize("method", ["condensed-newton", *slow("uzawa")])
 def test_a_file_in_millimetres_is_the_same_in_a_scene_in_metres_and_in_one_in_millimetres(method: str) -> None:
     assert not failures(units_case.from_step(method))
 
