@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import logging
 import os
 import stat
 import tempfile
@@ -95,6 +96,19 @@ def _locked(cache: Path, kind: int) -> Iterator[bool]:
         os.close(descriptor)
 
 
+@contextmanager
+def _silent() -> Iterator[None]:
+    """FFCx warns of dense quadrature, which is asked for where it is needed; setuptools tells all loggers of gcc."""
+    former = logging.root.manager.disable
+    logging.disable(max(former, logging.INFO))
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", MANY_POINTS)
+            yield
+    finally:
+        logging.disable(former)
+
+
 def patient(compile_object: Callable[..., Any], cache: Path) -> Callable[..., Any]:
     """A compiler of UFL objects that waits for other processes, and clears away what killed ones have left.
 
@@ -115,8 +129,7 @@ def patient(compile_object: Callable[..., Any], cache: Path) -> Callable[..., An
                         clean = changed
             comm.barrier()  # the other ranks must not hold the lock meanwhile
             try:
-                with _locked(cache, fcntl.LOCK_SH), warnings.catch_warnings():
-                    warnings.filterwarnings("ignore", MANY_POINTS)  # denser quadrature is asked for where it is needed
+                with _locked(cache, fcntl.LOCK_SH), _silent():
                     return compile_object(comm, *arguments, **options)
             except Exception as error:
                 late = comm.bcast("compilation timed out" in str(error)) if comm.size > 1 else "timed out" in str(error)

@@ -68,7 +68,7 @@ class BetweenNodes:
             bound_at = bound_at * ((count == self.around.shape[1]) | vortex)
         node, point = self.phi.nonzero()
         along, length = _measured(self.measures[node], moved[point])
-        turns = (length > CENTRE * mean_size[point])[:, None]  # else the point is the centre of a vortex
+        turns = (length > CENTRE * np.abs(mean_size[point]))[:, None]  # else the point is the centre of a vortex
         along = np.divide(along, length[:, None], out=np.zeros_like(along), where=turns) - direction[node]
         part = np.asarray(self.phi[node, point]).ravel()
         forces = np.zeros_like(increment)

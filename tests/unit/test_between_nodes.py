@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.sparse import csr_matrix
 
 from stickslip.solvers.accuracy.between_nodes import BetweenNodes
 from stickslip.solvers.results.error_parts import Quantity
@@ -145,3 +146,16 @@ def test_nothing_pushes_an_obstacle_that_a_force_drives() -> None:
     bound = np.ones(len(wheel))
     assert pulled.added(bound > 0, bound, wheel) is None
     assert pressed.added(bound > 0, bound, wheel) is not None
+
+
+def test_slip_of_rounding_has_no_direction() -> None:
+    """All sticks on a side that bends: one node's weight is negative, and along the other's side nothing moves."""
+    between = BetweenNodes(
+        relative=csr_matrix(np.eye(2)),
+        measures=np.array([np.diag([1.0, 0.0]), np.diag([0.0, 1.0])]),
+        phi=csr_matrix([[1.1], [-0.1]]),
+        weights=np.ones(1),
+        around=None,
+        driven=(),
+    )
+    assert between.added(np.zeros(2, bool), np.ones(2), np.array([[0.0, 0.0], [0.0, 1e-18]])) is None

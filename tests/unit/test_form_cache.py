@@ -65,7 +65,7 @@ def test_process_killed_while_it_compiles_holds_up_nobody(tmp_path: Path) -> Non
         os.killpg(process.pid, signal.SIGKILL)
     assert [path for path in cache.glob("*.c") if not path.with_suffix(".c.cached").exists()]
     done = run(tmp_path)
-    assert done.returncode == 0, done.stderr
+    assert (done.returncode, done.stderr) == (0, "")  # a script hears nothing of the compiler
 
 
 def test_form_that_a_living_process_compiles_is_left_alone(tmp_path: Path) -> None:
