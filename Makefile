@@ -34,8 +34,7 @@ export PRTE_MCA_rmaps_default_mapping_policy := :oversubscribe
 # nothing but .venv and Debian decides what `import geometry` finds
 export PYTHONNOUSERSITE := 1
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
-# programs are compiled once, into a folder of their own, also where others have said not to
-export PYTHONPYCACHEPREFIX := $(CURDIR)/build/pycache
+# each of many processes would compile every module anew
 unexport PYTHONDONTWRITEBYTECODE
 ifeq ($(shell id -u),0)
 export OMPI_ALLOW_RUN_AS_ROOT := 1
