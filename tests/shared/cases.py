@@ -18,7 +18,11 @@ def often(cases: Iterable[Any], kept: Collection[Any]) -> list[Any]:
 
 
 def every_nth(n: int, *lists: Iterable[Any]) -> list[Any]:
-    """Rows of all combinations, of which every n-th always runs: diagonals, so that each value has its turn."""
+    """Rows of all combinations, of which every n-th always runs: diagonals, so that each value has its turn.
+
+    That needs another list of at least n cases; a single list with a period, as of slave and master by turns, needs an
+    n that has no divisor in common with it.
+    """
     return [
         pytest.param(*(value for _, value in row), marks=[pytest.mark.slow] * (sum(k for k, _ in row) % n > 0))
         for row in product(*map(enumerate, lists))
