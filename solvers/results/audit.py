@@ -45,7 +45,7 @@ from stickslip.solvers.system.system import System, assemble
 EPS = float(np.finfo(float).eps)
 ROUNDED = 1e-9  # of the mean traction that all forces make on the contact area; smaller tractions are rounding
 PAST = 1e-3  # of the largest tractions so far: errors of earlier steps stay when a contact is unloaded
-FRICTION = 1e-3  # of the pressures; smaller friction bounds are judged as if they were so large
+FRICTION = 0.1  # of the pressures; smaller friction bounds are judged as if so large: tolerances are of all tractions
 ROUNDING = 1e3  # times the rounding error of K u; smaller forces count as zero
 LENGTHS = 64 * EPS  # of coordinates and motions: smaller relative displacements count as zero
 
@@ -55,7 +55,8 @@ class Audit:
     """Relative defects of a step [-], all >= 0, and zero for an exact solution of the discrete problem.
 
     p_top [Pa] is the largest traction of the step, u_top [m] the motion that it causes: p_top times the extent of the
-    closed part by E, and what compliant laws give. ()_+ is the positive part.
+    closed part by E, and what compliant laws give; s_top [Pa] is the largest friction bound, at least FRICTION p_top.
+    ()_+ is the positive part.
     """
 
     equilibrium: float  # sum |nodal force out of balance| / sum |nodal force|

@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from shared.command import COARSE, result
-from shared.fuzzing import EXAMPLES
+from shared.fuzzing import fuzzed
+from shared.processes import catches, wait_for
 from shared.ranks import STICKSLIP
 
 LIMIT = 60  # s
@@ -54,7 +55,6 @@ COMMANDS = (
     ["nonsense"],
     ["run", "nowhere.toml"],
 )
-LONG = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 def environment(lots: random.Random, place: Path) -> dict[str, str]:
@@ -101,7 +101,7 @@ def _deaf(number: int) -> None:
     os.dup2(writer, number)
 
 
-@LONG
+@fuzzed(0.25, least=2)  # whole runs
 @given(seed=st.integers(0, 2**32 - 1))
 def test_every_environment_ends_as_documented(seed: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     lots, place = random.Random(seed), tmp_path_factory.mktemp("place")
@@ -121,7 +121,8 @@ def test_every_environment_ends_as_documented(seed: int, tmp_path_factory: pytes
         preexec_fn=before,
     ) as process:
         if number is not None:
-            clock.sleep(0.15 + 2 * lots.random())
+            wait_for(lambda: process.poll() is not None or catches(process.pid, signal.SIGUSR1), "the first lines")
+            clock.sleep(2 * lots.random())
             process.send_signal(number)
         try:
             _, err = process.communicate(timeout=LIMIT)

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from shared.fuzzing import EXAMPLES, assert_refusal
+from shared.fuzzing import assert_refusal, fuzzed
 from shared.histories import LEARNS, SMALL, assert_same, names_in
 from stickslip.workflows.commands.cli import app, guarded
 from stickslip.workflows.formats.own_files import MARKER, PART
@@ -31,7 +31,6 @@ WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in SCENE)
 DISK = ("fsync", "replace", "rename", "unlink", "mkdir", "rmdir")  # of the module os: what outlives a process
 PLACES = ("out", ".out.running", "out.1")
 MINE = "of the user"
-LONG = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +113,7 @@ def remove(place: Path, kept: dict[str, str]) -> None:
             folder.rmdir()
 
 
-@LONG
+@fuzzed(0.25, least=2)  # whole runs
 @given(seed=st.integers(0, 2**32 - 1))
 def test_killed_again_and_again_it_ends_with_the_same_bits(
     seed: int, whole: Path, tmp_path_factory: pytest.TempPathFactory
@@ -174,7 +173,7 @@ def tamper(path: Path, lots: random.Random) -> str:
     return how
 
 
-@LONG
+@fuzzed(0.25, least=2)  # whole runs
 @given(seed=st.integers(0, 2**32 - 1))
 def test_whatever_becomes_of_the_files_the_answer_is_the_same_or_one_line(
     seed: int, whole: Path, tmp_path_factory: pytest.TempPathFactory

@@ -21,8 +21,9 @@ TURN = 11  # how far the cell of one method lies from that of the next
 
 
 def sample() -> Iterator[Cell]:
-    """One cell of each method, in 2D and 3D by turns, other laws and operators for each."""
-    for turn, (method, model) in enumerate(zip(METHODS, cycle(("plane strain", "3d")), strict=False)):
+    """One cell of each method, in 2D and, of each second one of them, in 3D; other laws and operators for each."""
+    models = cycle(("plane strain", "plane strain", "3d", "3d"))
+    for turn, (method, model) in enumerate(zip(METHODS, models, strict=False)):
         cells = [cell for cell in whole(method, model) if cell.friction]
         first = turn * TURN % len(cells)
         yield next(cell for cell in (*cells[first:], *cells[:first]) if refused(cell) is None)

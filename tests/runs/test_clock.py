@@ -105,7 +105,8 @@ def test_a_run_that_goes_on_adds_to_what_was_spent(tmp_path: Path) -> None:
 def test_setting_up_the_tangent_is_told(tmp_path: Path) -> None:
     content = of_run(tmp_path / "out", *LEARNS, "output.error=false")
     assert_adds_up(content)
-    assert row(content, "prepare", "tangent")["seconds"] + row(content, "iterate", "certificate")["calls"] > 0
+    assert row(content, "prepare", "tangent")["seconds"] > 0
+    assert row(content, "iterate", "certificate")["calls"] > 0
 
 
 @pytest.mark.parametrize("launched", [*start.LAUNCHED, ""])

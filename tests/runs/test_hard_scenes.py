@@ -98,6 +98,7 @@ SOLVABLE = {
     "just held on a slope, finer": ("block", on_a_slope(20.0, 1.00001 * tan(radians(20.0)), 0.05)),
     "nearly lifted": ("block", lifted(7999.9)),
     "band on a drum": ("ring", capstan(1.4)),  # its limit is exp(0.3 pi/2) = 1.602
+    **{f"friction {mu} on a block that opens": ("raous", [f"contacts.base.friction.mu={mu}"]) for mu in (5.0, 50.0)},
     "soft tangential springs": ("block", ["contacts.base.friction.k_T=1e-12"]),
 }
 

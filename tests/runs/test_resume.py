@@ -202,7 +202,7 @@ def test_stopped_run_spends_no_time_on_audit_and_pictures(tmp_path: Path, monkey
     )
     with monkeypatch.context() as patched:
         for place in ("run.run.audit_steps", "run.run.linear_reference", "pictures.draw.draw"):
-            patched.setattr(f"workflows.{place}", fail)
+            patched.setattr(f"stickslip.workflows.{place}", fail)
         outcome, content = run(asks, tmp_path / "out", Watch(on_step=Stop(2)))
     assert (outcome.status, [step["audit"] for step in content["steps"]]) == ("interrupted", [None, None])
     assert set(content["audit"].values()) == {None}

@@ -332,8 +332,8 @@ def test_rounding_of_tractions_wastes_no_work_however_far_an_unloaded_contact_mo
         scene_of(**flat(2, {"law": "unilateral"}, {"law": "coulomb", "mu": 0.4})), simulation_of, seed=1
     )
     far = record.reference - 1e6 * scales.u["base"]
-    p = np.where(np.arange(len(w)) < place.normal.stop, 0.0, 1e-9 * scales.p)
-    for traction, wasted in ((p, 1e-6), (1e6 * p, 1.0)):
+    p = np.where(np.arange(len(w)) < place.normal.stop, 0.0, module.FRICTION * scales.p)
+    for traction, wasted in ((1e-6 * p, 1e-6), (p, 1.0)):
         found = audit._tangential(place, replace(record, p=traction), far, scales)[2]
         assert found == pytest.approx(wasted, rel=0.01)
 

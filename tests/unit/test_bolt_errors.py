@@ -174,7 +174,7 @@ def test_iterative_volume_solves_follow_the_force() -> None:
     tightened, held = prepare(read("lap_joint", sets), MPI.COMM_SELF).steps()
     direct = [*prepare(read("lap_joint", [sets[0], sets[3]]), MPI.COMM_SELF).steps()][1]
     assert stated(tightened, "bolts.bolt.tension") < 10.0  # of 3e6 N
-    assert stated(held, "bolts.bolt.tension") == pytest.approx(stated(direct, "bolts.bolt.tension"), rel=1.0)
+    assert 0.5 < stated(held, "bolts.bolt.tension") / stated(direct, "bolts.bolt.tension") < 2
 
 
 def test_a_resumed_run_states_the_same_errors_to_the_last_bit(tmp_path: Path) -> None:

@@ -214,7 +214,7 @@ def test_a_rigid_motion_is_taken_back(
     found = by_flexibility(problem, known, p, w + moved, most)
     for at in begun[1:]:  # at once, so that what follows begins beside the solution
         assert_allclose(at, w, atol=0.1 * np.abs(moved).max())
-    assert len(begun) == 1 or most > 0
+    assert (len(begun) == 1) == (most == 0)
     assert_allclose(found.w, -moved, atol=0.1 * np.abs(moved).max())  # that much of the residual is left
     assert_allclose(found.p, 0.0, atol=0.1 * np.abs(p).max())
 

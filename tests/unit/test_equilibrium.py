@@ -49,7 +49,7 @@ def problem_of(
         )
         monkeypatch.setattr("stickslip.solvers.stepping.stepper.describe_motion", lambda system, motion, dofs: "")
         stepper = simulation_of(scene).stepper
-        with pytest.raises(Exception, match="cannot balance"):
+        with pytest.raises(NoEquilibriumError, match="cannot balance"):
             stepper.reach(stepper.start(), 1.0, lambda row: None)
         return seen[0]
 

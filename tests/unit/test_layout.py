@@ -186,11 +186,18 @@ def test_the_audit_imports_nothing_of_the_methods() -> None:
         if name in MODULES and name not in reached:
             reached.add(name)
             waiting += imports(MODULES[name])
-    solving = {f"solvers.{room}" for room in ("linear", "interface", "metrics", "newton", "methods")}
-    assert not {name for name in reached if room_of(name) in solving or name == "stickslip.solvers.stepping.stepper"}
+    rooms = ("linear", "interface", "blocks", "metrics", "newton", "tangent", "methods", "stepping")
+    solving = {f"stickslip.solvers.{room}" for room in rooms}
+    assert solving <= set(ROOMS)
+    assert {name for name in reached if room_of(name) in solving} - solving == {
+        "stickslip.solvers.linear.rounding",  # of a stiffness, which the audit does not assemble
+        "stickslip.solvers.stepping.tightening",  # sets the lengths of bolts that a step has stored
+        "stickslip.solvers.stepping.state",  # types that `tightening` works on, as is the next
+        "stickslip.solvers.newton.solution",
+    }
 
 
-@pytest.mark.parametrize("name", [*PACKAGES, "stickslip"])
+@pytest.mark.parametrize("name", ["stickslip", *(f"stickslip.{name}" for name in PACKAGES)])
 def test_packages_are_those_of_this_repository(name: str) -> None:
     found = importlib.import_module(name).__file__
     assert found is not None

@@ -21,6 +21,7 @@ from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping import method_chain
+from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.solvers.system.system import System
 from stickslip.solvers.tangent import operator as operator_module
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
@@ -316,7 +317,7 @@ def test_no_equilibrium_is_found_by_the_certificate(
         loads={"top": {"boundary": "block.top", "traction": [0.0031, -0.01]}},
         solver={"method": "tangent-cg"},
     )
-    with pytest.raises(Exception, match="cannot balance the loads"):
+    with pytest.raises(NoEquilibriumError, match="cannot balance the loads"):
         list(simulation_of(pushed).steps())
 
 

@@ -77,6 +77,14 @@ def judged(cell: Cell, patch: pytest.MonkeyPatch) -> str | None:
     return f"{cell}: refused, and would run" if runs else None
 
 
+def test_a_cell_that_is_refused_without_need_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = Cell("surface-uzawa")
+    assert judged(cell, monkeypatch) is None
+    table = METHODS[cell.method].WORKS_WITH
+    monkeypatch.setattr(METHODS[cell.method], "WORKS_WITH", replace(table, friction=()))
+    assert judged(cell, monkeypatch) == f"{cell}: refused, and would run"
+
+
 @pytest.mark.parametrize("cell", CELLS[::EVERY], ids=str)
 def test_sample(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
     assert judged(cell, monkeypatch) is None

@@ -51,9 +51,9 @@ def test_pressures_converge_as_the_cells_do() -> None:
     assert rate > 0.75  # the edge, where the pressure's slope is infinite, lies somewhere in a cell: about first order
 
 
-def test_checks_notice_a_ball_of_another_radius() -> None:
-    other = replace(TOUCHES["ball in a socket"], bore=2.1 * hertz_case.R)
-    wrong = Touch(against="bore", load=other.load)
-    found = solve(other)
+def test_checks_notice_a_ball_of_another_radius(monkeypatch: pytest.MonkeyPatch) -> None:
+    touch = TOUCHES["ball in a socket"]
+    found = solve(replace(touch, bore=2.1 * hertz_case.R))
+    monkeypatch.setattr(hertz_case, "solve", lambda touch: found)
     # 5 % in the bore's radius is 4.5 % in the radius of the difference: 3 % in p0, 1.5 % in a
-    assert abs(found.fitted.p0 / wrong.exact(other.load).p0 - 1) > 0.02
+    assert len(failures(hertz_case.figures("ball in a socket", touch))) >= 2

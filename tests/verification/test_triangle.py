@@ -94,6 +94,8 @@ def test_with_much_friction_what_is_found_is_one_of_the_answers(path: list[list[
     u, reaction = answer(3.0, tmp_path, path)
     assert_allclose(K @ u - LOAD, reaction, atol=1e-6)
     assert abs(reaction[0]) <= 3.0 * reaction[1] * (1 + 1e-8)
+    assert u[1] >= -1e-9
+    assert min(u[1], reaction[1]) <= 1e-9
     if len(path) == 1:
         assert np.abs(reactions() - reaction).max(axis=1).min() <= 2e-6
 

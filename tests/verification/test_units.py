@@ -56,7 +56,7 @@ def test_millimetres_change_nothing_for_uzawa_either(name: str) -> None:
     assert not failures(units_case.compared(name, "uzawa"))
 
 
-def test_scenes_are_in_the_case_of_each_method_that_can_solve_them() -> None:
+def test_scenes_that_uzawa_cannot_solve_are_told_apart() -> None:
     assert METHODS["condensed-newton"].WORKS_WITH.floating
     assert not METHODS["uzawa"].WORKS_WITH.floating
     assert set(units_case.FLOATING + units_case.GRADED) < set(units_case.SCENES)
