@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from shared.cases import often
 from shared.command import LIMIT, Start
 from shared.histories import FOUR, Stop
 from shared.solved import Solved, coarse, solve
@@ -103,8 +104,12 @@ def stopped(folder: Path, stopped_once: Path) -> Path:
 
 # test_mesh_command solves those of files: the identities tested on `solved` are those of builders' shapes
 BUILT_SHAPES = sorted(p.stem for p in READY.glob("*.toml") if "file" not in tomllib.loads(p.read_text())["geometry"])
+KEPT = {  # always run: between them every model, order, kind of cells, friction law and effect of the ready scenes
+    *("axisymmetric", "block", "cube", "dam", "foundation", "lap_joint", "ring", "rotor", "rubber_mount"),
+    *("sledge", "sliding", "spruce", "stick_slip", "two_blocks"),
+}
 
 
-@pytest.fixture(scope="session", params=BUILT_SHAPES)
+@pytest.fixture(scope="session", params=often(BUILT_SHAPES, KEPT))
 def solved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Solved:
     return solve(read(request.param, coarse(request.param)), tmp_path_factory.mktemp(request.param) / "out")
