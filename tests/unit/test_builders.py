@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
+from shared.cases import every_nth
 from shared.measures import facets_miss, measures
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
@@ -52,8 +53,8 @@ SIMPLEX: list[Case] = [
 GRIDS: list[Case] = [
     (RING, PLANE),
     (replace(RING, angle=90), "plane stress"),
-    (STRIP, "axisymmetric"),
     (replace(STRIP, width=0.5), "3d"),
+    (STRIP, "axisymmetric"),
     (replace(BLOCK, contact_mesh_size=0.05), PLANE),
     (replace(BLOCK, width=0.5), "3d"),
 ]
@@ -62,8 +63,17 @@ CASES = [*LINEAR, *((replace(shape, order=2), model) for shape, model in LINEAR)
 ROUND = {"disc.arc": np.array([0.0, 2.0]), "ball.cap": np.array([0.0, 0.0, 2.0]), "ring.inner": np.zeros(2)}
 ROUND |= {"ring.outer": np.zeros(2)}  # side -> its centre
 EVERY = pytest.mark.parametrize(
-    ("shape", "model"), CASES, ids=[f"{type(shape).__name__}-{shape.cells}-{shape.order}-{m}" for shape, m in CASES]
+    ("shape", "model"),
+    [
+        pytest.param(
+            *(shape, model),
+            id=f"{type(shape).__name__}-{shape.cells}-{shape.order}-{model}",
+            marks=[pytest.mark.slow] * (shape.order == 2 and isinstance(shape, Cuboid)),  # their sides stay straight
+        )
+        for shape, model in CASES
+    ],
 )
+HALF = pytest.mark.parametrize("case", every_nth(2, [*SIMPLEX, *GRIDS]))  # each builder is always there
 
 
 def dim_of(model: Model) -> int:
@@ -215,8 +225,9 @@ def test_strip_has_its_layers() -> None:
     assert len(side_of(STRIP, PLANE, "strip.left").facets) == 3
 
 
-@pytest.mark.parametrize(("shape", "model"), [*SIMPLEX, *GRIDS])
-def test_another_unit_of_length_makes_the_same_mesh(shape: Builder, model: Model) -> None:
+@HALF
+def test_another_unit_of_length_makes_the_same_mesh(case: Case) -> None:
+    shape, model = case
     metres, millimetres = meshed(shape, model), meshed(shape.in_units_of(1e3), model)
     assert_allclose(millimetres.domain.geometry.x, 1e-3 * metres.domain.geometry.x, rtol=1e-9, atol=1e-12)
 
@@ -237,8 +248,9 @@ def all_touch(shape: Builder, model: Model) -> Request:
     return Request(model=model, contact_sides=tuple(f"{b}.{side}" for b, sides in bodies.items() for side in sides))
 
 
-@pytest.mark.parametrize(("shape", "model"), [*SIMPLEX, *GRIDS])
-def test_the_number_of_cells_is_known_before_gmsh_starts(shape: Builder, model: Model) -> None:
+@HALF
+def test_the_number_of_cells_is_known_before_gmsh_starts(case: Case) -> None:
+    shape, model = case
     for fine in (shape, shape.refined(0.5)):
         request = Request(model=model, contact_sides=all_touch(shape, model).contact_sides[:1])
         mesh = build_mesh(fine, request, MPI.COMM_SELF)
