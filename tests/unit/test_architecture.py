@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 from textwrap import dedent
+from typing import Any
 
 import pytest
 
@@ -38,6 +39,42 @@ EXAMPLES = {  # heading: room, and what the file imports
     ),
     "Writer": ("workflows/writers", ["stickslip.workflows.writers.writer: Writer"]),
 }
+SCRIPT = """
+    import json
+    import os
+    import stickslip
+    from stickslip.workflows.scene_file.read import from_dict
+
+    assert stickslip.__file__.startswith(os.getcwd())
+    scene = from_dict({
+        "model": "plane strain",
+        "geometry": {"builder": "slab", "length": 1.0, "height": 1.0, "mesh_size": 0.5},
+        "bodies": {"slab": {"E": 100.0, "nu": 0.0}},
+        "obstacles": {"wall": {"shape": "wall", "at": 1.0}},
+        "contacts": {"end": {"surface": "slab.right", "against": "wall", "friction": {"law": "sticky", "a": 0.0}}},
+        "supports": {
+            "left": {"boundary": "slab.left", "displacement": {"x": 0.0}},
+            "base": {"boundary": "slab.bottom", "displacement": {"y": 0.0}},
+        },
+        "heat": {"strain": [[0.0, 0.0], [0.37, 0.01], [1.0, 0.02]]},
+    })
+    steps = list(stickslip.steps(scene))
+    found = {
+        "public": [name for name in ("Slab", "Wall", "Sticky", "Heat") if name in dir(stickslip)],
+        "times": [step.time for step in steps],
+        "forces": [step.contacts["end"].normal_force for step in steps],
+    }
+
+    coarse = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=1.0"]
+    loose = [*coarse, "solver.tolerance=1e-6"]
+    for method in ("patient", "condensed-newton"):
+        *_, last = stickslip.steps(stickslip.read("block", [*loose, f"solver.method={method}"]))
+        found[method] = last.iterations, last.contacts["base"].normal_force
+
+    stickslip.run(stickslip.read("block", coarse), "results/block")
+    found["written"] = open("results/block/forces.txt").read()
+    print(json.dumps(found))
+"""
 ALWAYS = ["dataclasses: dataclass", "typing: Annotated, Literal", "stickslip.geometry.keys: Key"]
 
 
@@ -50,18 +87,19 @@ def example(name: str) -> str:
     return "\n".join([f'"""{name}."""', "import numpy as np", *imports, "", found[1]])
 
 
-def in_a_copy(folder: Path, names: list[str], script: str) -> str:
-    """What a script prints where these examples stand in their rooms."""
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What the script finds in a copy of the house that has all examples in their rooms."""
+    folder = tmp_path_factory.mktemp("house")
     for package in ("geometry", "solvers", "workflows"):
-        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__", "scenes"))
-    shutil.copytree(ROOT / "workflows" / "scenes", folder / "workflows" / "scenes")
+        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(
         ROOT / "stickslip", folder / "stickslip", symlinks=True, ignore=shutil.ignore_patterns("__pycache__")
     )
-    for name in names:
-        (folder / EXAMPLES[name][0] / f"added_{name.lower()}.py").write_text(example(name), encoding="utf-8")
+    for name, (room, _) in EXAMPLES.items():
+        (folder / room / f"added_{name.lower()}.py").write_text(example(name), encoding="utf-8")
     run = subprocess.run(
-        [sys.executable, "-c", dedent(script)],
+        [sys.executable, "-c", dedent(SCRIPT)],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(folder)},
         capture_output=True,
@@ -69,7 +107,8 @@ def in_a_copy(folder: Path, names: list[str], script: str) -> str:
         check=False,
     )
     assert run.returncode == 0, run.stderr
-    return run.stdout
+    content: dict[str, Any] = json.loads(run.stdout.splitlines()[-1])
+    return content
 
 
 def test_the_page_is_short_and_its_paths_exist() -> None:
@@ -81,59 +120,19 @@ def test_the_page_is_short_and_its_paths_exist() -> None:
     assert not {path for path in named if not (ROOT / path).is_file()}
 
 
-def test_builder_obstacle_law_and_effect_are_one_file_each(tmp_path: Path) -> None:
+def test_builder_obstacle_law_and_effect_are_one_file_each(found: dict[str, Any]) -> None:
     """A heated slab between its support and a wall: p = E eps / (1 - nu^2) in plane strain, free along y, nu = 0."""
-    script = """
-        import json
-        import stickslip
-        from stickslip.workflows.scene_file.read import from_dict
-
-        assert stickslip.__file__.startswith(__import__("os").getcwd())
-        scene = from_dict({
-            "model": "plane strain",
-            "geometry": {"builder": "slab", "length": 1.0, "height": 1.0, "mesh_size": 0.5},
-            "bodies": {"slab": {"E": 100.0, "nu": 0.0}},
-            "obstacles": {"wall": {"shape": "wall", "at": 1.0}},
-            "contacts": {"end": {"surface": "slab.right", "against": "wall", "friction": {"law": "sticky", "a": 0.0}}},
-            "supports": {
-                "left": {"boundary": "slab.left", "displacement": {"x": 0.0}},
-                "base": {"boundary": "slab.bottom", "displacement": {"y": 0.0}},
-            },
-            "heat": {"strain": [[0.0, 0.0], [0.37, 0.01], [1.0, 0.02]]},
-        })
-        steps = list(stickslip.steps(scene))
-        public = [name for name in ("Slab", "Wall", "Sticky", "Heat") if name in dir(stickslip)]
-        print(json.dumps([public, [s.time for s in steps], [s.contacts["end"].normal_force for s in steps]]))
-    """
-    public, times, forces = json.loads(in_a_copy(tmp_path, ["Builder", "Obstacle", "Law", "Effect"], script))
-    assert public == ["Slab", "Wall", "Sticky", "Heat"]
-    assert times == [0.37, 1.0]  # the corner of the effect's table is hit
-    assert forces == pytest.approx([1.0, 2.0], rel=1e-6)  # E eps times the height, to the solver's tolerance
+    assert found["public"] == ["Slab", "Wall", "Sticky", "Heat"]
+    assert found["times"] == [0.37, 1.0]  # the corner of the effect's table is hit
+    assert found["forces"] == pytest.approx([1.0, 2.0], rel=1e-6)  # E eps times the height, to the solver's tolerance
 
 
-def test_a_method_is_one_file(tmp_path: Path) -> None:
-    script = """
-        import stickslip
-
-        coarse = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=1.0", "solver.tolerance=1e-6"]
-        for method in ("patient", "condensed-newton"):
-            *_, last = stickslip.steps(stickslip.read("block", [*coarse, f"solver.method={method}"]))
-            print(last.iterations, last.contacts["base"].normal_force)
-    """
-    (slow, mine), (fast, reference) = (
-        map(float, line.split()) for line in in_a_copy(tmp_path, ["Method"], script).splitlines()
-    )
+def test_a_method_is_one_file(found: dict[str, Any]) -> None:
+    (slow, mine), (fast, reference) = found["patient"], found["condensed-newton"]
     assert slow > fast
     assert mine == pytest.approx(reference, rel=1e-4)  # a residual of 1e-6, times the condition of the block
 
 
-def test_a_writer_is_one_file(tmp_path: Path) -> None:
-    script = """
-        import stickslip
-
-        scene = stickslip.read("block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=1.0"])
-        stickslip.run(scene, "results/block")
-        print(open("results/block/forces.txt").read(), end="")
-    """
-    lines = in_a_copy(tmp_path, ["Writer"], script).splitlines()
+def test_a_writer_is_one_file(found: dict[str, Any]) -> None:
+    lines = found["written"].splitlines()
     assert [line.split()[0] for line in lines] == ["1.0", "2.0"]
