@@ -3,7 +3,6 @@
 from dataclasses import replace
 from typing import Literal
 
-import numpy as np
 import pytest
 
 from stickslip.workflows.verification.cases import column as column_case
@@ -11,7 +10,7 @@ from stickslip.workflows.verification.check import failures
 from stickslip.workflows.verification.closed_forms import column
 
 METHODS = ("condensed-newton", "uzawa")
-# all but two of the tolerances are the case's own, with their reasons there: 1e-9, or the digits of the table
+# all but one of the tolerances are the case's own, with their reasons there: 1e-9, or the digits of the table
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -80,16 +79,6 @@ def test_grazing_column_that_does_not_quite_touch_feels_exactly_nothing(m: int) 
     step = column_case.solve(scene)
     assert not step.p.any()  # exactly: an open point has no pressure
     assert step.contacts["base"].contact_area == 0
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("m", [1, 1.5, 3])
-def test_both_methods_give_the_same_column(dim: int, m: float) -> None:
-    scenes = (column_case.scene(dim=dim, method=k, c_n=column_case.C_N[m], m=m, g=0.002, top=0.01) for k in METHODS)
-    a, b = (column_case.solve(scene) for scene in scenes)
-    # both at tolerance 1e-12; the column's condition is about 10
-    np.testing.assert_allclose(a.displacement, b.displacement, atol=1e-10 * 0.01)
-    np.testing.assert_allclose(a.contacts["base"].force, b.contacts["base"].force, atol=1e-10 * 10)
 
 
 @pytest.mark.parametrize("change", [{"c_n": 1.001e6}, {"m": 2.001}, {"g": 0.00201}, {"U": 0.01001}])

@@ -101,14 +101,6 @@ def test_elastic_give_is_stored_and_given_back() -> None:
     assert_allclose(stuck.dissipated, 0.0, atol=1e-9 * stuck.compliance)
 
 
-def test_both_methods_give_the_same_history() -> None:
-    a, b = (bases(scene(dim=2, method=method, E=E, friction=Coulomb(mu=MU), path=PATH)) for method in METHODS)
-    for mine, theirs in zip(a, b, strict=True):
-        # both at tolerance 1e-12, relative to a pressure of 10 Pa and a motion of 10 mm
-        assert_allclose(mine.traction, theirs.traction, atol=1e-9)
-        assert_allclose(mine.slip, theirs.slip, atol=1e-12)
-
-
 def test_bound_is_mu_times_pressure_for_coulomb_and_as_given_for_tresca() -> None:
     for law in laws(mu=MU / 2).values():
         slipping = bases(scene(dim=2, method="condensed-newton", E=E, friction=law, path=PATH))[2]
