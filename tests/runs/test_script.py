@@ -122,9 +122,7 @@ def test_nouns_refuse_nonsense_as_the_file_does() -> None:
         )
 
 
-def test_every_public_name_is_there_and_says_what_it_is() -> None:
-    for name in stickslip.__all__:
-        assert inspect.getdoc(getattr(stickslip, name)), name
+def test_what_every_script_calls_is_public() -> None:
     assert {"read", "run", "steps"} <= set(stickslip.__all__)
 
 

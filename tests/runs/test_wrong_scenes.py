@@ -37,8 +37,6 @@ WRONG = {
     "unknown key of the solver": (["solver.tolerence=1"], r"solver\.tolerence: unknown key; did you mean tolerance\?"),
     "unknown table": (["suports.top.x=1"], r"suports: unknown key; did you mean supports\?"),
     "unknown model": (["model='plane stran'"], r'model = "plane stran": .*did you mean plane strain\?'),
-    "pressure of other units": (["units='mm-N-Pa'"], r'units = "mm-N-Pa": N/mm² is not Pa; .* fits is MPa: "mm-N-MPa"'),
-    "units without a pressure": (["units='mm-N'"], r'units = "mm-N": expected "SI", or "LENGTH-FORCE-PRESSURE"'),
     "units that are a number": (["units=1"], r"units = 1: expected a text, in quotes"),
     "unknown builder": (["geometry.builder='blok'"], r'geometry\.builder = "blok": .*did you mean block\?'),
     "unknown cells": (["geometry.cells='quad'"], r'geometry\.cells = "quad": .*known: simplex, tensor'),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import slow
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
 from stickslip.workflows.run.run import run
@@ -39,8 +40,9 @@ def test_layer_on_a_slope_a_little_steeper_is_not_called_solved() -> None:
         list(observed(system_of(incline_case.scene(METHOD, SLIDES))))
 
 
-@pytest.mark.parametrize(("mu", "status", "exit_code"), [(HOLDS, "converged", 0), (SLIDES, "no_equilibrium", 3)])
-def test_run_of_the_layer_ends_as_its_threshold_says(mu: float, status: str, exit_code: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("case", [(HOLDS, "converged", 0), *slow((SLIDES, "no_equilibrium", 3))])
+def test_run_of_the_layer_ends_as_its_threshold_says(case: tuple[float, str, int], tmp_path: Path) -> None:
+    mu, status, exit_code = case
     scene = replace(incline_case.scene(METHOD, mu), output=Output(pictures=False))
     outcome, content = run(scene, tmp_path / "out")
     assert (outcome.status, outcome.exit_code, content["status"]) == (status, exit_code, status)

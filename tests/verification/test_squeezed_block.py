@@ -144,6 +144,7 @@ def test_friction_is_what_holds() -> None:
         list(prepare(replace(scene, contacts=weaker)).steps())
 
 
+@pytest.mark.slow  # of the sentence above, and of the runs of test_limits
 def test_run_ends_as_no_equilibrium_and_keeps_what_was_reached(tmp_path: Path) -> None:
     scene = replace(between_planes(2, 1.001 * LIMIT, "force"), output=Output(pictures=False))
     outcome, content = run(scene, tmp_path / "out")
