@@ -1,18 +1,15 @@
 """Former results are kept as NAME.1, where only former ones of NAME are replaced: another run may have that name."""
 
 import json
-import os
-import signal
 from pathlib import Path
 
 import pytest
 
-from shared.command import Call, assert_one_line
+from shared.command import Call, assert_one_line, result
+from shared.disks import killed_at
 from stickslip.geometry.errors import FolderError
 from stickslip.workflows.formats.own_files import FORMER, MARKER, claim, former_of
 from stickslip.workflows.run.folder import OF_MEMBER, RESULT, ResultsFolder
-
-CHANGES = ("replace", "rename", "unlink", "mkdir", "rmdir", "fsync")  # of the disk
 
 
 def working(place: Path, text: str, former: str = ".1") -> ResultsFolder:
@@ -31,7 +28,7 @@ def finished(place: Path, text: str, former: str = ".1") -> None:
 
 
 def said(place: Path) -> str:
-    return str(json.loads((place / RESULT).read_text())["status"])
+    return str(result(place)["status"])
 
 
 @pytest.mark.parametrize("stopped", [False, True])
@@ -117,25 +114,6 @@ def test_members_of_a_sweep_keep_former_results_where_no_member_can_be(tmp_path:
     }
 
 
-def crashed(folder: ResultsFolder, last: int) -> bool:
-    """Whether the process ended before the n-th change of the disk, in place of finishing."""
-    process, left = os.fork(), iter(range(last - 1))
-    if process:
-        folder.release()
-        return os.waitpid(process, 0)[1] != 0
-    for name in CHANGES:
-        act = getattr(os, name)
-
-        def counted(*given: object, act: object = act, **more: object) -> object:
-            if next(left, None) is None:
-                os.kill(os.getpid(), signal.SIGKILL)
-            return act(*given, **more)  # type: ignore[operator]
-
-        setattr(os, name, counted)
-    folder.finish()
-    os._exit(0)
-
-
 @pytest.mark.parametrize("notes", [False, True])
 def test_crash_at_any_moment_loses_neither_the_new_results_nor_the_former_ones(notes: bool, tmp_path: Path) -> None:
     """The next run puts both in their places; with a file of the user they move one by one."""
@@ -148,7 +126,9 @@ def test_crash_at_any_moment_loses_neither_the_new_results_nor_the_former_ones(n
         finished(place, "old")
         if notes:
             (place / "notes.txt").write_text("mine")
-        again = crashed(working(place, "new"), last)
+        new = working(place, "new")
+        again = killed_at(last, tmp_path, new.finish)
+        new.release()
         now = ResultsFolder(place)
         if (now.work / RESULT).exists():
             now.finish()

@@ -9,14 +9,14 @@ import resource
 import signal
 import subprocess
 import time as clock
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from shared.command import Call
+from shared.disks import Disk, killed_at
 from shared.histories import LEARNS, SMALL, assert_same, names_in
+from shared.processes import exit_code, forked, wait_for
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.run.run import run
@@ -24,11 +24,10 @@ from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
 
 SCENE = [*SMALL, *LEARNS, "steps.count=4"]
-BY_TIME, SPARE = 12, 4  # steps of a run that is killed by the clock, and those after the last moment: it must still run
+BY_TIME, SPARE = 20, 12  # steps of a run that is killed by the clock; those after the last moment: it still runs then
 LONGER = [*SMALL, *LEARNS, f"steps.count={BY_TIME}"]
 WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in LONGER)]
-SEED = "STICKSLIP_SEED"  # in the environment: the moments of an earlier test again
-DISK = ("fsync", "replace", "rename", "unlink", "mkdir")  # of the module os: what outlives a process
+SEED = "STICKSLIP_SEED"  # in the environment: other moments, or those of an earlier test again
 LONG = 3600  # s, for hundreds of runs on a busy machine
 TORN = 5  # bytes of a last row that a crash keeps from the disk
 
@@ -41,73 +40,23 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def in_a_process_of_its_own(act: Callable[[], object]) -> int:
-    """Start it; the process number. What C libraries have set up is there already."""
-    process = os.fork()
-    if process:
-        return process
-    try:
-        act()
-    finally:
-        os._exit(1)
+def killed(change: int, folder: Path, resume: bool) -> bool:
+    """Whether a run got so far that it was, before this change of the disk."""
+    return killed_at(change, folder.parent, lambda: run(read("block", SCENE), folder, resume=resume), TORN)
 
 
-def ended_by(process: int) -> int:
-    """The signal that ended it, or 0."""
-    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
-
-
-class Disk:
-    """Counts what is asked of the disk for results; at the n-th time the process is killed, before it is done."""
-
-    def __init__(self, folder: Path, killed_at: int = 0) -> None:
-        self.below, self.killed_at, self.count = f"{folder.parent}/", killed_at, 0
-
-    def watch(self, patch: pytest.MonkeyPatch) -> None:
-        for name in DISK:
-            patch.setattr(os, name, self._counted(name, getattr(os, name)))
-
-    def _counted(self, name: str, act: Callable[..., Any]) -> Callable[..., Any]:
-        def counted(*arguments: Any, **options: Any) -> Any:
-            if not _place(arguments[0]).startswith(self.below):  # the cache of compiled forms
-                return act(*arguments, **options)
-            self.count += 1
-            if self.count == self.killed_at:
-                if name == "fsync" and os.fstat(arguments[0]).st_size > TORN and _place(arguments[0]).endswith(".csv"):
-                    os.truncate(arguments[0], os.fstat(arguments[0]).st_size - TORN)
-                os.kill(os.getpid(), signal.SIGKILL)
-            return act(*arguments, **options)
-
-        return counted
-
-
-def _place(path: Any) -> str:
-    """Of a path, or of an open file."""
-    return os.readlink(f"/proc/self/fd/{path}") if isinstance(path, int) else str(path)
-
-
-def operations(folder: Path) -> int:
-    """How many times a run asks the disk for something."""
+def changes(folder: Path) -> int:
+    """How often a run changes the disk."""
     with pytest.MonkeyPatch.context() as patch:
-        disk = Disk(folder)
+        disk = Disk(folder.parent)
         disk.watch(patch)
         run(read("block", SCENE), folder)
     return disk.count
 
 
-def killed_at(operation: int, folder: Path, resume: bool) -> bool:
-    """Whether the run got so far that it was."""
-
-    def act() -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            Disk(folder, operation).watch(patch)
-            run(read("block", SCENE), folder, resume=resume)
-
-    return ended_by(in_a_process_of_its_own(act)) == -signal.SIGKILL
-
-
-def _moments(count: int) -> list[float]:
-    seed = int(os.environ.get(SEED, random.SystemRandom().randrange(10**6)))
+def _moments(count: int, seed: int = 0) -> list[float]:
+    """Parts of a run."""
+    seed = int(os.environ.get(SEED, seed))
     print(f"{SEED}={seed}")
     lots = random.Random(seed)
     return [lots.random() for _ in range(count)]
@@ -115,10 +64,10 @@ def _moments(count: int) -> list[float]:
 
 def test_killed_at_moments_of_writing_it_goes_on(tmp_path: Path, whole: Path) -> None:
     """The last one too, when all is solved and the files of what was learnt are gone."""
-    last = operations(tmp_path / "counted")
-    for operation in {*(1 + int(part * last) for part in _moments(1)), last}:
-        folder = tmp_path / f"{operation}" / "out"
-        assert killed_at(operation, folder, resume=False)
+    last = changes(tmp_path / "counted" / "out")
+    for change in {*(1 + int(part * last) for part in _moments(1)), last}:
+        folder = tmp_path / f"{change}" / "out"
+        assert killed(change, folder, resume=False)
         run(read("block", SCENE), folder, resume=True)
         assert_same(folder, whole)
         assert names_in(folder.parent) == {f"out/{name}" for name in names_in(whole)}
@@ -128,10 +77,10 @@ def test_killed_at_moments_of_writing_it_goes_on(tmp_path: Path, whole: Path) ->
 @pytest.mark.timeout(LONG)
 def test_killed_at_every_moment_of_writing_it_goes_on(tmp_path: Path, whole: Path) -> None:
     """And killed again while it resumes, at a moment as early."""
-    for operation in range(1, operations(tmp_path / "counted") + 1):
-        folder = tmp_path / f"{operation}" / "out"
-        assert killed_at(operation, folder, resume=False)
-        killed_at(operation // 2, folder, resume=True)
+    for change in range(1, changes(tmp_path / "counted" / "out") + 1):
+        folder = tmp_path / f"{change}" / "out"
+        assert killed(change, folder, resume=False)
+        killed(change // 2, folder, resume=True)
         run(read("block", SCENE), folder, resume=True)
         assert_same(folder, whole)
 
@@ -148,10 +97,10 @@ class Lot:
 
     def kill(self, process: int, folder: Path, pace: float) -> None:
         """A part of a step's time after that step's file has appeared."""
-        wait_for(self.step, folder, process)
+        reached(self.step, folder, process)
         clock.sleep(self.rest * pace)
         os.kill(process, signal.SIGKILL)
-        assert ended_by(process) == -signal.SIGKILL  # it had not ended by itself
+        assert exit_code(process) == -signal.SIGKILL  # it had not ended by itself
 
     def check(self, folder: Path) -> None:
         """The run went on from there, or from a step that came between."""
@@ -159,47 +108,38 @@ class Lot:
         assert self.step <= int(done) <= BY_TIME
 
 
-def wait_for(step: int, folder: Path, process: int) -> float:
+def reached(step: int, folder: Path, process: int) -> float:
     """The time at which its file was there."""
     path = folder.with_name(f".{folder.name}.running") / step_name(step)
-    while not path.exists():
-        assert os.waitpid(process, os.WNOHANG) == (0, 0), "it ended before that step"
-        clock.sleep(1e-3)
+    wait_for(path.exists, path.name, process)
     return clock.monotonic()
 
 
 def pace_of(process: int, folder: Path) -> float:
     """Seconds a step of a run that is left alone."""
-    first, last = (wait_for(step, folder, process) for step in (1, BY_TIME - 1))
-    ended_by(process)
+    first, last = (reached(step, folder, process) for step in (1, BY_TIME - 1))
+    assert exit_code(process) == 0
     return (last - first) / (BY_TIME - 2)
 
 
-@pytest.fixture(scope="module")
-def longer(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The results of a longer run that was left alone."""
-    folder = tmp_path_factory.mktemp("longer") / "out"
-    run(read("block", LONGER), folder)
-    return folder
-
-
-def test_killed_at_any_time_it_goes_on(tmp_path: Path, longer: Path) -> None:
+def test_killed_at_any_time_it_goes_on(tmp_path: Path) -> None:
     def start(place: Path) -> int:
-        return in_a_process_of_its_own(lambda: run(read("block", LONGER), place))
+        return forked(lambda: run(read("block", LONGER), place))
 
-    pace = pace_of(start(tmp_path / "timed"), tmp_path / "timed")
+    alone = tmp_path / "alone"
+    pace = pace_of(start(alone), alone)
     for number, lot in enumerate(map(Lot, _moments(1))):
         folder = tmp_path / f"{number}" / "out"
         lot.kill(start(folder), folder, pace)
         run(read("block", LONGER), folder, resume=True)
         lot.check(folder)
-        assert_same(folder, longer)
+        assert_same(folder, alone)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(LONG)
 def test_command_killed_at_twenty_random_times_goes_on(
-    folder: Path, command: list[str], environment: dict[str, str], longer: Path
+    folder: Path, command: list[str], environment: dict[str, str]
 ) -> None:
     def start(place: Path) -> int:
         place.mkdir()
@@ -208,15 +148,16 @@ def test_command_killed_at_twenty_random_times_goes_on(
             os.chdir(place)
             os.execve(command[0], [*command, *WORDS], environment)
 
-        return in_a_process_of_its_own(become)
+        return forked(become)
 
-    pace = pace_of(start(folder / "timed"), folder / "timed" / "out")
-    for number, lot in enumerate(map(Lot, _moments(20))):
+    alone = folder / "alone" / "out"
+    pace = pace_of(start(alone.parent), alone)
+    for number, lot in enumerate(map(Lot, _moments(20, random.SystemRandom().randrange(10**6)))):
         place = folder / f"{number}"
         lot.kill(start(place), place / "out", pace)
         assert subprocess.run([*command, *WORDS, "--resume"], cwd=place, env=environment, check=False).returncode == 0
         lot.check(place / "out")
-        assert_same(place / "out", longer)
+        assert_same(place / "out", alone)
 
 
 def test_third_ctrl_c_ends_it_at_once(tmp_path: Path, whole: Path) -> None:
@@ -229,8 +170,7 @@ def test_third_ctrl_c_ends_it_at_once(tmp_path: Path, whole: Path) -> None:
             os.kill(os.getpid(), signal.SIGKILL)  # reached if it goes on
 
     folder = tmp_path / "out"
-    process = in_a_process_of_its_own(lambda: run(read("block", SCENE), folder, Watch(on_step=press)))
-    assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 130
+    assert exit_code(forked(lambda: run(read("block", SCENE), folder, Watch(on_step=press)))) == 130
     assert not folder.exists()
     run(read("block", SCENE), folder, resume=True)
     assert "resumed after step 2," in (folder / "run.log").read_text()

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ import pytest
 
 from shared.cases import slow
 from shared.command import Call, result
+from shared.disks import killed_at
 from shared.histories import SMALL, Stop, assert_same, names_in
 from stickslip.geometry.errors import FolderError
 from stickslip.workflows.formats.own_files import MARKER, PART, SIGNATURE, claim, foreign, listed, mark
@@ -207,28 +206,6 @@ def test_list_that_says_its_files_come_from_elsewhere_is_refused(source: str, ca
 # crashes while files move one by one
 
 
-class Disk:
-    """Ends the process, as a crash does, before the n-th change of the disk."""
-
-    NAMES = ("replace", "rename", "unlink", "mkdir", "rmdir", "fsync")
-
-    def __init__(self, last: int) -> None:
-        self.last, self.count = last, 0
-
-    def watch(self, patch: pytest.MonkeyPatch) -> None:
-        for name in self.NAMES:
-            patch.setattr(os, name, self._counted(getattr(os, name)))
-
-    def _counted(self, act: Callable[..., Any]) -> Callable[..., Any]:
-        def counted(*arguments: Any, **options: Any) -> Any:
-            self.count += 1
-            if self.count == self.last:
-                os.kill(os.getpid(), signal.SIGKILL)
-            return act(*arguments, **options)
-
-        return counted
-
-
 def _results(place: Path, text: str) -> ResultsFolder:
     folder = ResultsFolder(place)
     work = folder.start()
@@ -239,19 +216,6 @@ def _results(place: Path, text: str) -> ResultsFolder:
     return folder
 
 
-def _replaced_until(place: Path, last: int) -> bool:
-    """Whether the crash came before the end."""
-    folder = _results(place, "new")
-    process = os.fork()
-    if not process:
-        with pytest.MonkeyPatch.context() as patch:
-            Disk(last).watch(patch)
-            folder.finish()
-            os._exit(0)
-    folder.release()
-    return os.waitpid(process, 0)[1] != 0
-
-
 def test_crash_at_any_moment_of_moving_is_made_good_by_the_next_run(tmp_path: Path) -> None:
     last, crashed = 0, True
     while crashed:
@@ -260,7 +224,9 @@ def test_crash_at_any_moment_of_moving_is_made_good_by_the_next_run(tmp_path: Pa
         place.parent.mkdir()
         _results(place, "old").finish()
         (place / "steps" / "notes.txt").write_text("mine")
-        crashed = _replaced_until(place, last)
+        new = _results(place, "new")
+        crashed = killed_at(last, tmp_path, new.finish)
+        new.release()
         now = ResultsFolder(place)
         assert (place / "steps" / "notes.txt").read_text() == "mine"
         where = {folder: (folder / "result.json").exists() for folder in now.replaced}
@@ -268,7 +234,7 @@ def test_crash_at_any_moment_of_moving_is_made_good_by_the_next_run(tmp_path: Pa
             if folder.exists():
                 names = {name for name in names_in(folder) if not name.endswith("notes.txt")} - {MARKER, PART}
                 assert names == ({"result.json", "steps/000001.h5", "begun.json", "run.log"} if there else set())
-        found = [json.loads((f / "result.json").read_text())["status"] for f, there in where.items() if there]
+        found = [result(f)["status"] for f, there in where.items() if there]
         assert "new" in found
         assert set(found) <= {"new", "old"}
     assert last > 10

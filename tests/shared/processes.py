@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import time as clock
@@ -22,6 +23,23 @@ def running(words: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[s
             yield process
         finally:
             process.kill()
+
+
+def forked(act: Callable[[], object]) -> int:
+    """Do it in a process of its own; the process number. What C libraries have set up is there already."""
+    if process := os.fork():
+        return process
+    code = 1
+    try:
+        act()
+        code = 0
+    finally:
+        os._exit(code)
+
+
+def exit_code(process: int) -> int:
+    """Of a process that was forked, when it has ended; -n: signal n ended it."""
+    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
 
 
 def children(process: int) -> list[int]:
@@ -52,13 +70,16 @@ def words_of(process: int) -> list[bytes]:
         return []
 
 
-def wait_for(look: Callable[[], T], what: str) -> T:
-    """What `look` finds, as soon as it finds something."""
+def wait_for(look: Callable[[], T], what: str, process: int | None = None) -> T:
+    """What `look` finds, as soon as it finds something; of a process, if given, that has not ended by then."""
     until = clock.monotonic() + LIMIT
-    while not (found := look()):
+    while True:
+        runs = process is None or is_there(process)  # asked first: it may end as soon as there is something to find
+        if found := look():
+            return found
+        assert runs, f"the process ended before {what}"
         assert clock.monotonic() < until, f"waited in vain for {what}"
         clock.sleep(1e-3)
-    return found
 
 
 def gmsh_child(process: int, doing: str) -> int:
@@ -73,4 +94,4 @@ def gmsh_child(process: int, doing: str) -> int:
         return 0
 
     others = set[int]()
-    return wait_for(look, f"gmsh's process, {doing}")
+    return wait_for(look, f"gmsh's process, {doing}", process)
