@@ -1,13 +1,21 @@
-"""Steps audited without their files."""
+"""Steps solved and audited without their files."""
 
 from dataclasses import asdict
 
 from stickslip.solvers.results.audit import Auditor, Record
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.results.stored_fields import StoredFields
+from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.verification.prepared import prepare
 
 NAMES = ("time", "displacement", "p", "w", "reference", "driven", "shortened", "searched", "slid")
+
+
+def solved(scene: Scene) -> tuple[Simulation, list[StepResult]]:
+    """All steps of a scene."""
+    simulation = prepare(scene)
+    return simulation, list(simulation.steps())
 
 
 def record_of(step: StepResult) -> Record:

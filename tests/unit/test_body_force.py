@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shared.audited import audit
+from shared.audited import audit, solved
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.scene_file.read import from_dict
 from stickslip.workflows.verification.cases import by_place as case
 from stickslip.workflows.verification.check import failures
@@ -33,11 +31,6 @@ def scene(model: str = "plane strain", **tables: Any) -> Scene:
         held = {"left": {"boundary": "block.bottom", "displacement": {"y": 0.0}}}
     data = {"model": model, "geometry": geometry, "bodies": {"block": {"E": E, "nu": NU}}, "supports": held}
     return from_dict(data | tables)
-
-
-def solved(found: Scene) -> tuple[Simulation, list[StepResult]]:
-    simulation = prepare(found)
-    return simulation, list(simulation.steps())
 
 
 def test_loads_and_displacements_follow_expressions() -> None:

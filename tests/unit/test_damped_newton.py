@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
 from shared.discrete import random_problem
+from shared.problems import surface_problem
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -37,8 +38,7 @@ def problem_of(tables: dict[str, Any], normal: dict[str, Any] | None = None, mu:
         "obstacles": {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
         "contacts": {"base": {"surface": "block.bottom", "against": "foundation", "gap_offset": -0.01} | laws},
     }
-    stepper = prepare(from_dict(scene | tables)).stepper
-    return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+    return surface_problem(prepare(from_dict(scene | tables)))
 
 
 @pytest.fixture(scope="module")

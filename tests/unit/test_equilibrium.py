@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.solvers.interface.flexibility import Load
+from shared.problems import times
 from stickslip.solvers.interface.limit_analysis import Balance, balancing_tractions, decide, unbalanced_motion
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.scene.scene import Scene
@@ -104,7 +104,7 @@ def test_balancing_tractions_balance_and_lie_in_the_cone(dim: int, problem_of: C
 def test_stick_holds_any_pull_but_no_lift(problem_of: Callable[..., SurfaceProblem]) -> None:
     assert decide(problem_of(2, [50 * PRESS], {"law": "stick"})) is Balance.POSSIBLE
     pressed = problem_of(2, [0.0], {"law": "stick"})
-    lifted = replace(pressed, load=scaled(pressed.load, -1.0))
+    lifted = replace(pressed, load=times(pressed.load, -1.0))
     assert decide(lifted) is Balance.IMPOSSIBLE
     assert balancing_tractions(lifted) is None
 
@@ -112,12 +112,6 @@ def test_stick_holds_any_pull_but_no_lift(problem_of: Callable[..., SurfaceProbl
 def test_a_surface_that_pulls_presses_elsewhere_as_hard_as_need_be(problem_of: Callable[..., SurfaceProblem]) -> None:
     """Bilateral contact with Coulomb friction: no pull is forbidden, for rigid bodies may be pressed and pulled."""
     assert decide(problem_of(2, [3 * PRESS], {"law": "coulomb", "mu": 0.3}, "bilateral")) is not Balance.IMPOSSIBLE
-
-
-def scaled(load: Load, factor: float) -> Load:
-    f_q = load.f_q.copy()
-    f_q.scale(factor)
-    return replace(load, f_q=f_q, f_c=factor * load.f_c, resultant=factor * load.resultant, free=factor * load.free)
 
 
 @pytest.mark.parametrize(("m_T", "expected"), [(2.0, Balance.IMPOSSIBLE), (1.0, Balance.UNDECIDED)])
@@ -131,7 +125,7 @@ def test_bounds_that_are_no_lines_are_not_guessed(
 
 def test_no_load_is_balanced_by_nothing(problem_of: Callable[..., SurfaceProblem]) -> None:
     problem = problem_of(2, [0.01], {"law": "coulomb", "mu": 0.3})
-    problem = replace(problem, load=scaled(problem.load, 0.0))
+    problem = replace(problem, load=times(problem.load, 0.0))
     assert decide(problem) is Balance.POSSIBLE
     assert not balancing_tractions(problem).any()  # type: ignore[union-attr]
 
@@ -140,7 +134,7 @@ def test_no_load_is_balanced_by_nothing(problem_of: Callable[..., SurfaceProblem
 def test_the_answer_is_the_same_in_every_unit(unit: float, problem_of: Callable[..., SurfaceProblem]) -> None:
     for share, expected in ((0.9999, Balance.POSSIBLE), (1.0001, Balance.IMPOSSIBLE)):
         problem = problem_of(2, [share * 0.3 * PRESS], {"law": "coulomb", "mu": 0.3})
-        assert decide(replace(problem, load=scaled(problem.load, unit))) is expected
+        assert decide(replace(problem, load=times(problem.load, unit))) is expected
 
 
 def test_what_is_left_of_forces_that_cancel_is_no_load(problem_of: Callable[..., SurfaceProblem]) -> None:
@@ -153,8 +147,8 @@ def test_what_is_left_of_forces_that_cancel_is_no_load(problem_of: Callable[...,
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_bilateral_contact_pulls(sign: float, problem_of: Callable[..., SurfaceProblem]) -> None:
     problem = problem_of(2, [0.9 * 0.04], {"law": "tresca", "bound": 0.02}, "bilateral")
-    assert decide(replace(problem, load=scaled(problem.load, sign))) is Balance.POSSIBLE
-    p = balancing_tractions(replace(problem, load=scaled(problem.load, sign)))
+    assert decide(replace(problem, load=times(problem.load, sign))) is Balance.POSSIBLE
+    p = balancing_tractions(replace(problem, load=times(problem.load, sign)))
     assert p is not None
     assert sign * problem.surface.W[: problem.surface.normal_rows] @ p[: problem.surface.normal_rows] > 0.9 * PRESS
 
@@ -201,7 +195,7 @@ def test_rigid_bodies_rest_where_gaps_are_small_and_evenly(problem_of: Callable[
     # in another unit of loads and lengths
     small = replace(
         rests,
-        load=scaled(rests.load, 1e-9), gap=1e-9 * rests.gap, offset=1e-9 * rests.offset, force=1e-9 * rests.force,
+        load=times(rests.load, 1e-9), gap=1e-9 * rests.gap, offset=1e-9 * rests.offset, force=1e-9 * rests.force,
     )  # fmt: skip
     p = balancing_tractions(small)
     assert p is not None

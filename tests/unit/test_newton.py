@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from shared.problems import surface_problem
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
-from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.uzawa import Uzawa
@@ -58,12 +58,6 @@ def pressed(scene_of: SceneOf, dim: int, normal: str, friction: str, **solver: A
     )
 
 
-def problem_of(simulation: Simulation) -> SurfaceProblem:
-    """The surface problem at t = 1."""
-    stepper = simulation.stepper
-    return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
-
-
 def trial_away_from_kinks(cone: AdmissibleSet, gamma: Array, seed: int) -> tuple[Array, NDArray[np.str_]]:
     """Random trial tractions, none near an edge between open, stick and slip; the state of each tangential point."""
     random = np.random.default_rng(seed)
@@ -107,7 +101,7 @@ def test_linearised_laws_are_the_derivative_of_the_laws(
     dim: int, normal: str, friction: str, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     """One Newton step of p - P_C(p + gamma (w - gap)) = 0, by differences, has the linearised laws' solutions."""
-    problem = problem_of(simulation_of(pressed(scene_of, dim, normal, friction)))
+    problem = surface_problem(simulation_of(pressed(scene_of, dim, normal, friction)))
     problem = replace(problem, gap=problem.gap + np.random.default_rng(6).normal(0.0, 0.1, len(problem.gap)))
     cone, gamma, rows = problem.cone, problem.gamma * 0.8, problem.cone.size
     p_hat, states = trial_away_from_kinks(cone, gamma, seed=4)
@@ -133,7 +127,7 @@ def test_linearised_laws_are_the_derivative_of_the_laws(
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_condensed_system_is_solved_with_its_laws(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    problem = problem_of(simulation_of(pressed(scene_of, dim, "power", "coulomb")))
+    problem = surface_problem(simulation_of(pressed(scene_of, dim, "power", "coulomb")))
     p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws = linearise(problem, p_hat, problem.gamma)
     p, u_c = solve(laws, np.zeros(laws.problem.surface.size))
@@ -156,7 +150,7 @@ def test_it_is_solved_with_floating_bodies_too(
     laws: dict[str, Any] = {"normal": (NORMAL | {"soft": {"law": "compliance", "c_n": 0.5}})[normal]}
     laws |= {"friction": FRICTION[friction], "gap_offset": -0.01}
     drag = [0.005, -0.1] if dim == 2 else [0.005, 0.003, -0.1]
-    problem = problem_of(simulation_of(scene_of(
+    problem = surface_problem(simulation_of(scene_of(
         dim,
         bodies={"block": {"E": 3.0, "nu": 0.3}},
         contacts={"base": {"surface": "block.bottom", "against": "foundation"} | laws},
@@ -180,7 +174,7 @@ def test_it_is_solved_with_floating_bodies_too(
 
 
 def test_rows_that_slip_are_known(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    problem = problem_of(simulation_of(pressed(scene_of, 2, "unilateral", "coulomb")))
+    problem = surface_problem(simulation_of(pressed(scene_of, 2, "unilateral", "coulomb")))
     p_hat, states = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws, (place,) = linearise(problem, p_hat, problem.gamma), problem.cone.places
     assert laws.slip[place.tangential].tolist() == ((states == "slip") & place.rows.free[:, 0]).tolist()
@@ -189,7 +183,7 @@ def test_rows_that_slip_are_known(scene_of: SceneOf, simulation_of: SimulationOf
 
 def test_a_direction_without_multiplier_has_no_law(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """A point that slips in 3D, one of whose directions a support has taken: its row is p = 0."""
-    problem = problem_of(simulation_of(pressed(scene_of, 3, "unilateral", "coulomb")))
+    problem = surface_problem(simulation_of(pressed(scene_of, 3, "unilateral", "coulomb")))
     p_hat, states = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     (rows,), point = problem.cone.contacts, int(np.flatnonzero(states == "slip")[0])
     free = rows.free.copy()
@@ -207,7 +201,7 @@ def test_a_direction_without_multiplier_has_no_law(scene_of: SceneOf, simulation
 
 def test_nan_goes_through_the_system(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """It ends as Status.NOT_FINITE, not as an error."""
-    problem = problem_of(simulation_of(pressed(scene_of, 2, "linear", "coulomb")))
+    problem = surface_problem(simulation_of(pressed(scene_of, 2, "linear", "coulomb")))
     p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws = linearise(problem, p_hat, problem.gamma)
     surface = problem.surface
@@ -223,7 +217,7 @@ def test_nan_goes_through_the_system(scene_of: SceneOf, simulation_of: Simulatio
 def test_unknown_tractions_and_unknown_motions_give_the_same_answer(
     friction: str, dim: int, seed: int, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
-    problem = problem_of(simulation_of(pressed(scene_of, dim, "unilateral", friction)))
+    problem = surface_problem(simulation_of(pressed(scene_of, dim, "unilateral", friction)))
     surface = problem.surface
     assert isinstance(surface, CondensedSurface)
     bodies = surface.row_stiffness(problem.cone.carrying)
@@ -277,7 +271,7 @@ def test_uzawa_converges_up_to_two_over_lambda_max_and_no_further(
     relaxation: float, converges: bool, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     """All points closed and sticking: Richardson's iteration, whose bound is sharp."""
-    problem = problem_of(simulation_of(pressed(scene_of, 2, "bilateral", "stick")))
+    problem = surface_problem(simulation_of(pressed(scene_of, 2, "bilateral", "stick")))
     method = Uzawa(alpha=relaxation / problem.surface.lambda_max, rtol=1e-8, max_it=20000)
     solution = method(problem, np.zeros(problem.cone.size))
     if converges:
@@ -290,7 +284,7 @@ def test_uzawa_converges_up_to_two_over_lambda_max_and_no_further(
 
 
 def test_a_method_says_when_it_ran_out_of_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    problem = problem_of(simulation_of(pressed(scene_of, 2, "unilateral", "coulomb")))
+    problem = surface_problem(simulation_of(pressed(scene_of, 2, "unilateral", "coulomb")))
     nothing = np.zeros(problem.cone.size)
     solution = Uzawa(rtol=1e-12, max_it=3)(problem, nothing)
     assert (solution.status, solution.iterations, len(solution.history)) == (Status.MAX_IT, 3, 4)

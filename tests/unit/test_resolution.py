@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 
 from stickslip.solvers.accuracy.resolution import BLIND, elements_touched, unresolved
@@ -12,10 +11,12 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.run.mesh_report import report_mesh
 from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.closed_forms import hertz
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
 LOAD, RADII, E, NU = 500.0, (0.01, 0.1), 210e6, 0.3
+EXACT = hertz.cylinder(LOAD, 1 / sum(1 / r for r in RADII), hertz.plane_strain(E, NU) / 2)
 
 
 def rollers(order: int, lower: float, swap: bool = False) -> Scene:
@@ -39,13 +40,6 @@ def rollers(order: int, lower: float, swap: bool = False) -> Scene:
     })  # fmt: skip
 
 
-def hertz() -> tuple[float, float]:
-    """Half width [m] and largest pressure [Pa]."""
-    radius, modulus = 1 / sum(1 / r for r in RADII), E / (1 - NU**2) / 2
-    half = float(np.sqrt(4 * LOAD * radius / np.pi / modulus))
-    return half, 2 * LOAD / np.pi / half
-
-
 @pytest.mark.parametrize(("order", "swap"), [(1, False), (2, False), (2, True)])
 def test_an_unresolved_contact_is_warned_of_and_its_errors_are_not_small(
     order: int, swap: bool, estimating: SimulationOf
@@ -53,9 +47,9 @@ def test_an_unresolved_contact_is_warned_of_and_its_errors_are_not_small(
     simulation = estimating(rollers(order, lower=1.5e-3, swap=swap))
     (step,) = simulation.steps()
     (found,), (rows,) = simulation.errors([step]), simulation.system.contacts
-    contact, (half, pressure) = step.contacts["pole"], hertz()
+    contact = step.contacts["pole"]
     assert unresolved(rows, contact)
-    for name, true in (("max_pressure", pressure), ("contact_area", half)):
+    for name, true in (("max_pressure", EXACT.p0), ("contact_area", EXACT.a)):
         value, error = getattr(contact, name), found[Quantity("contacts", "pole", name)].total
         assert error is not None
         assert error >= max(value, 0.7 * abs(value - true))
@@ -72,12 +66,11 @@ def test_a_side_of_two_elements_is_warned_of_alone(estimating: SimulationOf) -> 
     (step,) = simulation.steps()
     (found,), (rows,) = simulation.errors([step]), simulation.system.contacts
     own, other = elements_touched(rows, step.contacts["pole"])
-    half, pressure = hertz()
-    assert own == pytest.approx(half / 3e-5, rel=0.15)
-    assert other == pytest.approx(half / 1e-4, rel=0.25)
+    assert own == pytest.approx(EXACT.a / 3e-5, rel=0.15)
+    assert other == pytest.approx(EXACT.a / 1e-4, rel=0.25)
     error = found[Quantity("contacts", "pole", "max_pressure")].total
     assert error is not None
-    assert 0.7 * abs(step.contacts["pole"].max_pressure - pressure) < error < 0.02 * pressure
+    assert 0.7 * abs(step.contacts["pole"].max_pressure - EXACT.p0) < error < 0.02 * EXACT.p0
     assert f"has only {other:.2g} elements of lower.arc across" in next(doubts(simulation, [step]))
 
 

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.linalg import eigvalsh
 
+from shared.problems import surface_problem
 from stickslip.solvers.analysis.saddle_points import (
     Bounds,
     Exact,
@@ -186,12 +187,6 @@ def pressed(scene_of: SceneOf, normal: dict[str, Any], friction: dict[str, Any] 
     return scene_of(2, **(made | tables))
 
 
-def problem_of(simulation: Simulation) -> SurfaceProblem:
-    """The surface problem at t = 1."""
-    stepper = simulation.stepper
-    return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
-
-
 def largest_eigenvalue(problem: SurfaceProblem) -> float:
     """Of W^-1 B K_B^-1 B^T [m/Pa], dense."""
     surface = problem.surface
@@ -222,7 +217,7 @@ ROUND = {"foundation": {"shape": "cylinder", "point": [1.0, -4.0], "radius": 4.0
 
 
 def test_without_projection_the_bound_is_sharp_for_contact_too(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    problem = problem_of(simulation_of(pressed(scene_of, BILATERAL, STICK)))
+    problem = surface_problem(simulation_of(pressed(scene_of, BILATERAL, STICK)))
     largest, exact = largest_eigenvalue(problem), exactly(problem)
     assert largest <= problem.surface.lambda_max < largest * (1 + 1e-3)
     start = exact + np.random.default_rng(2).normal(size=len(exact))
@@ -239,7 +234,7 @@ def test_with_a_fixed_convex_set_the_bound_suffices(
     normal: dict[str, Any], friction: dict[str, Any] | None, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     """Projection in the metric W is a contraction: the distance to the answer falls in every single iteration."""
-    problem = problem_of(simulation_of(pressed(scene_of, normal, friction, obstacles=ROUND)))
+    problem = surface_problem(simulation_of(pressed(scene_of, normal, friction, obstacles=ROUND)))
     largest, exact = largest_eigenvalue(problem), exactly(problem)
     start = problem.project(np.random.default_rng(2).normal(size=len(exact)), 1.0)
     found = distances(problem, exact, start, 0.99 * 2 / largest, 1500)
@@ -250,7 +245,7 @@ def test_with_a_fixed_convex_set_the_bound_suffices(
 def test_given_friction_that_pressure_switches_on_converges_below_the_bound(
     scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
-    problem = problem_of(simulation_of(pressed(scene_of, UNILATERAL, TRESCA)))
+    problem = surface_problem(simulation_of(pressed(scene_of, UNILATERAL, TRESCA)))
     exact = exactly(problem)
     solution = Uzawa(relaxation=1.98, rtol=1e-10)(problem, np.zeros(len(exact)))
     assert solution.status is Status.CONVERGED
@@ -263,7 +258,7 @@ def test_given_friction_that_pressure_switches_on_converges_below_the_bound(
 
 def test_the_bound_is_not_necessary_where_points_are_open(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """What is open does not take part: the points in contact alone have a smaller eigenvalue."""
-    problem = problem_of(simulation_of(pressed(scene_of, UNILATERAL, None, obstacles=ROUND)))
+    problem = surface_problem(simulation_of(pressed(scene_of, UNILATERAL, None, obstacles=ROUND)))
     exact = exactly(problem)
     assert np.mean(exact[: problem.surface.normal_rows] > 0) < 0.8
     found = distances(problem, exact, exact, 1.01 * 2 / largest_eigenvalue(problem), 1)
@@ -276,7 +271,7 @@ def test_the_bound_is_not_necessary_where_points_are_open(scene_of: SceneOf, sim
 def test_compliance_taken_implicitly_costs_no_step_size(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """C != 0 within the projection: B K_B^-1 B^T alone bounds alpha, though S = B K_B^-1 B^T + C is far larger."""
     soft = {"law": "compliance", "c_n": 0.1}, {"law": "stick", "k_T": 0.1}
-    problem = problem_of(simulation_of(pressed(scene_of, *soft)))
+    problem = surface_problem(simulation_of(pressed(scene_of, *soft)))
     largest = largest_eigenvalue(problem)
     assert 2 * largest < 1 / 0.1  # C in the metric W
     exact = exactly(problem)

@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
+from shared.problems import surface_problem
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface import schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -55,15 +56,10 @@ def fresh(surface: CondensedSurface) -> CondensedSurface:
     )
 
 
-def problem_of(simulation: Simulation) -> SurfaceProblem:
-    stepper = simulation.stepper
-    return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_displacements_are_in_equilibrium(name: str, simulation_named: Callable[[str], Simulation]) -> None:
     """On the contact dofs, S u = f_c - N^T W p + rho R (b - R^T u) with b = 0; on all dofs, K u = f - B^T p."""
-    problem = problem_of(simulation_named(name))
+    problem = surface_problem(simulation_named(name))
     surface = problem.surface
     assert isinstance(surface, CondensedSurface)
     p = np.random.default_rng(0).normal(size=len(problem.gap))
@@ -109,7 +105,7 @@ def test_a_restored_one_answers_to_the_last_bit(
     count: int, simulation_named: Callable[[str], Simulation], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Before and after the inverse is formed."""
-    problem = problem_of(simulation_named("held"))
+    problem = surface_problem(simulation_named("held"))
     surface = problem.surface
     assert isinstance(surface, CondensedSurface)
     monkeypatch.setattr(schur_complement, "PAYS", surface.size / 2)

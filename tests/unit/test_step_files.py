@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import os
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from shared.disks import make_full
 from shared.synthetic import job_of, mesh_of, padded, result_of
 from stickslip.geometry.errors import MachineError
 from stickslip.workflows.formats.hdf5 import checksum
@@ -119,10 +118,7 @@ def test_a_full_disk_leaves_the_old_step_and_no_rubbish(tmp_path: Path, monkeypa
     path = write_step(tmp_path, 1, result_of(mesh))
     before = path.read_bytes()
 
-    def full(descriptor: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fsync", full)
+    make_full(monkeypatch)
     with pytest.raises(MachineError, match="cannot be written: No space left on device"):
         write_step(tmp_path, 1, result_of(mesh, seed=1))
     assert path.read_bytes() == before

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from petsc4py import PETSc
 
-from stickslip.solvers.interface.flexibility import Load
+from shared.problems import surface_problem, times
 from stickslip.solvers.interface.problem import LAST_DIGITS, LEAST, PART, SurfaceProblem
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton.solution import Solution
@@ -36,8 +36,7 @@ def _problem(normal: str, friction: str, floating: bool) -> SurfaceProblem:
         "contacts": {"base": {"surface": "block.bottom", "against": "foundation", "normal": normals[normal],
                               "friction": frictions[friction]}},
     }  # fmt: skip
-    stepper = prepare(from_dict(scene | (PULLED if floating else DRIVEN))).stepper
-    return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+    return surface_problem(prepare(from_dict(scene | (PULLED if floating else DRIVEN))))
 
 
 def problem_of(normal: str = "unilateral", friction: str = "coulomb", floating: bool = False) -> SurfaceProblem:
@@ -47,15 +46,9 @@ def problem_of(normal: str = "unilateral", friction: str = "coulomb", floating: 
 
 def scaled(problem: SurfaceProblem, factor: float) -> SurfaceProblem:
     """Loads, gaps and motions multiplied."""
-
-    def by(load: Load) -> Load:
-        f_q = load.f_q.copy()
-        f_q.scale(factor)
-        return replace(load, f_q=f_q, f_c=factor * load.f_c, resultant=factor * load.resultant, free=factor * load.free)
-
     return replace(
         problem,
-        load=by(problem.load),
+        load=times(problem.load, factor),
         offset=factor * problem.offset,
         gap=factor * problem.gap,
         force=factor * problem.force,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import stickslip.solvers.newton.surface_system as surface_system
 from shared.cases import often, slow
+from shared.problems import surface_problem
 from stickslip.solvers.interface import schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
@@ -229,7 +230,7 @@ def test_what_one_step_learnt_serves_the_next(scene_of: SceneOf, simulation_of: 
 
 def test_it_says_when_it_ran_out_of_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     simulation = simulation_of(pressed(scene_of, 2, 8, 0.3))
-    problem = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None).problem
+    problem = surface_problem(simulation)
     method = LearningIteration(metric=surface_metric(simulation.system), max_it=3)
     solution = method(problem, np.zeros(problem.cone.size))
     assert (solution.status, solution.iterations, len(solution.history)) == (Status.MAX_IT, 3, 4)
@@ -241,7 +242,7 @@ def test_a_residual_that_is_no_number_is_never_the_best(
     scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     simulation = simulation_of(pressed(scene_of, 2, 8, 0.3))
-    problem = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None).problem
+    problem = surface_problem(simulation)
     method, p = LearningIteration(metric=surface_metric(simulation.system)), np.zeros(problem.cone.size)
     F = method._F(problem.surface)
     flexibility = surface_system.Flexibility(surface=problem.surface, F=F, metric=method.metric)
@@ -261,7 +262,7 @@ def test_a_residual_that_is_no_number_is_never_the_best(
 def test_exact_bodies_may_use_all_of_the_tolerance(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """Their volume solves have no error to be added: it ends at the first residual that is small enough."""
     simulation = simulation_of(pressed(scene_of, 2, 8, 0.3))
-    problem = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None).problem
+    problem = surface_problem(simulation)
     metric, p = surface_metric(simulation.system), np.zeros(problem.cone.size)
     residuals = [step.residual for step in LearningIteration(metric=metric, rtol=1e-12)(problem, p).history]
     rtol = 1.0001 * residuals[3]

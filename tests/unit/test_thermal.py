@@ -9,17 +9,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shared.audited import audit
+from shared.audited import audit, solved
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.steps_csv import read_steps_table
 from stickslip.workflows.pictures.history_picture import panels_of
 from stickslip.workflows.pictures.loops import from_rest
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 from stickslip.workflows.writers.steps_table import steps_row
 
 E, NU, ALPHA, T = 200.0, 0.3, 1e-3, 20.0
@@ -53,11 +50,6 @@ def free(model: str) -> Scene:
 def clamped(model: str) -> Scene:
     every = {"3d": ("left", "right", "front", "back", "bottom", "top"), "axisymmetric": ("right", "bottom", "top")}
     return scene(model, every.get(model, ("left", "right", "bottom", "top")))
-
-
-def solved(found: Scene) -> tuple[Simulation, list[StepResult]]:
-    simulation = prepare(found)
-    return simulation, list(simulation.steps())
 
 
 def test_a_free_block_grows_without_stress() -> None:

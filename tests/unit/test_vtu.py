@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import os
 from pathlib import Path
 from typing import Any
 from unittest.mock import MagicMock
@@ -14,6 +12,7 @@ import pytest
 import pyvista as pv
 from numpy.testing import assert_allclose, assert_array_equal
 
+from shared.disks import make_full
 from shared.histories import SMALL, Stop, assert_same, names_in
 from shared.synthetic import FACET, MESHES, SIZE, job_of, mesh_of, padded, result_of
 from stickslip.geometry.errors import MachineError, SceneError
@@ -227,11 +226,8 @@ def test_a_full_disk_is_said_and_the_old_files_stay_readable(tmp_path: Path, mon
     files.step(1, results[0])
     before = names_in(tmp_path)
 
-    def full(descriptor: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     with monkeypatch.context() as patched:
-        patched.setattr(os, "fsync", full)
+        make_full(patched)
         with pytest.raises(MachineError, match=r"000002_body_left\.vtu: cannot be written: No space left"):
             files.step(2, results[1])
     assert names_in(tmp_path) == before

@@ -1,0 +1,20 @@
+"""Surface problems of small scenes at t = 1, and their loads multiplied."""
+
+from dataclasses import replace
+
+from stickslip.solvers.interface.flexibility import Load
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.simulation.simulation import Simulation
+
+
+def surface_problem(simulation: Simulation) -> SurfaceProblem:
+    """As it is solved at t = 1."""
+    stepper = simulation.stepper
+    return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+
+
+def times(load: Load, factor: float) -> Load:
+    """The same load, so many times as large."""
+    f_q = load.f_q.copy()
+    f_q.scale(factor)
+    return replace(load, f_q=f_q, f_c=factor * load.f_c, resultant=factor * load.resultant, free=factor * load.free)
