@@ -8,7 +8,6 @@ import json
 import re
 import shutil
 import subprocess
-import time
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from stickslip.workflows.scene_file.read import read
 
 pytestmark = pytest.mark.slow
 SCENES = ("block", "cad_part", "fretting")
-LARGEST, LONGEST = 10e6, 5.0  # bytes; s
+LARGEST = 10e6  # bytes
 LIMIT = 120  # s for Chromium
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 OPTIONS = (
@@ -92,10 +91,7 @@ def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     """The page of a ready scene."""
     folder = tmp_path_factory.mktemp(request.param)
     run(read(request.param), folder / "out")
-    began = time.perf_counter()
-    path = report(folder / "out", folder / "page.html")
-    assert time.perf_counter() - began < LONGEST, "it takes a fiftieth of that"
-    return path
+    return report(folder / "out", folder / "page.html")
 
 
 def chromium(page: Path, *words: str) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""A child process that does nothing for a minute: `python -m shared.sleeper FILE PARENT`; FILE gets its number."""
+"""A child process that does nothing for an hour: `python -m shared.sleeper FILE PARENT`; FILE gets its number."""
 
 import os
 import sys
@@ -10,4 +10,4 @@ from stickslip.geometry.user_files.child import end_with
 if __name__ == "__main__":
     end_with(int(sys.argv[2]))
     Path(sys.argv[1]).write_text(str(os.getpid()))
-    time.sleep(60)
+    time.sleep(3600)

@@ -9,13 +9,13 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time as clock
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from shared.drawn import GEO, LONG
+from shared.processes import is_there, running, wait_for
 from stickslip.geometry.errors import GeometryError, MachineError, StickslipError
 from stickslip.geometry.memory import ended_for_memory, is_full
 from stickslip.geometry.user_files import reader
@@ -157,13 +157,11 @@ def test_disk_without_room_for_the_mesh_is_named(tmp_path: Path, limited: Any) -
 
 def test_time_limit_ends_also_what_prints_without_end(tmp_path: Path) -> None:
     """And what prints nothing more: its standard output is closed."""
-    began = clock.monotonic()
     for loop in ("print('again and again')", "os.closerange(1, 3)"):
         error = why(tmp_path / "b.py", f"import os\nwhile True:\n    {loop}\n", time_limit=1.0)
         assert "gmsh does not finish reading it within 1 s; try a longer geometry.time_limit" in str(error)
     error = why(tmp_path / "b.geo", FINE, mesh=MESH, time_limit=1.0)
     assert "gmsh does not finish meshing it within 1 s; try a larger mesh_size or a longer" in str(error)
-    assert clock.monotonic() - began < 30
 
 
 FULL = """
@@ -187,7 +185,7 @@ def test_memory_that_is_taken_is_seen() -> None:
 HOLD = """
 import sys, threading
 from stickslip.geometry.user_files.child import run_child
-run_child("shared.sleeper", [sys.argv[1]], None, 60.0)
+run_child("shared.sleeper", [sys.argv[1]], None, 3600.0)
 """
 
 
@@ -195,15 +193,9 @@ def test_child_of_a_process_that_is_killed_ends(tmp_path: Path) -> None:
     place = tmp_path / "number"
     tests = str(Path(__file__).parents[1])
     environment = child_environment() | {"PYTHONPATH": f"{tests}{os.pathsep}{child_environment()['PYTHONPATH']}"}
-    with subprocess.Popen([sys.executable, "-c", HOLD, str(place)], env=environment) as process:
-        until = clock.monotonic() + 30
-        while not place.exists() or not place.read_text():
-            assert clock.monotonic() < until
-            clock.sleep(0.01)
-        process.kill()
-    while Path(f"/proc/{place.read_text()}").exists():
-        assert clock.monotonic() < until
-        clock.sleep(0.01)
+    with running([sys.executable, "-c", HOLD, str(place)], env=environment) as process:
+        child = int(wait_for(lambda: place.exists() and place.read_text(), "its child", process.pid))
+    wait_for(lambda: not is_there(child), "the end of the child")
 
 
 def test_signal_that_is_only_noted_ends_the_child_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -212,12 +204,10 @@ def test_signal_that_is_only_noted_ends_the_child_at_once(tmp_path: Path, monkey
     former = signal.signal(signal.SIGTERM, lambda number, frame: noted.append(number))
     threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGTERM)).start()
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
-    began = clock.monotonic()
     try:
         with pytest.raises(KeyboardInterrupt):
-            run_child("shared.sleeper", [str(tmp_path / "number")], None, 60.0)
+            run_child("shared.sleeper", [str(tmp_path / "number")], None, 3600.0)
         assert signal.getsignal(signal.SIGTERM).__name__ == "<lambda>"
     finally:
         signal.signal(signal.SIGTERM, former)
     assert noted == [signal.SIGTERM]
-    assert clock.monotonic() - began < 20
