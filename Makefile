@@ -86,10 +86,10 @@ lint: install
 	wait $$safe
 
 test: lint
-	.venv/bin/python -m pytest -n $(WORKERS) --dist worksteal -m 'not slow'
+	.venv/bin/python -m pytest -n $(WORKERS) -m 'not slow'
 
 verify: install browser
-	.venv/bin/python -m pytest -n $(WORKERS) --dist worksteal
+	.venv/bin/python -m pytest -n $(WORKERS)
 	.venv/bin/stickslip verify
 	tests/platforms/debian13.sh
 
