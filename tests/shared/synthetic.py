@@ -115,6 +115,3 @@ def job_of(folder: Path, mesh: MeshData, **output: Any) -> Job:
 
 def padded(values: Array) -> Array:
     return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
-
-
-# steps

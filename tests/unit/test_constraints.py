@@ -306,7 +306,7 @@ def two_blocks(folder: Path, *held: str) -> Scene:
 
 
 def test_each_part_of_a_mesh_that_falls_apart_is_held_by_its_own(
-    tmp_path: Path, system_of: SystemOf, simulation_of: Callable[[Scene], Simulation]
+    tmp_path: Path, simulation_of: Callable[[Scene], Simulation]
 ) -> None:
     (step,) = simulation_of(two_blocks(tmp_path, "a", "b")).steps()
     a, b = (step.contacts[name].normal_force for name in "ab")
