@@ -76,7 +76,7 @@ def test_run_that_is_ended_on_two_ranks_goes_on(number: signal.Signals, rank: in
     scene = [*SMALL, "steps.count=40"]
     words = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in scene)]
     process = started(2, words, tmp_path, limit=LIMIT)
-    wait_for((tmp_path / ".out.running" / step_name(1)).exists, "a step")
+    wait_for((tmp_path / ".out.running" / step_name(1)).exists, "a step", process.pid)
     (launcher,) = children(process.pid)
     ranks = children(launcher)
     os.kill(launcher if rank is None else ranks[rank], number)
@@ -96,8 +96,8 @@ def test_signal_while_gmsh_meshes_ends_all_ranks_at_once(tmp_path: Path) -> None
     """Rank 0 waits for gmsh's process, rank 1 for rank 0."""
     scene = write_long(tmp_path, "meshing")
     process = started(2, ["run", str(scene), "-q", "-o", "out"], tmp_path, limit=LIMIT)
-    (launcher,) = wait_for(lambda: children(process.pid), "mpirun")
-    first = wait_for(lambda: children(launcher), "ranks")[0]
+    (launcher,) = wait_for(lambda: children(process.pid), "mpirun", process.pid)
+    first = wait_for(lambda: children(launcher), "ranks", process.pid)[0]
     child = gmsh_child(first, "meshing")
     os.kill(launcher, signal.SIGUSR1)
     _, err = process.communicate()

@@ -55,12 +55,13 @@ def test_home_that_cannot_be_written_is_no_obstacle(
         assert "compiled forms are kept in" in (folder / "out" / "run.log").read_text()
 
 
-def test_no_place_for_compiled_forms_ends_with_4(start: Start) -> None:
+def test_no_place_for_compiled_forms_ends_with_4(folder: Path) -> None:
     nowhere = {"HOME": "/dev/null", "XDG_CACHE_HOME": "/dev/null"}
     broken = "import tempfile, sys; tempfile.gettempdir = lambda: '/dev/null'; import runpy; sys.argv = sys.argv[1:]; "
     program = broken + "runpy.run_module('stickslip.workflows.commands.start', run_name='__main__', alter_sys=False)"
     done = subprocess.run(
         [sys.executable, "-c", program, "stickslip", *SPEAKS],
+        cwd=folder,
         env={**os.environ, **nowhere},
         capture_output=True,
         text=True,
@@ -80,7 +81,7 @@ def test_settings_of_other_programs_in_the_working_folder_are_not_read(start: St
 
 
 @pytest.mark.parametrize("words", [SPEAKS, *slow(["scenes"], ["plan", "block"])])
-def test_working_folder_that_is_gone_is_said(words: list[str], start: Start, folder: Path, tmp_path: Path) -> None:
+def test_working_folder_that_is_gone_is_said(words: list[str], start: Start, folder: Path) -> None:
     gone = folder / "gone"
     gone.mkdir()
     done = start(*words, preexec_fn=lambda: (os.chdir(gone), os.rmdir(gone)), cwd=None)
@@ -164,7 +165,7 @@ def test_signal_while_it_starts_ends_with_130(
     """From the first lines of our own on: that SIGUSR1 is caught shows that they were reached."""
     words = [*RUN_FOUR, "--set=steps.count=4000"]
     with running([*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE) as process:
-        wait_for(lambda: catches(process.pid, signal.SIGUSR1), "the first lines")
+        wait_for(lambda: catches(process.pid, signal.SIGUSR1), "the first lines", process.pid)
         clock.sleep(part)
         process.send_signal(number)
         _, err = process.communicate(timeout=LIMIT)
@@ -183,9 +184,9 @@ def test_ctrl_c_that_is_ignored_is_not_heard_but_other_signals_are(
         for _ in range(5):  # while it starts, and within iterations
             process.send_signal(signal.SIGINT)
             clock.sleep(0.1)
-        wait_for((folder / ".out.running" / step_name(1)).exists, "a step")
+        wait_for((folder / ".out.running" / step_name(1)).exists, "a step", process.pid)
         process.send_signal(signal.SIGINT)
-        wait_for((folder / ".out.running" / step_name(4)).exists, "a step after it")
+        wait_for((folder / ".out.running" / step_name(4)).exists, "a step after it", process.pid)
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=LIMIT)
     assert process.returncode == 130, err

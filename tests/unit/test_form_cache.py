@@ -7,13 +7,13 @@ import os
 import signal
 import subprocess
 import sys
-import time as clock
 import warnings
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from shared.processes import running, wait_for
 from shared.ranks import mpirun
 from stickslip.geometry.errors import MachineError
 from stickslip.geometry.form_cache import LOCK, find_cache, patient, remove_left_over
@@ -57,11 +57,10 @@ def test_forms_whose_compilation_was_killed_are_compiled_again_by_several_ranks(
 
 def test_process_killed_while_it_compiles_holds_up_nobody(tmp_path: Path) -> None:
     cache = tmp_path / "stickslip"
-    with subprocess.Popen(
+    with running(
         [sys.executable, "-c", PROGRAM], env={**os.environ, "XDG_CACHE_HOME": str(tmp_path)}, start_new_session=True
     ) as process:
-        while not list(cache.glob("*.c")):
-            clock.sleep(0.01)
+        wait_for(lambda: list(cache.glob("*.c")), "a form", process.pid)
         os.killpg(process.pid, signal.SIGKILL)
     assert [path for path in cache.glob("*.c") if not path.with_suffix(".c.cached").exists()]
     done = run(tmp_path)
