@@ -1,11 +1,11 @@
 """Rounds towards an accuracy, and errors, are the same on any number of ranks."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from shared.command import result
 from shared.ranks import mpirun
 from stickslip.workflows.commands.cli import app, guarded
 
@@ -21,7 +21,7 @@ def done(ranks: int, words: list[str], folder: Path) -> Any:
     else:
         ended = mpirun(ranks, [*words, "-o", str(where)], folder)
         assert ended.returncode == 0, ended.stderr
-    return json.loads((where / "result.json").read_text())
+    return result(where)
 
 
 def test_ranks_take_the_same_rounds(tmp_path: Path) -> None:

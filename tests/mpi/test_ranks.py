@@ -206,7 +206,7 @@ def together(
 
 
 def test_result_is_that_of_one_rank(alone: tuple[str, Path], together: tuple[int, Path]) -> None:
-    one, many = (json.loads((folder / "result.json").read_text()) for folder in (alone[1], together[1]))
+    one, many = (result(folder) for folder in (alone[1], together[1]))
     assert (one["ranks"], many["ranks"]) == (1, together[0])
     assert many["counters"]["unknowns"] == one["counters"]["unknowns"]
     expected, found = compared(one), compared(many)
@@ -259,7 +259,7 @@ def test_tables_have_the_rows_of_one_rank_in_the_same_order(
 
 
 def test_volume_is_solved_by_all_ranks_at_the_price_of_one(alone: tuple[str, Path], together: tuple[int, Path]) -> None:
-    one, many = (json.loads((folder / "result.json").read_text())["counters"] for folder in (alone[1], together[1]))
+    one, many = (result(folder)["counters"] for folder in (alone[1], together[1]))
     for counter in ("factorisations", "searches", "schur_size", "forms"):
         assert many[counter] == one[counter]
 
@@ -315,7 +315,7 @@ def test_run_that_does_not_converge_ends_on_every_rank_with_3(
     folder, done = spoken
     assert done.returncode == 3, done.stderr
     assert done.stderr.count("stickslip: not converged") == 1
-    assert json.loads((folder / "lost" / "result.json").read_text())["status"] == "not_converged"
+    assert result(folder / "lost")["status"] == "not_converged"
 
 
 def test_one_rank_speaks(spoken: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
@@ -332,7 +332,7 @@ def test_regularised_finds_on_two_ranks_what_it_finds_on_one(tmp_path: Path) -> 
     run(read("cube", words), tmp_path / "one")
     done = mpirun(2, ["run", "cube", "-q", "-o", "two", *options(words)], tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    one, two = (json.loads((tmp_path / name / "result.json").read_text()) for name in ("one", "two"))
+    one, two = (result(tmp_path / name) for name in ("one", "two"))
     assert two["error"]["law"] == pytest.approx(one["error"]["law"], rel=1e-6)  # a difference of two answers
     for mine, other in zip(one["steps"], two["steps"], strict=True):
         forces = [step["contacts"]["base"]["force"] for step in (mine, other)]
@@ -362,7 +362,7 @@ def test_the_block_system_gives_on_two_ranks_what_the_condensed_bodies_give_on_o
         done = mpirun(2, run_of(name, "two", [*SCENES[name], *more, *BLOCKS]), tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
         found = tmp_path / "two" / "out"
-    steps = json.loads((tmp_path / "one" / "result.json").read_text())["steps"]
+    steps = result(tmp_path / "one")["steps"]
     for index in range(1, len(steps) + 1):
         one, two = (read_step(folder / step_name(index)) for folder in (tmp_path / "one", found))
         for key in ("displacement", "p", "w"):
@@ -376,14 +376,14 @@ def test_iterative_solves_give_on_every_number_of_ranks_what_the_condensed_bodie
     ranks: int, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     run(read("cube", [*CUBE, "output.error=false", "solver.method=condensed-newton"]), tmp_path / "exact")
-    exact = json.loads((tmp_path / "exact" / "result.json").read_text())
+    exact = result(tmp_path / "exact")
     if ranks == 2:
         folder = request.getfixturevalue("on_two") / "iterative" / "out"
     else:
         folder = tmp_path / "out"
         done = mpirun(ranks, ["run", "cube", "-q", "-o", "out", *options(ITERATIVE)], tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
-    found = json.loads((folder / "result.json").read_text())
+    found = result(folder)
     assert found["counters"]["linear_iterations"] > 0
     assert found["error"]["linear_solver"] < 1e-9
     total = found["seconds"].pop("total")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.command import result
 from shared.histories import LEARNS, SMALL, Stop
 from shared.ranks import mpirun
 from stickslip.workflows.formats.steps import read_step, step_name
@@ -50,7 +50,7 @@ def test_it_goes_on_to_the_same_answer_on_two_ranks_and_on_one(name: str, tmp_pa
     run(scene, tmp_path / "out", Watch(on_step=Stop(1)))
     done = mpirun(2, [str(TESTS), name, *words], tmp_path, ("-c", ON_RANKS))
     assert done.returncode == 128 + signal.SIGINT, done.stderr
-    assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == "interrupted"
+    assert result(tmp_path / "out")["status"] == "interrupted"
     outcome, _ = run(scene, tmp_path / "out", resume=True)
     assert outcome.status == "converged"
     log = (tmp_path / "out" / "run.log").read_text()
@@ -61,7 +61,7 @@ def test_it_goes_on_to_the_same_answer_on_two_ranks_and_on_one(name: str, tmp_pa
         for key in ("displacement", "p", "w"):
             expected, found = getattr(theirs, key), getattr(ours, key)
             assert_allclose(found, expected, rtol=0, atol=SAME * np.abs(expected).max(initial=0.0), err_msg=key)
-    ours, theirs = (json.loads((tmp_path / folder / "result.json").read_text()) for folder in ("out", "whole"))
+    ours, theirs = (result(tmp_path / folder) for folder in ("out", "whole"))
     totals = [[step["energy"][key] for step in steps["steps"]] for steps in (ours, theirs) for key in ("external",)]
     assert_allclose(totals[0], totals[1], rtol=SAME)
 

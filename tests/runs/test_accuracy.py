@@ -1,16 +1,15 @@
 """`stickslip run --accuracy`: rounds that reach what is asked, budgets that do not suffice, goals without an error."""
 
-import json
 import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
 
 from shared.cases import slow
+from shared.command import result
 from shared.ranks import STICKSLIP
 from stickslip.geometry.mesh.msh_file import write_msh
 from stickslip.workflows.pictures.report_page import page
@@ -27,11 +26,6 @@ def stickslip(*words: str) -> tuple[int, str]:
         [sys.executable, *STICKSLIP, "run", *words], capture_output=True, text=True, check=False, timeout=100
     )
     return ended.returncode, " ".join((ended.stdout + ended.stderr).split())
-
-
-def result(folder: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((folder / "result.json").read_text())
-    return content
 
 
 def test_rounds_reach_what_is_asked(tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
 """What a user types, what comes back, and what stands in the folder afterwards."""
 
-import errno
 import json
-import os
 import re
 import subprocess
 import sys
@@ -11,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from shared.command import BUILT, COARSE, READY_NAMES, Call, result, table
+from shared.disks import make_full
 from shared.histories import SMALL
 from stickslip import VERSION
 from stickslip.workflows.scene_file.read import READY, read
@@ -107,10 +106,7 @@ def test_a_disk_that_refuses_a_new_scene_is_none_of_the_user_s_mistakes(call: Ca
 
 
 def test_a_full_disk_leaves_no_part_of_a_new_scene(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(descriptor: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fsync", full)
+    make_full(monkeypatch)
     code, _, err = call("new", "block", "mine.toml")
     assert (code, "No space left on device" in err) == (4, True)
     assert not [*folder.iterdir()]
@@ -240,7 +236,7 @@ def test_every_second_step_is_shown_and_all_are_stored(call: Call, folder: Path)
 def test_a_run_prints_its_result_for_scripts(call: Call, folder: Path) -> None:
     code, out, err = call("run", "block", "-o", "out", "--json", *(f"--set={word}" for word in SMALL))
     assert code == 0
-    assert json.loads(out) == json.loads((folder / "out" / "result.json").read_text())
+    assert json.loads(out) == result(folder / "out")
     assert "unknown displacements" in err
     code, out, _ = call("run", "block", "-o", "out", "--json", "--set=bodies.block.nu=2")
     assert (code, out) == (2, "")

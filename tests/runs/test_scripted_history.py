@@ -1,7 +1,6 @@
 """A history made up on the way: a script decides from step to step where supports, loads and obstacles go."""
 
 import inspect
-import json
 import runpy
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,6 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import stickslip
+from shared.command import result
 from stickslip.solvers.simulation.script import Script
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.scene_file.read import from_dict
@@ -126,7 +126,7 @@ def shear(script: Script, count: int) -> list[stickslip.StepResult]:
     return found
 
 
-def test_what_a_script_has_done_is_a_scene_that_repeats_it(tmp_path: Path) -> None:
+def test_what_a_script_has_done_is_a_scene_that_repeats_it() -> None:
     """Also what the scene prescribes by bare numbers, which mean another thing with another last time."""
     ready = stickslip.read("block", COARSE)
     gravity = {"gravity": stickslip.Gravity(acceleration=(0.0, -1e-3))}
@@ -359,7 +359,7 @@ def test_study_of_twenty_lines_shears_a_block_until_it_slips(tmp_path: Path, mon
         assert_allclose(base.force[0], sign * 0.3 * base.normal_force, rtol=1e-7)
         assert base.slip_area == base.contact_area
         assert (sign * base.slip_increment[:, 0] <= 0).all()
-    written = json.loads((tmp_path / "results" / "shear" / "result.json").read_text())
+    written = result(tmp_path / "results" / "shear")
     assert written["status"] == "converged"
     last = written["steps"][-1]["contacts"]["base"]
     assert last["force"] == left["base"].force.tolist()  # what was written is what was scripted

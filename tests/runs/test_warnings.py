@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from shared.command import COARSE, READY_NAMES, Spoken
+from shared.command import COARSE, READY_NAMES, Spoken, result
 from shared.drawn import FACES, draw, scene_data
 from shared.histories import PUSHED
 from stickslip.solvers.simulation.plan import warnings
@@ -74,7 +74,7 @@ def test_bodies_that_nothing_loads_are_doubted(call: Call, folder: Path) -> None
     still = "--set=supports.top.displacement={x=0, y=0}"
     code, _, err = call("run", "block", "-o", "out", still, *COARSE)
     assert (code, "warning: nothing loads or moves the bodies" in flat(err)) == (0, True), err
-    assert any("nothing loads" in line for line in json.loads((folder / "out" / "result.json").read_text())["warnings"])
+    assert any("nothing loads" in line for line in result(folder / "out")["warnings"])
 
 
 def test_displacements_that_are_not_small_are_doubted(call: Call, folder: Path) -> None:
@@ -105,12 +105,12 @@ def test_steps_that_leave_a_large_error_are_doubted(keeps: bool, call: Call, fol
         flat(err),
     )
     assert said is not None
-    assert said[0][9:] in json.loads((folder / "few" / "result.json").read_text())["warnings"]
+    assert said[0][9:] in result(folder / "few")["warnings"]
     assert "the time steps leave" not in call(*words, "-o", "silent", *silent)[2]
     if not keeps:
         return
     call(*words, "-o", "many", f"--set=steps.count={said[2]}")
-    few, many = (json.loads((folder / name / "result.json").read_text())["steps"][-1] for name in ("few", "many"))
+    few, many = (result(folder / name)["steps"][-1] for name in ("few", "many"))
     before, after = (step["contacts"]["pole"] for step in (few, many))
     assert after["error"]["dissipation_total"]["time_step"] < 0.05 * after["dissipation_total"]
     true = abs(before["dissipation_total"] - after["dissipation_total"])
@@ -209,7 +209,7 @@ def test_sides_that_turn_by_a_part_of_mu_are_doubted(call: Call, folder: Path) -
     for sliding in ("false", "true"):
         bare = ("--set=output.error=false", "--set=output.pictures=false", f"--set=contacts.base.sliding={sliding}")
         code, _, err = call("run", "tilted.toml", "-o", sliding, *bare)
-        step = json.loads((folder / sliding / "result.json").read_text())["steps"][-1]
+        step = result(folder / sliding)["steps"][-1]
         assert (code, "contacts.base: its sides turn by 20% of mu" in flat(err)) == (0, sliding == "false"), err
         pulls[sliding] = step["springs"]["pull"]["force"][0]
     assert pulls["false"] == pytest.approx(40.0, rel=1e-6)

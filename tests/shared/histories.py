@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import signal
 from collections.abc import Iterator
@@ -11,7 +10,7 @@ from typing import Any
 
 from numpy.testing import assert_array_equal
 
-from shared.command import result
+from shared.command import result, table
 from stickslip.solvers.parallel.serialise import ByNode
 from stickslip.workflows.formats.hdf5 import read_arrays, stored_checksum
 from stickslip.workflows.formats.own_files import MARKER
@@ -77,8 +76,7 @@ def stored(path: Path) -> dict[str, Any]:
 
 def rows(path: Path) -> list[dict[str, str]]:
     """Of a table, without its seconds."""
-    found = csv.DictReader(path.read_text().splitlines())
-    return [{key: text for key, text in row.items() if key != "seconds"} for row in found]
+    return [{key: text for key, text in row.items() if key != "seconds"} for row in table(path)]
 
 
 def names_in(folder: Path) -> set[str]:

@@ -1,7 +1,5 @@
 """A ready scene solved, and its files read as a stranger reads them."""
 
-import csv
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from shared.command import result, table
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import read
@@ -48,7 +47,7 @@ class Solved:
 
     def rows(self, name: str) -> list[dict[str, str]]:
         """Rows of a CSV file."""
-        return list(csv.DictReader((self.folder / name).read_text().splitlines()))
+        return table(self.folder / name)
 
     def points(self, name: str, time: float) -> dict[str, Any]:
         """Columns of contact_NAME.csv at a time; vectors as (n, d)."""
@@ -79,11 +78,7 @@ def coarse(name: str) -> list[str]:
     ]
 
 
-def refuse(constant: str) -> float:
-    raise AssertionError(f"result.json holds {constant}")
-
-
 def solve(scene: Scene, folder: Path) -> Solved:
     """Run it, and read result.json back as a stranger would."""
     run(scene, folder)
-    return Solved(scene, folder, json.loads((folder / "result.json").read_text(), parse_constant=refuse))
+    return Solved(scene, folder, result(folder))

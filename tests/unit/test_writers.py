@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Annotated, Any
 import pytest
 
 import stickslip
+from shared.command import result
 from shared.histories import SMALL, Stop
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.keys import Key
@@ -171,7 +171,7 @@ def test_a_writer_adds_keys_to_the_table_of_output(tmp_path: Path) -> None:
     asks = read("block", [*TWO, "output.note=tick", "output.times=2"])
     run(asks, tmp_path / "asks")
     assert (tmp_path / "asks" / "note.txt").read_text() == "ticktick"
-    told = json.loads((tmp_path / "asks" / "result.json").read_text())["scene"]["output"]
+    told = result(tmp_path / "asks")["scene"]["output"]
     assert (told["note"], told["times"], told["pictures"], "writers" in told) == ("tick", 2, False, False)
     assert from_dict(to_dict(asks)) == asks
     run(plain, tmp_path / "plain")

@@ -1,6 +1,5 @@
 """A history that becomes unsolvable ends by name, as near to that time as the smallest step comes."""
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shared.command import table
+from shared.command import result, table
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.scene.scene import Scene
@@ -50,7 +49,7 @@ def test_loads_that_are_held_to_the_end_have_no_limit() -> None:
 def ended(scene: Scene, folder: Path) -> tuple[Outcome, dict[str, Any]]:
     """Run it; what stands in the files must be what was reached."""
     outcome, content = run(replace(scene, output=Output(pictures=False)), folder)
-    assert json.loads((folder / "result.json").read_text())["status"] == outcome.status == content["status"]
+    assert result(folder)["status"] == outcome.status == content["status"]
     times = [step["time"] for step in content["steps"]]
     stored = sorted((folder / "steps").iterdir())
     assert [read_step(path).time for path in stored] == times
