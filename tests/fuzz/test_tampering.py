@@ -9,9 +9,7 @@ import json
 import os
 import random
 import shutil
-import signal
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from shared.disks import Disk
 from shared.fuzzing import assert_refusal, fuzzed
 from shared.histories import LEARNS, SMALL, assert_same, names_in
 from stickslip.workflows.commands.cli import app, guarded
@@ -28,7 +27,6 @@ from stickslip.workflows.scene_file.read import read
 
 SCENE = [*SMALL, *LEARNS, "steps.count=3"]
 WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in SCENE)]
-DISK = ("fsync", "replace", "rename", "unlink", "mkdir", "rmdir")  # of the module os: what outlives a process
 PLACES = ("out", ".out.running", "out.1")
 MINE = "of the user"
 
@@ -39,28 +37,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("whole") / "out"
     run(read("block", SCENE), folder)
     return folder
-
-
-class Disk:
-    """Kills the process before the n-th change below a folder."""
-
-    def __init__(self, below: Path, last: int) -> None:
-        self.below, self.left = f"{below}/", last
-
-    def watch(self) -> None:
-        for name in DISK:
-            setattr(os, name, self._counted(getattr(os, name)))
-
-    def _counted(self, act: Callable[..., Any]) -> Callable[..., Any]:
-        def counted(path: Any, *rest: Any, **options: Any) -> Any:
-            place = os.readlink(f"/proc/self/fd/{path}") if isinstance(path, int) else os.path.abspath(path)
-            if place.startswith(self.below):
-                self.left -= 1
-                if self.left == 0:
-                    os.kill(os.getpid(), signal.SIGKILL)
-            return act(path, *rest, **options)
-
-        return counted
 
 
 def command(place: Path, words: list[str], killed_at: int = 0) -> tuple[int, str]:
@@ -74,7 +50,7 @@ def command(place: Path, words: list[str], killed_at: int = 0) -> tuple[int, str
                 os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
             sys.stdout, sys.stderr = open(1, "w"), open(2, "w")  # noqa: SIM115
             if killed_at:
-                Disk(place, killed_at).watch()
+                Disk(place, killed_at).watch(pytest.MonkeyPatch())
             os._exit(guarded(lambda: app(words, standalone_mode=False)))
         except BaseException as error:
             os.write(2, f"Traceback: {error!r}\n".encode())
