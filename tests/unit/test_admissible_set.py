@@ -19,6 +19,7 @@ from stickslip.solvers.laws.capped_coulomb import CappedCoulomb
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.tied import Tied
 from stickslip.solvers.laws.unilateral import Unilateral
@@ -159,6 +160,27 @@ def test_bounds_follow_the_time() -> None:
     assert_array_equal(at(found.at(0.25)), [1.0, 0.0])
     slope = cone((2, 2, Unilateral(), Coulomb(mu=0.4))).bound_slope(place, np.array([1.0, 0.0]))
     assert_array_equal(slope.toarray(), 0.0)  # of the block's own law
+
+
+def test_a_point_gives_its_bound_to_the_nodes_that_it_stands_for() -> None:
+    found = cone((1, 3, SOFT, None), (2, 3, Unilateral(), Coulomb(mu=0.5)))
+    place = found.places[1]
+    p = np.array([9.0, 4.0, 2.0, *(7.0, 7.0), 1.0, 0.0, 0.0, 1.0])
+    assert_allclose(found.bound_at_nodes(place, p), [2.0, 1.0])
+    share = sparse.csr_matrix([[0.25, 0.75], [0.75, 0.25]])
+    shared = replace(place, rows=replace(place.rows, share_t=share))
+    at_points = [0.25 * 2.0 + 0.75 * 1.0, 0.75 * 2.0 + 0.25 * 1.0]  # its mean pressure is that of these nodes, too
+    assert_allclose(found.bound_at_nodes(shared, p), share.T @ at_points)
+
+
+def test_along_and_across_grooves_it_is_that_of_the_direction_of_the_traction() -> None:
+    law = OrthotropicCoulomb(mu_1=0.2, mu_2=0.5, axis=(1.0, 0.0, 0.0))
+    found = cone((3, 3, Unilateral(), law))
+    (place,) = found.places
+    tangents = law.directions(np.tile(np.eye(3)[:2], (3, 1, 1)), np.ones((3, 2), dtype=bool))
+    turned = replace(place, rows=replace(place.rows, tangents=tangents))
+    p = np.array([4.0, 2.0, 1.0, *(1.0, 0.0), *(0.0, 1.0), *(0.0, 0.0)])  # the last one has no direction
+    assert_allclose(found.bound_at_nodes(turned, p), [0.2 * 4.0, 0.5 * 2.0, 0.5 * 1.0])
 
 
 def test_each_contact_presses_or_pulls_by_its_own_law() -> None:
