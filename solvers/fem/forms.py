@@ -220,11 +220,14 @@ class WeakForms:
         """sigma = C strain (3, 3) [Pa] of an initial strain at value 1; in plane stress sigma_zz = 0."""
         return elastic_stress(initial.strain, self.problem.bodies[initial.body], self.problem.model == "plane stress")
 
-    def initial_load(self, initial: InitialStrain, shrinking: Function | None = None) -> UflForm:
+    def initial_load(
+        self, initial: InitialStrain, shrinking: Function | None = None, mean: Function | None = None
+    ) -> UflForm:
         """∫ sigma : eps(v) dx with `initial_stress`: the load of the initial strain at value 1 [N].
 
         Args:
             shrinking: in place of `shrinking` in this space, for a bolt.
+            mean: dilatation of the strain [-] in place of that at the point, see `MeanDilatation.of_strain`.
         """
         if initial.shrunk is not None:
             drawn = self.shrinking(initial) if shrinking is None else shrinking
@@ -232,17 +235,24 @@ class WeakForms:
                 self.volume(initial.body)
             )
             return whole
-        strain, stress = self.strain(self.v), self.initial_stress(initial)
+        strain, (first, mu) = self.strain(self.v), (0.0, 0.0) if mean is None else self.lame(initial.body)
+        stress = self.initial_stress(initial) if mean is None else 2 * mu * initial.strain
         size = strain.ufl_shape[0]
         terms = [(i, j) for i in range(size) for j in range(size) if stress[i, j] != 0]
         density = sum(self.constant(float(stress[i, j])) * strain[i, j] for i, j in terms)
         if initial.field:
             density = self._value(initial.field, self.constant(0.0)) * density
         found: UflForm = density * self._volume_of(initial)
+        if mean is not None:
+            found += self.constant(first) * mean * ufl.tr(strain) * self.volume(initial.body)
         return found
 
-    def initial_energy(self, one: InitialStrain, other: InitialStrain) -> float:
-        """∫ strain : C strain dx [J] of two initial strains of a body, both at value 1; collective."""
+    def initial_energy(self, one: InitialStrain, other: InitialStrain, mean: Function | None = None) -> float:
+        """∫ strain : C strain dx [J] of two initial strains of a body, both at value 1; collective.
+
+        Args:
+            mean: of the first one, see `initial_load`.
+        """
         if one.shrunk is not None:
             forces = self.load_of(other).array_r
             work = forces @ self.shrinking(one).x.array[: len(forces)]
@@ -252,11 +262,21 @@ class WeakForms:
         both = [self._value(field, self.constant(0.0)) for field in (one.field, other.field) if field]
         density = prod(both, start=self.constant(1.0))
         size = self._integral(density * self._volume_of(one if one.field else other))
-        return float(size * np.sum(one.strain * self.initial_stress(other)))
+        if mean is None:
+            return float(size * np.sum(one.strain * self.initial_stress(other)))
+        first, mu = self.lame(other.body)
+        volume = self._integral(self.initial_dilatation(other, mean))
+        return float(size * 2 * mu * np.sum(one.strain * other.strain) + first * volume)
 
-    def load_of(self, initial: InitialStrain) -> Vec:
+    def initial_dilatation(self, initial: InitialStrain, weight: UflExpr) -> UflForm:
+        """∫ weight tr(strain) dx [m³] of an initial strain at value 1."""
+        size = self._value(initial.field, self.constant(0.0)) if initial.field else 1.0
+        found: UflForm = weight * size * self.constant(float(np.trace(initial.strain))) * self._volume_of(initial)
+        return found
+
+    def load_of(self, initial: InitialStrain, mean: Function | None = None) -> Vec:
         """`initial_load` over all displacements [N]; collective."""
-        return dx.assemble_vector(self.compile(self.initial_load(initial)))
+        return dx.assemble_vector(self.compile(self.initial_load(initial, mean=mean)))
 
     def shrinking(self, initial: InitialStrain) -> Function:
         """The displacement [m] whose strain an initial strain is, see `drawn_together`; ghosts included."""

@@ -28,6 +28,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Vec
 from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.terms import InitialStrain
 
 SMALL = 1e-12  # of the largest; smaller weights are rounding
 
@@ -132,20 +133,42 @@ class MeanDilatation:
 
     def fill(self, functions: Mapping[str, Function], u: Vec) -> None:
         """Write sum θ_a φ_a of a displacement of all dofs [m] into the fields, ghosts included; collective."""
-        for body, (C, V, share) in self._bodies.items():
-            theta = C * u
-            theta.array[:] *= _inverse(V)
-            if share is not None:
-                spread = V.duplicate()
-                share.multTranspose(theta, spread)
-                theta = spread
-            dx.fill(functions[body], theta.array_r)
+        for body, (C, _, _) in self._bodies.items():
+            self._fill(functions[body], body, C * u)
+
+    def _fill(self, function: Function, body: str, changes: Vec) -> None:
+        """Write sum θ_a φ_a into a field, of V_a θ_a [m³]; collective."""
+        _, V, share = self._bodies[body]
+        theta = V.duplicate()
+        theta.array[:] = changes.array_r * _inverse(V)
+        if share is not None:
+            spread = V.duplicate()
+            share.multTranspose(theta, spread)
+            theta = spread
+        dx.fill(function, theta.array_r)
+
+    def of_strain(self, initial: InitialStrain) -> Function | None:
+        """The same averages of the dilatation of an initial strain at value 1, ghosts included; collective.
+
+        With that at the point instead, the dilatation of the strain would push where the averages do not resist.
+        None: it needs none, for it is uniform, or its body has no averages.
+        """
+        if initial.field is None or initial.body not in self._bodies:
+            return None
+        weak, share = self._weak, self._bodies[initial.body][2]
+        changes = dx.assemble_vector(weak.compile(weak.initial_dilatation(initial, ufl.TestFunction(self._space))))
+        found: Function = dx.fem.Function(self._space)
+        self._fill(found, initial.body, changes if share is None else share * changes)
+        return found
 
     def at_midpoints(self, u: Vec, functions: Mapping[str, Function]) -> dict[str, Array]:
         """The fields of a displacement [m] at the midpoints of this rank's cells (cells,) [-]; collective."""
         self.fill(functions, u)
-        corners = {body: dx.cell_dofs(self._space) for body in functions}
-        return {body: field.x.array[corners[body]].mean(axis=1) for body, field in functions.items()}
+        return {body: self.in_cells(field) for body, field in functions.items()}
+
+    def in_cells(self, field: Function) -> Array:
+        """A field at the midpoints of this rank's cells (cells,)."""
+        return np.asarray(field.x.array[dx.cell_dofs(self._space)].mean(axis=1))
 
 
 def _diagonal(values: Array, like: Mat) -> Mat:

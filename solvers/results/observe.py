@@ -111,18 +111,19 @@ class CellStress:
         found = self._strain(self._cells)
         d = round(found.shape[-1] ** 0.5)
         strain[:, :d, :d] = found.reshape(-1, d, d)
-        own = np.trace(strain, axis1=1, axis2=2)
+        grown = np.zeros(len(self._cells))
         for number, given in enumerate(self._system.initial.strains):
             members, timeline = self.members[given.body], self._system.course.timeline
             own_strain = self._system.initial.at(number, self._middles[members], members, timeline)
             strain[members] -= initial[number] * own_strain
+            grown[members] += initial[number] * self._system.initial.dilatation(number, own_strain, members)
         lame_lambda, lame_mu = self._lame.T
         if self._system.problem.model == "plane stress":
             strain[:, 2, 2] = -lame_lambda / (lame_lambda + 2 * lame_mu) * (strain[:, 0, 0] + strain[:, 1, 1])
         trace = np.trace(strain, axis1=1, axis2=2)
         for body, mean in self._system.dilatation.at_midpoints(u, self._means).items():
             members = self.members[body]
-            trace[members] += mean[members] - own[members]
+            trace[members] = mean[members] - grown[members]
         stress = np.asarray(2 * lame_mu[:, None, None] * strain + (lame_lambda * trace)[:, None, None] * np.eye(3))
         plane_stress = self._system.problem.model == "plane stress"
         for body, material in self._system.problem.orthotropic.items():

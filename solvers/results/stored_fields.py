@@ -141,11 +141,13 @@ def stress_difference(system: System, displacement: Array, time: float, stored: 
     tags[mesh.cell_tags.indices[own]] = mesh.cell_tags.values[own]
     for name, body in problem.bodies.items():
         inside = tags == mesh.bodies[name]
-        elastic = strain[inside]
+        elastic, grown = strain[inside], np.zeros(np.count_nonzero(inside))
         for number, given in enumerate(system.initial.strains):
             if given.body == name:
-                at = system.initial.at(number, middles[inside], np.flatnonzero(inside), system.course.timeline)
+                cells = np.flatnonzero(inside)
+                at = system.initial.at(number, middles[inside], cells, system.course.timeline)
                 elastic = elastic - values[number] * at
+                grown += values[number] * system.initial.dilatation(number, at, cells)
         if isinstance(body, Orthotropic):
             expected[inside] = stress_by_compliance(body, elastic, problem.model == "plane stress")
             modulus[inside] = np.abs(body.stiffness).max()
@@ -153,7 +155,7 @@ def stress_difference(system: System, displacement: Array, time: float, stored: 
         assert isinstance(body, Material)
         volume = np.trace(elastic, axis1=1, axis2=2)
         if name in means:
-            volume += (means[name][:count] - np.trace(strain, axis1=1, axis2=2))[inside]
+            volume = means[name][:count][inside] - grown
         if problem.model == "plane stress":
             elastic[:, 2, 2] = -body.nu / (1 - body.nu) * (elastic[:, 0, 0] + elastic[:, 1, 1])
             volume = np.trace(elastic, axis1=1, axis2=2)

@@ -35,6 +35,7 @@ class InitialStrains:
     forces: tuple[Vec, ...]  # ∫ C strain : eps(v) dx at value 1, PETSc over all displacements [N]
     coupling: Array  # (k, k) ∫ strain_i : C strain_j dx at value 1 [J]
     by_cell: Mapping[int, Array]  # strains (own cells, 3, 3) [-] of those that shrink, by their number
+    means: Mapping[int, Array]  # dilatation (cells,) [-] of those that `MeanDilatation` averages, by their number
 
     @cached_property
     def every(self) -> tuple[InitialStrain | Rest, ...]:
@@ -92,6 +93,12 @@ class InitialStrains:
         if strain.field is not None:
             size = timeline.values(strain.field, points, timeline.end)
         return np.asarray(size[:, None, None] * strain.strain)
+
+    def dilatation(self, number: int, strain: Array, cells: Ints) -> Array:
+        """Its dilatation (m,) [-] in own cells (m,), where it has the `strain` (m, 3, 3) of `at`."""
+        if number in self.means:
+            return np.asarray(self.means[number][cells])
+        return np.asarray(np.trace(strain, axis1=1, axis2=2))
 
     def values(self, course: Course, time: float) -> Array:
         """a (k,) at a time [s]."""

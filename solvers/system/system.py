@@ -15,7 +15,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
-from stickslip.geometry.protocols import FunctionSpace, Mat, UflExpr, UflForm, Vec
+from stickslip.geometry.protocols import Function, FunctionSpace, Mat, UflExpr, UflForm, Vec
 from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.contact.pairing import pair_up
 from stickslip.solvers.contact.rows import ContactRows
@@ -244,19 +244,22 @@ def applied_loads(problem: Problem, weak: WeakForms, constraints: Constraints, l
     return AppliedLoads(weak, [*weak.loads(), *of_effects], constraints.remote.loads(like))
 
 
-def _initial_strains(problem: Problem, weak: WeakForms, links: Links, like: Vec) -> InitialStrains:
+def _initial_strains(
+    problem: Problem, weak: WeakForms, dilatation: MeanDilatation, links: Links, like: Vec
+) -> InitialStrains:
     """Assemble the initial strains of all active effects, and of links; collective.
 
     Raises:
         SceneError: an expression has no finite value, or a body nothing that could shrink.
     """
     strains = tuple(strain for effect in active(problem) for strain in effect.initial_strains(problem))
-    rests = links.at_rest
+    rests, means = links.at_rest, [dilatation.of_strain(strain) for strain in strains]
     coupling = block_diag(np.zeros((len(strains), len(strains))), rests * links.stiffness @ rests.T)
     for i, one in enumerate(strains):
         for j, other in enumerate(strains):
             if one.body == other.body:
-                coupling[i, j] = weak.initial_energy(one, other)
+                pair = (one, other, means[i]) if means[i] is not None else (other, one, means[j])
+                coupling[i, j] = weak.initial_energy(*pair)
         if one.shrunk is not None and coupling[i, i] <= NOTHING * problem.bodies[one.body].modulus:
             assert isinstance(one.drive, Place)
             key = f"{one.drive.table}.{one.drive.name}.shank"
@@ -265,22 +268,23 @@ def _initial_strains(problem: Problem, weak: WeakForms, links: Links, like: Vec)
     return InitialStrains(
         strains=strains,
         by_cell={i: weak.strain_by_cell(u) for i, u in shrinking.items()},
+        means={i: dilatation.in_cells(mean) for i, mean in enumerate(means) if mean is not None},
         rests=links.rests,
         forces=(
-            *(_initial_forces(weak, strain) for strain in strains),
+            *(_initial_forces(weak, strain, mean) for strain, mean in zip(strains, means, strict=True)),
             *(links.forces(like, links.stiffness * rest) for rest in rests),
         ),
         coupling=coupling,
     )
 
 
-def _initial_forces(weak: WeakForms, strain: InitialStrain) -> Vec:
+def _initial_forces(weak: WeakForms, strain: InitialStrain, mean: Function | None) -> Vec:
     """∫ C strain : eps(v) dx at value 1 [N]; collective.
 
     Raises:
         SceneError: an expression has no finite value.
     """
-    found = weak.load_of(strain)
+    found = weak.load_of(strain, mean)
     if not np.isfinite(found.norm()):
         raise SceneError(f"{strain.field}: the expression has no finite value somewhere in the body")
     return found
@@ -319,5 +323,5 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         ground=GroundSprings.of(weak),
         T=T,
         loads=applied_loads(problem, weak, constraints, T.createVecLeft()),
-        initial=_initial_strains(problem, weak, constraints.links, T.createVecLeft()),
+        initial=_initial_strains(problem, weak, dilatation, constraints.links, T.createVecLeft()),
     )

@@ -18,6 +18,7 @@ from stickslip.workflows.verification.check import Check, close
 from stickslip.workflows.verification.prepared import prepare
 
 E, NU, ALPHA, SLOPE = 200.0, 0.3, 1e-3, 20.0  # [Pa], [-], [1/K], [K/m]
+RUBBER = 0.4999  # Poisson's ratio of bodies whose dilatation is averaged
 WARM = 2.0  # of the lower of two bodies [K]
 APART = 2e-3  # of two bodies [m]
 PINNED: dict[str, dict[str, tuple[list[float], str]]] = {
@@ -27,14 +28,14 @@ PINNED: dict[str, dict[str, tuple[list[float], str]]] = {
 Solved = tuple[Simulation, list[StepResult], list[Check]]
 
 
-def scene(model: str, temperature: Any, order: int = 2, **tables: Any) -> Scene:
+def scene(model: str, temperature: Any, order: int = 2, nu: float = NU, **tables: Any) -> Scene:
     """A bar 4 x 1 (x 1)."""
     shape = {"builder": "block", "length": 4.0, "height": 1.0, "mesh_size": 0.5, "order": order}
     heat = temperature if isinstance(temperature, dict) else {"temperature": temperature}
     data = {
         "model": model,
         "geometry": shape | ({"width": 1.0} if model == "3d" else {}),
-        "bodies": {"block": {"E": E, "nu": NU}},
+        "bodies": {"block": {"E": E, "nu": nu}},
         "thermal": {"block": {"expansion": ALPHA} | heat},
     }
     return from_dict(data | tables)
@@ -46,18 +47,18 @@ def solved(found: Scene) -> tuple[Simulation, list[StepResult]]:
     return simulation, [*simulation.steps()]
 
 
-def bent(model: str) -> Solved:
+def bent(model: str, nu: float = NU) -> Solved:
     """A free bar whose temperature is linear bends into a circle without stress: u_h = alpha g (h² - x² (- y²)) / 2."""
     pins = {n: {"point": at, "displacement": dict.fromkeys(axes, 0.0)} for n, (at, axes) in PINNED[model].items()}
     up = "z" if model == "3d" else "y"
-    simulation, (step,) = solved(scene(model, f"{SLOPE}*{up}", supports=pins))
+    simulation, (step,) = solved(scene(model, f"{SLOPE}*{up}", nu=nu, supports=pins))
     x, h = simulation.data.points[:, 0], simulation.data.points[:, -1]
     across = simulation.data.points[:, 1] if model == "3d" else 0 * x
     along, rise = ALPHA * SLOPE * x * h, ALPHA * SLOPE * (h**2 - x**2 - across**2) / 2
     stress, off = np.abs(step.stress).max(), step.displacement[:, [0, -1]] - np.stack([along, rise], axis=1)
     return simulation, [step], [
-        close(f"bent freely, {model}: largest stress [Pa]", stress, 0.0, 1e-9, E * ALPHA * SLOPE),
-        close(f"bent freely, {model}: displacement [m]", np.abs(off).max(), 0.0, 1e-8, np.abs(rise).max()),
+        close(f"bent freely, {model}, nu = {nu:g}: largest stress [Pa]", stress, 0.0, 1e-9, E * ALPHA * SLOPE),
+        close(f"bent freely, {model}, nu = {nu:g}: displacement [m]", np.abs(off).max(), 0.0, 1e-8, np.abs(rise).max()),
     ]  # fmt: skip
 
 
@@ -66,7 +67,11 @@ def held(order: int) -> Solved:
     walls = {side: {"boundary": f"block.{side}", "displacement": {"x": 0.0}} for side in ("left", "right")}
     walls["foot"] = {"boundary": "block.bottom", "displacement": {"y": 0.0}}
     heat = {"temperature": f"{SLOPE}*x**2", "history": [[1.0, 1.0], [2.0, -0.5]]}
-    tables = {"supports": walls, "bodies": {"block": {"E": E, "nu": 0.0}}, "steps": {"end": 2.0, "count": 2}}
+    tables: dict[str, Any] = {
+        "supports": walls,
+        "bodies": {"block": {"E": E, "nu": 0.0}},
+        "steps": {"end": 2.0, "count": 2},
+    }
     simulation, steps = solved(scene("plane strain", heat, order, **tables))
     found = []
     for step, factor in zip(steps, (1.0, -0.5), strict=True):
@@ -76,15 +81,19 @@ def held(order: int) -> Solved:
     return simulation, steps, found
 
 
-def cylinder() -> Solved:
-    """Between plates, T = g r²: sigma_r = E alpha g (b² - r²) / (4 (1 - nu))."""
+def cylinder(nu: float = NU, order: int = 2) -> Solved:
+    """Between plates, T = g r²: sigma_r = E alpha g (b² - r²) / (4 (1 - nu)).
+
+    In the middles of cells 12 % (order 1) and .15 % (2) of the largest off, with averaged dilatations 14 and .05 %.
+    """
     plates = {side: {"boundary": f"block.{side}", "displacement": {"y": 0.0}} for side in ("top", "bottom")}
-    shape = {"builder": "block", "length": 1.0, "height": 0.25, "mesh_size": 0.0625, "order": 2}
-    simulation, (step,) = solved(scene("axisymmetric", f"{SLOPE}*x**2", supports=plates, geometry=shape))
+    shape = {"builder": "block", "length": 1.0, "height": 0.25, "mesh_size": 0.0625, "order": order}
+    simulation, (step,) = solved(scene("axisymmetric", f"{SLOPE}*x**2", nu=nu, supports=plates, geometry=shape))
     r = simulation.data.points[simulation.data.cells[:, :3], 0].mean(axis=1)
-    exact = E * ALPHA * SLOPE * (1 - r**2) / (4 * (1 - NU))
+    exact = E * ALPHA * SLOPE * (1 - r**2) / (4 * (1 - nu))
     off = np.abs(step.stress[:, 0, 0] - exact).max()
-    return simulation, [step], [close("cylinder: radial stress [Pa]", off, 0.0, 2e-3, exact.max())]
+    name = f"cylinder, order {order}, nu = {nu:g}: radial stress [Pa]"
+    return simulation, [step], [close(name, off, 0.0, {1: 0.2, 2: 2e-3}[order], exact.max())]
 
 
 def together() -> Solved:
@@ -113,7 +122,8 @@ def problems() -> Iterator[Solved]:
     """All of them."""
     yield from map(bent, PINNED)
     yield from map(held, (1, 2))
-    yield cylinder()
+    yield bent("3d", RUBBER)
+    yield from (cylinder(nu, order) for nu in (NU, RUBBER) for order in (1, 2))
     yield together()
 
 
