@@ -1,6 +1,7 @@
 """What the mesh report says of cells and gaps, against closed forms."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +42,24 @@ def test_prescribed_motion_closes_gaps_up_to_its_size(scene_of: Callable[..., Sc
     assert can_touch(scene, np.array([-0.1, 0.0, 0.19, 0.21]), 2.0).tolist() == [True, True, True, False]
 
 
-def test_a_force_closes_the_smallest_gap_and_indents_a_little(scene_of: Callable[..., Scene]) -> None:
-    scene = scene_of(loads={"top": {"boundary": "block.top", "pressure": 1.0}})
+POINT = {"boundary": "block.top", "point": [0.5, 0.5]}
+ROLLER = {"shape": "plane", "point": [0.0, -1.0], "normal": [0.0, 1.0]}
+
+
+@pytest.mark.parametrize(
+    ("tables", "closes"),
+    [
+        ({"loads": {"top": {"boundary": "block.top", "pressure": 1.0}}}, True),
+        ({"obstacles": {"foundation": ROLLER | {"force": {"y": 1.0}}}}, True),
+        ({"remote_points": {"lid": POINT | {"coupling": "distributing", "force": {"y": -1.0}}}}, True),
+        ({"remote_points": {"lid": POINT | {"coupling": "distributing", "moment": {"z": -1.0}}}}, True),
+        ({"remote_points": {"lid": POINT | {"coupling": "rigid", "rotation": {"z": 0.1}}}}, True),
+        ({"remote_points": {"lid": POINT | {"coupling": "distributing", "force": {"y": 0.0}}}}, False),
+        ({}, False),
+    ],
+)
+def test_what_pushes_closes_the_smallest_gap_and_indents_a_little(
+    tables: dict[str, Any], closes: bool, scene_of: Callable[..., Scene]
+) -> None:
     gap = np.array([0.5, 0.519, 0.521])  # 1 % of 2 m beyond the smallest
-    assert can_touch(scene, gap, 2.0).tolist() == [True, True, False]
+    assert can_touch(scene_of(**tables), gap, 2.0).tolist() == [closes, closes, False]

@@ -23,6 +23,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import EFFECTS
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.simulation.memory import Counts, Demand, least_available, memory_of, spare
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.stepping.choice import Choice, Size, chosen
@@ -175,11 +176,16 @@ def can_touch(scene: Scene, gap: Any, size: float) -> Any:
     reach += sum(float(np.abs([scene.sampled(p, t) for t in scene.requested_times()]).max()) for p in of_place)
     turned = [_largest(o.rotation.angle, end) for o in scene.obstacles.values() if o.rotation is not None]
     reach += size * float(np.sum(turned))
-    forced = bool(scene.loads) or any(o.driven() for o in scene.obstacles.values())
-    forced = forced or any(effect.acts and effect.because(scene) for effect in EFFECTS)
+    forced = bool(scene.loads) or any(effect.acts and effect.because(scene) for effect in EFFECTS)
+    forced = forced or any(_largest(a, end) > 0 for place, a in scene.drives().items() if _pushes(place))
     if forced:
         gap, reach = gap - max(0.0, float(np.min(gap))), reach + INDENTED * size
     return gap <= reach + 1e-9 * size
+
+
+def _pushes(place: Place) -> bool:
+    """Whether a value in time is a force or a moment, or turns a side about a point, however far away that is."""
+    return place.quantity in ("force", "moment") or (place.table, place.quantity) == ("remote_points", "rotation")
 
 
 def _largest(amplitude: Amplitude, end: float) -> float:
