@@ -18,14 +18,22 @@ from stickslip.geometry.surfaces.surface import Surface
 STEEP = 0.15  # part by which the nearest nodes have less; smooth pressures: .10 at most on the meshes that were tried
 END = 0.05  # the same at the end of a side
 SAME = 1e-9  # relative: neighbours that share a multiplier, as where two contacts meet
+HIGH = 0.8  # of the largest pressure: where one as high as that grows, it is the largest on a finer mesh
 CONVEX = 1.5  # times the next fall; r^(-1/2) has 2.3, r^(-1/10) 1.8
 
 
 def grows(side: Surface, pressure: Array) -> bool:
-    """Whether the largest pressure (n,) [Pa] of a side of n nodes grows without end."""
-    if not len(pressure):
-        return False
-    peak, near, rim = int(np.argmax(pressure)), side.neighbours(), _rim(side)
+    """Whether the largest pressure (n,) [Pa] of a side of n nodes, or another one nearly as high, grows without end."""
+    near, rim = side.neighbours().tocsr(), _rim(side)
+    high = np.flatnonzero(pressure >= HIGH * pressure.max(initial=0.0))
+    around = (pressure[near.indices[near.indptr[k] : near.indptr[k + 1]]] for k in high)
+    falls = [p.max(initial=0.0) <= pressure[k] and p.min(initial=np.inf) < (1 - END) * pressure[k]
+             for k, p in zip(high, around, strict=True)]  # fmt: skip
+    return any(_grows_at(peak, side, pressure, near, rim) for peak in high[falls])
+
+
+def _grows_at(peak: int, side: Surface, pressure: Array, near: Sparse, rim: Bools) -> bool:
+    """Whether the pressure at a node falls off to all sides like one that grows without end."""
     first = np.arange(len(pressure)) == peak
     front = first | ((near @ first.astype(float) > 0) & (pressure >= (1 - SAME) * pressure[peak]))
     ends = bool(rim[front].any())

@@ -165,6 +165,15 @@ def test_at_the_end_of_a_side_a_smaller_fall_is_enough(pressure: list[float], ex
     assert grows(line(np.linspace(0, 1, 6)), np.array(pressure)) is expected
 
 
+@pytest.mark.parametrize(("low", "expected"), [(1.0, False), (0.9, True), (0.7, False)])
+def test_a_lower_pressure_that_grows_becomes_the_largest(low: float, expected: bool) -> None:
+    """The end of a punch beside a smooth pressure; 1.0: it falls off no more steeply than that one."""
+    x = np.linspace(0, 1, 26)
+    end = np.exp(-2 * x) if low == 1.0 else low * ((x + 0.02) / 0.02) ** -0.5
+    pressure = np.maximum(end, np.maximum(1 - (x - 0.7) ** 2 / 0.2, 0))
+    assert grows(line(x), pressure) is expected
+
+
 @pytest.mark.parametrize("shape", ["triangle", "quadrilateral"])
 @pytest.mark.parametrize(("peak", "expected"), [((0, 0), True), ((0, 2), True), ((2, 2), False)])
 def test_ends_of_a_square_are_its_corners_and_edges(shape: str, peak: tuple[int, int], expected: bool) -> None:
