@@ -20,6 +20,7 @@ END = 0.05  # the same at the end of a side
 SAME = 1e-9  # relative: neighbours that share a multiplier, as where two contacts meet
 HIGH = 0.8  # of the largest pressure: where one as high as that grows, it is the largest on a finer mesh
 CONVEX = 1.5  # times the next fall; r^(-1/2) has 2.3, r^(-1/10) 1.8
+WAVES = 1.2  # times the next rise, if that is steep: pressures that alternate from node to node have 1
 
 
 def grows(side: Surface, pressure: Array) -> bool:
@@ -54,7 +55,8 @@ def _falls(pressure: Array, near: Sparse, front: Bools, layer: Bools, steep: flo
         rings.append(float(pressure[front].max()))
         layer = front | (near @ layer.astype(float) > 0)
     first, second = -np.diff(rings)
-    return bool(rings[-1] > 0 and first > steep * rings[0] and first > CONVEX * abs(second))
+    more = WAVES if second < -STEEP * rings[0] else CONVEX
+    return bool(rings[-1] > 0 and first > steep * rings[0] and first > more * abs(second))
 
 
 def grows_in(cells: Ints, stress: Array, cell: int) -> bool:

@@ -154,6 +154,8 @@ def test_only_powers_grow(pressure: Callable[[Array], Array], expected: bool) ->
     [
         ([1.16, 1.0, 0.99, 0.99, 0.99, 0.99], True),  # less than is asked for elsewhere
         ([2.0, 1.0, 1.05, 1.0, 1.0, 1.0], True),  # it waves
+        ([1.35, 1.05, 1.28, 1.37, 1.41, 1.41], True),  # towards a side that presses more elsewhere
+        ([1.35, 1.05, 1.34, 1.06, 1.35, 1.05], False),  # from node to node
         ([1.0, 0.96, 0.93, 0.9, 0.87, 0.84], False),
         ([1.0, 0.99, 0.95, 0.87, 0.7, 0.5], False),  # symmetric about the end
         ([0.99, 1.16, 1.0, 0.99, 0.98, 0.98], False),  # beside the end
