@@ -74,9 +74,18 @@ def areas_of_order_2(side: Surface, contact: ContactState, weights: Array) -> di
     Args:
         weights: (n,) of order 2.
     """
-    halves = np.concatenate([side.facets[:, [0, 2]], side.facets[:, [2, 1]]])
-    straight = replace(side, degree=1, facets=halves, outward=np.tile(side.outward, 2))
+    straight = _halves(side)
     return areas_between_nodes(straight, contact, weights / side.node_weights() * straight.node_weights())
+
+
+def scatter_of_order_2(side: Surface, contact: ContactState, weights: Array) -> dict[str, float]:
+    """`scatter` likewise."""
+    return scatter(_halves(side), contact, weights)
+
+
+def _halves(side: Surface) -> Surface:
+    halves = np.concatenate([side.facets[:, [0, 2]], side.facets[:, [2, 1]]])
+    return replace(side, degree=1, facets=halves, outward=np.tile(side.outward, 2))
 
 
 def beyond_nodes(side: Surface, inside: Bools, outside: Array, among: Bools | None = None) -> float:

@@ -38,7 +38,7 @@ import numpy as np
 
 from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.nested_mesh import FlatMesh
-from stickslip.solvers.accuracy.areas import areas_of_order_2
+from stickslip.solvers.accuracy.areas import areas_of_order_2, scatter_of_order_2
 from stickslip.solvers.accuracy.iteration_errors import AREAS
 from stickslip.solvers.accuracy.mesh_error import Values, at_points
 from stickslip.solvers.accuracy.other_mesh import OtherMeshRun, on_other_mesh, sides_of
@@ -55,6 +55,7 @@ from stickslip.solvers.stepping.stepper import Accepted, StepError
 log = logging.getLogger(__name__)
 FACTOR = {2: 1.3, 1: 1.6}  # stated error over difference, by the number of times that cells are cut
 EDGE = 1.5
+ANYWHERE = 12**-0.5  # of the half facets that edges of areas cross: the edges may lie anywhere in them
 GROWS = 0.1
 MOST, SOON = 3.0, 15.0  # times the run, and [s]
 OVERHEAD = 0.01  # [s] of a problem of contact, however small
@@ -89,10 +90,14 @@ class NestedRun(OtherMeshRun):
             finer: what they are on the finer mesh.
             cuts: how often its cells are cut.
         """
-        errors = dict[Quantity, ErrorParts]()
+        errors, least = dict[Quantity, ErrorParts](), dict[Quantity, float]()
+        for c in self._stepper.system.contacts:
+            edges = scatter_of_order_2(c.surface, step.contacts[c.name], c.node_weights)
+            least |= {Quantity("contacts", c.name, area): ANYWHERE * size for area, size in edges.items()}
         for key, value in quantities(step).items():
             if key in finer:
                 off = (EDGE if key.quantity in AREAS else FACTOR[cuts]) * np.abs(finer[key] - value)
+                off = np.maximum(off, least.get(key, 0.0))
                 errors[key] = ErrorParts(mesh=off, geometry=0.0 * off, converges=True, corrected=finer[key])
         for c in self._stepper.system.contacts:
             key, pressure = Quantity("contacts", c.name, "max_pressure"), step.contacts[c.name].max_pressure
