@@ -26,7 +26,10 @@ class Centrifugal(EffectTable):
 
     speed: Annotated[Amplitude, Key("rad/s", "angular velocity, in time; its square loads the bodies")]
     point: Annotated[tuple[float, ...] | None, Key("m", "a point of the axis; absent: the origin")] = None
-    axis: Annotated[tuple[float, ...] | None, Key("-", "3D: direction of the axis; else z, if axisymmetric y")] = None
+    axis: Annotated[
+        tuple[float, ...] | None,
+        Key("-", "direction of the axis, given in 3D alone, and there always; else z, if axisymmetric y"),
+    ] = None
 
     def __post_init__(self) -> None:
         check(self.speed, "speed")
