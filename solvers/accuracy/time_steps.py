@@ -23,6 +23,11 @@ times its slips, bounds its error (at most 2.6 times that in 48 steps of four sc
 that are made one attribute to each of them is not more than `TURNED` times that, or a tenth where earlier steps decide.
 Where pairs slide, `SLIDING` times the differences: .88 instead of .73 within [.7, 3] (`sliding`).
 
+What touches in the first step of a history has slid freely before, and slips or sticks from the beginning of the step
+on, however short the step is: shorter histories agree, and all of them are wrong, until steps are shorter than what
+lies before the touch. So where a contact with friction closes in the first step of a stretch, the shortest history is
+solved with steps of 2^-CUTS, ..., a quarter, a half of that step before it, and SAFETY times the difference is added.
+
 At times that a shorter history leaves out, what adds up over steps takes the difference interpolated between those that
 it has (share .98; the next one's .81), all else that of the next time (areas .75; interpolated .54): the last
 increment decides it. An odd number of steps is halved by making one of the first three: without the last step alone the
@@ -42,7 +47,7 @@ from stickslip.geometry.arrays import Array, Ints
 from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
 from stickslip.solvers.results.numbers import ENERGIES, quantities
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import OPEN, StepResult
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import CLOSE, Timeline
 from stickslip.solvers.stepping.history import HistoryRow
@@ -55,6 +60,7 @@ SLIDING = 1.5  # times all differences where pairs slide: each search for new pa
 PATH = 0.1  # of half the changes of friction bounds, times the slips: fitted to `stickslip verify accuracy`
 TURNED = 3.0  # times the work of the tractions' changes in a step: the most that is stated of its dissipation
 SAFETY = 1.25  # where two histories are compared alone; stated / true without it: .41 to 1.8, median 1.0
+CUTS = 8  # of a step in which a contact closes
 OVERLAP = 1e-9  # relative to the bodies; a smaller initial interference is rounding
 SHORT = 1e-6  # of the first step: loads and motions of an infinitely short one do not count beside an interference
 Stretches = tuple[tuple[float, ...], ...]  # the times of a history [s]; each stretch ends where some value turns
@@ -100,6 +106,22 @@ def doubled(history: Stretches, single: Sequence[bool]) -> Stretches:
     )
 
 
+def cut_down(history: Stretches, run: Stretches, closes: Sequence[bool]) -> Stretches:
+    """A history with, in stretches in which a contact `closes`, the first step of the run halved CUTS times before it.
+
+    >>> cut_down(((512.0,), (768.0,)), ((256.0, 512.0), (640.0, 768.0)), [True, False])
+    ((1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0), (768.0,))
+    """
+    starts = [0.0, *(stretch[-1] for stretch in history)]
+    cuts = (
+        [start + (own[0] - start) / 2**k for k in range(CUTS, -1, -1)] if cut else []
+        for start, own, cut in zip(starts, run, closes, strict=False)
+    )
+    return tuple(
+        (*(time for time in early if time < stretch[0]), *stretch) for early, stretch in zip(cuts, history, strict=True)
+    )
+
+
 class Solved(NamedTuple):
     """A history as far as it was solved in whole steps."""
 
@@ -124,6 +146,7 @@ class Compared(NamedTuple):
     half: Difference | None = None  # the run, and half of its steps
     quarter: Difference | None = None  # half, and a quarter
     single: Difference | None = None  # the steps that are alone between two turns halved, and whole
+    touch: Difference | None = None  # the steps in which a contact closes cut down, and whole
 
 
 @dataclass(frozen=True)
@@ -200,7 +223,7 @@ class TimeStepErrors:
         run = Solved(plan, times, np.array([columns.row(each) for each in values]))
         with self._stepper.chain.repeating(self._stepper.system):
             path_matters = remembers(self._problem)
-            compared = self._compare(run) if path_matters else Compared()
+            compared = self._compare(run, self._closes(plan, steps)) if path_matters else Compared()
             jump = self._jump(steps)
         slides = any(pair.contact.sliding for pair in self._problem.pairs.values())
         found = estimates(run, compared, columns, jump, slides)
@@ -210,12 +233,32 @@ class TimeStepErrors:
                 if key.quantity == "dissipation":
                     found[:, place] = np.minimum(found[:, place], np.maximum(most[:, None], found[:, place] / 10))
                 found[:, place] = np.maximum(found[:, place], least[:, None])
+        if compared.touch is not None:
+            touch = np.abs(_signed(compared.touch, times, columns))
+            touch[:, columns.which(lambda key: key.quantity in ("contact", "external"))] = 0.0  # these have it
+            found += touch
         cut = next((k for k, step in enumerate(steps) if step.substeps > 1), len(steps))
         found[cut:] = np.nan
         return tuple(columns.errors(row) for row in found)
 
-    def _compare(self, run: Solved) -> Compared:
-        """Solve the shorter histories, and the one with single steps halved, the others as in the shortest."""
+    def _closes(self, plan: Stretches, steps: Sequence[StepResult]) -> list[bool]:
+        """Whether a contact with friction closes in the first step of each stretch."""
+        system, found, first = self._stepper.system, list[bool](), 0
+        gap = OVERLAP * system.extent
+        apart = {c.name: bool((c.node_gap > gap).all()) for c in system.contacts if c.friction is not None}
+        for stretch in plan:
+            closed = {name: (steps[first].contacts[name].status != OPEN).any() for name in apart}
+            found.append(any(apart[name] and closed[name] for name in apart))
+            first += len(stretch)
+            apart = {name: bool((steps[first - 1].contacts[name].status == OPEN).all()) for name in apart}
+        return found
+
+    def _compare(self, run: Solved, closes: Sequence[bool]) -> Compared:
+        """Solve the shorter histories, and the one with single steps halved, the others as in the shortest.
+
+        Args:
+            closes: see `cut_down`.
+        """
         found, coarsest = dict[str, Difference](), run
         for name in ("half", "quarter"):
             plan = tuple(halved(stretch) for stretch in coarsest.plan)
@@ -225,10 +268,17 @@ class TimeStepErrors:
                 coarsest = shorter
         plan = doubled(coarsest.plan, [len(stretch) == 1 for stretch in run.plan])
         if plan != coarsest.plan:
-            worth = self._stepper.chain.stage.surface == "condensed" or _count(plan) <= _count(run.plan)
-            finer = self._solve(plan, run) if worth else Solved(plan, run.times[:0], run.rows[:0])
-            found["single"] = difference(run, finer, coarsest)
+            found["single"] = difference(run, self._solve_if_worth(plan, run), coarsest)
+        plan = cut_down(coarsest.plan, run.plan, closes)
+        if plan != coarsest.plan:
+            off = difference(run, self._solve_if_worth(plan, run), coarsest)
+            found["touch"] = off._replace(factor=np.full(len(off.times), SAFETY))
         return Compared(**found)
+
+    def _solve_if_worth(self, plan: Stretches, run: Solved) -> Solved:
+        """`_solve`, if it takes little beside the run; else nothing."""
+        worth = self._stepper.chain.stage.surface == "condensed" or _count(plan) <= _count(run.plan)
+        return self._solve(plan, run) if worth else Solved(plan, run.times[:0], run.rows[:0])
 
     def _solve(self, plan: Stretches, run: Solved) -> Solved:
         """Solve a history from rest; keep the numbers at times of the run."""
@@ -329,7 +379,7 @@ def estimates(run: Solved, compared: Compared, columns: _Columns, jump: float, s
         slides: whether pairs are searched again.
     """
     n, k = run.rows.shape
-    half, quarter, single = (
+    half, quarter, single, touch = (
         np.zeros((n, k)) if each is None else _signed(each, run.times, columns) for each in compared
     )
     third = np.zeros((n, 1), bool) if compared.quarter is None else (_factor(compared.quarter, run.times) > 0)[:, None]
@@ -343,7 +393,7 @@ def estimates(run: Solved, compared: Compared, columns: _Columns, jump: float, s
             mean = (np.where(near, found[:, nodes], 0.0).sum(axis=1) / near.sum(axis=1))[:, None]
             found[:, peak] = np.maximum(found[:, peak], mean)
     found *= SLIDING if slides else 1.0
-    for name, error in _works(run, half + single, columns, jump).items():
+    for name, error in _works(run, half + single + touch, columns, jump).items():
         found[:, columns.energy(name)] = np.abs(error)
     return found
 

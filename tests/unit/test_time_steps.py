@@ -262,3 +262,24 @@ def test_largest_pressure_is_as_uncertain_as_those_around_it(simulation_of: Simu
     stated = simulation.time_step_errors(steps)[-1]
     assert 0.5 * true < stated[Quantity("contacts", "pole", "max_pressure")].time_step < 3 * true
     assert not any(key.quantity in ("pressure", "slip") for key in stated)
+
+
+def test_what_slides_before_it_touches_counts_where_all_steps_are_longer(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """A sixtieth of the first step goes by before the touch, in which the block on its soft springs moves aside."""
+    tables: dict[str, Any] = {
+        "obstacles": {"foundation": {"shape": "plane", "point": [0.0, -0.01], "normal": [0.0, 1.0]}},
+        "contacts": {"base": RUBBED},
+        "supports": {},
+        "springs": {"bed": {"at": "block.top", "stiffness": [0.02, 0.02]}},
+        "loads": {"push": {"boundary": "block.top", "force": [0.01, -0.1]}},
+    }
+    short, many = (scene_of(**tables, steps={"end": 1.0, "count": count}) for count in (8, 512))
+    simulation, exact = simulation_of(short), quantities([*simulation_of(many).steps()][-1])
+    steps = [*simulation.steps()]
+    stated = simulation.time_step_errors(steps)[-1]
+    for key in (Quantity("contacts", "base", "tangential_force"), LOST, Quantity("energy", "", "external")):
+        true = abs(float(quantities(steps[-1])[key] - exact[key]))
+        assert true > 1e-3 * exact[key]
+        assert 0.7 < (stated[key].time_step or 0.0) / true < 3
