@@ -271,13 +271,13 @@ class TimeStepErrors:
             found["single"] = difference(run, self._solve_if_worth(plan, run), coarsest)
         plan = cut_down(coarsest.plan, run.plan, closes)
         if plan != coarsest.plan:
-            off = difference(run, self._solve_if_worth(plan, run), coarsest)
+            off = difference(run, self._solve_if_worth(plan, run, 2), coarsest)
             found["touch"] = off._replace(factor=np.full(len(off.times), SAFETY))
         return Compared(**found)
 
-    def _solve_if_worth(self, plan: Stretches, run: Solved) -> Solved:
-        """`_solve`, if it takes little beside the run; else nothing."""
-        worth = self._stepper.chain.stage.surface == "condensed" or _count(plan) <= _count(run.plan)
+    def _solve_if_worth(self, plan: Stretches, run: Solved, most: int = 1) -> Solved:
+        """`_solve`, if it takes little beside the run, or `most` times its steps; else nothing."""
+        worth = self._stepper.chain.stage.surface == "condensed" or _count(plan) <= most * _count(run.plan)
         return self._solve(plan, run) if worth else Solved(plan, run.times[:0], run.rows[:0])
 
     def _solve(self, plan: Stretches, run: Solved) -> Solved:
