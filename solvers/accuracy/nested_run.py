@@ -55,7 +55,7 @@ from stickslip.solvers.stepping.stepper import Accepted, StepError
 log = logging.getLogger(__name__)
 FACTOR = {2: 1.3, 1: 1.6}  # stated error over difference, by the number of times that cells are cut
 EDGE = 1.5
-ANYWHERE = 12**-0.5  # of the half facets that edges of areas cross: the edges may lie anywhere in them
+ANYWHERE = 0.15  # of the half facets that edges of areas cross; edges that lie anywhere in them make .29
 GROWS = 0.1
 MOST, SOON = 3.0, 15.0  # times the run, and [s]
 OVERHEAD = 0.01  # [s] of a problem of contact, however small

@@ -10,7 +10,7 @@ from scipy.spatial import Delaunay
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.accuracy.areas import beyond_nodes, scatter
+from stickslip.solvers.accuracy.areas import beyond_nodes, scatter, scatter_of_order_2
 from stickslip.solvers.accuracy.curved_sides import bulges
 from stickslip.solvers.accuracy.mesh_error import without_limit
 from stickslip.solvers.accuracy.peaks import grows, grows_in
@@ -197,8 +197,11 @@ def test_areas_are_uncertain_by_the_facets_that_their_edges_cross(sticks: int) -
     slip = np.maximum(x - (sticks - 0.5) / 10, 0)[:, None]
     contact = SimpleNamespace(status=status, gap=np.maximum(x - 0.55, 0), slip_increment=np.c_[slip, zeros])
     found = scatter(line(x), contact, line(x).node_weights())  # type: ignore[arg-type]
-    both = 0.1 * np.sqrt(2)
-    assert found == pytest.approx({"contact_area": 0.1, "stick_area": 0.1, "slip_area": both})
+    expected = pytest.approx({"contact_area": 0.1, "stick_area": 0.1, "slip_area": 0.1 * np.sqrt(2)})
+    assert found == expected
+    ends = np.arange(0, 10, 2)
+    whole = side(line(x).points, np.stack([ends, ends + 2, ends + 1], axis=1), degree=2)
+    assert scatter_of_order_2(whole, contact, line(x).node_weights()) == expected  # type: ignore[arg-type]
 
 
 def test_nothing_grows_without_pressure_or_on_few_nodes() -> None:
