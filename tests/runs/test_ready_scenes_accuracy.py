@@ -9,7 +9,7 @@ from shared.command import READY_NAMES
 from shared.solved import SIZES, Solved, solve
 from stickslip.workflows.scene_file.read import READY, read
 
-CHEAP = {"block", "strip", "two_blocks"}
+CHEAP = {"block", "raous", "sledge", "strip", "two_blocks"}
 PROMISE = re.compile(r"# Main number: (\w+)\.(\w+) ± ([\d.]+) %\n")
 ENOUGH = 5.0  # %
 FINER = 0.6  # times the mesh sizes, where the error of the mesh is not stated
