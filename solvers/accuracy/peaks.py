@@ -27,10 +27,10 @@ def grows(side: Surface, pressure: Array) -> bool:
     """Whether the largest pressure (n,) [Pa] of a side of n nodes, or another one nearly as high, grows without end."""
     near, rim = side.neighbours().tocsr(), _rim(side)
     high = np.flatnonzero(pressure >= HIGH * pressure.max(initial=0.0))
-    around = (pressure[near.indices[near.indptr[k] : near.indptr[k + 1]]] for k in high)
-    falls = [p.max(initial=0.0) <= pressure[k] and p.min(initial=np.inf) < (1 - END) * pressure[k]
-             for k, p in zip(high, around, strict=True)]  # fmt: skip
-    return any(_grows_at(peak, side, pressure, near, rim) for peak in high[falls])
+    around = [pressure[near.indices[near.indptr[k] : near.indptr[k + 1]]] for k in high]
+    highest = pressure[high] >= [others.max(initial=0.0) for others in around]
+    falls = [others.min(initial=np.inf) for others in around] < (1 - END) * pressure[high]
+    return any(_grows_at(peak, side, pressure, near, rim) for peak in high[highest & falls])
 
 
 def _grows_at(peak: int, side: Surface, pressure: Array, near: Sparse, rim: Bools) -> bool:
@@ -38,9 +38,7 @@ def _grows_at(peak: int, side: Surface, pressure: Array, near: Sparse, rim: Bool
     first = np.arange(len(pressure)) == peak
     front = first | ((near @ first.astype(float) > 0) & (pressure >= (1 - SAME) * pressure[peak]))
     ends = bool(rim[front].any())
-    behind = (
-        [rim] if ends and side.dim == 3 else []
-    )  # along an edge it may be as high: nodes behind the edge count, too
+    behind = [rim] if ends and side.dim == 3 else []  # along an edge it may be as high: so those behind it, too
     return any(_falls(pressure, near, front, layer, END if ends else STEEP) for layer in (front, *behind))
 
 
