@@ -25,6 +25,8 @@ WAVES = 1.2  # times the next rise, if that is steep: pressures that alternate f
 
 def grows(side: Surface, pressure: Array) -> bool:
     """Whether the largest pressure (n,) [Pa] of a side of n nodes, or another one nearly as high, grows without end."""
+    if not len(pressure):
+        return False
     near, rim = side.neighbours().tocsr(), _rim(side)
     high = np.flatnonzero(pressure >= HIGH * pressure.max(initial=0.0))
     around = [pressure[near.indices[near.indptr[k] : near.indptr[k + 1]]] for k in high]
