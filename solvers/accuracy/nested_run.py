@@ -3,7 +3,8 @@
 The run's own cells are cut twice, nested, at all places that the error comes from, see `where_to_refine`, and the
 history is solved again there. One step of bubbles of order 3 after each of these steps, see `two_level`, sees the
 smooth errors far from there. Largest pressures, penetrations and slips are those without bubbles, which disturb single
-nodes. Stated is FACTOR times the difference to the run, EDGE times that for areas, whose edge then lies between nodes.
+nodes. Stated is FACTOR times the difference to the run, EDGE times that for areas, whose edge then lies between nodes;
+areas are no better known than ANYWHERE says of the half facets that their edges cross in the run.
 New nodes of curved sides lie on circles: what sides of order 2 miss of these is part of the mesh's error, and that of
 the geometry is zero. A largest pressure that grows by more than GROWS with each cut has no limit and no error; with
 compliance it has one.

@@ -3,7 +3,8 @@ corner, at the end of a punch.
 
 Such a pressure falls off like a negative power of the distance: by much to the nearest nodes, by far less to those
 behind, or it waves there. Where it is smooth, or falls to zero at the edge of contact, the fall grows with the distance
-or stays. At the end of a side a smaller fall is enough.
+or stays. At the end of a side a smaller fall is enough. The largest pressure may be a smooth one yet: others that are
+nearly as high are looked at, too.
 """
 
 from __future__ import annotations

@@ -235,8 +235,9 @@ class WeakForms:
                 self.volume(initial.body)
             )
             return whole
-        strain, (first, mu) = self.strain(self.v), (0.0, 0.0) if mean is None else self.lame(initial.body)
-        stress = self.initial_stress(initial) if mean is None else 2 * mu * initial.strain
+        strain, stress = self.strain(self.v), self.initial_stress(initial)
+        if mean is not None:
+            stress = 2 * self.lame(initial.body)[1] * initial.strain
         size = strain.ufl_shape[0]
         terms = [(i, j) for i in range(size) for j in range(size) if stress[i, j] != 0]
         density = sum(self.constant(float(stress[i, j])) * strain[i, j] for i, j in terms)
@@ -244,7 +245,7 @@ class WeakForms:
             density = self._value(initial.field, self.constant(0.0)) * density
         found: UflForm = density * self._volume_of(initial)
         if mean is not None:
-            found += self.constant(first) * mean * ufl.tr(strain) * self.volume(initial.body)
+            found += self.constant(self.lame(initial.body)[0]) * mean * ufl.tr(strain) * self.volume(initial.body)
         return found
 
     def initial_energy(self, one: InitialStrain, other: InitialStrain, mean: Function | None = None) -> float:

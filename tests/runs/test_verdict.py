@@ -90,10 +90,17 @@ def test_answers_that_were_seen_wrong(scene: str, overrides: list[str], words: s
     assert words in " ".join(err.split())
 
 
-@pytest.mark.parametrize("mu", ["1e-2", "1e-3", "1e-5"])
-def test_little_friction_is_judged_by_the_tolerance_of_all_tractions(mu: str, call: Call, folder: Path) -> None:
-    words = [*BALL, *sets(f"contacts.pole.friction.mu={mu}", "solver.tolerance=1e-4", "output.error=false")]
-    code, _, err = call("run", "half_ball", *words, "-o", "out")
+@pytest.mark.parametrize(
+    ("scene", "overrides"),
+    [
+        ("half_ball", [*BALL, *sets("contacts.pole.friction.mu=1e-3")]),
+        ("cube", sets("geometry.mesh_size=0.125", "contacts.base.friction.mu=1e-5")),
+    ],
+)
+def test_little_friction_is_judged_by_the_tolerance_of_all_tractions(
+    scene: str, overrides: list[str], call: Call, folder: Path
+) -> None:
+    code, _, err = call("run", scene, *overrides, *sets("solver.tolerance=1e-4", "output.error=false"), "-o", "out")
     assert code == 0, err
 
 
