@@ -2,11 +2,12 @@
 
 import pytest
 
+from shared.cases import slow
 from stickslip.workflows.verification.cases import bolted_joint as case
 from stickslip.workflows.verification.check import failures
 
 
-@pytest.mark.parametrize("method", ["condensed-newton", "uzawa", "surface-uzawa"])
+@pytest.mark.parametrize("method", ["condensed-newton", "uzawa", *slow("surface-uzawa")])
 def test_bolt_and_plates_share_what_draws_the_joint_apart(method: str) -> None:
     assert not failures(case.checks(method))
 

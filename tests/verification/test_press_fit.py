@@ -38,7 +38,7 @@ def test_both_together_give_way_by_the_interference_that_heat_leaves() -> None:
 # --- the scene
 
 
-@pytest.mark.parametrize("method", ["condensed-newton", "surface-uzawa", *slow("uzawa")])
+@pytest.mark.parametrize("method", ["condensed-newton", *slow("surface-uzawa", "uzawa")])
 def test_section_of_a_press_fit_has_the_pressure_of_lame(method: str) -> None:
     assert not failures(figures(Fit(model="axisymmetric", method=method), SECTION))
 

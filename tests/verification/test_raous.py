@@ -32,7 +32,7 @@ def test_face_is_open_then_slips_then_sticks(method: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("method", "counts"), [("condensed-newton", (1, 5, 20)), ("uzawa", (1, 5)), ("surface-uzawa", (1, 5, 20))]
+    ("method", "counts"), [("condensed-newton", (1, 5, 20)), ("uzawa", (1, 5)), ("surface-uzawa", (1, 5))]
 )
 def test_more_steps_change_the_dissipation_by_its_law_and_the_displacement_not_at_all(
     method: str, counts: tuple[int, ...]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shared.cases import often
+from shared.cases import often, slow
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.scene_file.read import from_dict
@@ -86,8 +86,7 @@ def test_listed_answers_satisfy_equilibrium_and_coulombs_law() -> None:
     [[-1.0, -0.6]],
     [[0.0, -0.6], [-1.0, -0.6]],  # pressed first
     [[-1.0, 0.0], [-1.0, -0.6]],  # dragged first
-    [[-0.25, -0.15], [-0.5, -0.3], [-1.0, -0.6]],
-    [[1.0, 0.5], [-1.0, -0.6]],
+    *slow([[-0.25, -0.15], [-0.5, -0.3], [-1.0, -0.6]], [[1.0, 0.5], [-1.0, -0.6]]),
 ])  # fmt: skip
 def test_with_much_friction_what_is_found_is_one_of_the_answers(path: list[list[float]], tmp_path: Path) -> None:
     """The load path moves where slip is counted from, so for a stuck node its displacement says nothing."""
@@ -100,7 +99,7 @@ def test_with_much_friction_what_is_found_is_one_of_the_answers(path: list[list[
         assert np.abs(reactions() - reaction).max(axis=1).min() <= 2e-6
 
 
-@pytest.mark.parametrize("mu", [0.0, 0.5, 1.4])
+@pytest.mark.parametrize("mu", [0.0, 1.4, *slow(0.5)])
 def test_below_the_threshold_the_node_leaves_the_plane(mu: float, tmp_path: Path) -> None:
     u, reaction = answer(mu, tmp_path, [[-1.0, -0.6]])
     assert_allclose(u, OPEN, atol=2e-6)  # as many digits as are listed, and those of K

@@ -6,10 +6,15 @@ from stickslip.geometry.errors import SceneError, SolverError
 from stickslip.workflows.commands import verify as module
 from stickslip.workflows.commands.verify import verify
 from stickslip.workflows.verification.check import Check, failures
-from stickslip.workflows.verification.registry import CASES, Case
+from stickslip.workflows.verification.registry import Case
 
 
-def test_a_problem_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+def right(method: str) -> list[Check]:
+    return [Check("right [m]", 1.0, 1.0, 0.0, relative=True)]
+
+
+def test_a_problem_is_a_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(module, "CASES", {"zeros": Case(about="a right figure", checks=right)})
     assert verify(["zeros"])
     one, last = capsys.readouterr().out.splitlines()
     assert one.split()[0] == "zeros"
@@ -31,7 +36,7 @@ def test_unknown_problem_is_refused_with_the_nearest_name() -> None:
 
 def test_one_wrong_figure_fails_the_whole(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     def checks(method: str) -> list[Check]:
-        return [Check("right [m]", 1.0, 1.0, 0.0, relative=True), Check("wrong [m]", 1.0, 2.0, 0.1, relative=True)]
+        return [*right(method), Check("wrong [m]", 1.0, 2.0, 0.1, relative=True)]
 
     monkeypatch.setattr(module, "CASES", {"wrong": Case(about="a wrong figure", checks=checks)})
     assert not verify([])
@@ -48,7 +53,9 @@ def test_problem_without_an_answer_fails_and_the_others_go_on(
     def checks(method: str) -> list[Check]:
         raise SolverError("t = 1: not converged")
 
-    monkeypatch.setattr(module, "CASES", {"stuck": Case(about="no answer", checks=checks), "zeros": CASES["zeros"]})
+    monkeypatch.setattr(
+        module, "CASES", {"stuck": Case(about="no answer", checks=checks), "right": Case(about="", checks=right)}
+    )
     assert not verify([])
     printed = capsys.readouterr().out
     assert "not solved: t = 1: not converged" in printed
