@@ -141,7 +141,7 @@ def test_forces_are_right_where_stresses_are_below_the_last_digit_of_the_displac
 
 
 def test_blocks_with_next_to_no_friction_rest_until_they_are_tilted() -> None:
-    words = ["geometry.mesh_size=0.14", *(f"contacts.{name}.friction.mu=0.0004" for name in read("stack").contacts)]
+    words = ["geometry.mesh_size=0.25", *(f"contacts.{name}.friction.mu=0.0004" for name in read("stack").contacts)]
     verdict = next(judge(read("stack", words)))
     assert verdict.outcome is Outcome.PROVED
     # the tilt grows by 1 m/s2 from t = 1 on: they slide from 0.0004 * 9.81 s later on
@@ -153,6 +153,7 @@ def test_points_that_stick_and_lift_may_have_no_solution(monkeypatch: pytest.Mon
     """With Coulomb's law and mu = 1e4, 1e6 a point slips whose pressure falls as 1/mu while its friction stays."""
     monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 1)
     words = ["geometry.mesh_size=0.2", "contacts.base.friction={law='stick'}", "steps.end=6.0", "steps.count=6"]
+    words += ["solver.method=condensed-newton"]  # alone: those that take over need ten times as long to give up
     with pytest.raises(StepError, match=r"jumps where the surfaces part: there may be no solution; coulomb has one"):
         solved("hysteresis", words)
 
@@ -167,7 +168,7 @@ def test_pressure_of_a_stiff_cylinder_does_not_depend_on_which_side_is_the_slave
 
 def test_far_motion_without_contact_does_not_spoil_the_pressure() -> None:
     """Without contact the long block would turn by metres about its corner; with it, it moves by 0.1 mm."""
-    long = ["geometry.length=0.8", "supports.corner.point=[0.8,0.0]"]
+    long = ["geometry.length=0.8", "geometry.mesh_size=0.005", "supports.corner.point=[0.8,0.0]"]
     expected = solved("raous", long).contacts["base"]
     found = solved("raous", [*long, "solver.method=surface-uzawa", "solver.tolerance=1e-4"]).contacts["base"]
     assert_allclose(found.max_pressure, expected.max_pressure, rtol=0.01)

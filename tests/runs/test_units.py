@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from shared.assemblies import bolted, stacked, write_assembly
 from shared.command import COARSE, Call, assert_one_line, result
 from shared.drawn import draw, scene_data
-from shared.histories import SMALL
+from shared.histories import FOUR, SMALL
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.units import SI, Units
 from stickslip.workflows.cost.methods_picture import draw_methods
@@ -206,7 +206,7 @@ def test_labels_are_no_part_of_what_a_run_is_but_the_size_of_its_geometry_is(tmp
 
 
 def test_a_run_goes_on_with_other_labels(call: Call, folder: Path, stopped: Path) -> None:
-    words = ("run", "block", "-q", "-o", "out", "--resume", *(f"--set={word}" for word in [*SMALL, "steps.count=4"]))
+    words = ("run", "block", "-q", "-o", "out", "--resume", *(f"--set={word}" for word in FOUR))
     assert call(*words, MM)[0] == 0
     assert result(folder / "out")["units"]["contacts.max_pressure"] == "MPa"
 
