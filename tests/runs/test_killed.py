@@ -25,7 +25,7 @@ from stickslip.workflows.scene_file.read import read
 
 SCENE = [*SMALL, *LEARNS, "steps.count=4"]
 BY_TIME, SPARE = 20, 12  # steps of a run that is killed by the clock; those after the last moment: it still runs then
-LONGER = [*SMALL, *LEARNS, f"steps.count={BY_TIME}"]
+LONGER = [*SMALL, *LEARNS, f"steps.count={BY_TIME}", "output.error=false"]
 WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in LONGER)]
 SEED = "STICKSLIP_SEED"  # in the environment: other moments, or those of an earlier test again
 LONG = 3600  # s, for hundreds of runs on a busy machine

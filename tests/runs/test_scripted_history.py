@@ -301,6 +301,18 @@ def test_pairs_that_slide_follow_a_script() -> None:
     assert mine.contacts["joint"].max_slip > 0.4
 
 
+@pytest.fixture(scope="module")
+def moved() -> stickslip.Simulation:
+    """The block with supports and loads that a script may change, and some that it may not."""
+    ready = stickslip.read("block", COARSE)
+    wind = stickslip.Load(boundary="block.left", traction=(((1.0, 0.0),), 0.0))
+    calm = stickslip.Load(boundary="block.right", traction=(0.0, 0.0))
+    corner = stickslip.Support(point=(0.0, 2.0), displacement={"x": ready.supports["top"].displacement["x"]})
+    return stickslip.prepare(
+        replace(ready, loads={"wind": wind, "calm": calm}, supports={**ready.supports, "corner": corner})
+    )
+
+
 @pytest.mark.parametrize(
     ("wrong", "text"),
     [
@@ -328,14 +340,10 @@ def test_pairs_that_slide_follow_a_script() -> None:
         ({"to": 2.0, "supports": {"top": {"x": 0.1}, "corner": {"x": 0.0}}}, r"contradict each other"),
     ],
 )
-def test_what_cannot_be_changed_is_refused_in_one_line_and_changes_nothing(wrong: dict[str, Any], text: str) -> None:
-    ready = stickslip.read("block", COARSE)
-    wind = stickslip.Load(boundary="block.left", traction=(((1.0, 0.0),), 0.0))
-    calm = stickslip.Load(boundary="block.right", traction=(0.0, 0.0))
-    corner = stickslip.Support(point=(0.0, 2.0), displacement={"x": ready.supports["top"].displacement["x"]})
-    script = stickslip.prepare(
-        replace(ready, loads={"wind": wind, "calm": calm}, supports={**ready.supports, "corner": corner})
-    ).script()
+def test_what_cannot_be_changed_is_refused_in_one_line_and_changes_nothing(
+    wrong: dict[str, Any], text: str, moved: stickslip.Simulation
+) -> None:
+    script = moved.script()
     before = script.step(to=1.0)
     with pytest.raises(stickslip.StickslipError, match=text) as error:
         script.step(**wrong)

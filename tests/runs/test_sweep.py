@@ -19,6 +19,7 @@ from stickslip.workflows.run.result import scene_hash
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read, to_dict
+from stickslip.workflows.sweep import child
 from stickslip.workflows.sweep import sweep as module
 from stickslip.workflows.sweep.child import Bench
 from stickslip.workflows.sweep.members import members
@@ -37,6 +38,19 @@ supports.top = { boundary = "part.top", displacement = { y = -0.1 } }
 output = { pictures = false, error = false }
 """
 SETS = [word.removeprefix("--set=") for word in COARSE]
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tasks are solved in this process: to start another one takes longer than most members."""
+
+    def solve(name: str, words: list[str], folder: Path | None, seconds: float) -> Ended:
+        monkeypatch.setattr(sys, "argv", [name, *words, "0"])
+        child.main()
+        return Ended(code=0, printed="", full=False)
+
+    monkeypatch.setattr(module, "run_child", solve)
+    monkeypatch.setattr(child, "end_with", lambda parent: None)
 
 
 def test_members_are_all_combinations_and_have_short_names() -> None:
@@ -61,6 +75,7 @@ def test_keys_of_a_member_are_judged_together() -> None:
         members(read("block"), {"geometry.mesh_size": [0.04]})
 
 
+@pytest.mark.usefixtures("here")
 def test_files_of_geometries_begin_at_the_scene_file(call: Call, folder: Path) -> None:
     """As those of `--set`."""
     (folder / "sub").mkdir()
@@ -146,6 +161,7 @@ def test_command_tells_each_member_and_solves_only_what_is_missing(call: Call, f
         assert_one_line(err)
 
 
+@pytest.mark.usefixtures("here")
 def test_member_that_fails_does_not_take_the_others_with_it(call: Call, folder: Path) -> None:
     words = ["sweep", "block", *COARSE, "solver.max_iterations=[1, 10000]", "--set=solver.method=uzawa", "-o", "out"]
     code, out, err = call(*words)
@@ -232,6 +248,7 @@ def test_members_named_like_former_results_keep_their_own(tmp_path: Path) -> Non
     assert result(tmp_path / "mu=0~1")["scene"]["bodies"]["block"]["E"] == 1.0
 
 
+@pytest.mark.usefixtures("here")
 def test_table_goes_to_pandas_where_it_is_installed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     done = sweep(read("block", SETS), {MU: [0.4]}, tmp_path)
     assert done.rows[0]["base.normal_force"] > 0
