@@ -73,7 +73,7 @@ def test_rank_that_is_told_to_stop_while_they_start_ends_the_others(rank: int, a
     ],
 )
 def test_run_that_is_ended_on_two_ranks_goes_on(number: signal.Signals, rank: int | None, tmp_path: Path) -> None:
-    scene = [*SMALL, "steps.count=40"]
+    scene = [*SMALL, "steps.count=40", "output.error=false"]
     words = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in scene)]
     process = started(2, words, tmp_path, limit=LIMIT)
     wait_for((tmp_path / ".out.running" / step_name(1)).exists, "a step", process.pid)

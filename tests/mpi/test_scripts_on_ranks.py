@@ -44,7 +44,7 @@ words = [
     "springs.tip={at=[4.0,2.0],stiffness=0.3,direction=[1.0,1.0],displacement=[0.05,0.0]}",
     "springs.stop={at='block.top',stiffness=0.2,direction=[0.0,1.0],acts='compression',gap=0.005}",
     "springs.slack={at=[4.0,0.0],stiffness=0.2,direction=[1.0,0.0],acts='compression'}",
-    "geometry={builder='block',length=4.0,height=2.0,mesh_size=0.5,order=ORDER}",
+    "geometry={builder='block',length=4.0,height=2.0,mesh_size=1.0,order=ORDER}",
     "solver={method='surface-uzawa',surface='FORM',tolerance=1e-10}",
     "steps={end=2.0,count=2}",
     "supports.top={boundary='block.left',displacement={x=[[0.0,0.0],[1.0,0.01]]}}",
@@ -86,7 +86,7 @@ import json
 from mpi4py import MPI
 import stickslip
 from stickslip.solvers.results.error_parts import Quantity
-words = ["geometry.mesh_size=0.01", "steps.count=3", "solver.tolerance=1e-11"]
+words = ["geometry.mesh_size=0.02", "steps.count=3", "solver.tolerance=1e-11"]
 found = []
 for order in (1, 2):
     simulation = stickslip.prepare(stickslip.read("spruce", [*words, f"geometry.order={order}"]))

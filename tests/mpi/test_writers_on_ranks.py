@@ -52,7 +52,7 @@ else:
 
 
 def test_a_writer_is_called_on_the_ranks_that_it_asks_for(tmp_path: Path) -> None:
-    done = mpirun(2, [*SMALL, "steps.count=2"], tmp_path, ("-c", ON_RANKS))
+    done = mpirun(2, [*SMALL, "steps.count=2", "output.error=false"], tmp_path, ("-c", ON_RANKS))
     assert done.returncode == 0, done.stderr
     names = {path.name for path in tmp_path.iterdir() if path.is_file()}
     assert names == {"alone.0", "together.0", "together.1"}

@@ -267,9 +267,7 @@ def test_one_mesh_is_no_comparison(call: Call, folder: Path, monkeypatch: pytest
     assert {run["rung"]["level"] for run in content(folder / "out")["runs"]} == {-4}
 
 
-def test_a_run_that_fails_is_a_row_and_not_the_end(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_fails_is_a_row_and_not_the_end(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One iteration is not enough for Uzawa on any mesh."""
 
     def here(scene: Scene, rung: Rung, *rest: Any) -> Run:
