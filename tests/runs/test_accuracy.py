@@ -1,16 +1,14 @@
 """`stickslip run --accuracy`: rounds that reach what is asked, budgets that do not suffice, goals without an error."""
 
 import re
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from jsonschema import Draft202012Validator
 
 from shared.cases import slow
-from shared.command import result
-from shared.ranks import STICKSLIP
+from shared.command import Call, result
 from stickslip.geometry.mesh.msh_file import write_msh
 from stickslip.workflows.pictures.report_page import page
 from stickslip.workflows.pictures.report_results import read_results
@@ -20,15 +18,21 @@ from stickslip.workflows.scene_file.read import READY, read
 COARSE = ["--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5", "--set=output.pictures=false"]
 
 
-def stickslip(*words: str) -> tuple[int, str]:
-    """Exit code, and all that is said, on one line."""
-    ended = subprocess.run(
-        [sys.executable, *STICKSLIP, "run", *words], capture_output=True, text=True, check=False, timeout=100
-    )
-    return ended.returncode, " ".join((ended.stdout + ended.stderr).split())
+Stickslip = Callable[..., tuple[int, str]]
 
 
-def test_rounds_reach_what_is_asked(tmp_path: Path) -> None:
+@pytest.fixture
+def stickslip(call: Call) -> Stickslip:
+    """Exit code of a run, and all that it says, on one line."""
+
+    def act(*words: str) -> tuple[int, str]:
+        code, out, err = call("run", *words)
+        return code, " ".join((out + err).split())
+
+    return act
+
+
+def test_rounds_reach_what_is_asked(stickslip: Stickslip, tmp_path: Path) -> None:
     goals = ["--accuracy", "base.normal_force=0.2%", "--accuracy=base.dissipation_total=20%", "--set=geometry.order=2"]
     code, said = stickslip("block", *COARSE, *goals, "-o", str(tmp_path / "out"))
     assert code == 0, said
@@ -54,7 +58,7 @@ def test_rounds_reach_what_is_asked(tmp_path: Path) -> None:
         pytest.param("0.1", r"about \d+ s; --resume", marks=pytest.mark.slow),
     ],
 )
-def test_a_budget_that_does_not_suffice_is_said(goal: str, takes: str, tmp_path: Path) -> None:
+def test_a_budget_that_does_not_suffice_is_said(goal: str, takes: str, stickslip: Stickslip, tmp_path: Path) -> None:
     words = [f"--accuracy=base.normal_force={goal}%", "--budget=0.01", "-o", str(tmp_path / "out")]
     code, said = stickslip("block", *COARSE, *words)
     assert code == 3
@@ -73,7 +77,9 @@ def test_a_budget_that_does_not_suffice_is_said(goal: str, takes: str, tmp_path:
         ("base.max_penetration=1%", "is 0 at the end"),
     ],
 )
-def test_goals_without_an_error_are_refused_in_one_line(goal: str, said: str, tmp_path: Path) -> None:
+def test_goals_without_an_error_are_refused_in_one_line(
+    goal: str, said: str, stickslip: Stickslip, tmp_path: Path
+) -> None:
     code, output = stickslip("block", *COARSE, f"--accuracy={goal}", "-o", str(tmp_path / "out"), "-q")
     assert code == 2
     assert said in output
@@ -81,7 +87,7 @@ def test_goals_without_an_error_are_refused_in_one_line(goal: str, said: str, tm
     assert not (tmp_path / ".out.running").exists()
 
 
-def test_grids_are_refined_as_a_whole(tmp_path: Path) -> None:
+def test_grids_are_refined_as_a_whole(stickslip: Stickslip, tmp_path: Path) -> None:
     words = ["--set=geometry.mesh_size=0.5", "--set=output.pictures=false", "--accuracy=base.normal_force=1%"]
     code, said = stickslip("cube", *words, "-o", str(tmp_path / "out"))
     assert code == 0, said
@@ -89,7 +95,7 @@ def test_grids_are_refined_as_a_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cells", ["simplex", *slow("tensor")])  # as the grid above
-def test_the_cells_of_a_mesh_of_ones_own_are_cut(cells: str, tmp_path: Path) -> None:
+def test_the_cells_of_a_mesh_of_ones_own_are_cut(cells: str, stickslip: Stickslip, tmp_path: Path) -> None:
     scene = read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5", f"geometry.cells={cells!r}"])
     write_msh(scene.geometry, scene.request(), tmp_path / "mine.msh")
     text = (READY / "block.toml").read_text()

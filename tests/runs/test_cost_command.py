@@ -22,6 +22,7 @@ from stickslip.workflows.cost.rung import Rung, mesh_size
 SCENE = ["cost", "block", "-o", "out", "--set=geometry.mesh_size=1.0", "--set=solver.method=condensed-newton"]
 CHILD = b"stickslip.workflows.cost.child"
 SMALL = [*SCENE, "--set=geometry.contact_mesh_size=0.5"]
+PLAIN = [*SMALL, "--set=output.pictures=false"]
 
 
 def content(folder: Path) -> dict[str, Any]:
@@ -141,10 +142,10 @@ def test_a_study_that_was_killed_is_taken_up_where_it_was(
 
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", die)
     with pytest.raises(ZeroDivisionError):
-        call(*SMALL, "-q")
+        call(*PLAIN, "-q")
     assert not (folder / "out").exists()
     before = sorted(str(path) for path in folder.rglob("*"))
-    code, out, err = call(*SMALL, "-q")
+    code, out, err = call(*PLAIN, "-q")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "out: a study that was killed has left 3 finished runs in .out.running; go on with --resume" in err
     assert call("run", "block", "-q", "-o", "out")[0] == 2
@@ -156,7 +157,7 @@ def test_a_study_that_was_killed_is_taken_up_where_it_was(
         return quick(scene, rung, *more)
 
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", count)
-    assert call(*SMALL, "-q", "--resume", "--budget", "60")[0] == 0
+    assert call(*PLAIN, "-q", "--resume", "--budget", "60")[0] == 0
     assert len(content(folder / "out")["runs"]) == len(made) + 3
 
 
@@ -164,7 +165,7 @@ def test_a_study_killed_while_it_is_taken_up_loses_no_run(
     call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
-    assert call(*SMALL, "-q", "--budget", "20")[0] == 0
+    assert call(*PLAIN, "-q", "--budget", "20")[0] == 0
     before = content(folder / "out")["runs"]
 
     def die(*arguments: Any) -> None:
@@ -173,7 +174,7 @@ def test_a_study_killed_while_it_is_taken_up_loses_no_run(
     with monkeypatch.context() as killed:
         killed.setattr(stickslip.workflows.cost.kept, "store", die)
         with pytest.raises(ZeroDivisionError):
-            call(*SMALL, "-q", "--budget", "30", "--resume")
+            call(*PLAIN, "-q", "--budget", "30", "--resume")
     made: list[Rung] = []
 
     def count(scene: Scene, rung: Rung, *more: Any) -> Run:
@@ -181,14 +182,14 @@ def test_a_study_killed_while_it_is_taken_up_loses_no_run(
         return quick(scene, rung, *more)
 
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", count)
-    assert call(*SMALL, "-q", "--budget", "30", "--resume")[0] == 0
+    assert call(*PLAIN, "-q", "--budget", "30", "--resume")[0] == 0
     assert len(content(folder / "out")["runs"]) == len(before) + len(made)
 
 
 def test_a_changed_scene_is_not_resumed(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
-    assert call(*SMALL, "--budget", "20", "-q")[0] == 0
-    code, out, err = call(*SMALL, "--budget", "30", "-q", "--resume", "--set=contacts.base.friction.mu=0.4")
+    assert call(*PLAIN, "--budget", "20", "-q")[0] == 0
+    code, out, err = call(*PLAIN, "--budget", "30", "-q", "--resume", "--set=contacts.base.friction.mu=0.4")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "contacts.base.friction.mu was 0.3 in out, and is 0.4" in err
     assert sorted(path.name for path in folder.iterdir()) == ["out"]

@@ -15,7 +15,7 @@ import pytest
 
 from shared.command import Call
 from shared.disks import Disk, killed_at
-from shared.histories import LEARNS, SMALL, assert_same, names_in
+from shared.histories import FOUR, LEARNS, RUN_FOUR, SMALL, assert_same, names_in
 from shared.processes import exit_code, forked, wait_for
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.formats.steps import step_name
@@ -185,8 +185,6 @@ def test_full_disk_loses_no_step_and_the_run_goes_on_when_there_is_room(
     room: int, name: str, call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After two steps no file can grow beyond `room` bytes: a table, or the next step."""
-    scene, words = [*SMALL, "steps.count=4"], ["run", "block", "-q", "-o", "out"]
-    words += [f"--set={word}" for word in scene]
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
 
     def fill(self: object, step: StepResult) -> None:
@@ -196,12 +194,12 @@ def test_full_disk_loses_no_step_and_the_run_goes_on_when_there_is_room(
     with monkeypatch.context() as patch:
         patch.setattr("stickslip.workflows.run.terminal.Reporter._step", fill)
         try:
-            code, _, err = call(*words)
+            code, _, err = call(*RUN_FOUR)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert (code, err.count("\n")) == (4, 1)
     assert f"{name}: cannot be written: File too large; 2 steps are kept, go on with --resume" in err
     assert sorted(path.name for path in (folder / ".out.running" / "steps").iterdir()) == ["000001.h5", "000002.h5"]
-    assert call(*words, "--resume") == (0, "", "")
-    run(read("block", scene), folder / "whole")
+    assert call(*RUN_FOUR, "--resume") == (0, "", "")
+    run(read("block", FOUR), folder / "whole")
     assert_same(folder / "out", folder / "whole")

@@ -296,7 +296,13 @@ def test_what_cannot_be_compared_is_refused(copied: Path, done: Path, call: Call
         assert_one_line(err)
 
 
-@pytest.mark.parametrize(("name", "words"), [("half_space", ["steps.count=2"]), ("half_ball", [])])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("half_space", ["steps.count=2"]),
+        ("half_ball", ["geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.06", "steps.count=2"]),
+    ],
+)
 def test_obstacles_are_in_the_view_and_move(name: str, words: list[str], tmp_path: Path) -> None:
     coarse = ["output.pictures=false", "output.error=false", *words]
     run(read(name, coarse), tmp_path / "out")

@@ -83,7 +83,7 @@ def test_mesh_plan_and_sweep_too(call: Call, folder: Path) -> None:
 
 
 def test_pictures_and_the_animation_have_them_but_for_the_words_of_the_user(texts: list[str], tmp_path: Path) -> None:
-    changes = ['title="pressed by 3 Pa, x [m]"', 'output.animation="gif"', "output.pictures=true"]
+    changes = ['title="pressed by 3 Pa, x [m]"', 'output.animation="gif"', "output.pictures=true", "steps.count=3"]
     run(read("block", [*SMALL, *changes, "units=mm-N-MPa"]), tmp_path / "out")
     assert {"x [mm]", "traction [MPa]", "energy [mJ/mm]", "contact area [mm]", "contact force [N/mm]"} <= {*texts}
     assert "von Mises stress [MPa]" in texts  # of the film

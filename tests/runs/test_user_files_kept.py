@@ -13,7 +13,7 @@ import pytest
 from shared.cases import slow
 from shared.command import Call, result
 from shared.disks import killed_at
-from shared.histories import SMALL, Stop, assert_same, names_in
+from shared.histories import FOUR, SMALL, Stop, assert_same, names_in
 from stickslip.geometry.errors import FolderError
 from stickslip.workflows.formats.own_files import MARKER, PART, SIGNATURE, claim, foreign, listed, mark
 from stickslip.workflows.formats.steps import step_name
@@ -22,7 +22,7 @@ from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
 
-SCENE = [*SMALL, "steps.count=2"]
+SCENE = [*SMALL, "steps.count=2", "output.error=false"]
 WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in SCENE)]
 OWN = {  # of the user
     "notes.txt": "mine",
@@ -285,7 +285,7 @@ def test_names_are_any_that_a_disk_has(folder: Path) -> None:
 
 
 def test_files_of_the_user_stay_when_a_stopped_run_goes_on(folder: Path) -> None:
-    scene = read("block", [*SMALL, "steps.count=4"])
+    scene = read("block", FOUR)
     run(scene, folder / "out", Watch(on_step=Stop(2)))
     keep(folder / "out")
     run(scene, folder / "out", Watch(on_step=Stop(1)), resume=True)

@@ -12,6 +12,7 @@ COARSE = (
     "--set=geometry.mesh_size=1.0",
     "--set=geometry.contact_mesh_size=0.5",
     "--set=output.pictures=false",
+    "--set=output.error=false",
     "--set=output.report=true",
 )
 PIP = [sys.executable, "-m", "pip"]
