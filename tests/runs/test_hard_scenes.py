@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from shared.cases import often
+from shared.cases import often, slow
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
 from stickslip.workflows.scene_file.read import read, to_dict
@@ -106,6 +106,7 @@ SOLVABLE = {
 OTHERS = {  # of their kind
     *("nearly incompressible blocks", "friction 400 on compliance", "just held on a slope, finer"),
     *("stiffer left springer", "stiff right springer"),
+    "stiff fine slave",  # its pressure is compared below
 }
 
 
@@ -158,7 +159,7 @@ def test_points_that_stick_and_lift_may_have_no_solution(monkeypatch: pytest.Mon
         solved("hysteresis", words)
 
 
-@pytest.mark.parametrize("factor", [1e4, 1e5])
+@pytest.mark.parametrize("factor", [*slow(1e4), 1e5])
 def test_pressure_of_a_stiff_cylinder_does_not_depend_on_which_side_is_the_slave(factor: float) -> None:
     stiff = [f"bodies.upper.E={200 * factor}"]
     swapped = [*stiff, "contacts.line.surface=lower.arc", "contacts.line.against=upper.arc"]

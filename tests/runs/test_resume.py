@@ -72,7 +72,7 @@ QUICK = (
     *("springs of one way", "substeps", "friction by slip", "tangent-cg"),
     *("surface-uzawa", "sliding", "block-uzawa, compliance"),
 )
-WITHOUT_ERRORS = ("springs of one way", "friction by slip", "sliding")  # resumed with them by the other cases
+WITHOUT_ERRORS = ("springs of one way", "friction by slip")  # others are resumed with them
 EACH = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in HISTORIES]
 
 
@@ -124,7 +124,7 @@ def test_methods_that_were_given_up_stay_so(name: str, tmp_path: Path, monkeypat
     solve, few = LearningIteration.__call__, 2
     monkeypatch.setattr(LearningIteration, "__call__", lambda self, *rest: solve(replace(self, max_it=few), *rest))
     monkeypatch.setattr("stickslip.solvers.methods.tangent_cg.PATIENCE", few)
-    scene = read(name, [*(CUBE if name == "cube" else SLIDING), "solver.surface=matrix-free"])
+    scene = read(name, [*(CUBE if name == "cube" else SLIDING), "solver.surface=matrix-free", "output.error=false"])
     run(scene, tmp_path / "whole")
     run(scene, tmp_path / "out", Watch(on_step=Stop(2)))
     with monkeypatch.context() as patched:
@@ -147,7 +147,7 @@ def test_what_a_method_of_single_steps_has_learnt_is_known_after_a_resume(
 
     monkeypatch.setattr(CondensedNewton, "__call__", some)
     monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 0)  # the step is not cut first
-    scene = read("cube", [*CUBE, "steps.count=4"])
+    scene = read("cube", [*CUBE, "output.error=false"])
     run(scene, tmp_path / "whole")
     run(scene, tmp_path / "out", Watch(on_step=Stop(1)))
     run(scene, tmp_path / "out", resume=True)
@@ -430,7 +430,7 @@ def test_disk_without_locks_is_told_and_used(number: int, tmp_path: Path, monkey
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr("fcntl.flock", fail)
-    outcome, _ = run(read("block", [*SMALL, "steps.count=1"]), tmp_path / "out")
+    outcome, _ = run(read("block", [*LEARNING, "steps.count=1"]), tmp_path / "out")
     assert outcome.status == "converged"
     assert "this disk has no locks" in (tmp_path / "out" / "run.log").read_text()
 

@@ -140,7 +140,10 @@ def test_bodies_are_prepared_once_and_answers_are_those_of_runs_alone(tmp_path: 
     assert result(tmp_path / "stiff")["counters"]["factorisations"] == 1
 
 
-def test_command_tells_each_member_and_solves_only_what_is_missing(call: Call, folder: Path) -> None:
+def test_command_tells_each_member_and_solves_only_what_is_missing(
+    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "PARTS", 1)  # one process for both members
     words = ["sweep", "block", *COARSE, "-o", "out"]
     code, out, err = call(*words, f"{MU}=[0.2, 0.4]")
     assert (code, err) == (0, "")

@@ -79,7 +79,7 @@ def test_bodies_that_nothing_loads_are_doubted(call: Call, folder: Path) -> None
 
 def test_displacements_that_are_not_small_are_doubted(call: Call, folder: Path) -> None:
     """A block 2 m high, pressed by 1.8 m; or moved by 10 m as a whole, together with its foundation."""
-    coarse = ("--set", "geometry.mesh_size=0.5", "--set", "geometry.contact_mesh_size=0.5")
+    coarse = ("--set", "geometry.mesh_size=0.5", "--set", "geometry.contact_mesh_size=0.5", *COARSE[2:])
     pressed = "supports.top.displacement={x=0, y=[[0, 0], [1, -1.8]]}"
     code, _, err = call("run", "block", *coarse, "--set", pressed)
     assert code == 0
