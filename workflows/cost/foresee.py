@@ -12,7 +12,6 @@ import logging
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -40,7 +39,8 @@ FAR = 100.0  # two decades
 USUAL = 1.3  # power of the cells' size with which errors fall at order 1, between corners and smooth solutions
 SURE = 0.64  # how much that counts beside what is observed: (scatter of log errors .4 over that of powers .5)²
 LEAST = 1e-3  # of the largest of its kind: a smaller number is as good as zero
-HIGHEST, STEPS = 60, 12  # levels above the coarsest one, and doublings of the steps, that are looked at
+HIGHEST = 60  # levels above the coarsest one that are looked at
+SPLITS = [2**doublings for doublings in range(13)]  # steps for each of the scene that are looked at
 
 
 @dataclass(frozen=True)
@@ -192,14 +192,17 @@ def price(found: Sequence[Coarse], name: str, asked: float, dim: int) -> Price |
     last = found[-1]
     known = last.numbers[name]
     best: tuple[float, float, int] | None = None
-    for up, doublings in product(np.arange(0, HIGHEST, 0.5), range(STEPS + 1)):
-        level, splits = found[0].level + float(up), 2**doublings
-        if mesh_error(found, name, level) + known.time_step / splits <= asked:
-            setup = _law(found, lambda one: one.setup, level, dim)
-            each = _law(found, lambda one: one.step, level, dim)
-            seconds = setup + last.steps * splits * each
-            if best is None or seconds < best[0]:
-                best = seconds, level, splits
+    for up in np.arange(0, HIGHEST, 0.5):
+        level = found[0].level + float(up)
+        error = mesh_error(found, name, level)
+        splits = next((n for n in SPLITS if error + known.time_step / n <= asked), None)
+        if splits is None:
+            continue
+        setup = _law(found, lambda one: one.setup, level, dim)
+        each = _law(found, lambda one: one.step, level, dim)
+        seconds = setup + last.steps * splits * each
+        if best is None or seconds < best[0]:
+            best = seconds, level, splits
     if best is None:
         return None
     far = best[0] > FAR * last.seconds or known.error > FAR * asked
