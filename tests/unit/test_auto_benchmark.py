@@ -8,7 +8,7 @@ from stickslip.workflows.benchmarks.auto import Case, Run
 
 
 def test_every_method_solves_a_scene_in_few_and_in_many_steps() -> None:
-    counts = (2, 8)
+    counts = (2, 4)
     few, many = (auto.row(Case("two_blocks", 6.0, tied=True), count, limit=60.0) for count in counts)
     assert (few.size.steps, many.size.steps) == counts
     for row in (few, many):

@@ -39,7 +39,12 @@ def test_products_are_those_of_the_dense_matrix() -> None:
 
 
 @pytest.mark.parametrize(
-    "scene", [("stack", "geometry.mesh_size=0.25"), ("spheres",), ("two_blocks", "geometry.order=2")]
+    "scene",
+    [
+        ("stack", "geometry.mesh_size=0.25"),
+        ("spheres", "geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.2"),
+        ("two_blocks", "geometry.order=2"),
+    ],
 )
 def test_parts_are_condensed_as_the_whole_is(scene: tuple[str, ...]) -> None:
     """Floating and held bodies; some have no node inside."""

@@ -109,7 +109,12 @@ def needed() -> int:
 
 @pytest.mark.parametrize(
     ("text", "dim", "more"),
-    [(FINE, 2, 20), pytest.param(SOLID, 3, 80, marks=pytest.mark.slow), (SOLID, 3, 110), (SOLID, 3, -20)],
+    [
+        (FINE, 2, 20),
+        pytest.param(SOLID, 3, 80, marks=pytest.mark.slow),
+        pytest.param(SOLID, 3, 110, marks=pytest.mark.slow),
+        (SOLID, 3, -20),
+    ],
 )
 def test_mesh_that_does_not_fit_into_memory_is_named(
     text: str, dim: int, more: int, tmp_path: Path, limited: Any, needed: int

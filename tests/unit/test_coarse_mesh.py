@@ -108,7 +108,7 @@ def test_no_coarse_mesh_where_it_is_hardly_coarser(n: int, there: bool, scene_of
 
 
 def test_its_work_stands_in_the_result(tmp_path: Path) -> None:
-    words = ["geometry.mesh_size=0.125", "output.error=false", "output.pictures=false"]
+    words = ["geometry.mesh_size=0.2", "output.error=false", "output.pictures=false"]
     solver = 'solver={ method = "surface-uzawa", surface = "matrix-free" }'
     _, result = run(read("cube", [*words, solver]), tmp_path / "out")
     work = result["counters"]["coarse_mesh"]
