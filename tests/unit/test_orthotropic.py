@@ -12,11 +12,13 @@ from numpy.testing import assert_allclose
 
 import stickslip
 from shared.audited import audit, record_of, stored_by
+from shared.cases import every_nth
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.shape import Model
 from stickslip.solvers.fem.own_axes import stress_by_compliance
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.results.error_parts import Quantity
+from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.orthotropic import Orthotropic
 from stickslip.solvers.scene.scene import Scene
@@ -48,6 +50,7 @@ def tables(model: Model, order: int, body: dict[str, Any], **further: Any) -> di
         },
         "supports": {"top": {"boundary": "block.top", "displacement": motion | shift}},
         "solver": {"tolerance": 1e-11},
+        "output": {"error": False},
     }
     return found | further
 
@@ -67,12 +70,11 @@ def isotropic(E: float, nu: float, dim: int) -> dict[str, Any]:
     return found | {f"G_{ij}": G for ij in ((12, 13, 23) if dim == 3 else (12,))} | axes
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(("model", "order"), every_nth(2, MODELS, [1, 2]))
 def test_isotropic_constants_give_the_isotropic_answer_and_its_errors(model: Model, order: int) -> None:
     answers = []
     for body in ({"E": 2.0, "nu": 0.3}, isotropic(2.0, 0.3, 3 if model == "3d" else 2)):
-        simulation = stickslip.prepare(from_dict(tables(model, order, body)))
+        simulation = stickslip.prepare(from_dict(tables(model, order, body, output={})))
         steps = [*simulation.steps()]
         answers.append((steps[-1], simulation.errors(steps)[-1]))
     (one, errors), (other, same) = answers
@@ -87,8 +89,7 @@ def test_isotropic_constants_give_the_isotropic_answer_and_its_errors(model: Mod
             assert_allclose(same[name].mesh, error.mesh, rtol=1e-6, atol=1e-10)
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(("model", "order"), every_nth(2, MODELS, [2, 1]))
 def test_the_audit_agrees_in_every_model(model: Model, order: int) -> None:
     simulation = stickslip.prepare(from_dict(tables(model, order, wood(model))))
     (step,) = simulation.steps()
@@ -101,11 +102,15 @@ def test_the_audit_agrees_in_every_model(model: Model, order: int) -> None:
     assert abs(other.energy.stored / step.energy.stored - 1) > 0.02  # the axes count
 
 
+@pytest.fixture(scope="module")
+def step() -> StepResult:
+    (step,) = stickslip.prepare(from_dict(tables("3d", 1, wood("3d")))).steps()
+    return step
+
+
 @pytest.mark.parametrize("key", ["E_1", "E_2", "E_3", "G_12", "G_13", "G_23", "nu_12", "nu_13", "nu_23", "axis_1"])
-def test_the_audit_notices_another_constant(key: str) -> None:
+def test_the_audit_notices_another_constant(key: str, step: StepResult) -> None:
     """A step solved with one body is out of balance for another, and its stress is wrong: every constant counts."""
-    simulation = stickslip.prepare(from_dict(tables("3d", 1, wood("3d"))))
-    (step,) = simulation.steps()
     changed = [1.0, 0.4, 0.3] if key == "axis_1" else wood("3d")[key] * 1.05
     other = stickslip.prepare(from_dict(tables("3d", 1, wood("3d") | {key: changed})))
     found = Auditor(other.problem, other.mesh)(replace(record_of(step), stored=stored_by(step)))
@@ -132,7 +137,9 @@ def test_methods_and_forms_of_the_bodies_agree() -> None:
         ("perturbed-lagrangian", "condensed"), ("nsgs", "condensed"),
     ):  # fmt: skip
         solver = {"method": method, "tolerance": 1e-10} | ({"surface": surface} if surface else {})
-        (step,) = stickslip.prepare(from_dict(tables("3d", 1, wood("3d"), solver=solver))).steps()
+        scene = tables("3d", 1, wood("3d"), solver=solver)
+        scene["geometry"]["mesh_size"] = 0.34  # as coarse as it can be and have points that stick
+        (step,) = stickslip.prepare(from_dict(scene)).steps()
         forces.append(step.contacts["base"].force)
     assert_allclose(forces, np.broadcast_to(forces[0], np.shape(forces)), rtol=1e-7, atol=1e-10)
 
