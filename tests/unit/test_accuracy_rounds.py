@@ -50,7 +50,8 @@ def test_sizes_are_small_where_the_error_is_large() -> None:
 @pytest.mark.parametrize("name", ["block", "two_blocks", "cylinders", "half_ball"])
 def test_gmsh_meshes_with_the_sizes_it_is_given(name: str) -> None:
     sets = ["geometry.order=1", "output.error=false"]
-    sets += ["geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.1"] if name == "half_ball" else []
+    sizes = {"half_ball": (0.3, 0.1), "cylinders": (2.0, 0.12)}.get(name, ())
+    sets += [f"geometry.{key}={size}" for key, size in zip(("mesh_size", "contact_mesh_size"), sizes, strict=False)]
     scene = read(name, sets)
     mesh = prepare(scene).data
     size = float(np.median(volumes(mesh.points, mesh.cells) ** (1 / mesh.points.shape[1])))

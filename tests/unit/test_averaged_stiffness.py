@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from petsc4py import PETSc
 
-from shared.cases import every_nth
+from shared.cases import every_nth, slow
 from shared.matrices import whole
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.fem.mean_dilatation import MeanDilatation
@@ -75,7 +75,7 @@ def test_pressures_as_unknowns_change_nothing_but_rounding(name: str, by_blocks:
     assert mixed.getInfo()["nz_used"] < system.K_B.getInfo()["nz_used"]
 
 
-@pytest.mark.parametrize("name", ["block", "two_blocks"])
+@pytest.mark.parametrize("name", ["block", *slow("two_blocks")])
 def test_a_condensed_run_never_assembles_the_matrix(
     name: str, simulation_of: Callable[[Scene], Simulation], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from shared.cases import every_nth
+from shared.cases import every_nth, often
 from shared.cells import Cell
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.blocks.block_system import BlockSystem
@@ -43,6 +43,7 @@ CELLS = [
     Cell("block-uzawa", operator="mortar", normal="compliance", friction="stick"),
     Cell("block-uzawa", operator="node-to-face", model="3d"),
 ]
+SEEN = [cell for cell in CELLS if not (cell.more and cell.model != "plane strain")]  # each feature once
 TOLERANCE = 1e-10
 ROUNDING = 1e-13  # relative to the largest entry
 
@@ -76,7 +77,7 @@ def with_solver(scene: Scene, **keys: Any) -> Scene:
     return replace(scene, solver=replace(scene.solver, **keys))
 
 
-@pytest.mark.parametrize("cell", CELLS, ids=str)
+@pytest.mark.parametrize("cell", often(CELLS, SEEN), ids=str)
 def test_the_blocks_are_what_the_condensed_methods_condense(cell: Cell) -> None:
     blocks, surface = blocks_of(solved_by(cell)), condensed(reference(cell).stepper.surface)
     B, C, K = dense(blocks.B), dense(blocks.C), dense(blocks.system.K_B)
@@ -230,7 +231,7 @@ def test_a_body_far_above_its_compliant_face_is_pressed_onto_it(variant: str, c_
     """Its stiffness is singular until it touches, and a residual is rounding of K u long before it is small."""
     from stickslip.workflows.scene_file.read import read
 
-    words = ["geometry.mesh_size=0.25", "contacts.base.gap_offset=0.1", "steps.count=2"]
+    words = ["geometry.mesh_size=0.5", "contacts.base.gap_offset=0.1", "steps.count=2"]
     scene = with_solver(read("foundation", [*words, f"contacts.base.normal.c_n={c_n}"]), tolerance=1e-9)
     expected = answers(with_solver(scene, method="condensed-newton"))
     found = answers(with_solver(scene, method="block-uzawa", **VARIANTS.get(variant, {})))

@@ -178,9 +178,9 @@ def test_iterative_volume_solves_follow_the_force() -> None:
 
 
 def test_a_resumed_run_states_the_same_errors_to_the_last_bit(tmp_path: Path) -> None:
-    scene = jack(steps={"end": 2.0, "count": 6}, output={"pictures": False})
+    scene = jack(steps={"end": 2.0, "count": 4}, output={"pictures": False})
     _, whole = run(scene, tmp_path / "whole")
-    outcome, _ = run(scene, tmp_path / "out", Watch(on_step=Stop(4)))
+    outcome, _ = run(scene, tmp_path / "out", Watch(on_step=Stop(3)))
     assert outcome.status == "interrupted"
     _, resumed = run(scene, tmp_path / "out", resume=True)
     for key in ("contacts", "bolts", "energy", "supports"):

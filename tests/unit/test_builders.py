@@ -48,7 +48,7 @@ SIMPLEX: list[Case] = [
     (replace(BALL, symmetry="quarter"), "3d"),
     (SPACE, "plane stress"),
     (replace(SPACE, symmetric=True), "axisymmetric"),
-    (SPACE, "3d"),
+    (replace(SPACE, contact_mesh_size=0.5, edge_mesh_size=0.25), "3d"),
 ]
 GRIDS: list[Case] = [
     (RING, PLANE),

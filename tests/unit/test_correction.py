@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from shared.cases import often
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
@@ -160,7 +161,7 @@ def test_its_size_is_the_energy_norm_with_a_margin(form: str, scene_of: SceneOf,
     assert found.size == pytest.approx(correction.MARGIN * np.sqrt(energy), rel=off)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", often(FORMS, ("condensed",)))
 def test_it_has_no_unit(form: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """With E 2^60 times as large or small all is the same, but the unit."""
     found = []

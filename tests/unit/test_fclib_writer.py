@@ -30,7 +30,7 @@ CASES = {
     "block with a gap": [*COARSE, "contacts.base.gap_offset=0.02"],
     "block without friction": [*COARSE, "contacts.base.friction={law='coulomb', mu=0.0}"],
     "cube": ["geometry.mesh_size=0.34"],
-    "two_blocks": ["geometry.mesh_size=1.0"],
+    "two_blocks": ["geometry.mesh_size=1.0", "geometry.lower_mesh_size=1.0", "geometry.contact_mesh_size=0.25"],
     "raous": ["geometry.mesh_size=20e-3"],
 }
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from shared.cases import slow
+from shared.cases import every_nth, slow
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.solvers.contact.rows import ContactRows
@@ -138,8 +138,7 @@ STATES = {
 }
 
 
-@pytest.mark.parametrize("cells", ["simplex", "tensor"])
-@pytest.mark.parametrize("model", STATES)
+@pytest.mark.parametrize(("model", "cells"), every_nth(2, STATES, ["simplex", "tensor"]))
 def test_a_pulled_block_stretches_by_the_modulus_of_its_model(
     model: str, cells: str, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
 ) -> None:
@@ -163,11 +162,11 @@ def test_a_pulled_block_stretches_by_the_modulus_of_its_model(
     assert_allclose(step.stress, np.tile(expected, (len(step.stress), 1, 1)), atol=1e-12)
 
 
-@pytest.mark.parametrize("law", ["unilateral", "bilateral", "compliance"])
-@pytest.mark.parametrize(("dim", "geometry"), MESHES)
+@pytest.mark.parametrize(("mesh", "law"), every_nth(3, MESHES, ["unilateral", "bilateral", "compliance"]))
 def test_a_pressed_block_hands_its_pressure_to_the_foundation(
-    dim: int, geometry: dict[str, Any], law: str, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+    mesh: tuple[int, dict[str, Any]], law: str, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
 ) -> None:
+    dim, geometry = mesh
     normal = {"law": law} | ({"c_n": 5.0, "m_n": 2.0} if law == "compliance" else {})
     rollers = {"left": {"boundary": "block.left", "displacement": {"x": 0.0}}}
     if dim == 3:

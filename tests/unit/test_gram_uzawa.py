@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import sparse
 
+from shared.cases import slow
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.compliance import Compliance
@@ -90,7 +91,7 @@ def test_the_diagonal_is_raised_where_a_pivot_fails() -> None:
         incomplete_cholesky(-A)
 
 
-@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("dim", [*slow(2), 3])
 def test_the_complete_block_is_the_schur_complement_of_the_gram_matrix(dim: int) -> None:
     """By MUMPS, by our own factor in the order that puts contact last, and by definition: S^-1 = (Gamma^-1)_cc."""
     system = study.block(4, dim=dim)
@@ -167,7 +168,7 @@ def test_it_finds_what_newton_finds(dim: int, choice: str, scene_of: SceneOf, si
     assert 0 < step.contacts["base"].slip_area < 2.0  # a part slips, a part sticks
 
 
-@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("dim", [2, *slow(3)])
 def test_a_metric_without_full_rank_meets_compliant_faces(
     dim: int, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:

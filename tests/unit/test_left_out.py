@@ -68,7 +68,8 @@ def scene(shape: str, tmp_path: Path, **tables: Any) -> Scene:
     names = {"part.base": {"box": [*low, *high]}} | (
         {"part.top": {"box": [*top[0], *top[1]]}} if shape != "dome" else {}
     )
-    data = scene_data(tmp_path / "b.brep", dim, "part", mesh_size=0.3, names=names)
+    size = 0.3 if shape == "holed" else 0.4
+    data = scene_data(tmp_path / "b.brep", dim, "part", mesh_size=size, names=names)
     data["contacts"]["base"] = {"surface": "part.base", "against": "foundation"}
     data |= {"model": model, "supports": {}, "bodies": {"part": {"E": 1e4, "nu": 0.3, "density": 1.0}}}
     data["gravity"] = {"acceleration": [0.0] * (dim - 1) + [-DOWN]}

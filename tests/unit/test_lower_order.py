@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from shared.cases import slow
 from stickslip.geometry.corner_mesh import CornerMesh
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.accuracy.other_mesh import sides_of
@@ -23,7 +24,7 @@ def simulation(mesh_size: float, cells: str) -> Simulation:
     return prepare(read("cube", [*SETS, f"geometry.mesh_size={mesh_size}", f"geometry.cells={cells}"]))
 
 
-@pytest.mark.parametrize("cells", ["simplex", "tensor"])
+@pytest.mark.parametrize("cells", ["simplex", *slow("tensor")])
 def test_what_is_stated_is_as_large_as_the_error(cells: str) -> None:
     coarse = simulation(1 / 3, cells)
     steps, (*_, exact) = [*coarse.steps()], simulation(1 / 8, cells).steps()

@@ -7,6 +7,7 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
+from shared.cases import slow
 from shared.drawn import GEO, PY, draw, scene_data
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
@@ -55,7 +56,7 @@ def test_a_script_that_meshes_keeps_its_own_mesh(tmp_path: Path) -> None:
     assert mesh.domain.topology.index_map(2).size_global == 4 * 2 * 5 * 5  # each cell cut into four
 
 
-@pytest.mark.parametrize("meshes", ["Mesh 1;", "Mesh 2;"])
+@pytest.mark.parametrize("meshes", [*slow("Mesh 1;"), "Mesh 2;"])
 def test_sizes_of_the_scene_mesh_again_what_a_script_has_meshed(meshes: str, tmp_path: Path) -> None:
     data = scene_data(write(tmp_path / "b.geo", f"{GEO}{meshes}\n"), mesh_size=0.5, contact_mesh_size=0.1)
     mesh = meshed(from_dict(data))

@@ -241,7 +241,7 @@ def test_multigrid_is_not_for_slender_bodies_that_float(system_of: Callable[[Sce
 
 def bars(*words: str) -> Scene:
     """A bar on a bar under its own weight; nothing but contact holds the upper one."""
-    scene = Case("two_blocks", 2.0, BARS, free=("top",)).read(2)
+    scene = Case("two_blocks", 3.0, BARS, free=("top",)).read(2)
     return replace(scene, solver=replace(scene.solver, **dict(word.split("=") for word in words)))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import slow
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.methods.method import Setup
 from stickslip.solvers.methods.nsgs import NSGS, Sweeps, in_disc
@@ -31,14 +32,16 @@ def first_step(simulation: Simulation, **settings: Any) -> tuple[Sweeps, Any]:
     return method, problem
 
 
-@pytest.mark.parametrize("name", ["block", "block, in one step", "cube", "cylinders", "shrink_fit, its shaft held"])
+@pytest.mark.parametrize(
+    "name", [*slow("block"), "block, in one step", "cube", "cylinders", "shrink_fit, its shaft held"]
+)
 def test_it_finds_what_newton_finds(name: str) -> None:
     found, expected = (agreement.solve(name, method).quantities() for method in ("nsgs", "condensed-newton"))
     off = agreement.apart(found, expected)
     assert max(off.values()) < agreement.AGREEMENT, off
 
 
-@pytest.mark.parametrize("m_n", [1.0, 2.0])
+@pytest.mark.parametrize("m_n", [*slow(1.0), 2.0])
 def test_each_quadrature_point_of_a_compliant_face_is_a_point(m_n: float, simulation_of: SimulationOf) -> None:
     law = f'contacts.base.normal={{law="compliance", c_n=20.0, m_n={m_n}}}'
     scene = read("block", [*BLOCK, law, "solver.tolerance=1e-11"])

@@ -21,7 +21,7 @@ SHIFTED = 1  # index of the second step
 CLOSED = 0.05  # [m] least of the compressions
 
 
-@pytest.mark.parametrize(("dim", "solver"), [(2, "lu"), (3, "lu"), (3, "gamg")])
+@pytest.mark.parametrize(("dim", "solver"), [(2, "lu"), pytest.param(3, "lu", marks=pytest.mark.slow), (3, "gamg")])
 def test_dolfinx_by_hand_has_our_forces_up_to_its_penalty(tmp_path: Path, dim: int, solver: str) -> None:
     problem = write_problem(Case(dim, N[dim]), tmp_path)
     found = programs.child([sys.executable, str(BY_HAND), str(problem), solver], 60.0)

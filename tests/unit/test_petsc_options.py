@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from petsc4py import PETSc
 
+from shared.cases import slow
 from shared.cells import Cell
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.step_result import StepResult
@@ -39,7 +40,7 @@ def solved(made: Scene) -> tuple[Simulation, list[StepResult]]:
     return simulation, list(simulation.steps())
 
 
-@pytest.mark.parametrize("options", ["-fieldsplit_u_pc_type gamg", "-fieldsplit_u_pc_type jacobi"])
+@pytest.mark.parametrize("options", [*slow("-fieldsplit_u_pc_type gamg"), "-fieldsplit_u_pc_type jacobi"])
 def test_a_preconditioner_alone_is_used_inside_conjugate_gradients(options: str) -> None:
     """As if it were a solver, each solve would be one cycle of it, and the answer wrong by tens of per cents."""
     (simulation, found), (_, expected) = solved(scene(options)), solved(scene())

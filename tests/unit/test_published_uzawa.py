@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
-from shared.cases import every_nth, often
+from shared.cases import every_nth, often, slow
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from stickslip.solvers.methods.inexact_uzawa import InexactUzawa
@@ -90,7 +90,7 @@ def test_each_method_finds_newtons_answer(
     assert_equal(steps(simulation_of(dragged(scene_of, dim, surface, method=method))), exact(dim, surface))
 
 
-@pytest.mark.parametrize("method", ["inexact-uzawa", "nonlinear-uzawa"])
+@pytest.mark.parametrize("method", [*slow("inexact-uzawa"), "nonlinear-uzawa"])
 def test_other_inner_and_friction_rules_lead_to_the_same_answer(
     method: str, scene_of: SceneOf, simulation_of: SimulationOf, exact: Any
 ) -> None:
@@ -137,7 +137,7 @@ def test_bounds_that_are_frozen_and_renewed_lead_to_the_same_fixed_point(
     assert [s.iterations for s in found] != [s.iterations for s in other]
 
 
-@pytest.mark.parametrize("relaxation", [0.9, 1.5])
+@pytest.mark.parametrize("relaxation", [*slow(0.9), 1.5])
 def test_a_step_that_is_given_is_the_one_taken(
     relaxation: float, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:

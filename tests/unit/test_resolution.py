@@ -40,7 +40,7 @@ def rollers(order: int, lower: float, swap: bool = False) -> Scene:
     })  # fmt: skip
 
 
-@pytest.mark.parametrize(("order", "swap"), [(1, False), (2, False), (2, True)])
+@pytest.mark.parametrize(("order", "swap"), [(1, False), pytest.param(2, False, marks=pytest.mark.slow), (2, True)])
 def test_an_unresolved_contact_is_warned_of_and_its_errors_are_not_small(
     order: int, swap: bool, estimating: SimulationOf
 ) -> None:

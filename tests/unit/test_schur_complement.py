@@ -181,7 +181,7 @@ def smooth(make: SceneOf, dim: int, **tables: Any) -> Scene:
     return make(dim, **{"contacts": {"base": base}, "supports": held} | tables)
 
 
-@pytest.mark.parametrize(("dim", "count"), [(2, 9), (3, 15)])
+@pytest.mark.parametrize(("dim", "count"), [pytest.param(2, 9, marks=pytest.mark.slow), (3, 15)])
 def test_without_friction_only_normal_displacements_are_condensed(
     dim: int, count: int, scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 import stickslip
 from shared.audited import audit
+from shared.cases import every_nth
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.error_parts import Quantity
 from stickslip.solvers.results.quantities import values
@@ -18,9 +19,7 @@ from stickslip.workflows.verification.check import failures
 from stickslip.workflows.verification.prepared import prepare
 
 
-@pytest.mark.parametrize("surface", ["condensed", "matrix-free"])
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("model", [*AREA])
+@pytest.mark.parametrize(("model", "order", "surface"), every_nth(2, AREA, [1, 2], ["condensed", "matrix-free"]))
 def test_a_spring_presses_a_column_on_the_floor(model: str, order: Literal[1, 2], surface: str) -> None:
     simulation, step, checks = pressed(model, order, "surface-uzawa", surface)
     assert not failures(checks)

@@ -55,7 +55,7 @@ def test_the_metric_is_equivalent_to_the_bodies_at_every_mesh_size_in_the_plane(
     assert_allclose(ends / ends[-1], 1.0, atol=0.1)
 
 
-@pytest.mark.parametrize(("order", "sizes"), [(1, (4, 6, 8, 10)), (2, (2, 3, 4, 5))])
+@pytest.mark.parametrize(("order", "sizes"), [(1, (4, 6, 8)), (2, (2, 3, 4))])
 def test_in_space_the_layer_of_cells_brings_it_nearer_at_every_mesh_size(
     order: int, sizes: tuple[int, ...], scene_of: SceneOf, system_of: SystemOf
 ) -> None:

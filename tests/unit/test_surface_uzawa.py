@@ -38,7 +38,7 @@ SMALL = {
     "arch": (),  # seven stones that contact alone holds
     "stack": (),
     "sliding": (),
-    "axisymmetric": ("steps.count=8",),
+    "axisymmetric": ("geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.05", "steps.count=4"),
     "ring": ("steps.count=8",),
     "shaft": (),
     "strip": (),  # slender
@@ -175,7 +175,7 @@ def test_a_side_that_is_partly_supported(
     same_forces(*both_ways(scene, simulation_of, surface), tolerance=1e-7)
 
 
-@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("dim", [2, *slow(3)])
 def test_gmres_and_a_dense_matrix_give_the_same(
     dim: int, scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -277,11 +277,12 @@ def test_a_singular_block_of_springs_is_said_as_that(
         raise RuntimeError("Factor is exactly singular")
 
     monkeypatch.setattr(surface_system, "DENSE", 0)
-    simulation = simulation_of(pressed(scene_of, 2, 8, 0.3))
+    simulation = simulation_of(pressed(scene_of, 2, 4, 0.3))
     stepper = simulation.stepper
     problem = stepper.reach(stepper.reach(stepper.start(), 1.0, print).state, 2.0, print).problem  # it slips
     monkeypatch.setattr(surface_system, "splu", singular)
-    solution = LearningIteration(metric=surface_metric(simulation.system))(problem, np.zeros(problem.cone.size))
+    method = LearningIteration(metric=surface_metric(simulation.system), hurried=True)
+    solution = method(problem, np.zeros(problem.cone.size))
     assert solution.status in (Status.STALLED, Status.NO_HOLD)  # not a traceback
 
 

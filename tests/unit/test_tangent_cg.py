@@ -10,6 +10,7 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose, assert_array_equal, assert_equal
 from petsc4py import PETSc
 
+from shared.cases import slow
 from shared.cells import REFERENCE, Cell, largest, reference, refused, solved
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import PC, Mat
@@ -201,7 +202,7 @@ def test_multigrid_that_was_released_is_set_up_again() -> None:
     assert simulation.counters.factorisations == count + 1
 
 
-@pytest.mark.parametrize("mu", [1e-6, 0.1])
+@pytest.mark.parametrize("mu", [*slow(1e-6), 0.1])
 def test_bodies_that_slide_on_each_other_cost_two_linear_solves_a_step(mu: float) -> None:
     """Multigrid cycles; the meshes do not match, all points slip."""
     shape = "length=1.0, width=1.0, height=1.0, lower_length=2.0, mesh_size=0.17, lower_mesh_size=0.14"
@@ -227,15 +228,15 @@ def test_bodies_that_slide_on_each_other_cost_two_linear_solves_a_step(mu: float
     assert simulation.counters.linear_iterations <= 2 * 2 * timing.iterations
 
 
-def test_two_steps_cost_two_linear_solves_on_any_mesh() -> None:
+@pytest.mark.parametrize("n", [6, 12, *slow(24)])
+def test_two_steps_cost_two_linear_solves_on_any_mesh(n: int) -> None:
     """Multigrid cycles; of a linear solve to 1e-8 as the price table counts them."""
     half = ["geometry.height=0.5", "contacts.base.friction.mu=0.15"]  # most points slip
-    for n, more in ((6, []), (12, []), (24, half)):
-        simulation, _ = ran(cube(f"geometry.mesh_size={1 / n}", *more))
-        solve = linear_reference(simulation.system, f"cg+{'boomeramg' if multigrid.HYPRE else 'gamg'}")
-        (timing,) = solve.solvers.values()
-        assert timing.iterations is not None
-        assert simulation.counters.linear_iterations <= 2.5 * timing.iterations
+    simulation, _ = ran(cube(f"geometry.mesh_size={1 / n}", *(half if n == 24 else [])))
+    solve = linear_reference(simulation.system, f"cg+{'boomeramg' if multigrid.HYPRE else 'gamg'}")
+    (timing,) = solve.solvers.values()
+    assert timing.iterations is not None
+    assert simulation.counters.linear_iterations <= 2.5 * timing.iterations
 
 
 @pytest.mark.parametrize("by", ["motion", "force"])
@@ -342,7 +343,9 @@ def test_auto_goes_on_without_it_where_rows_depend_on_each_other(monkeypatch: py
     assert not expected[0].stepper.chain.switches
 
 
-@pytest.mark.parametrize("by", ["motion", "force"])  # by a force alone, the first step begins where nothing moves
+@pytest.mark.parametrize(
+    "by", [*slow("motion"), "force"]
+)  # by a force alone, the first step begins where nothing moves
 def test_auto_goes_on_without_it_where_it_finds_no_numbers(by: str, monkeypatch: pytest.MonkeyPatch) -> None:
     push = ['loads.top={ boundary = "block.top", traction = [0.0, 0.0, -0.05] }', "steps={ end = 1.0, count = 1 }"]
     scene = read("cube", ["geometry.mesh_size=0.25", *MATRIX_FREE, *(["supports={}", *push] if by == "force" else [])])

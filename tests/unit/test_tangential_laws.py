@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.audited import record_of
+from shared.cases import every_nth
 from stickslip.solvers.methods.uzawa import Uzawa
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.results.step_result import SLIP, STICK
@@ -51,19 +52,18 @@ def rubbed(
     )
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("law", "method"), every_nth(2, LAWS, METHODS))
 def test_history_is_audited_clean_and_its_energy_is_all_there(
     law: str, method: str, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     check_history(simulation_of(rubbed(scene_of, law, method)))
 
 
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("dim", "geometry"), [(2, {"order": 2}), (3, {}), (3, {"cells": "tensor"})])
+@pytest.mark.parametrize(("law", "shape"), every_nth(3, LAWS, [(2, {"order": 2}), (3, {}), (3, {"cells": "tensor"})]))
 def test_so_it_is_in_3d_and_at_order_2(
-    law: str, dim: int, geometry: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
+    law: str, shape: tuple[int, dict[str, Any]], scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
+    dim, geometry = shape
     check_history(simulation_of(rubbed(scene_of, law, "condensed-newton", dim=dim, geometry=geometry)))
 
 
@@ -107,8 +107,7 @@ def test_time_remainder_falls_with_the_step(law: str, scene_of: SceneOf, simulat
     assert remainders[1] < 0.1
 
 
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("relaxation", [0.3, 1.9])
+@pytest.mark.parametrize(("law", "relaxation"), every_nth(2, LAWS, [0.3, 1.9]))
 def test_every_step_of_uzawa_is_admissible(
     law: str, relaxation: float, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:

@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.assemblies import outline_of, pinned, stacked
+from shared.cases import slow
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.user_files.outline import Facets
 from stickslip.geometry.user_files.simple_forms import fit
@@ -43,7 +44,7 @@ def test_bodies_that_share_an_edge_only_are_no_pair() -> None:
     assert touching(outline_of(steps), 3) == []
 
 
-@pytest.mark.parametrize("clearance", [0.0, 5e-4])
+@pytest.mark.parametrize("clearance", [*slow(0.0), 5e-4])
 def test_the_gap_of_a_pin_in_a_hole_is_the_difference_of_the_radii(clearance: float) -> None:
     """Facets of 16 to the circle are 4 mm from it."""
     pairs = touching(outline_of(lambda occ: pinned(occ, clearance)), 3)

@@ -140,8 +140,7 @@ NUMBERS = ("normal_force", "tangential_force", "dissipation_total")
 @pytest.mark.parametrize(
     ("name", "sets", "fine"),
     [  # the others when there is time
-        pytest.param(*case, id=case[0], marks=[] if case[0] in ("shrink_fit", "cube") else pytest.mark.slow)
-        for case in COARSE_AND_FINE
+        pytest.param(*case, id=case[0], marks=[] if case[0] == "cube" else pytest.mark.slow) for case in COARSE_AND_FINE
     ],
 )
 def test_stated_errors_are_true(name: str, sets: list[str], fine: list[str]) -> None:
@@ -215,7 +214,7 @@ def test_a_pressure_without_limit_has_no_error() -> None:
     assert smooth.errors["contacts.track.max_pressure"].converges
 
 
-@pytest.mark.parametrize("name", ["block", "foundation", "axisymmetric"])
+@pytest.mark.parametrize("name", [*slow("block"), "foundation", "axisymmetric"])
 def test_with_many_iterations_energy_is_in_balance(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(two_level, "STEPS", 25)
     simulation = prepare(read(name, ["geometry.order=1", "steps.count=4"]))

@@ -9,6 +9,7 @@ import pytest
 
 import stickslip.solvers.contact.pairing as pairing
 from shared.audited import record_of, stored_by
+from shared.cases import slow
 from stickslip.geometry.obstacles.cylinder import Cylinder
 from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.obstacles.plane import Plane
@@ -262,7 +263,7 @@ def test_what_passes_its_limit_is_said_and_no_more() -> None:
         tuple(passed([zero, zero], [1.0, 2.0], [0.0], 1e-8))
 
 
-@pytest.mark.parametrize("nu", [0.3, 0.4])
+@pytest.mark.parametrize("nu", [*slow(0.3), 0.4])
 def test_the_second_energy_gives_the_forces_of_the_first(
     nu: float, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
 ) -> None:

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from shared.cases import every_nth
 from shared.matrices import dense, whole
 from stickslip.geometry.errors import MachineError
 from stickslip.solvers.interface.factorised import FactorisedVolume
@@ -51,9 +52,7 @@ def blocks(system: System) -> tuple[Array, Array, NDArray[np.bool_]]:
     return K, K[c][:, c] - K[c][:, ~c] @ np.linalg.solve(K[~c][:, ~c], K[~c][:, c]), c
 
 
-@pytest.mark.parametrize("floating", [False, True])
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("by_blocks", [False, True])
+@pytest.mark.parametrize(("by_blocks", "dim", "floating"), every_nth(2, [False, True], [2, 3], [False, True]))
 def test_schur_complement_condense_and_expand_are_exact(
     dim: int, floating: bool, by_blocks: bool, scene_of: SceneOf, system_of: SystemOf
 ) -> None:

@@ -12,6 +12,7 @@ import pytest
 import pyvista as pv
 from numpy.testing import assert_allclose, assert_array_equal
 
+from shared.cases import slow
 from shared.disks import make_full
 from shared.histories import SMALL, Stop, assert_same, names_in
 from shared.synthetic import FACET, MESHES, SIZE, job_of, mesh_of, padded, result_of
@@ -196,7 +197,7 @@ def test_whatever_is_there_a_resumed_run_has_what_its_steps_say(tmp_path: Path) 
     assert names_in(tmp_path) - {step_name(index) for index in range(1, 7)} == {"vtu/mine.vtu", MARKER}
 
 
-@pytest.mark.parametrize("asked_before", [True, False])
+@pytest.mark.parametrize("asked_before", [*slow(True), False])
 def test_a_run_that_was_stopped_goes_on_to_the_same_files(tmp_path: Path, asked_before: bool) -> None:
     """Also if this output is asked for only when the run goes on."""
     run(read("block", ASKS), tmp_path / "whole")

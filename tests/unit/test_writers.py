@@ -106,7 +106,7 @@ def test_a_writer_is_told_of_a_step_that_failed(tmp_path: Path) -> None:
     assert said[1:] == [("BEFORE", "failed", 1, True), ("BEFORE", "finish", "not_converged", 0, False)]
 
 
-@pytest.mark.parametrize(("when", "kept"), [(Turn.BEFORE, 1), (Turn.AFTER, 2)])
+@pytest.mark.parametrize(("when", "kept"), [pytest.param(Turn.BEFORE, 1, marks=pytest.mark.slow), (Turn.AFTER, 2)])
 def test_a_writer_that_fails_ends_the_run_and_the_steps_before_are_kept(when: Turn, kept: int, tmp_path: Path) -> None:
     """A step whose file is there is safe, whatever fails after it; resumed, the run ends like any other."""
 
