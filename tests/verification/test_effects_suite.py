@@ -1,10 +1,12 @@
 """The suite of effects: a small sibling passes, and its judge sees what is wrong."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from stickslip.geometry.dolfinx_versions import CACHE
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers import effects as registry
 from stickslip.solvers.laws import FrictionLaw
@@ -95,10 +97,11 @@ def test_the_whole_suite(name: str) -> None:
     assert not faults(Found(studies=[study], noise=[1.0]))
 
 
-def test_calls_do_not_depend_on_what_ran_before() -> None:
+def test_calls_do_not_depend_on_what_ran_before_or_runs_beside() -> None:
     scene = from_dict(SCENES["held, 2D"])
     first = calls(scene)
     kept = [prepare(scene) for _ in range(3)]  # meshes that live on
+    os.utime(CACHE)  # as another process does that compiles a form
     assert calls(scene) == first
     assert len(kept) == 3
 
