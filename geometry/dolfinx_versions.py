@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial, reduce
 from importlib.util import find_spec
 from pathlib import Path
@@ -244,6 +244,16 @@ def facet_cells(domain: DolfinxMesh, facets: Ints) -> Ints:
     cells = np.asarray(to_cell.array, np.int64)[np.asarray(to_cell.offsets)[facets]]
     around = np.asarray(to_facet.array).reshape(to_facet.num_nodes, -1)[cells]
     return np.stack([cells, np.argmax(around == np.reshape(facets, (-1, 1)), axis=1)], axis=1)
+
+
+def renumbered(domain: DolfinxMesh, tags: MeshTags, numbers: Sequence[int]) -> MeshTags:
+    """The tags of these numbers alone, as 1, 2, ... in their order."""
+    order = np.argsort(numbers)
+    known = np.asarray(numbers)[order]
+    place = np.minimum(np.searchsorted(known, tags.values), len(known) - 1)
+    mine = known[place] == tags.values
+    found: MeshTags = mesh.meshtags(domain, tags.dim, tags.indices[mine], (order[place[mine]] + 1).astype(np.int32))
+    return found
 
 
 def compile_form(form: UflForm) -> CompiledForm:

@@ -281,6 +281,7 @@ class DolfinxMesh(Protocol):
 class MeshTags(Protocol):
     """Tags of the cells or facets `indices` of this rank, which increase."""
 
+    dim: int
     indices: Int32s
     values: Int32s
 

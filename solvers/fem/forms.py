@@ -14,7 +14,18 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.mesh.mesh import Mesh
-from stickslip.geometry.protocols import CompiledForm, Constant, Function, FunctionSpace, Measure, UflExpr, UflForm, Vec
+from stickslip.geometry.protocols import (
+    CompiledForm,
+    Constant,
+    DolfinxMesh,
+    Function,
+    FunctionSpace,
+    Measure,
+    MeshTags,
+    UflExpr,
+    UflForm,
+    Vec,
+)
 from stickslip.solvers.fem.terms import InitialStrain, LoadTerm, drawn_together
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.parallel.counters import Counters
@@ -68,6 +79,30 @@ def multiplied(form: UflForm, factors: Mapping[str, Function]) -> UflForm | None
     found: UflForm = ufl.Form(
         [one.reconstruct(integrand=factors[one.integral_type()] * one.integrand()) for one in kept]
     )
+    return found
+
+
+def numbered(form: UflForm, domain: DolfinxMesh) -> UflForm:
+    """The form with the bodies and the sides that it is over numbered from 1 on, in place of their numbers in the mesh.
+
+    A compiled form holds these numbers: so the weights of a hundred bodies are compiled once, not a hundred times.
+    """
+    numbers, tags = dict[str, list[int]](), dict[str, MeshTags]()  # by the type of the integral
+    for one in form.integrals():
+        if one.subdomain_data() is not None:
+            tags[one.integral_type()] = one.subdomain_data()
+            known = numbers.setdefault(one.integral_type(), [])
+            known += [one.subdomain_id()] * (one.subdomain_id() not in known)
+    own = {kind: dx.renumbered(domain, tags[kind], known) for kind, known in numbers.items()}
+
+    def changed(one: Any) -> Any:
+        if one.subdomain_data() is None:
+            return one
+        kind = one.integral_type()
+        number = numbers[kind].index(one.subdomain_id()) + 1
+        return one.reconstruct(subdomain_id=number, subdomain_data=own[kind])
+
+    found: UflForm = ufl.Form([changed(one) for one in form.integrals()])
     return found
 
 
@@ -419,4 +454,4 @@ class WeakForms:
     def compile(self, form: UflForm) -> CompiledForm:
         """Compile a form, or load it from the cache; counted."""
         self.counters.forms += 1
-        return dx.compile_form(form)
+        return dx.compile_form(numbered(form, self.mesh.domain))

@@ -12,10 +12,12 @@ from shared.cases import every_nth, slow
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.fem.forms import numbered
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import System
+from stickslip.workflows.scene_file.read import read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]
@@ -188,3 +190,20 @@ def test_a_pressed_block_hands_its_pressure_to_the_foundation(
     if dim == 2:
         expected[2, 2] = -0.3 * 0.2  # plane strain
     assert_allclose(step.stress, np.tile(expected, (len(step.stress), 1, 1)), atol=1e-7)
+
+
+def test_forms_of_bodies_and_sides_are_compiled_once(scene_of: SceneOf, system_of: SystemOf) -> None:
+    """Whatever numbers bodies and sides have in the mesh, alone or together."""
+    weak = system_of(read("arch", ["geometry.mesh_size=0.5"])).weak
+    one, other, third, *_ = weak.problem.bodies
+    weights = [weak.v[1] * weak.volume(body) for body in (one, other)]
+    pairs = [weak.v[0] * weak.volume(a) + weak.v[1] * weak.volume(b) for a, b in ((one, other), (one, third))]
+    sides = [weak.v[1] * weak.boundary(side) for side in list(weak.mesh.sides)[1:3]]
+    for kind in (weights, pairs, sides):
+        assert len({form.signature() for form in kind}) == 2
+        assert len({numbered(form, weak.mesh.domain).signature() for form in kind}) == 1
+    found = [dx.assemble_vector(weak.compile(form)).array for form in (*weights, *pairs)]
+    assert not np.any(found[0] * found[1])  # no node is in both bodies
+    first, second = (part.reshape(-1, 2).sum(axis=0) for part in found[2:])
+    assert_allclose(first, [weak.size(one), weak.size(other)], rtol=1e-12)
+    assert_allclose(second, [weak.size(one), weak.size(third)], rtol=1e-12)
