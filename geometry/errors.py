@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 LONGEST, LONGEST_LINE = 120, 280  # characters of a user's text that an error repeats, and of the whole line
 MOST_LINES = 30  # mistakes that are said at once
@@ -134,6 +134,17 @@ def require(ok: bool, key: str, found: object, expected: str) -> None:
     """
     if not ok:
         raise SceneError(f"{key} = {shortened(found)}: {expected}")
+
+
+def require_known(key: str, name: str, known: Collection[str], expected: str = "") -> None:
+    """Raise `SceneError("key = name: expected; did you mean ...?")` unless the name is known.
+
+    What is spelled most like it is looked for then alone: among the sides of fifty bodies that takes 30 ms.
+
+    >>> require_known("contacts.base.surface", "block.top", ["block.bottom", "block.top"], "no such side")
+    """
+    if name not in known:
+        require(False, key, name, f"{expected}{'; ' if expected else ''}{nearest(name, known)}")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

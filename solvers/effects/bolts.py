@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
-from stickslip.geometry.errors import SceneError, nearest, require
+from stickslip.geometry.errors import SceneError, require, require_known
 from stickslip.geometry.keys import Key
 from stickslip.geometry.obstacles.rotation import unit
 from stickslip.solvers.effects.effect import Effect
@@ -74,7 +74,7 @@ class Bolt(EffectTable):
         expected = f"expected {scene.dim} components in this model"
         axis = self.axis or ()
         if self.shank is not None:
-            require(self.body in scene.bodies, f"{key}.body", self.body, nearest(str(self.body), scene.bodies))
+            require_known(f"{key}.body", str(self.body), scene.bodies)
             for point in self.shank:
                 require(len(point) == scene.dim, f"{key}.shank", list(point), expected)
             axis = tuple(b - a for a, b in zip(*self.shank, strict=True))

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import field, fields, make_dataclass
 from typing import Any
 
-from stickslip.geometry.errors import nearest, require
+from stickslip.geometry.errors import require_known
 from stickslip.solvers.methods.method import Method, keys_of
 from stickslip.solvers.scene import settings
 
@@ -35,7 +35,7 @@ def method_of(solver: settings.Solver) -> Method:
     Raises:
         SceneError: no method has that name, or a value is out of range.
     """
-    require(solver.method in METHODS, "method", solver.method, nearest(solver.method, METHODS))
+    require_known("method", solver.method, METHODS)
     return METHODS[solver.method].of(solver)
 
 

@@ -13,7 +13,7 @@ from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
 from stickslip.geometry.components import completed
-from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, require, shortened
+from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, require, require_known, shortened
 from stickslip.geometry.expression import CONSTANTS, Expression, Varying
 from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.obstacles import Obstacle
@@ -169,7 +169,7 @@ class Scene(Noun):
         Raises:
             SceneError: the geometry does not have it; the nearest name is given.
         """
-        require(side in self.sides(), key, side, f"no such side; {nearest(side, self.sides())}")
+        require_known(key, side, self.sides(), "no such side")
 
     def require_body(self, key: str) -> None:
         """Check that the table [EFFECT.BODY] of a key has the name of a body.
@@ -406,8 +406,7 @@ class Scene(Noun):
     def _check_other_side(self, name: str, contact: Contact) -> None:
         """Check that `against` is an obstacle or a side of another body, and that the model has the operator."""
         known, against = (*self.obstacles, *self.sides()), contact.against
-        expected = f"no such obstacle or side; {nearest(against, known)}"
-        require(against in known, f"contacts.{name}.against", against, expected)
+        require_known(f"contacts.{name}.against", against, known, "no such obstacle or side")
         own = contact.surface.split(".")[0]
         itself = against not in self.obstacles and against.split(".")[0] == own
         require(not itself, f"contacts.{name}.against", against, "a side of the same body; contact needs two bodies")

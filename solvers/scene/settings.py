@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from stickslip.geometry.errors import nearest, require
+from stickslip.geometry.errors import require, require_known
 from stickslip.geometry.keys import Key, Noun
 
 SHORTEST, LONGEST = 1e-100, 1e100  # [s] of a history; powers of times far beyond are 0 or infinite
@@ -38,7 +38,7 @@ class Exact(Noun):
         """
         names = tuple(known)
         for name, value in self.values.items():
-            require(name in names, "exact.values", name, f"no such quantity; {nearest(name, names)}")
+            require_known("exact.values", name, names, "no such quantity")
             require(math.isfinite(value), f"exact.values.{name}", value, "must be a finite number")
 
 
@@ -68,7 +68,7 @@ class Accuracy(Noun):
         """
         names = tuple(known)
         for name in self.goals:
-            require(name in names, "accuracy.goals", name, f"no such quantity; {nearest(name, names)}")
+            require_known("accuracy.goals", name, names, "no such quantity")
 
 
 @dataclass(frozen=True, kw_only=True)
