@@ -92,7 +92,8 @@ def numbered(form: UflForm, domain: DolfinxMesh) -> UflForm:
         if one.subdomain_data() is not None:
             tags[one.integral_type()] = one.subdomain_data()
             known = numbers.setdefault(one.integral_type(), [])
-            known += [one.subdomain_id()] * (one.subdomain_id() not in known)
+            if one.subdomain_id() not in known:
+                known.append(one.subdomain_id())
     own = {kind: dx.renumbered(domain, tags[kind], known) for kind, known in numbers.items()}
 
     def changed(one: Any) -> Any:
