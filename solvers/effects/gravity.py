@@ -6,8 +6,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
+
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.components import LIST
+from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.effects.effect import Effect
@@ -46,10 +49,10 @@ class _Gravity(Effect):
 
     def loads(self, problem: Problem, weak: WeakForms) -> Iterable[LoadTerm]:
         for body, material in problem.bodies.items():
-            for axis in range(problem.dim):
+            for axis, along in zip("xyz", np.eye(problem.dim), strict=False):
                 if material.density:
-                    form = weak.constant(material.density) * weak.v[axis] * weak.volume(body)
-                    yield LoadTerm(drive=Place("gravity", "", "acceleration", "xyz"[axis]), form=form)
+                    weight = ufl.inner(weak.constant(material.density * along), weak.v)  # one form for all axes
+                    yield LoadTerm(drive=Place("gravity", "", "acceleration", axis), form=weight * weak.volume(body))
 
 
 EFFECT = _Gravity()
