@@ -46,7 +46,7 @@ class _BodyForce(Effect):
             for axis, value in enumerate(table.force):
                 if value != 0:
                     place = Place("body_force", body, "force", "xyz"[axis])
-                    yield weak.load(place, weak.v[axis], partial(weak.volume, body))
+                    yield weak.load(place, weak.along(axis), partial(weak.volume, body))
 
 
 EFFECT = _BodyForce()

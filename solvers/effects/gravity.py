@@ -6,11 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
-
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.components import LIST
-from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.effects.effect import Effect
@@ -49,10 +46,10 @@ class _Gravity(Effect):
 
     def loads(self, problem: Problem, weak: WeakForms) -> Iterable[LoadTerm]:
         for body, material in problem.bodies.items():
-            for axis, along in zip("xyz", np.eye(problem.dim), strict=False):
+            for axis in range(problem.dim):
                 if material.density:
-                    weight = ufl.inner(weak.constant(material.density * along), weak.v)  # one form for all axes
-                    yield LoadTerm(drive=Place("gravity", "", "acceleration", axis), form=weight * weak.volume(body))
+                    form = weak.along(axis, material.density) * weak.volume(body)
+                    yield LoadTerm(drive=Place("gravity", "", "acceleration", "xyz"[axis]), form=form)
 
 
 EFFECT = _Gravity()

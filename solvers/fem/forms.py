@@ -346,10 +346,10 @@ class WeakForms:
             if load.pressure is not None:
                 found.append(self.load(Place("loads", name, "pressure"), -ufl.inner(normal, self.v), on_side))
                 continue
-            spread = self.constant(1 / self.area(load.boundary) if load.force is not None else 1.0)
+            spread = 1 / self.area(load.boundary) if load.force is not None else 1.0
             quantity = "force" if load.force is not None else "traction"
             found += [
-                self.load(Place("loads", name, quantity, "xyz"[i]), spread * self.v[i], on_side)
+                self.load(Place("loads", name, quantity, "xyz"[i]), self.along(i, spread), on_side)
                 for i, a in enumerate(load.amplitudes())
                 if a != 0
             ]
@@ -375,6 +375,11 @@ class WeakForms:
         x = ufl.SpatialCoordinate(self.mesh.domain)
         values = {axis: x[i] for i, axis in enumerate("xyz"[: self.mesh.dim])} | {"t": clock}
         found: UflExpr = self.problem.timeline.expressions[place].build(values, self.constant, SYMBOLS)
+        return found
+
+    def along(self, axis: int, factor: float = 1.0) -> UflExpr:
+        """factor times v along an axis, both read at run time: one form for all axes."""
+        found: UflExpr = ufl.inner(self.constant(factor * np.eye(self.mesh.dim)[axis]), self.v)
         return found
 
     def linear(self, matrix: Array, shift: Array) -> UflExpr:
