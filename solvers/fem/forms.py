@@ -378,7 +378,7 @@ class WeakForms:
         return found
 
     def along(self, axis: int, factor: float = 1.0) -> UflExpr:
-        """factor times v along an axis, both read at run time: one form for all axes."""
+        """The component of v along an axis, times a factor; both are read at run time: one form for all axes."""
         found: UflExpr = ufl.inner(self.constant(factor * np.eye(self.mesh.dim)[axis]), self.v)
         return found
 
