@@ -1,6 +1,6 @@
 # make install   what is missing of Debian's packages (packages.txt), then .venv with PyPI's (requirements.txt) and stickslip
 # make run       the first scene; its results are then in results/block
-# make lint      style, types, and bandit for what could be unsafe
+# make lint      style, types, and what could be unsafe
 # make test      lint, and every test that is not slow
 # make verify    every test, the verification problems, then `make debian13`
 # make browser   Chromium by apt-get, if it is missing: `make verify` opens reports in it
@@ -80,10 +80,8 @@ run: install
 lint: install
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
-	.venv/bin/bandit -q -r -c pyproject.toml geometry solvers workflows stickslip & safe=$$!
-	if [[ $$(.venv/bin/python -c 'import numpy; print(numpy.__version__)') = 1.* ]]; then .venv/bin/mypy $(SOURCES)
+	if [[ $$(.venv/bin/python -c 'import numpy; print(numpy.__version__)') = 1.* ]]; then .venv/bin/mypy -n $(WORKERS) $(SOURCES)
 	else echo 'make lint: mypy is left out, for numpy 2 has other types than the numpy 1 of Debian 12'; fi
-	wait $$safe
 
 test: lint
 	.venv/bin/python -m pytest -n $(WORKERS) -m 'not slow'

@@ -10,8 +10,10 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial, reduce
+from importlib.metadata import distribution
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from stickslip.geometry.bisection import bisection, sets_beside
@@ -25,6 +27,11 @@ except RuntimeError:  # a user without name or home, as in containers; dolfinx a
 
 _flags, _words = sys.getdlopenflags(), sys.argv
 sys.argv = _words[:1]  # dolfinx takes words of the command line for its own, and refuses some characters
+
+# ufl and ffcx of Debian 12 ask pkg_resources for their versions: its import takes .1 s, and new setuptools have none
+_versions = ModuleType("pkg_resources")
+_versions.get_distribution = distribution  # type: ignore[attr-defined]
+_known = sys.modules.setdefault("pkg_resources", _versions)
 
 if find_spec("dolfinx_solver"):  # PyPI's wheel of dolfinx: MPI is loaded first, and a second PETSc is refused
     import dolfinx_solver  # noqa: F401
@@ -51,6 +58,8 @@ from stickslip.geometry.protocols import (
     Vec,
 )
 
+if _known is _versions:
+    del sys.modules["pkg_resources"]
 sys.argv = _words
 sys.setdlopenflags(_flags)  # 0.5.2 leaves RTLD_GLOBAL on for every later import
 

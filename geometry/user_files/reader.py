@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import logging
 import os
-import pickle  # nosec B403
+import pickle
 import signal
 import sys
 import tempfile
@@ -179,7 +179,7 @@ def main() -> None:
     """`python -m stickslip.geometry.user_files.reader QUESTION ANSWER PARENT`: two pickles, and a process number."""
     end_with(int(sys.argv[3]))
     asked, answered = (Path(word) for word in sys.argv[1:3])
-    question: Question = pickle.loads(asked.read_bytes())  # the parent's  # nosec B301
+    question: Question = pickle.loads(asked.read_bytes())  # the parent's  # noqa: S301
     with answered.open("wb") as target:  # before containment
         content = _answer_or_why_not(question, asked.parent)
         try:

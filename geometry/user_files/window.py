@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import pickle  # nosec B403
+import pickle
 import subprocess
 import sys
 import tempfile
@@ -44,7 +44,7 @@ def open_window(shape: Shape, request: Request) -> None:
 
 def main() -> int:
     """`python -m stickslip.geometry.user_files.window FILE`, a pickled shape and request; returns the exit code."""
-    shape, request = pickle.loads(Path(sys.argv[1]).read_bytes())  # the parent's  # nosec B301
+    shape, request = pickle.loads(Path(sys.argv[1]).read_bytes())  # the parent's  # noqa: S301
     question = shape.question(request.dim) if isinstance(shape, UserFile) else None
     if question and question.contained:
         import gmsh as _  # noqa: F401  starts programs to find its library

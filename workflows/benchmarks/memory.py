@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess  # of this program itself  # nosec B404
+import subprocess  # of this program itself
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -66,7 +66,7 @@ def measured(case: Sequence[str]) -> Run:
     """One run, in a process of its own."""
     command = [sys.executable, "-m", "stickslip.workflows.benchmarks.memory_run", *case]
     alone = os.environ | {"OMP_NUM_THREADS": "1"}
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, env=alone)  # nosec B603
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, env=alone)
     found: Run = json.loads(done.stdout.splitlines()[-1])
     return found
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
-from xml.etree import ElementTree as ET  # it writes only  # nosec B405
+from xml.etree import ElementTree as ET  # it writes only
 
 import numpy as np
 

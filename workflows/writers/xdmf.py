@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
-from xml.etree import ElementTree as ET  # it writes only  # nosec B405
+from xml.etree import ElementTree as ET  # it writes only
 
 import numpy as np
 

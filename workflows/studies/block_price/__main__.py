@@ -60,7 +60,7 @@ def one_thread() -> None:
     """Start this process again on one thread, unless it is; libraries read the number when they are loaded."""
     if not ONE_THREAD.items() <= os.environ.items():
         words = [sys.executable, "-m", "stickslip.workflows.studies.block_price", *sys.argv[1:]]
-        os.execve(sys.executable, words, {**os.environ, **ONE_THREAD})  # nosec B606
+        os.execve(sys.executable, words, {**os.environ, **ONE_THREAD})
 
 
 if __name__ == "__main__":
