@@ -17,7 +17,7 @@ from types import ModuleType
 from typing import Any
 
 from stickslip.geometry.bisection import bisection, sets_beside
-from stickslip.geometry.form_cache import TURN, find_cache, patient
+from stickslip.geometry.form_cache import TURN, find_cache, once, patient
 
 CACHE, CACHE_NOTE = find_cache()  # the note is empty where all is as usual
 try:
@@ -71,7 +71,7 @@ _DEFAULTS = getattr(dolfinx.jit, f"DOLFINX_DEFAULT_JIT_{'PARAMETERS' if OLD else
 _DEFAULTS |= {"cache_dir": (CACHE, ""), "timeout": (TURN, "")}
 for _settings in (dolfinx.jit, ffcx.parameters if OLD else ffcx.options):  # whatever lies in the working folder
     setattr(_settings, f"_load_{'parameters' if OLD else 'options'}", lambda: ({}, {}))
-dolfinx.jit.ffcx_jit = patient(dolfinx.jit.ffcx_jit, CACHE)
+dolfinx.jit.ffcx_jit = once(patient(dolfinx.jit.ffcx_jit, CACHE))
 
 
 def with_compiled_coordinate_element(domain: Any) -> Any:

@@ -16,7 +16,7 @@ import pytest
 from shared.processes import running, wait_for
 from shared.ranks import mpirun
 from stickslip.geometry.errors import MachineError
-from stickslip.geometry.form_cache import LOCK, find_cache, patient, remove_left_over
+from stickslip.geometry.form_cache import LOCK, find_cache, once, patient, remove_left_over
 
 WORDS = ["geometry.mesh_size=1.0", "output.error=false"]
 PROGRAM = f"import stickslip; print(len(list(stickslip.steps(stickslip.read('block', {WORDS})))))"
@@ -86,6 +86,16 @@ class OneRank:
     def barrier(self) -> None:
         """Nobody to wait for."""
 
+    def allgather(self, said: bool) -> list[bool]:
+        return [said]
+
+
+class WithANewcomer(OneRank):
+    """A rank beside one that has compiled nothing yet."""
+
+    def allgather(self, said: bool) -> list[bool]:
+        return [said, False]
+
 
 def test_compiler_that_fails_is_said_in_one_line(tmp_path: Path) -> None:
     def fail(comm: Any) -> None:
@@ -129,3 +139,17 @@ def test_many_integration_points_are_no_warning(tmp_path: Path) -> None:
         return "compiled"
 
     assert patient(compiled, tmp_path)(OneRank()) == "compiled"
+
+
+def test_what_is_known_is_loaded_once_unless_another_rank_needs_it() -> None:
+    calls = []
+
+    def compiled(comm: Any, asked: Any, options: Any) -> int:
+        calls.append(asked)
+        return len(calls)
+
+    asking = once(compiled)
+    assert [asking(OneRank(), asked, options={"n": 1}) for asked in ("P1", "P2", "P1")] == [1, 2, 1]
+    assert asking(OneRank(), "P1", options={"n": 2}) == 3
+    assert asking(WithANewcomer(), "P1", options={"n": 1}) == 4  # compiling is collective
+    assert [asking(OneRank(), ("an expression", "points"), options={}) for _ in range(2)] == [5, 6]
