@@ -310,7 +310,7 @@ def _quadrature(mesh: Mesh) -> int | None:
 def inner_forces(problem: Problem, weak: WeakForms, u: Function) -> list[UflForm]:
     """a(u, v) of the bodies, and the stiffness of effects, as forms of their own."""
     stiffness = [form for effect in active(problem) for form in effect.stiffness(problem, weak, u)]
-    return [weak.elasticity_by_cell(u), *stiffness]
+    return [weak.elasticity(u), *stiffness]
 
 
 def _assembled(forms: list[CompiledForm]) -> Vec:

@@ -208,37 +208,33 @@ class WeakForms:
         found: UflExpr = ufl.as_matrix([[six[place[ij]] if ij in place else 0 for ij in row] for row in rows])
         return found
 
-    def elasticity_by_cell(self, u: UflExpr) -> UflForm:
-        """a(u, v) with Lamé parameters that are read cell by cell: one form for any number of isotropic bodies."""
-        domain, tags = self.mesh.domain, self.mesh.cell_tags
-        dx_all = self._around(ufl.Measure("dx", domain=domain, metadata=self._rule()))
-        index = domain.topology.index_map(self.mesh.dim)
-        values = np.zeros((2, index.size_local + index.num_ghosts))
-        for body in self.problem.isotropic:
-            tag = self.mesh.bodies[body]
-            values[:, tags.indices[tags.values == tag]] = np.array(self.lame(body))[:, None]
-        first, mu = (dx.cell_function(domain, row) for row in values)
-        found: UflForm = ufl.inner(self._stress(u, first, mu), self.strain(self.v)) * dx_all
-        for body in self.problem.orthotropic:
-            found += ufl.inner(self.stress(u, body), self.strain(self.v)) * self.volume(body)
-        return found
-
     def elasticity(self, u: UflExpr | None = None) -> UflForm:
-        """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx, without the part of `MeanDilatation`.
+        """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx, without the part of `MeanDilatation`: there 2 mu eps(u).
+
+        Lamé parameters are read cell by cell: one compiled form for any number of isotropic bodies.
 
         Args:
             u: displacement Function, for the linear form of its inner forces; None: the trial function.
         """
-        strain, u = self.strain(self.v), self.u if u is None else u
-        found: UflForm = sum(ufl.inner(self.at_point(u, b), strain) * self.volume(b) for b in self.problem.bodies)
+        strain, u, problem = self.strain(self.v), self.u if u is None else u, self.problem
+        found: UflForm = sum(ufl.inner(self.stress(u, b), strain) * self.volume(b) for b in problem.orthotropic)
+        if problem.isotropic:
+            stress = self._stress(u, *self._lame_by_cell())
+            everywhere = ufl.Measure("dx", domain=self.mesh.domain, metadata=self._rule())
+            found += ufl.inner(stress, strain) * self._around(everywhere)
         return found
 
-    def at_point(self, u: UflExpr, body: str) -> UflExpr:
-        """The stress [Pa] by the strain at the point itself; where the dilatation is a mean, 2 mu eps(u) alone."""
-        if body not in self.problem.averaged:
-            return self.stress(u, body)
-        found: UflExpr = self.constant(2 * self.lame(body)[1]) * self.strain(u)
-        return found
+    def _lame_by_cell(self) -> tuple[Function, Function]:
+        """Lamé parameters [Pa]; 0 in orthotropic bodies, the first one also where the dilatation is a mean."""
+        domain = self.mesh.domain
+        index = domain.topology.index_map(self.mesh.dim)
+        first, mu = np.zeros((2, index.size_local + index.num_ghosts))
+        for body in self.problem.isotropic:
+            cells = self.mesh.cells_of(body)
+            first[cells], mu[cells] = self.lame(body)
+            if body in self.problem.averaged:
+                first[cells] = 0.0
+        return dx.cell_function(domain, first), dx.cell_function(domain, mu)
 
     def gram(self, length: float) -> UflForm:
         """<u, v> = sum over bodies of E ∫ grad u : grad v + u . v / l^2 dx, l = `length` [m]: the inner product of H1.

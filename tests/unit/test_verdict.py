@@ -84,8 +84,8 @@ def wrong_distance(kind: type, patch: pytest.MonkeyPatch) -> None:
 
 
 def wrong_modulus(patch: pytest.MonkeyPatch) -> None:
-    true = WeakForms.stress
-    patch.setattr(WeakForms, "stress", lambda self, u, body: 1.3 * true(self, u, body))
+    true = WeakForms._stress
+    patch.setattr(WeakForms, "_stress", lambda self, *words: 1.3 * true(self, *words))
 
 
 def wrong_compliance(patch: pytest.MonkeyPatch) -> None:
