@@ -175,6 +175,19 @@ def test_signal_while_it_starts_ends_with_130(
     assert "interrupted" in err
 
 
+@pytest.mark.parametrize("moment", ["start._stay_alone", "logging.getLogger"])
+def test_signal_between_two_imports_ends_with_130(moment: str, folder: Path, environment: dict[str, str]) -> None:
+    """Where neither an import nor the command looks out for it: there it was a traceback, and was met by chance."""
+    kill = "lambda *_: os.kill(os.getpid(), signal.SIGTERM)"
+    program = "import logging, os, signal, sys; from stickslip.workflows.commands import cli, start; "
+    program += f"sys.argv += ['scenes']; {moment} = {kill}; start.main()"
+    words = [sys.executable, "-c", program]
+    done = subprocess.run(
+        words, cwd=folder, env=environment, capture_output=True, text=True, timeout=LIMIT, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "stickslip: interrupted\n")
+
+
 def test_ctrl_c_that_is_ignored_is_not_heard_but_other_signals_are(
     folder: Path, command: list[str], environment: dict[str, str]
 ) -> None:

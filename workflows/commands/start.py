@@ -25,6 +25,17 @@ ALONE = {  # of Open MPI: a process that has nobody to talk to
 
 def main() -> None:
     """Entry point of the console script."""
+    try:
+        _prepare()
+        from stickslip.workflows.commands.cli import main as command
+
+        command()
+    except KeyboardInterrupt:  # beside what `command` guards
+        _interrupted()
+
+
+def _prepare() -> None:
+    """Signals, streams, folders and MPI's variables."""
     for number in STOPPING:
         if signal.getsignal(number) is not signal.SIG_IGN:  # nohup, or a shell's background
             signal.signal(number, _stop)
@@ -38,9 +49,6 @@ def main() -> None:
         _end(f"the working folder is gone: {error.strerror}; go to another one")
     _find_temporary_folder()
     _stay_alone()
-    from stickslip.workflows.commands.cli import main as command
-
-    command()
 
 
 def _end(why: str) -> NoReturn:
@@ -88,11 +96,16 @@ def _stop(number: int, frame: FrameType | None) -> None:
     """End here: by an error that lets everybody clean up, but at once within an import, which no error may leave."""
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
-            if speaks():
-                os.write(2, b"stickslip: interrupted\n")
-            os._exit(STOPPED)
+            _interrupted()
         frame = frame.f_back
     raise KeyboardInterrupt
+
+
+def _interrupted() -> NoReturn:
+    if speaks():
+        with suppress(OSError):  # nothing is left to tell it to
+            os.write(2, b"stickslip: interrupted\n")
+    os._exit(STOPPED)
 
 
 if __name__ == "__main__":
