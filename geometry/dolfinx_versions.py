@@ -290,14 +290,16 @@ def assemble_matrix(form: CompiledForm) -> Mat:
     return matrix
 
 
-def assemble_vector(form: CompiledForm) -> Vec:
-    """PETSc vector of a compiled linear form, ghost values added to those of their owners; collective.
+def assemble_vector(form: CompiledForm, *more: CompiledForm) -> Vec:
+    """PETSc vector of the sum of compiled linear forms, ghost values added to those of their owners; collective.
 
     It is on the communicator of the mesh, not on the one that dolfinx makes for each space.
     """
     from petsc4py import PETSc
 
     ghosted: Vec = fem.petsc.assemble_vector(form)
+    for other in more:
+        fem.petsc.assemble_vector(ghosted, other)
     ghosted.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
     vector: Vec = PETSc.Vec().createMPI(ghosted.getSizes(), bsize=ghosted.block_size, comm=form.mesh.comm)
     vector.array[:] = ghosted.array_r

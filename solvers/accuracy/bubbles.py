@@ -17,7 +17,7 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
-from stickslip.geometry.protocols import CompiledForm, Function, Sparse, UflForm, Vec
+from stickslip.geometry.protocols import Function, Sparse, UflForm, Vec
 from stickslip.geometry.small_matrices import inverse_and_determinant, inverses
 from stickslip.solvers.accuracy.finer_loads import beyond
 from stickslip.solvers.effects import active
@@ -104,7 +104,7 @@ class Bubbles:
         return_memory(self.system.mesh.comm)
         self._add_up(u, x)
         elongation = self.system.constraints.links.elongation(u) + self.elongation(x)
-        return self.constraints.links.added(_assembled(self._inner), elongation)
+        return self.constraints.links.added(dx.assemble_vector(*self._inner), elongation)
 
     def displacement_at(self, u: Vec, x: Vec, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, Array]:
         """u + x (d,) [m] at points, by name, on every rank; collective.
@@ -173,7 +173,7 @@ class Bubbles:
         """Inner forces a(x, .) [N] of bubbles on the dofs of the mesh; releases as `inner`; collective."""
         return_memory(self.system.mesh.comm)
         dx.fill(self._alone, x.array_r)
-        return self.system.constraints.links.added(_assembled(self._pull), self.elongation(x))
+        return self.system.constraints.links.added(dx.assemble_vector(*self._pull), self.elongation(x))
 
     def remote(self, x: Vec) -> Array:
         """What bubbles add to the motion of remote points (components,) [m, rad]; collective."""
@@ -311,8 +311,3 @@ def inner_forces(problem: Problem, weak: WeakForms, u: Function) -> list[UflForm
     """a(u, v) of the bodies, and the stiffness of effects, as forms of their own."""
     stiffness = [form for effect in active(problem) for form in effect.stiffness(problem, weak, u)]
     return [weak.elasticity(u), *stiffness]
-
-
-def _assembled(forms: list[CompiledForm]) -> Vec:
-    first, *others = (dx.assemble_vector(form) for form in forms)
-    return sum(others, start=first)

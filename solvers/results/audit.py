@@ -101,17 +101,17 @@ class Auditor:
         """
         self.start: System = assemble(problem, mesh, Counters())
         self._u, self._dilatation = dx.fem.Function(self.start.space), self.start.dilatation.functions()
-        self._inner_forces = self.start.weak.compile(self._forces_of_bodies())
+        self._inner_forces = [self.start.weak.compile(form) for form in self._forces_of_bodies()]
         self._multiplier_forces: dict[str, MultiplierForces] = {}  # by contact, compiled at the first step
         self._j_n: dict[str, tuple[ComplianceForms, CompiledForm]] = {}  # likewise
         self._largest = 0.0  # traction so far [Pa]
         self._set_system(self.start)
 
-    def _forces_of_bodies(self) -> UflForm:
+    def _forces_of_bodies(self) -> list[UflForm]:
         """The inner forces of the bodies, and of effects that stiffen them, by the effects' own forms."""
         problem, weak = self.start.problem, self.start.weak
         more = (form for effect in active(problem) for form in effect.stiffness(problem, weak, self._u))
-        return sum(more, start=forces_of_energy(weak, self._u, self._dilatation))
+        return [*forces_of_energy(weak, self._u, self._dilatation), *more]
 
     def _set_system(self, system: System) -> None:
         """Use the contact rows of `system`."""
@@ -367,7 +367,7 @@ class Auditor:
         """Inner forces of bodies and of effects that stiffen them [N]; u: displacement of all dofs [m]."""
         dx.fill(self._u, u.array_r)
         self.start.dilatation.fill(self._dilatation, u)
-        return self.start.constraints.links.inner(u, dx.assemble_vector(self._inner_forces))
+        return self.start.constraints.links.inner(u, dx.assemble_vector(*self._inner_forces))
 
     @cached_property
     def _signs(self) -> Vec:

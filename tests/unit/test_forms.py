@@ -12,6 +12,7 @@ from shared.cases import every_nth, slow
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.fem.elastic_energy import forces_of_energy
 from stickslip.solvers.fem.forms import numbered
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.scene.scene import Scene
@@ -202,7 +203,13 @@ def test_forms_of_bodies_and_sides_are_compiled_once(scene_of: SceneOf, system_o
     for kind in (weights, pairs, sides):
         assert len({form.signature() for form in kind}) == 2
         assert len({numbered(form, weak.mesh.domain).signature() for form in kind}) == 1
+    inner = [numbered(form, weak.mesh.domain) for form in forces_of_energy(weak, dx.fem.Function(weak.space), {})]
+    assert len(inner) == len(weak.problem.bodies)
+    assert len({form.signature() for form in inner}) == 1
+    alone = system_of(read("block", ["geometry.mesh_size=1.0"])).weak
+    assert alone.elasticity().signature() == weak.elasticity().signature()  # whatever the number of bodies
     found = [dx.assemble_vector(weak.compile(form)).array for form in (*weights, *pairs)]
+    assert_allclose(dx.assemble_vector(*map(weak.compile, weights)).array, found[0] + found[1], rtol=1e-15)
     assert not np.any(found[0] * found[1])  # no node is in both bodies
     first, second = (part.reshape(-1, 2).sum(axis=0) for part in found[2:])
     assert_allclose(first, [weak.size(one), weak.size(other)], rtol=1e-12)
