@@ -156,25 +156,30 @@ class Surface:
         coefficients = lumped[:, :, None] * np.linalg.inv(mass)
         return np.asarray(np.einsum("fik,qk->fqi", coefficients, basis))
 
-    def node_normals(self, crease: float = 180.0) -> Array:
+    def node_normals(self, counting: Bools | None = None) -> Array:
         """Unit outward normals (n, d) at nodes: area-weighted averages over the facets of the side.
 
         Args:
-            crease: [degrees]; where the facets at a node differ by more, only their largest smooth part counts.
+            counting: (f, k) which facets count at each of their nodes, see `smooth_part`; None: all.
         """
-        total = self._sums_of_normals(crease)
+        total = self._sums_of_normals(counting)
         return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
 
-    def _sums_of_normals(self, crease: float = 180.0) -> Array:
+    def smooth_part(self, crease: float) -> Bools:
+        """The facets (f, k) that count where those at a node differ by more than `crease` [degrees]."""
+        return largest_smooth_part(self.facets, self._facet_normals(), crease)
+
+    def _sums_of_normals(self, counting: Bools | None = None) -> Array:
         """Sums (n, d) over the facets of the side at each node, before they are made unit; see `node_normals`."""
+        normals, total = self._facet_normals(), np.zeros_like(self.points)
+        np.add.at(total, self.facets, normals if counting is None else normals * counting[:, :, None])
+        return total
+
+    def _facet_normals(self) -> Array:
+        """Outward normals (f, k, d) of the facets at their nodes; their length is the Jacobian of the facet there."""
         local = dx.reference_nodes(self.shape, self.degree)
         normals = _normals(self.points[self.facets], dx.reference_basis(self.shape, self.degree, local)[1])
-        normals *= self.outward[:, None, None]  # their length is the Jacobian of the facet there
-        if crease < 180:
-            normals *= largest_smooth_part(self.facets, normals, crease)[:, :, None]
-        total = np.zeros_like(self.points)
-        np.add.at(total, self.facets, normals)
-        return total
+        return normals * self.outward[:, None, None]
 
     def neighbours(self) -> Sparse:
         """Adjacency (n, n): 1 for different nodes that share a facet."""

@@ -32,7 +32,7 @@ def bulges(straight: Surface, middles: Surface) -> Array:
     if straight.dim == 2:
         found[middles.facets[:, 2]] = _of_facets(straight)
         return found
-    normals = straight.node_normals(CREASE)
+    normals = straight.node_normals(straight.smooth_part(CREASE))
     corners = dx.reference_basis(straight.shape, 1, dx.reference_nodes(straight.shape, 2))[0]
     edges = {k: np.flatnonzero(row > BETWEEN) for k, row in enumerate(corners)}
     for k, ends in edges.items():

@@ -60,9 +60,10 @@ def with_unresolved(contacts: Sequence[ContactRows], step: StepResult, errors: E
     found = dict(errors)
     for rows in contacts:
         state = step.contacts[rows.name]
-        for key in (Quantity("contacts", rows.name, name) for name in LOCAL):
-            parts = found.get(key, ErrorParts())
-            if (parts.mesh is not None or parts.converges is False) and unresolved(rows, state):
+        parts_of = {key: found.get(key, ErrorParts()) for key in (Quantity("contacts", rows.name, x) for x in LOCAL)}
+        stated = {key: of for key, of in parts_of.items() if of.mesh is not None or of.converges is False}
+        if stated and unresolved(rows, state):
+            for key, parts in stated.items():
                 size = abs(float(getattr(state, key.quantity)))
                 off = size if parts.mesh is None else max(float(parts.mesh), size)
                 found[key] = replace(parts, mesh=off, geometry=parts.geometry or 0.0, converges=True)

@@ -1,5 +1,7 @@
 """Normals at nodes: smooth sides are averaged, a crease belongs to its larger side."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -27,12 +29,16 @@ def tent(angle: float, depth: float) -> Surface:
     return Surface("triangle", 1, number, number, points, facets, np.ones(4), axisymmetric=False)
 
 
+def smooth_normals(side: Surface) -> Array:
+    return side.node_normals(side.smooth_part(CREASE))
+
+
 def slope(angle: float) -> Array:
     return np.array([np.sin(np.radians(angle)), 0.0, np.cos(np.radians(angle))])
 
 
 def test_ridge_belongs_to_its_larger_side() -> None:
-    normals = tent(90.0, 1.0).node_normals(CREASE)
+    normals = smooth_normals(tent(90.0, 1.0))
     assert_allclose(normals, [slope(0)] * 2 + [slope(90)] * 4, atol=1e-12)
     whole = tent(90.0, 1.0).node_normals()
     assert whole[2, 0] > 0.1
@@ -42,9 +48,17 @@ def test_ridge_belongs_to_its_larger_side() -> None:
 @pytest.mark.parametrize(("angle", "smooth"), [(39.9, True), (40.1, False)])
 def test_crease_begins_above_its_angle(angle: float, smooth: bool) -> None:
     side = tent(angle, 1.0)
-    normals = side.node_normals(CREASE)
+    normals = smooth_normals(side)
     assert np.allclose(normals, side.node_normals()) == smooth
     assert np.allclose(normals[2], slope(angle)) == (not smooth)
+
+
+def test_a_corner_at_the_angle_of_the_crease_does_not_jump_when_it_moves() -> None:
+    side = tent(30.0, 1.0)
+    moved, counting = replace(side, points=side.points * [1.0, 1.0, 1 + 1e-6]), side.smooth_part(30.0)
+    assert counting.all()
+    assert not moved.smooth_part(30.0).all()
+    assert_allclose(moved.node_normals(counting), side.node_normals(counting), atol=1e-6)
 
 
 def test_fine_fan_is_smooth_though_its_ends_are_not() -> None:
@@ -55,7 +69,7 @@ def test_fine_fan_is_smooth_though_its_ends_are_not() -> None:
     points = np.concatenate([rim / height, [[0.0, 0.0, 1.0]]])
     facets = np.array([[12, i, (i + 1) % 12] for i in range(12)])
     cone = Surface("triangle", 1, np.arange(13), np.arange(13), points, facets, np.ones(12), axisymmetric=False)
-    assert_allclose(cone.node_normals(CREASE)[12], [0, 0, 1], atol=1e-12)
+    assert_allclose(smooth_normals(cone)[12], [0, 0, 1], atol=1e-12)
 
 
 def test_of_equal_sides_the_first_has_the_corner_however_it_is_turned() -> None:
@@ -63,4 +77,4 @@ def test_of_equal_sides_the_first_has_the_corner_however_it_is_turned() -> None:
     for angle in np.linspace(0.0, 6.0, 50):
         c, s = np.cos(angle), np.sin(angle)
         side = polyline([(0.0, 0.0), (c, s), (c + s, s - c)])
-        assert_allclose(side.node_normals(CREASE), [[-s, c], [-s, c], [c, s]], atol=1e-12)
+        assert_allclose(smooth_normals(side), [[-s, c], [-s, c], [c, s]], atol=1e-12)

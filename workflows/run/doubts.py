@@ -59,7 +59,7 @@ class Fields:
         """
         self.seen, self._problem, self._mesh = before, problem, mesh
         self._rubbing = [
-            rows
+            (rows, _Normals(rows.surface), _Normals(rows.master))
             for rows in contacts
             if rows.master is not None and rows.friction is not None and not problem.pairs[rows.name].contact.sliding
         ]
@@ -84,8 +84,9 @@ class Fields:
                 jump=max(self.seen.jump, jump),
                 lean=self.seen.lean,
             )
-        leans = ((_lean(rows, step.contacts[rows.name], step.displacement), rows.name) for rows in self._rubbing)
-        self.seen = replace(self.seen, lean=max([self.seen.lean, *leans]))
+        for rows, own, other in self._rubbing:
+            lean = _lean(rows, (own, other), step.contacts[rows.name], step.displacement)
+            self.seen = replace(self.seen, lean=max(self.seen.lean, (lean, rows.name)))
 
     def warnings(self) -> Iterator[str]:
         """One for each value that is too large."""
@@ -127,20 +128,31 @@ def _turn(mesh: MeshData, cells: Ints, displacement: Array) -> float:
     return float(turn[order][np.searchsorted(filled, PART * filled[-1])])
 
 
-def _lean(rows: ContactRows, state: ContactState, displacement: Array) -> float:
+class _Normals:
+    """Normals of a side at its nodes; where it has a corner does not change when it moves."""
+
+    def __init__(self, side: Surface) -> None:
+        self._side, self._smooth = side, side.smooth_part(CREASE)
+        self._normals = side.node_normals(self._smooth)
+
+    def change(self, motion: Array) -> Array:
+        """Change (n, d) [-] of the normals where the nodes move (n, d) [m]."""
+        moved = replace(self._side, points=self._side.points + motion)
+        return moved.node_normals(self._smooth) - self._normals
+
+
+def _lean(rows: ContactRows, sides: tuple[_Normals, _Normals], state: ContactState, displacement: Array) -> float:
     """Resultant of the pressure along the turn of the normals, relative to that of the friction bounds [-].
 
     The smaller of both sides' turns counts, and none where they oppose each other: contact acts half way between
     normals that become alike, and the points of a shaft that turns in its bore have the normals of those before.
     """
     bound = float(state.weight @ state.bound)
-    if rows.master is None or not 0 < bound < np.inf:
+    if not 0 < bound < np.inf:
         return 0.0
     n = len(rows.surface.points)
-    own, other = (
-        replace(side, points=side.points + moved).node_normals(CREASE) - side.node_normals(CREASE)
-        for side, moved in zip((rows.surface, rows.master), np.split(displacement[rows.input], [n]), strict=True)
-    )
+    motions = np.split(displacement[rows.input], [n])
+    own, other = (side.change(motion) for side, motion in zip(sides, motions, strict=True))
     other = rows.relative[:, n:] @ other  # opposite to the slave's, and so are the coefficients
     smaller = np.where((np.linalg.norm(own, axis=1) < np.linalg.norm(other, axis=1))[:, None], own, other)
     push = state.weight * state.pressure * (np.einsum("nd,nd->n", own, other) > 0)
@@ -350,7 +362,7 @@ def _cut_corners(rows: ContactRows, problem: Problem, state: ContactState) -> It
 
 def _sagitta(side: Surface, touching: Bools) -> float:
     """Largest height [m] of an arc above the first edge of a facet that touches, by the normals at its ends."""
-    edge, normals = side.facets[:, :2], side.node_normals(CREASE)
+    edge, normals = side.facets[:, :2], side.node_normals(side.smooth_part(CREASE))
     edge = edge[touching[edge].all(axis=1)]
     turn = np.linalg.norm(normals[edge[:, 1]] - normals[edge[:, 0]], axis=1)
     return float((_lengths(side.points, edge) * turn).max(initial=0.0)) / 8
