@@ -151,7 +151,7 @@ class Auditor:
         u = self.system.vector()
         u.array[:] = record.displacement[self.system.nodes.input[: self.system.nodes.owned]].ravel()
         inner, w = self._inner(u), self._relative(record)
-        scales = self._scales(record, u, inner)
+        scales = self._scales(record, inner)
         tangential = [self._tangential(place, record, w, scales) for place in self.cone.places]
         normal = [self._normal(place, record, w, scales) for place in self.cone.places]
         equilibrium, rounding = self._equilibrium(record, u, inner, scales)
@@ -201,24 +201,24 @@ class Auditor:
         x = np.einsum("qk,fkd->fqd", basis, at[side.facets]).reshape(-1, side.dim)
         return np.asarray(gap(obstacle, x)) + offset + rows.N_n @ moved.ravel(), nodal
 
-    def _scales(self, record: Record, u: Vec, inner: Vec) -> Scales:
+    def _scales(self, record: Record, inner: Vec) -> Scales:
         """See `Audit`; tractions are never taken to be smaller than the rounding of all forces."""
         system, p_top = self.system, float(np.abs(record.p).max(initial=0.0))
         self._largest = max(self._largest, p_top)
         area = sum(float(c.node_weights.sum()) for c in system.contacts) or 1.0
         forces = sum_of_sizes(inner) + sum_of_sizes(system.load(record.time))
-        noise = (ROUNDED * forces + EPS * self._largest_stiffness * u.norm(PETSc.NormType.INFINITY)) / area
+        relative = (np.abs(self._motion(place.rows, record)).max(initial=0.0) for place in self.cone.places)
+        motion = float(max(np.abs(record.displacement).max(), *relative, 0.0))
+        noise = (ROUNDED * forces + EPS * self._largest_stiffness * motion) / area
         p_top = max(p_top, PAST * self._largest, noise) or 1.0
-        lengths, motions = system.extent, [float(np.abs(record.displacement).max())]
         found = {}
         for place in self.cone.places:
             rows = place.rows
-            motions.append(float(np.abs(self._motion(rows, record)).max(initial=0.0)))
             own = penetration(rows.normal, np.array([p_top]))
             give = float((own if own is not None else rows.normal.penetration(np.array([p_top])))[0])
             softness = 1 / rows.friction.k_T if rows.friction is not None and rows.friction.k_T else 0.0
             found[rows.name] = p_top * (self._give(rows, record.p[place.normal]) + softness) + give
-        return Scales(p=p_top, u=found, rounding=LENGTHS * max(lengths, *motions), noise=noise)
+        return Scales(p=p_top, u=found, rounding=LENGTHS * max(system.extent, motion), noise=noise)
 
     def _give(self, rows: ContactRows, p_n: Array) -> float:
         """Motion by unit traction [m/Pa]: the extent of the closed part, at most a body's depth, by E of each body."""
