@@ -56,7 +56,7 @@ class Audit:
 
     p_top [Pa] is the largest traction of the step, u_top [m] the motion that it causes: p_top times the extent of the
     closed part by E, and what compliant laws give; s_top [Pa] is the largest friction bound, at least FRICTION p_top.
-    ()_+ is the positive part.
+    ()_+ is the positive part. Where nothing loads the bodies, tractions that are rounding of the motions count as zero.
     """
 
     equilibrium: float  # sum |nodal force out of balance| / sum |nodal force|
@@ -87,6 +87,7 @@ class Scales:
     u: Mapping[str, float]  # u_top by contact [m]
     rounding: float  # of lengths and motions [m]
     noise: float = 0.0  # tractions that are rounding beside all forces [Pa]
+    rest: float = 0.0  # tractions that are rounding of the motions, where nothing loads the bodies [Pa]
 
 
 class Auditor:
@@ -206,10 +207,11 @@ class Auditor:
         system, p_top = self.system, float(np.abs(record.p).max(initial=0.0))
         self._largest = max(self._largest, p_top)
         area = sum(float(c.node_weights.sum()) for c in system.contacts) or 1.0
-        forces = sum_of_sizes(inner) + sum_of_sizes(system.load(record.time))
+        load = sum_of_sizes(system.load(record.time))
         relative = (np.abs(self._motion(place.rows, record)).max(initial=0.0) for place in self.cone.places)
         motion = float(max(np.abs(record.displacement).max(), *relative, 0.0))
-        noise = (ROUNDED * forces + EPS * self._largest_stiffness * motion) / area
+        digit = EPS * self._largest_stiffness * motion / area
+        noise = ROUNDED * (sum_of_sizes(inner) + load) / area + digit
         p_top = max(p_top, PAST * self._largest, noise) or 1.0
         found = {}
         for place in self.cone.places:
@@ -218,7 +220,8 @@ class Auditor:
             give = float((own if own is not None else rows.normal.penetration(np.array([p_top])))[0])
             softness = 1 / rows.friction.k_T if rows.friction is not None and rows.friction.k_T else 0.0
             found[rows.name] = p_top * (self._give(rows, record.p[place.normal]) + softness) + give
-        return Scales(p=p_top, u=found, rounding=LENGTHS * max(system.extent, motion), noise=noise)
+        rest = 0.0 if load else ROUNDING * digit
+        return Scales(p=p_top, u=found, rounding=LENGTHS * max(system.extent, motion), noise=noise, rest=rest)
 
     def _give(self, rows: ContactRows, p_n: Array) -> float:
         """Motion by unit traction [m/Pa]: the extent of the closed part, at most a body's depth, by E of each body."""
@@ -256,7 +259,8 @@ class Auditor:
         system.T.multTranspose(out, free)
         scale = sum(map(sum_of_sizes, (inner, load, contact))) + applied
         rounding = EPS * self._largest_stiffness * sum_of_sizes(u)
-        if sum_of_sizes(load) == 0 and scale <= ROUNDING * rounding:  # forces of a body that moves as a whole
+        area = sum(float(c.node_weights.sum()) for c in system.contacts)
+        if sum_of_sizes(load) == 0 and scale <= ROUNDING * rounding + scales.rest * area:  # bodies that move as a whole
             return 0.0, 0.0
         shaken = u.copy()
         shaken.array[:] *= 1 + EPS * self._signs.array
@@ -331,7 +335,7 @@ class Auditor:
                     moved,
                     scales.p,
                     scales.rounding,
-                    scales.noise,
+                    max(scales.noise, scales.rest),
                 )
             if rows.name in stored.contacts and not self.system.problem.pairs[rows.name].contact.sliding:
                 slip = np.asarray(stored.contacts[rows.name]["slip"], float)[:, : rows.surface.dim]
@@ -452,13 +456,13 @@ class Auditor:
         depth = own if own is not None else rows.normal.penetration(p)
         if rows.normal.sides == 2:
             return _largest(np.abs(closing - depth)) / u_top, 0.0, 0.0
-        negative = _largest(-p) / scales.p
+        negative = _largest(-p - scales.rest) / scales.p
         if isinstance(rows.normal, Compliance):  # near the law's graph in either direction
-            by_pressure = np.abs(p - self._pressure_of_law(rows, record)) / scales.p
+            by_pressure = (np.abs(p - self._pressure_of_law(rows, record)) - scales.rest) / scales.p
             by_depth = np.where((p > 0) | (closing > 0), np.abs(closing - depth), 0.0) / u_top
             return _largest(np.minimum(by_pressure, by_depth)), negative, 0.0
         opening = depth - closing
-        both = np.minimum(np.maximum(p, 0.0) / scales.p, np.maximum(opening, 0.0) / u_top)
+        both = np.minimum(np.maximum(p - scales.rest, 0.0) / scales.p, np.maximum(opening, 0.0) / u_top)
         return _largest(-opening) / u_top, negative, _largest(both)
 
     def _tangential(self, place: ContactBlock, record: Record, w: Array, scales: Scales) -> tuple[float, float, float]:
@@ -481,9 +485,9 @@ class Auditor:
         back = trial * np.minimum(1.0, s / np.maximum(far, 1e-300))[:, None]
         work = np.einsum("mi,mi->m", t, du)
         some = float(rows.W_t @ (np.maximum(length, least) * slip)) + s_top * u_top * float(rows.W_t.sum())
-        excess = _largest((length - s)[finite]) / s_top
-        wasted = max(-float(rows.W_t @ work), 0.0)
-        slips = _largest(np.linalg.norm(inside - back, axis=1)) / s_top
+        excess = _largest((length - s)[finite] - scales.rest) / s_top
+        wasted = max(-float(rows.W_t @ (work + scales.rest * slip)), 0.0)
+        slips = _largest(np.linalg.norm(inside - back, axis=1) - scales.rest) / s_top
         return excess, slips, wasted / some if some else 0.0  # 0: smaller than the smallest number
 
 

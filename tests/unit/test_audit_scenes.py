@@ -17,7 +17,6 @@ from stickslip.solvers.results.audit import Audit, Auditor, Record, Scales
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.scene_file.read import read
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
@@ -132,10 +131,37 @@ def test_accepted_steps_are_clean(name: str, case_of: Callable[[str], Case]) -> 
     assert max(step.contacts["base"].normal_force for step in case.steps) > 0.01
 
 
-def test_what_rests_without_weight_on_a_bed_that_slides_away_is_clean(simulation_of: SimulationOf) -> None:
-    """All that is found are tractions of 1e-34 Pa: rounding, however they are related to each other."""
-    scene = read("foundation", ["geometry.mesh_size=0.25", "output.error=false"])
-    simulation = simulation_of(replace(scene, sections={}, exact=replace(scene.exact, values={})))
+WALL = {"wall": {"boundary": "block.right", "displacement": {"x": 0.0}}}
+SLOPES = {
+    "normal": {"law": "compliance", "c_n": 1e9, "m_n": 1.0},
+    "friction": {"law": "coulomb", "mu": 0.3, "k_T": 1e8},
+}
+WITHOUT_WEIGHT: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {  # the contact, and what is held
+    "compliant, square": ({"normal": SLOPES["normal"] | {"m_n": 2.0}, "friction": COULOMB}, WALL),
+    "compliant, springs": (SLOPES, {}),
+    "unilateral": ({"friction": COULOMB}, {}),
+    "bilateral, springs": ({"normal": {"law": "bilateral"}, "friction": SLOPES["friction"]}, WALL),
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT_WEIGHT)
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_what_rests_without_weight_on_a_floor_that_moves_is_clean(
+    name: str, axis: str, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """All that is found are tractions of 1e-11 Pa: rounding, however they are related to each other."""
+    contact, supports = WITHOUT_WEIGHT[name]
+    floor = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    floor["displacement"] = {axis: [[0.0, 0.0], [2.0, 0.01 if axis == "x" else -0.01]]}
+    scene = scene_of(
+        bodies={"block": {"E": 1e7, "nu": 0.3}},
+        obstacles={"floor": floor},
+        contacts={"base": {"surface": "block.bottom", "against": "floor", **contact}},
+        supports=supports,
+        steps={"end": 2.0, "count": 2},
+        geometry={"cells": "tensor", "mesh_size": 0.5},
+    )
+    simulation = simulation_of(scene)
     audit = Auditor(simulation.problem, simulation.mesh)
     for step in simulation.steps():
         assert max(asdict(audit(replace(record_of(step), stored=stored_by(step)))).values()) < CLEAN
