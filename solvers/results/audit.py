@@ -18,7 +18,7 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.geometry.protocols import CompiledForm, UflForm, Vec
+from stickslip.geometry.protocols import CompiledForm, Vec
 from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.contact.rows import ContactRows
@@ -88,6 +88,7 @@ class Scales:
     rounding: float  # of lengths and motions [m]
     noise: float = 0.0  # tractions that are rounding beside all forces [Pa]
     rest: float = 0.0  # tractions that are rounding of the motions, where nothing loads the bodies [Pa]
+    area: float = 0.0  # of all contacts [m^(d-1)]
 
 
 class Auditor:
@@ -102,17 +103,13 @@ class Auditor:
         """
         self.start: System = assemble(problem, mesh, Counters())
         self._u, self._dilatation = dx.fem.Function(self.start.space), self.start.dilatation.functions()
-        self._inner_forces = [self.start.weak.compile(form) for form in self._forces_of_bodies()]
+        bodies, weak = forces_of_energy(self.start.weak, self._u, self._dilatation), self.start.weak
+        stiffening = (form for effect in active(problem) for form in effect.stiffness(problem, weak, self._u))
+        self._inner_forces = [weak.compile(form) for form in (*bodies, *stiffening)]
         self._multiplier_forces: dict[str, MultiplierForces] = {}  # by contact, compiled at the first step
         self._j_n: dict[str, tuple[ComplianceForms, CompiledForm]] = {}  # likewise
         self._largest = 0.0  # traction so far [Pa]
         self._set_system(self.start)
-
-    def _forces_of_bodies(self) -> list[UflForm]:
-        """The inner forces of the bodies, and of effects that stiffen them, by the effects' own forms."""
-        problem, weak = self.start.problem, self.start.weak
-        more = (form for effect in active(problem) for form in effect.stiffness(problem, weak, self._u))
-        return [*forces_of_energy(weak, self._u, self._dilatation), *more]
 
     def _set_system(self, system: System) -> None:
         """Use the contact rows of `system`."""
@@ -221,7 +218,8 @@ class Auditor:
             softness = 1 / rows.friction.k_T if rows.friction is not None and rows.friction.k_T else 0.0
             found[rows.name] = p_top * (self._give(rows, record.p[place.normal]) + softness) + give
         rest = 0.0 if load else ROUNDING * digit
-        return Scales(p=p_top, u=found, rounding=LENGTHS * max(system.extent, motion), noise=noise, rest=rest)
+        lengths = LENGTHS * max(system.extent, motion)
+        return Scales(p=p_top, u=found, area=area, rounding=lengths, noise=noise, rest=rest)
 
     def _give(self, rows: ContactRows, p_n: Array) -> float:
         """Motion by unit traction [m/Pa]: the extent of the closed part, at most a body's depth, by E of each body."""
@@ -259,8 +257,7 @@ class Auditor:
         system.T.multTranspose(out, free)
         scale = sum(map(sum_of_sizes, (inner, load, contact))) + applied
         rounding = EPS * self._largest_stiffness * sum_of_sizes(u)
-        area = sum(float(c.node_weights.sum()) for c in system.contacts)
-        if sum_of_sizes(load) == 0 and scale <= ROUNDING * rounding + scales.rest * area:  # bodies that move as a whole
+        if sum_of_sizes(load) == 0 and scale <= ROUNDING * rounding + scales.rest * scales.area:  # they move as a whole
             return 0.0, 0.0
         shaken = u.copy()
         shaken.array[:] *= 1 + EPS * self._signs.array
