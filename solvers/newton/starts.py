@@ -69,11 +69,16 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
 def other_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     """Further starts: zero tractions; all points closed and sticking; all of them with another gamma.
 
+    A floating body that nothing loads needs no tractions. This is not among its first starts, for they leave it where
+    contact has moved it, not where it was at the beginning.
+
     Args:
         problem: the contact problem of the step.
         p: tractions (rows,) [Pa] of the last step.
     """
     floating, zero = problem.surface.floating, np.zeros_like(p)
+    if floating and not problem.load.resultant.any():
+        yield Start.at(problem, zero, problem.load.free)
     for factor in (1.0, 0.1, 10.0):
         if floating and factor == 1.0:
             continue  # they were the first

@@ -447,20 +447,20 @@ class Auditor:
     def _normal(self, place: ContactBlock, record: Record, w: Array, scales: Scales) -> tuple[float, float, float]:
         """Penetration, negative pressure and complementarity of one contact, see `Audit` [-]."""
         rows, p, u_top = place.rows, record.p[place.normal], scales.u[place.rows.name]
-        closing = w[place.normal] - self._gap(rows, record)[0]
-        closing = np.sign(closing) * np.maximum(np.abs(closing) - scales.rounding, 0.0)
         own = penetration(rows.normal, p)
         depth = own if own is not None else rows.normal.penetration(p)
+        closing = w[place.normal] - self._gap(rows, record)[0]
+        deeper = closing - depth
+        deeper = np.sign(deeper) * np.maximum(np.abs(deeper) - scales.rounding, 0.0)
         if rows.normal.sides == 2:
-            return _largest(np.abs(closing - depth)) / u_top, 0.0, 0.0
+            return _largest(np.abs(deeper)) / u_top, 0.0, 0.0
         negative = _largest(-p - scales.rest) / scales.p
         if isinstance(rows.normal, Compliance):  # near the law's graph in either direction
             by_pressure = (np.abs(p - self._pressure_of_law(rows, record)) - scales.rest) / scales.p
-            by_depth = np.where((p > 0) | (closing > 0), np.abs(closing - depth), 0.0) / u_top
+            by_depth = np.where((p > 0) | (closing > scales.rounding), np.abs(deeper), 0.0) / u_top
             return _largest(np.minimum(by_pressure, by_depth)), negative, 0.0
-        opening = depth - closing
-        both = np.minimum(np.maximum(p - scales.rest, 0.0) / scales.p, np.maximum(opening, 0.0) / u_top)
-        return _largest(-opening) / u_top, negative, _largest(both)
+        both = np.minimum(np.maximum(p - scales.rest, 0.0) / scales.p, np.maximum(-deeper, 0.0) / u_top)
+        return _largest(deeper) / u_top, negative, _largest(both)
 
     def _tangential(self, place: ContactBlock, record: Record, w: Array, scales: Scales) -> tuple[float, float, float]:
         """Excess over the friction bound, slip law and negative friction work of one contact, see `Audit` [-]."""

@@ -138,22 +138,33 @@ SLOPES = {
 }
 WITHOUT_WEIGHT: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {  # the contact, and what is held
     "compliant, square": ({"normal": SLOPES["normal"] | {"m_n": 2.0}, "friction": COULOMB}, WALL),
+    "compliant": ({"normal": SLOPES["normal"], "friction": COULOMB | {"mu": 0.3}}, {}),
     "compliant, springs": (SLOPES, {}),
     "unilateral": ({"friction": COULOMB}, {}),
     "bilateral, springs": ({"normal": {"law": "bilateral"}, "friction": SLOPES["friction"]}, WALL),
 }
 
 
-@pytest.mark.parametrize("name", WITHOUT_WEIGHT)
-@pytest.mark.parametrize("axis", ["x", "y"])
+FLOOR = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+FLOOR_3D = {"shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
+HILLTOP = {"shape": "cylinder", "point": [1.0, -5.0], "radius": 5.0}
+ASIDE, DOWN_UP = [[0.0, 0.0], [2.0, 0.01]], [[0.0, 0.0], [1.0, -0.01], [2.0, 0.01]]
+UP_DOWN = [[0.0, 0.0], [1.0, 0.01], [2.0, -0.01]]
+MOVING = [
+    *((name, FLOOR | {"displacement": motion}) for name in WITHOUT_WEIGHT for motion in ({"x": ASIDE}, {"y": DOWN_UP})),
+    ("compliant", FLOOR_3D | {"displacement": {"z": UP_DOWN}}),
+    ("compliant, square", HILLTOP | {"displacement": {"x": ASIDE}}),  # it leaves the one point that touches
+]
+
+
+@pytest.mark.parametrize(("name", "floor"), MOVING)
 def test_what_rests_without_weight_on_a_floor_that_moves_is_clean(
-    name: str, axis: str, scene_of: SceneOf, simulation_of: SimulationOf
+    name: str, floor: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     """All that is found are tractions of 1e-11 Pa: rounding, however they are related to each other."""
     contact, supports = WITHOUT_WEIGHT[name]
-    floor = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
-    floor["displacement"] = {axis: [[0.0, 0.0], [2.0, 0.01 if axis == "x" else -0.01]]}
     scene = scene_of(
+        len(floor["point"]) if floor["shape"] == "plane" else 2,
         bodies={"block": {"E": 1e7, "nu": 0.3}},
         obstacles={"floor": floor},
         contacts={"base": {"surface": "block.bottom", "against": "floor", **contact}},
@@ -162,8 +173,9 @@ def test_what_rests_without_weight_on_a_floor_that_moves_is_clean(
         geometry={"cells": "tensor", "mesh_size": 0.5},
     )
     simulation = simulation_of(scene)
-    audit = Auditor(simulation.problem, simulation.mesh)
-    for step in simulation.steps():
+    audit, steps = Auditor(simulation.problem, simulation.mesh), [*simulation.steps()]
+    assert [step.substeps for step in steps] == [1, 1]
+    for step in steps:
         assert max(asdict(audit(replace(record_of(step), stored=stored_by(step)))).values()) < CLEAN
 
 
