@@ -9,7 +9,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.limit_analysis import balancing_tractions
-from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.problem import LEAST, SurfaceProblem
 from stickslip.solvers.newton.solution import Solution
 
 SLIPPING = 1e-6  # relative distance from the friction bound at which a point of an answer slips
@@ -60,7 +60,7 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
         zero = np.zeros_like(p)
         yield Start.at(problem, zero, np.zeros(problem.surface.size))
     else:
-        if p.any():
+        if np.abs(p).max(initial=0.0) > LEAST * problem.p_ref:  # what is smaller does not tell what touches
             yield Start.as_if(problem, p, p)
         yield Start.as_if(problem, p, closed(problem))
         yield from _balanced(problem)

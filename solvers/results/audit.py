@@ -217,7 +217,7 @@ class Auditor:
             give = float((own if own is not None else rows.normal.penetration(np.array([p_top])))[0])
             softness = 1 / rows.friction.k_T if rows.friction is not None and rows.friction.k_T else 0.0
             found[rows.name] = p_top * (self._give(rows, record.p[place.normal]) + softness) + give
-        rest = 0.0 if load else ROUNDING * digit
+        rest = 0.0 if load or motion > system.extent else ROUNDING * digit  # none where bodies drift away
         lengths = LENGTHS * max(system.extent, motion)
         return Scales(p=p_top, u=found, area=area, rounding=lengths, noise=noise, rest=rest)
 
