@@ -389,13 +389,23 @@ def estimates(run: Solved, compared: Compared, columns: _Columns, jump: float, s
     for key in columns.keys:
         if key.quantity in PEAKS:
             peak, nodes = (columns.which(each.__eq__) for each in (key, key._replace(quantity=PEAKS[key.quantity])))
-            near = run.rows[:, nodes] >= NEAR * run.rows[:, nodes].max(axis=1, keepdims=True)
+            near = of_peak(run.rows[:, nodes])
             mean = (np.where(near, found[:, nodes], 0.0).sum(axis=1) / near.sum(axis=1))[:, None]
             found[:, peak] = np.maximum(found[:, peak], mean)
     found *= SLIDING if slides else 1.0
     for name, error in _works(run, half + single + touch, columns, jump).items():
         found[:, columns.energy(name)] = np.abs(error)
     return found
+
+
+def of_peak(values: Array) -> Array:
+    """Which (n, m) of the values (n, m) of nodes belong to the peak of their row; they may all be negative.
+
+    >>> of_peak(np.array([[4.0, 2.0, 1.0], [-2.0, -3.0, -4.0]])).tolist()
+    [[True, True, False], [True, True, False]]
+    """
+    top = values.max(axis=1, keepdims=True)
+    return np.asarray(values >= top - (1 - NEAR) * np.abs(top))
 
 
 def _factor(one: Difference, times: Array) -> Array:

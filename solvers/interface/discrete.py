@@ -150,6 +150,7 @@ def discrete_problem(matrix: Sparse, q: Array, mu: Array) -> DiscreteProblem:
         cone=AdmissibleSet((_rows(mu, dim),), 1.0, 1.0),
         load=surface.load(nothing, np.zeros(0)),
         offset=-(surface.N @ q) / length,
+        u_before=np.zeros(surface.size),
         gap=np.zeros(rows),
         gamma=gamma,
         weight=gamma,

@@ -14,11 +14,12 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load
 
-ROUNDING = 1e-12  # of the largest motion: normal motion below that counts as zero
+ROUNDING = 1e-12  # of the largest motion: smaller motions count as zero
 PART = 1e-2  # of the distance from a compliant law that counts as defect
 LAST_DIGITS = 16 * float(np.finfo(float).eps)  # of motions
 SCALED = 1e-9  # relative difference up to which problems are the same in another unit
 FAR = 1e10  # times the motions that are given or expected: bodies that move farther have flown away
+BALANCED = 1e-9  # of all forces of a load on the contact dofs: a resultant below that is rounding
 LEAST = 1e-6  # of p_ref: tractions below that are measured against it, for they are differences of what is far larger
 
 
@@ -34,6 +35,7 @@ class SurfaceProblem:
     cone: AdmissibleSet  # admissible tractions
     load: Load
     offset: Array  # (rows,) prescribed part of the relative displacement [m]
+    u_before: Array  # (c,) [m] displacement of the contact dofs at the end of the last step
     gap: Array  # (rows,) [m] initial gap; tangential: where slip is counted from, w - t/k_T of the last accepted step
     gamma: Array  # (rows,) E / depth of the body [Pa/m], weighs w - gap beside p in Newton's trial tractions
     weight: Array  # (rows,) E / extent of the bodies [Pa/m], likewise in the residual
@@ -42,15 +44,17 @@ class SurfaceProblem:
 
     @cached_property
     def u_ref(self) -> float:
-        """Scale of relative displacement [m]: that of the load without contact."""
-        n = self.surface.normal_rows
+        """Scale of relative displacement [m]: that of the load without contact, from where the bodies stand."""
+        n, u_c = self.surface.normal_rows, self.load.free
+        if self.idle:
+            u_c = u_c + self.surface.R @ (self.surface.R.T @ self.u_before)
         # without contact the augmentation holds a floating body, and is stiffer than contact
-        w = self.relative_displacement(self.load.free)
+        w = self.relative_displacement(u_c)
         # a long slide causes no large pressure: tangential motion sets the scale only if no normal motion closes
-        closing, motion = max(self._closing(w[:n]), self._closing((w - self.gap)[:n])), np.abs(w).max(initial=0.0)
-        if closing <= ROUNDING * motion:
-            closing = 0.0
-        u_ref = closing or float(np.abs(w - self.gap)[n:].max(initial=0.0)) or float(motion)
+        motion = float(np.abs(w).max(initial=0.0))
+        closing = max(self._closing(w[:n]), self._closing((w - self.gap)[:n]))
+        sliding = float(np.abs(w - self.gap)[n:].max(initial=0.0))
+        u_ref = next((size for size in (closing, sliding) if size > ROUNDING * motion), motion)
         if self.surface.floating or not u_ref:
             u_ref = max(u_ref, self._mean_pressure / self.stiffness)
         return u_ref
@@ -66,6 +70,12 @@ class SurfaceProblem:
         area = sum(float(c.node_weights.sum()) for c in self.cone.contacts)
         return self.force / area if area else 0.0
 
+    @property
+    def idle(self) -> bool:
+        """Whether bodies float and no load pushes them; strains that balance themselves do not."""
+        f = self.load
+        return self.surface.floating and bool(np.abs(f.resultant).sum() <= BALANCED * np.abs(f.f_c).sum())
+
     def _closing(self, u_n: Array) -> float:
         """Largest entry of u_n (normal rows,) [m] that contact resists: closing, and opening where it also pulls."""
         pulls = np.concatenate(
@@ -75,6 +85,9 @@ class SurfaceProblem:
 
     def is_scaled(self, other: SurfaceProblem) -> bool:
         """Whether this is another problem of the same bodies in another unit: load, gaps, motions in proportion."""
+        N, of_other = self.surface.N, other.surface.N
+        if N is not of_other and (N.shape != of_other.shape or abs(N - of_other).sum()):
+            return False  # sliding contact has found other pairs
         if self.p_ref == 0 or other.p_ref == 0 or not self.cone.homogeneous:
             return False
         scale = self.p_ref / other.p_ref
@@ -121,8 +134,13 @@ class SurfaceProblem:
         r = w - self.gap
         found: Array = self.cone.natural_residual(p, r, self.weight)
         moved, *given = (float(np.abs(x).max(initial=0.0)) for x in (w, self.gap, self.offset))
-        rounding = LAST_DIGITS * max(min(moved, FAR * max(*given, self.u_ref)), given[0])
-        found = np.sign(found) * np.maximum(np.abs(found) - self.weight * rounding, 0.0)
+        rounding = LAST_DIGITS * max(min(moved, FAR * max(*given, self.u_ref)), *given)
+        doubt = self.weight * rounding
+        for place in self.cone.places:
+            of_law = float(place.rows.normal.doubt(r[place.normal], rounding).max(initial=0.0))
+            for rows in (place.normal, place.tangential):  # friction bounds follow the pressure
+                doubt[rows] = np.maximum(doubt[rows], of_law)
+        found = np.sign(found) * np.maximum(np.abs(found) - doubt, 0.0)
         for place in self.cone.places:
             n = place.normal
             off = PART * place.rows.normal.misses(p[n], r[n], rounding)

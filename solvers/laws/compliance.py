@@ -75,8 +75,11 @@ class Compliance(NormalLaw):
         return np.where(p_hat > 0, slope, 0.0)
 
     def misses(self, p: Array, penetration: Array, rounding: float) -> Array:
-        doubt = self.stiffness(p, p) * rounding
-        return np.asarray(np.maximum(np.abs(p - self.pressure(penetration)) - doubt, 0.0))
+        return np.asarray(np.maximum(np.abs(p - self.pressure(penetration)) - self.doubt(penetration, rounding), 0.0))
+
+    def doubt(self, penetration: Array, rounding: float) -> Array:
+        d = np.maximum(penetration, 0.0)
+        return self.pressure(d + rounding) - self.pressure(d)
 
     def energy(self, p: Array) -> Array:
         return np.asarray(p * self.penetration(p) / (self.m_n + 1))

@@ -68,6 +68,10 @@ class NormalLaw(Choice):
         """
         return np.zeros_like(p)
 
+    def doubt(self, penetration: Array, rounding: float) -> Array:
+        """What an error of the penetration (m,) [m], `rounding` [m], makes of the pressure (m,) [Pa]; rigid: zero."""
+        return np.zeros_like(penetration)
+
     def energy(self, p: Array) -> Array:
         """Energy stored in the law at pressure p (m,) [Pa], per area (m,) [J/m²]."""
         return np.zeros_like(p)

@@ -17,36 +17,54 @@ from stickslip.solvers.newton.active_set import ActiveSet
 
 BALANCE = 1e-8  # relative force out of balance above which the linear system counts as singular
 ROUNDING = 1e-12  # of the entries of S times the prescribed motion: force that counts as zero
+FELT = 1e-9  # of gamma: stiffness of slip below which it does not resist a motion
 FEW = 0.5  # ratio of unknown tractions to unknown motions below which the inverse that tractions need pays
 
 
 def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
     """Solve a Newton system with the bodies.
 
+    Rigid motions that the active set leaves free, and along which nothing pushes, stay those of the iterate. With a
+    proximal term soft springs hold all of them near to it, so that no active set leaves one free.
+
     Args:
         laws: the active set.
-        u_c: displacement (c,) [m] of the iterate: with a proximal term the rigid motions of floating bodies are held
-            near to it by soft springs, so that no active set leaves one free.
+        u_c: displacement (c,) [m] of the iterate.
 
     Returns:
         Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m] that satisfy the linearised laws exactly.
 
     Raises:
-        LinAlgError: the active set leaves a rigid mode free.
+        LinAlgError: the active set leaves a rigid mode free that forces push.
     """
     problem, surface = laws.problem, condensed(laws.problem.surface)
     bodies = surface.row_stiffness(problem.cone.carrying)
     few = not laws.k.any() and (~laws.given).sum() < FEW * (~laws.fixed).sum()
     if laws.weight and surface.floating:
-        return by_tractions(laws, surface, surface.R.T @ u_c)
-    p, u_c = by_tractions(laws, surface) if bodies is None or few else by_motion(laws, bodies)
-    load, held = problem.load.f_c, surface.forces(p)
-    allowed = BALANCE * (np.abs(load).sum() + np.abs(held).sum())
+        return by_tractions(laws, surface, laws.weight * surface.rho * np.eye(surface.R.shape[1]), u_c)
+    held = _unfelt(laws, surface)
+    if held.any():
+        p, u_c = by_tractions(laws, surface, surface.rho * held, u_c)
+    else:
+        p, u_c = by_tractions(laws, surface) if bodies is None or few else by_motion(laws, bodies)
+    load, contact = problem.load.f_c, surface.forces(p)
+    allowed = BALANCE * (np.abs(load).sum() + np.abs(contact).sum())
     carried_along = np.abs(problem.offset - problem.gap).max(initial=0.0)
     allowed += ROUNDING * surface.total * carried_along  # a common motion causes no force but rounding
-    if np.abs(surface.R.T @ (load - held)).sum() > allowed:
+    if np.abs(surface.R.T @ (load - contact)).sum() > allowed:
         raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
     return p, u_c
+
+
+def _unfelt(laws: ActiveSet, surface: CondensedSurface) -> Array:
+    """Projection (r, r) onto the rigid motions that no linearised law resists; zero if there are none."""
+    if not surface.floating:
+        return np.zeros((0, 0))
+    scale = np.where(laws.k > 0, laws.k, laws.problem.gamma)
+    resisted = sparse.diags(1 / scale) @ laws.A_w @ (surface.N @ surface.R)
+    _, sizes, motions = np.linalg.svd(np.linalg.qr(resisted, mode="r"))
+    free = motions[np.count_nonzero(sizes > FELT) :]
+    return np.asarray(free.T @ free)
 
 
 def by_motion(laws: ActiveSet, bodies: RowStiffness) -> tuple[Array, Array]:
@@ -79,7 +97,9 @@ def by_motion(laws: ActiveSet, bodies: RowStiffness) -> tuple[Array, Array]:
     return p, bodies.displacement(w - offset)
 
 
-def by_tractions(laws: ActiveSet, surface: CondensedSurface, anchor: Array | None = None) -> tuple[Array, Array]:
+def by_tractions(
+    laws: ActiveSet, surface: CondensedSurface, springs: Array | None = None, rest: Array | None = None
+) -> tuple[Array, Array]:
     """Dual reduction: the unknowns are x, the tractions of the active rows, and the rigid motions b of floating bodies.
 
     p = E x + p_0 + k (w - gap): springs are added to the stiffness of the bodies, rows of given p depend on x.
@@ -87,7 +107,8 @@ def by_tractions(laws: ActiveSet, surface: CondensedSurface, anchor: Array | Non
     Args:
         laws: the active set.
         surface: the bodies.
-        anchor: rigid motions (r,) [m] where springs, soft by the weight of the proximal term, have no force.
+        springs: stiffness (r, r) [N/m] that holds the rigid motions; None: none does.
+        rest: displacement (c,) [m] at which these have no force.
 
     Returns:
         Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m].
@@ -119,9 +140,8 @@ def by_tractions(laws: ActiveSet, surface: CondensedSurface, anchor: Array | Non
         coupling, balance = surface.flexibility.between(A_u, B), R.T @ B
     # u = u_0 - Y x + Z b with b = R^T u, which is the same as balance: R^T (f - B x - tangent u) = 0
     own, carried = of_springs.T @ Z, R.T @ f - of_springs.T @ u_0
-    if anchor is not None:
-        soft = laws.weight * surface.rho
-        own, carried = own + soft * np.eye(len(own)), carried + soft * anchor
+    if springs is not None and rest is not None:
+        own, carried = own + springs, carried + springs @ (R.T @ rest)
     system = np.block([[(A_p @ E).toarray() - coupling, A_u @ Z], [balance, own]])
     found = np.linalg.solve(system, np.concatenate([right - A_u @ u_0, carried]))
     moved_by = Y @ found[: len(x)] if spring.any() else surface.flexibility @ (B @ found[: len(x)])

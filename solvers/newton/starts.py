@@ -37,10 +37,20 @@ class Start:
 
         What is at its friction bound slips: rounding would decide.
         """
-        nowhere = np.zeros(problem.surface.size)
         p_hat = answer + factor * problem.gamma * problem.cone.give(answer)
         p_hat[problem.surface.normal_rows :] *= 1 + SLIPPING
-        return Start(p=p, u_c=nowhere, p_hat=p_hat, factor=factor, in_equilibrium=False)
+        return Start(p=p, u_c=problem.u_before, p_hat=p_hat, factor=factor, in_equilibrium=False)
+
+    @staticmethod
+    def where_it_stood(problem: SurfaceProblem, p: Array) -> Start:
+        """Start from p (rows,) [Pa] with the bodies where they were at the end of the last step.
+
+        What only just touches is open: rounding would decide.
+        """
+        r = problem.relative_displacement(problem.u_before) - problem.gap
+        p_hat = p + problem.gamma * r
+        p_hat[np.abs(p_hat) <= LEAST * problem.p_ref] = 0.0
+        return Start(p=p, u_c=problem.u_before, p_hat=p_hat, in_equilibrium=False)
 
 
 def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
@@ -48,7 +58,7 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
 
     For a floating body tractions do not determine the displacement: they only give the active set to start from. If it
     has room to move, closing all points would pull more than the load presses: it also starts from tractions that
-    balance the load on rigid bodies.
+    balance the load on rigid bodies. If nothing pushes it, it starts from where it stood.
 
     Args:
         problem: the contact problem of the step.
@@ -60,6 +70,8 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
         zero = np.zeros_like(p)
         yield Start.at(problem, zero, np.zeros(problem.surface.size))
     else:
+        if problem.idle:
+            yield Start.where_it_stood(problem, p)
         if np.abs(p).max(initial=0.0) > LEAST * problem.p_ref:  # what is smaller does not tell what touches
             yield Start.as_if(problem, p, p)
         yield Start.as_if(problem, p, closed(problem))
@@ -69,16 +81,11 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
 def other_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     """Further starts: zero tractions; all points closed and sticking; all of them with another gamma.
 
-    A floating body that nothing loads needs no tractions. This is not among its first starts, for they leave it where
-    contact has moved it, not where it was at the beginning.
-
     Args:
         problem: the contact problem of the step.
         p: tractions (rows,) [Pa] of the last step.
     """
     floating, zero = problem.surface.floating, np.zeros_like(p)
-    if floating and not problem.load.resultant.any():
-        yield Start.at(problem, zero, problem.load.free)
     for factor in (1.0, 0.1, 10.0):
         if floating and factor == 1.0:
             continue  # they were the first

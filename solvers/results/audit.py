@@ -208,16 +208,16 @@ class Auditor:
         relative = (np.abs(self._motion(place.rows, record)).max(initial=0.0) for place in self.cone.places)
         motion = float(max(np.abs(record.displacement).max(), *relative, 0.0))
         digit = EPS * self._largest_stiffness * motion / area
-        noise = ROUNDED * (sum_of_sizes(inner) + load) / area + digit
+        noise, found = ROUNDED * (sum_of_sizes(inner) + load) / area + digit, dict[str, float]()
         p_top = max(p_top, PAST * self._largest, noise) or 1.0
-        found = {}
         for place in self.cone.places:
             rows = place.rows
             own = penetration(rows.normal, np.array([p_top]))
             give = float((own if own is not None else rows.normal.penetration(np.array([p_top])))[0])
             softness = 1 / rows.friction.k_T if rows.friction is not None and rows.friction.k_T else 0.0
             found[rows.name] = p_top * (self._give(rows, record.p[place.normal]) + softness) + give
-        rest = 0.0 if load or motion > system.extent else ROUNDING * digit  # none where bodies drift away
+        of_laws = EPS * motion * sum(_law_stiffness(place, record.p) for place in self.cone.places) / area
+        rest = 0.0 if load or motion > system.extent else ROUNDING * (digit + of_laws)  # none where bodies drift away
         lengths = LENGTHS * max(system.extent, motion)
         return Scales(p=p_top, u=found, area=area, rounding=lengths, noise=noise, rest=rest)
 

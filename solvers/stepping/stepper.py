@@ -464,11 +464,13 @@ class Stepper:
         system, n = self.system, self.surface.normal_rows
         external, u_s = system.load(time), system.prescribed(time)
         driving = system.obstacles.driving_force(time)
+        before = np.concatenate([self.volume.contact.read(system.free_part(state.u, state.time)), state.driven])
         problem = SurfaceProblem(
             surface=self.surface,
             cone=with_slip(self.cone.at(time), state.slid),
             load=self.surface.load(system.pull(time, external, u_s), driving),
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
+            u_before=before,
             gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,
             weight=self.weight,

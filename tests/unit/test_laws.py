@@ -310,11 +310,11 @@ def test_no_bound_leaves_every_traction_as_it_is() -> None:
 
 
 def test_a_pressure_misses_its_law_by_more_than_rounding_of_the_penetration() -> None:
-    """Of p = c d^2, slope 2 sqrt(c p) at p; rigid laws give no pressure that could be missed."""
+    """Of p = c d^2, which changes by c r (2 d + r) with an error r of d; rigid laws give no pressure to be missed."""
     law, rounding = Compliance(c_n=4.0, m_n=2.0), 1e-3
     p, d = np.array([1.0, 1.0, 1.1, 0.9, 0.0, 0.5]), np.array([0.5, 0.5001, 0.5, 0.5, -0.3, -0.3])
-    apart = np.abs(p - 4 * np.maximum(d, 0.0) ** 2)
-    expected = np.maximum(apart - 2 * np.sqrt(4 * p) * rounding, 0.0)
+    into = np.maximum(d, 0.0)
+    expected = np.maximum(np.abs(p - 4 * into**2) - 4 * rounding * (2 * into + rounding), 0.0)
     assert_allclose(law.misses(p, d, rounding), expected, rtol=1e-12)
     assert (expected > 0).tolist() == [False, False, True, True, False, True]
     rigid = Unilateral().misses(p, d, rounding)

@@ -1,6 +1,7 @@
 """The surface problem: the same problem in another unit, forces out of balance, what counts as defect."""
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -100,6 +101,18 @@ def test_a_load_of_another_shape_is_another_problem() -> None:
     free = problem.load.free.copy()
     free[0] += 0.1 * np.abs(free).max()
     assert not problem.is_scaled(replace(problem, load=replace(problem.load, free=free)))
+
+
+def test_other_pairs_are_another_problem() -> None:
+    """Sliding contact searches them in each substep; their number may differ."""
+    problem = problem_of()
+    for N in (problem.surface.N[:-1], 1.001 * problem.surface.N):
+        surface = copy(problem.surface)
+        surface.N = N
+        assert not problem.is_scaled(replace(problem, surface=surface))
+    surface = copy(problem.surface)
+    surface.N = problem.surface.N.copy()
+    assert problem.is_scaled(replace(problem, surface=surface))
 
 
 @pytest.mark.parametrize(("normal", "friction"), [("soft", "coulomb"), ("unilateral", "tresca")])
