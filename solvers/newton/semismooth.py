@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -57,7 +58,7 @@ class SemismoothNewton:
             attempts: those so far.
         """
         firsts = []
-        for start in first_starts(problem, p):
+        for start in chain(simpler_laws.resting(problem, p, self), first_starts(problem, p)):
             firsts.append(start)
             yield start, None
             if attempts.stalled and attempts.best is not None:

@@ -75,6 +75,29 @@ def ends(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:
             yield Start.at(problem, p, found.u_c)
 
 
+def resting(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:
+    """Where bodies that nothing pushes come to rest: nothing presses there, so that linear laws lead to the same place.
+
+    With a power of the penetration Newton's method would halve it without end.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] of the last step.
+        solve: solves a problem with simpler laws, from tractions (rows,) [Pa].
+    """
+    curved = [place.rows.normal.at_quadrature and place.rows.normal.power != 1 for place in problem.cone.places]
+    if not (problem.idle and any(curved)):
+        return
+    contacts = [
+        replace(place.rows, normal=Tangent(k=problem.gamma[place.normal])) if law else place.rows
+        for place, law in zip(problem.cone.places, curved, strict=True)
+    ]
+    cone = AdmissibleSet(tuple(contacts), problem.cone.time, problem.cone.end)
+    found = solve(replace(problem, cone=cone), p)
+    if found.status is Status.CONVERGED:
+        yield Start.at(problem, found.p, found.u_c)
+
+
 def simplified(problem: SurfaceProblem, p: Array, floor: float) -> SurfaceProblem:
     """The problem with simpler laws at tractions p (rows,) [Pa].
 

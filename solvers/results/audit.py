@@ -250,14 +250,14 @@ class Auditor:
             contact += force
             obstacles += system.interface.resultant_on_driven(place.rows, force)
         obstacles = np.append(obstacles, tension_off(system, u, record.time))
-        values = system.initial.values(system.course, record.time)
-        load = system.initial.added(system.load(record.time), values)
+        load = system.initial.added(system.load(record.time), system.initial.values(system.course, record.time))
         out = inner - load + contact
         free, last_digit = system.T.createVecRight(), system.T.createVecRight()
         system.T.multTranspose(out, free)
         scale = sum(map(sum_of_sizes, (inner, load, contact))) + applied
-        rounding = EPS * self._largest_stiffness * sum_of_sizes(u)
-        if sum_of_sizes(load) == 0 and scale <= ROUNDING * rounding + scales.rest * scales.area:  # they move as a whole
+        rounding = ROUNDING * EPS * self._largest_stiffness * sum_of_sizes(u)
+        rounding += max(scales.rest, ROUNDED * self._largest) * scales.area
+        if sum_of_sizes(load) == 0 and scale <= rounding:  # bodies move as a whole, or are released
             return 0.0, 0.0
         shaken = u.copy()
         shaken.array[:] *= 1 + EPS * self._signs.array

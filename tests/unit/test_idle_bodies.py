@@ -79,6 +79,25 @@ def test_two_bodies_pressed_together_by_nothing_are_solved_to_rounding(
         assert np.abs(record.displacement).max() < 0.0101
 
 
+@pytest.mark.parametrize("power", [1.0, 1.5, 3.0])
+def test_a_body_that_is_released_rises_to_where_it_touches(
+    power: float, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """By Newton's method alone the penetration of a power law would shrink by a factor, step for step."""
+    law = LINEAR | {"c_n": 1e7 * 1e-3 ** (1 - power), "m_n": power}
+    weight = {"boundary": "block.top", "pressure": [[0.0, 0.0], [1.0, 1e4], [2.0, 0.0]]}
+    scene = scene_of(**block_on({}, 2, {"normal": law}, {"loads": {"weight": weight}}))
+    simulation = simulation_of(scene)
+    audit = Auditor(simulation.problem, simulation.mesh)
+    pressed, released = simulation.steps()
+    assert_allclose(record_of(pressed).p[:4], 1e4, rtol=0.2)
+    assert released.iterations <= 2
+    record = record_of(released)
+    assert np.abs(record.displacement).max() < 1e-9
+    for step in (pressed, released):
+        assert max(asdict(audit(replace(record_of(step), stored=stored_by(step)))).values()) < CLEAN
+
+
 @pytest.fixture
 def lifted(scene_of: SceneOf, simulation_of: SimulationOf) -> SurfaceProblem:
     """The second step, in which the floor leaves the block."""
