@@ -35,7 +35,7 @@ class SurfaceProblem:
     cone: AdmissibleSet  # admissible tractions
     load: Load
     offset: Array  # (rows,) prescribed part of the relative displacement [m]
-    u_before: Array  # (c,) [m] displacement of the contact dofs at the end of the last step
+    u_before: Array  # (c,) [m] displacement of the contact dofs at the end of the last step, if bodies float
     gap: Array  # (rows,) [m] initial gap; tangential: where slip is counted from, w - t/k_T of the last accepted step
     gamma: Array  # (rows,) E / depth of the body [Pa/m], weighs w - gap beside p in Newton's trial tractions
     weight: Array  # (rows,) E / extent of the bodies [Pa/m], likewise in the residual

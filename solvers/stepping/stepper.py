@@ -464,13 +464,12 @@ class Stepper:
         system, n = self.system, self.surface.normal_rows
         external, u_s = system.load(time), system.prescribed(time)
         driving = system.obstacles.driving_force(time)
-        before = np.concatenate([self.volume.contact.read(system.free_part(state.u, state.time)), state.driven])
         problem = SurfaceProblem(
             surface=self.surface,
             cone=with_slip(self.cone.at(time), state.slid),
             load=self.surface.load(system.pull(time, external, u_s), driving),
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
-            u_before=before,
+            u_before=self._at_contact(state) if self.surface.floating else np.zeros(self.surface.size),
             gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,
             weight=self.weight,
@@ -478,6 +477,11 @@ class Stepper:
             stiffness=system.problem.softest / system.extent,
         )
         return problem, u_s, external
+
+    def _at_contact(self, state: State) -> Array:
+        """Displacement (c,) [m] of the contact dofs in a state; collective."""
+        q = self.system.free_part(state.u, state.time)
+        return np.concatenate([self.volume.contact.read(q), state.driven])
 
 
 def _unsolved(state: State, size: int, status: Status, rows: tuple[Step, ...]) -> Solution:
