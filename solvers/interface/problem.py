@@ -20,6 +20,7 @@ LAST_DIGITS = 16 * float(np.finfo(float).eps)  # of motions
 SCALED = 1e-9  # relative difference up to which problems are the same in another unit
 FAR = 1e10  # times the motions that are given or expected: bodies that move farther have flown away
 BALANCED = 1e-9  # of all forces of a load on the contact dofs: a resultant below that is rounding
+NOTHING = 1e-9  # of p_ref: the most that rounding may press where nothing pushes the bodies
 LEAST = 1e-6  # of p_ref: tractions below that are measured against it, for they are differences of what is far larger
 
 
@@ -125,7 +126,8 @@ class SurfaceProblem:
 
         It is the traction that each row lacks, as the bodies behind it would answer: k is theirs, E / extent. Where
         bodies are much softer than a compliant law, it is a part of what the pressure differs from that of the law.
-        What the last digits of the motions decide is no defect, unless bodies have flown away.
+        What the last digits of the motions decide is no defect, unless bodies have flown away; of bodies that nothing
+        pushes, what a law makes of these digits is none either.
 
         Args:
             p: tractions (rows,) [Pa].
@@ -134,12 +136,12 @@ class SurfaceProblem:
         r = w - self.gap
         found: Array = self.cone.natural_residual(p, r, self.weight)
         moved, *given = (float(np.abs(x).max(initial=0.0)) for x in (w, self.gap, self.offset))
-        rounding = LAST_DIGITS * max(min(moved, FAR * max(*given, self.u_ref)), *given)
+        rounding = LAST_DIGITS * max(min(moved, FAR * max(*given, self.u_ref)), *(given if self.idle else given[:1]))
         doubt = self.weight * rounding
-        for place in self.cone.places:
+        for place in self.cone.places if self.idle else ():
             of_law = float(place.rows.normal.doubt(r[place.normal], rounding).max(initial=0.0))
             for rows in (place.normal, place.tangential):  # friction bounds follow the pressure
-                doubt[rows] = np.maximum(doubt[rows], of_law)
+                doubt[rows] = np.maximum(doubt[rows], min(of_law, NOTHING * self.p_ref))
         found = np.sign(found) * np.maximum(np.abs(found) - doubt, 0.0)
         for place in self.cone.places:
             n = place.normal

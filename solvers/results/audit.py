@@ -216,8 +216,8 @@ class Auditor:
             give = float((own if own is not None else rows.normal.penetration(np.array([p_top])))[0])
             softness = 1 / rows.friction.k_T if rows.friction is not None and rows.friction.k_T else 0.0
             found[rows.name] = p_top * (self._give(rows, record.p[place.normal]) + softness) + give
-        of_laws = EPS * motion * sum(_law_stiffness(place, record.p) for place in self.cone.places) / area
-        rest = 0.0 if load or motion > system.extent else ROUNDING * (digit + of_laws)  # none where bodies drift away
+        rest = digit + EPS * motion * sum(_law_stiffness(place, record.p) for place in self.cone.places) / area
+        rest = 0.0 if load or motion > system.extent else min(ROUNDING * rest, ROUNDED / EPS * digit)  # else: drifting
         lengths = LENGTHS * max(system.extent, motion)
         return Scales(p=p_top, u=found, area=area, rounding=lengths, noise=noise, rest=rest)
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.audited import record_of, stored_by
 from shared.problems import surface_problem
-from stickslip.solvers.interface.problem import LEAST, SurfaceProblem
+from stickslip.solvers.interface.problem import LEAST, NOTHING, SurfaceProblem
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.starts import Start, closed, first_starts
@@ -96,6 +96,16 @@ def test_a_body_that_is_released_rises_to_where_it_touches(
     assert np.abs(record.displacement).max() < 1e-9
     for step in (pressed, released):
         assert max(asdict(audit(replace(record_of(step), stored=stored_by(step)))).values()) < CLEAN
+
+
+def test_rounding_of_a_stiff_law_excuses_next_to_nothing(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    floor = {"displacement": {"y": UP_DOWN}}
+    problem = surface_problem(simulation_of(scene_of(**block_on(floor, 2, {"normal": LINEAR | {"c_n": 1e25}}, {}))))
+    n, p = problem.surface.normal_rows, np.zeros(len(problem.gap))
+    for pull, noticed in ((0.5 * NOTHING, False), (10 * NOTHING, True)):
+        p[:n] = -pull * problem.p_ref
+        residual = problem.natural_residual(p, problem.gap)
+        assert residual == pytest.approx((pull - NOTHING) / LEAST if noticed else 0.0, rel=1e-6)
 
 
 @pytest.fixture
