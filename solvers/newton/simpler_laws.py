@@ -76,9 +76,10 @@ def ends(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:
 
 
 def resting(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:
-    """Where bodies that nothing pushes come to rest: nothing presses there, so that linear laws lead to the same place.
+    """Where bodies that nothing pushes come to rest: if nothing presses there, linear laws lead to the same place.
 
-    With a power of the penetration Newton's method would halve it without end.
+    With a power of the penetration Newton's method would halve it without end. If they are squeezed all the same, by
+    obstacles or loads that balance each other, it is a start like any other.
 
     Args:
         problem: the contact problem of the step.

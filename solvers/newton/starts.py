@@ -70,10 +70,10 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
         zero = np.zeros_like(p)
         yield Start.at(problem, zero, np.zeros(problem.surface.size))
     else:
-        if problem.idle:
-            yield Start.where_it_stood(problem, p)
         if np.abs(p).max(initial=0.0) > LEAST * problem.p_ref:  # what is smaller does not tell what touches
             yield Start.as_if(problem, p, p)
+        if problem.idle:
+            yield Start.where_it_stood(problem, p)
         yield Start.as_if(problem, p, closed(problem))
         yield from _balanced(problem)
 
