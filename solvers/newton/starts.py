@@ -58,7 +58,7 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
 
     For a floating body tractions do not determine the displacement: they only give the active set to start from. If it
     has room to move, closing all points would pull more than the load presses: it also starts from tractions that
-    balance the load on rigid bodies. If nothing pushes it, it starts from where it stood.
+    balance the load on rigid bodies; if nothing pushes it, from where it stood, behind what still squeezes it.
 
     Args:
         problem: the contact problem of the step.

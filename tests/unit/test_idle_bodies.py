@@ -147,6 +147,8 @@ def test_what_nothing_pushes_starts_where_it_stood(lifted: SurfaceProblem) -> No
     r = problem.relative_displacement(lift) - problem.gap
     assert np.all(np.abs(first.p_hat[: surface.normal_rows]) > least)
     assert_allclose(first.p_hat, np.where(np.abs(problem.gamma * r) > least, problem.gamma * r, 0.0))
+    squeezed = problem.p_ref * np.ones(len(p))  # then its tractions tell more of what touches, and come first
+    assert next(iter(first_starts(problem, squeezed))).p_hat[0] > 0 > first.p_hat[0]
     touching = replace(problem, offset=problem.offset - r)
     assert not Start.where_it_stood(touching, p).p_hat.any()
     pushed = replace(problem, load=replace(problem.load, resultant=np.ones(surface.R.shape[1])))
