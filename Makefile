@@ -110,8 +110,8 @@ fuzz: install
 	FUZZ=$(N) .venv/bin/python -m pytest -n $(WORKERS) --timeout 0 tests/fuzz
 
 docs: install build/sphinx/installed
-	.venv/bin/python -m stickslip.workflows.reference.gallery
-	.venv/bin/python -m stickslip.workflows.reference.console README.md docs
+	.venv/bin/python -m stickslip.workflows.lab.pages.gallery
+	.venv/bin/python -m stickslip.workflows.lab.pages.console README.md docs
 	PYTHONPATH=$(CURDIR)/build/sphinx .venv/bin/python -m sphinx -q -W --keep-going -d build/doctrees docs build/docs
 
 build/sphinx/installed: requirements-docs.txt

@@ -43,7 +43,7 @@ from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.tied import Tied
 from stickslip.solvers.laws.unilateral import Unilateral
-from stickslip.solvers.methods import Solver
+from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.newton.solution import Convergence, Status, Step
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.error_parts import ErrorParts, Quantity

@@ -102,7 +102,7 @@ class Solver(Noun):
 
     @classmethod
     def default(cls) -> Solver:
-        """All defaults; with the keys of every method, if `stickslip.solvers.methods` is imported."""
+        """All defaults; with the keys of every method, if `stickslip.solvers.method_registry` is imported."""
         return (cls.__subclasses__() or [cls])[-1]()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.methods import METHODS, Solver, method_of
+from stickslip.solvers.method_registry import METHODS, Solver, method_of
 from stickslip.solvers.methods.applicability import RIGID, Applicability
 from stickslip.solvers.methods.method import Method, Refusal, keys_of
 from stickslip.solvers.scene.contact import Contact

@@ -9,7 +9,7 @@ import numpy as np
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.joints import is_rigid
 from stickslip.solvers.effects import active
-from stickslip.solvers.methods import method_of
+from stickslip.solvers.method_registry import method_of
 from stickslip.solvers.system.contact_interface import UNTOUCHED, loose_part
 from stickslip.solvers.system.system import System
 

@@ -2,7 +2,7 @@
 
 Each part is there in some stages of a run, and the peak is that of the stage in which most is there. What grows with
 the mesh has a price by cell or unknown for each kind of cell, K and multigrid one by entry of K; the condensed form is
-foretold by `Size.dense_bytes`. Fitted to the table of `stickslip.workflows.benchmarks.memory`.
+foretold by `Size.dense_bytes`. Fitted to the table of `stickslip.workflows.lab.benchmarks.memory`.
 
 On several ranks the bodies are shared out; the program and a part of contact are on every rank.
 """

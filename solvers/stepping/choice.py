@@ -13,7 +13,7 @@ from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.interface.prepare import Form
-from stickslip.solvers.methods import METHODS
+from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.scene.material import LEAST
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.settings import Solver
@@ -28,7 +28,7 @@ AVERAGED = {  # the same where the dilatation is averaged, see `MeanDilatation`
     ("tetrahedron", 1): 800, ("tetrahedron", 2): 571, ("hexahedron", 1): 1526, ("hexahedron", 2): 1149,
 }  # fmt: skip
 MIXED = {(2, 1): 5.0, (2, 2): 1.5, (3, 1): 3.0, (3, 2): 1.25}  # then, of a factor: times the seconds and the entries
-# CPU seconds on one core, one thread, fitted to the table of `stickslip.workflows.benchmarks.auto`
+# CPU seconds on one core, one thread, fitted to the table of `stickslip.workflows.lab.benchmarks.auto`
 POWER = {2: 1.1, 3: 2.0}  # of N, free dofs, that the time of a factorisation grows with
 FACTOR_TIME = {2: 1.1e-6, 3: 2.7e-9}  # of a factorisation with its Schur complement, times that power of N
 BACK = {2: 8e-7, 3: 2e-6}  # of a step's solves with the factor, times N

@@ -15,7 +15,7 @@ from scipy import sparse
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, nearest
 from stickslip.solvers.interface.discrete import DiscreteProblem, GivenSurface
-from stickslip.solvers.methods import METHODS
+from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.newton.solution import Solution, Status, ignore
 
 AUTO = "auto"

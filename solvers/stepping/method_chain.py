@@ -16,7 +16,7 @@ from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
 from stickslip.solvers.interface.prepare import Volume, condensed_dofs, prepare_volume
 from stickslip.solvers.interface.schur_complement import CondensedSurface
-from stickslip.solvers.methods import METHODS
+from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.method import Ready, Setup, Solve
 from stickslip.solvers.methods.surface_uzawa import LearningIteration

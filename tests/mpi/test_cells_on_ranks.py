@@ -13,7 +13,7 @@ from shared import on_ranks
 from shared.cases import slow
 from shared.cells import MODELS, Cell, refused, solved, whole
 from shared.ranks import mpirun
-from stickslip.solvers.methods import METHODS
+from stickslip.solvers.method_registry import METHODS
 
 SAME = 1e-8  # three decades above the tolerance: friction's condition, and hundreds of iterations
 LIMIT = 600  # s; a rank that waits for the others for ever must not hold up the tests

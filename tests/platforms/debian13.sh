@@ -28,7 +28,7 @@ find "$root/stickslip" -mindepth 1 -maxdepth 1 ! -name .venv ! -name build -exec
 git ls-files -z --cached --others --exclude-standard | xargs -0 ls -d 2>/dev/null | tar -cT - | tar -xC "$root/stickslip"
 
 rm -rf "$figures"
-.venv/bin/python -m stickslip.workflows.benchmarks.platforms "$figures" here
+.venv/bin/python -m stickslip.workflows.lab.benchmarks.platforms "$figures" here
 cp "$figures"/* "$root/stickslip/$figures"
 
 # mounts of a namespace of its own end with it
@@ -46,6 +46,6 @@ chroot "$root" env -u PYTHONPATH -u VIRTUAL_ENV HOME=/root LANG=C.UTF-8 OMP_NUM_
         cd /stickslip
         make run
         .venv/bin/python -m pytest -q -n 2 -p no:cacheprovider "$@"
-        .venv/bin/python -m stickslip.workflows.benchmarks.platforms build/platforms there
+        .venv/bin/python -m stickslip.workflows.lab.benchmarks.platforms build/platforms there
     ' inside "$@"
 INSIDE

@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from shared.cases import often, slow
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip.workflows.lab.verification.hard.judge import Outcome, judge
+from stickslip.workflows.lab.verification.hard.tables import toml
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read, to_dict
-from stickslip.workflows.verification.hard.judge import Outcome, judge
-from stickslip.workflows.verification.hard.tables import toml
-from stickslip.workflows.verification.prepared import prepare
 
 ARCH = [f"bodies.{name}.nu=0.4999" for name in to_dict(read("arch"))["bodies"]]
 STACK = ["geometry.mesh_size=0.14", *(f"bodies.block_{k}.nu=0.4999" for k in range(1, 11))]

@@ -17,10 +17,10 @@ from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.system.system import assemble
 from stickslip.workflows.commands.mesh import announce
+from stickslip.workflows.lab.verification.hard.tables import toml
 from stickslip.workflows.run.mesh_report import elements_across, look
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict, read
-from stickslip.workflows.verification.hard.tables import toml
 
 CAD = """
 model = "3d"

@@ -23,8 +23,8 @@ from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.scene.loads import Direction
+from stickslip.workflows.lab.studies import block_from_python
 from stickslip.workflows.scene_file.read import from_dict, read, to_dict
-from stickslip.workflows.studies import block_from_python
 
 
 def script() -> stickslip.Scene:

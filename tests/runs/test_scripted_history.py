@@ -15,10 +15,10 @@ import stickslip
 from shared.command import result
 from stickslip.solvers.simulation.script import Script
 from stickslip.solvers.stepping.stepper import StepError
+from stickslip.workflows.lab.studies import shear_until_it_slips
+from stickslip.workflows.lab.verification.cases.sheared_column import scene as column
+from stickslip.workflows.lab.verification.closed_forms.sheared_column import COLUMN, TABLE, TOP
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.studies import shear_until_it_slips
-from stickslip.workflows.verification.cases.sheared_column import scene as column
-from stickslip.workflows.verification.closed_forms.sheared_column import COLUMN, TABLE, TOP
 
 COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5"]
 PLANE = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}

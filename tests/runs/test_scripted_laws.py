@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 import stickslip
 from shared.cases import every_nth
-from stickslip.solvers.methods import METHODS
+from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.scene_file.read import from_dict, read
 

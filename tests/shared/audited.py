@@ -7,7 +7,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.results.stored_fields import StoredFields
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.lab.verification.prepared import prepare
 
 NAMES = ("time", "displacement", "p", "w", "reference", "driven", "shortened", "searched", "slid")
 

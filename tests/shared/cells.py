@@ -17,8 +17,8 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 NORMAL: dict[str, dict[str, Any]] = {"compliance": {"c_n": 20.0, "m_n": 2.0}}  # parameters of laws that need some
 TYPICAL: dict[str, Any] = {

@@ -10,8 +10,8 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read
-from stickslip.workflows.verification.prepared import prepare
 
 # methods that solve the laws only nearly: their own solution is what they iterate towards
 APPROXIMATE = ("perturbed-lagrangian", "regularised")

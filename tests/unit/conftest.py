@@ -13,8 +13,8 @@ from stickslip.solvers.simulation import simulation
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import System, assemble
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 
 @pytest.fixture(scope="session")

@@ -33,7 +33,7 @@ EXAMPLES = {  # heading: room, and what the file imports
         [
             "stickslip.solvers.methods.applicability: Applicability",
             "stickslip.solvers.methods.method: Stateless",
-            "stickslip.solvers.methods.outer_iteration: FixedStep, Outer, Solved",
+            "stickslip.solvers.classical.outer_iteration: FixedStep, Outer, Solved",
             "stickslip.solvers.newton.solution: ignore",
         ],
     ),

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stickslip.workflows.benchmarks import auto
-from stickslip.workflows.benchmarks.auto import Case, Run
+from stickslip.workflows.lab.benchmarks import auto
+from stickslip.workflows.lab.benchmarks.auto import Case, Run
 
 
 def test_every_method_solves_a_scene_in_few_and_in_many_steps() -> None:

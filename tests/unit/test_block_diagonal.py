@@ -10,8 +10,8 @@ from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.linear.block_diagonal import BlockDiagonal
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.stepping.choice import Size
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read
-from stickslip.workflows.verification.prepared import prepare
 
 
 def three_blocks() -> BlockDiagonal:

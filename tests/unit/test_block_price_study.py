@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.workflows.studies.block_price import measure, verdicts
-from stickslip.workflows.studies.block_price.__main__ import measured
-from stickslip.workflows.studies.block_price.cases import (
+from stickslip.workflows.lab.studies.block_price import measure, verdicts
+from stickslip.workflows.lab.studies.block_price.__main__ import measured
+from stickslip.workflows.lab.studies.block_price.cases import (
     EXACTLY,
     INEXACT,
     LIKE,
@@ -21,9 +21,9 @@ from stickslip.workflows.studies.block_price.cases import (
     Sizes,
     tables,
 )
-from stickslip.workflows.studies.block_price.page import NAME, conditions, verdict, write_page
-from stickslip.workflows.studies.block_price.verdicts import CLAIMS, SIDE_BY_SIDE
-from stickslip.workflows.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen
+from stickslip.workflows.lab.studies.block_price.page import NAME, conditions, verdict, write_page
+from stickslip.workflows.lab.studies.block_price.verdicts import CLAIMS, SIDE_BY_SIDE
+from stickslip.workflows.lab.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen
 
 MASS, COMPLETE, DROP, IC0 = EXACTLY
 TINY = Sizes(meshes=((2, 4),), at=(), methods=(REFERENCE, "uzawa", MASS), parts=(1.1,), inner_at=(), bound_at=(2, 4))

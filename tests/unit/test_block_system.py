@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from shared.cases import every_nth, often
 from shared.cells import Cell
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.blocks.block_system import BlockSystem
+from stickslip.solvers.classical.block_system import BlockSystem
+from stickslip.solvers.classical.block_uzawa import OnBlocks
 from stickslip.solvers.interface.prepare import condensed, uncondensed
-from stickslip.solvers.methods.block_uzawa import OnBlocks
 from stickslip.solvers.newton.solution import Status
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
-from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.lab.verification.prepared import prepare
 
 Array = NDArray[np.float64]
 CELLS = [

@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from shared.audited import audit, solved
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.lab.verification.cases import by_place as case
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.cases import by_place as case
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.prepared import prepare
 
 E, NU = 200.0, 0.3
 HELD = {"left": {"boundary": "block.left", "displacement": {"x": 0.0, "y": 0.0}}}

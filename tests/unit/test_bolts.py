@@ -24,8 +24,8 @@ from stickslip.solvers.stepping.given_tension import StepsWithBolts
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import StepError
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict, read
-from stickslip.workflows.verification.prepared import prepare
 
 E, K, SHORTER, MU = 1000.0, 400.0, 0.01, 0.2
 AREA = {"plane strain": 2.0, "3d": 1.0, "axisymmetric": np.pi * 4.0}

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 from shared.audited import audit
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 RHO = 3.0
 

@@ -18,8 +18,8 @@ from stickslip.geometry.shape import Model
 from stickslip.solvers.results.step_result import SLIP
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.system.system import System
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 SceneOf = Callable[..., Scene]
 SystemOf = Callable[[Scene], System]

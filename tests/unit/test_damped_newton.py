@@ -21,8 +21,8 @@ from stickslip.solvers.newton.attempts import ATTEMPT, Attempts
 from stickslip.solvers.newton.line_search import DECREASE, HALVINGS, MEMORY, LineSearch
 from stickslip.solvers.newton.solution import Solution, Status, Step
 from stickslip.solvers.newton.starts import SLIPPING, Start, again, closed, first_starts, other_starts
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict, read
-from stickslip.workflows.verification.prepared import prepare
 
 DRIVEN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
 PULLED = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}}

@@ -10,9 +10,9 @@ from scipy import sparse
 
 from shared.discrete import ONE, random_problem
 from stickslip.geometry.errors import SceneError
+from stickslip.solvers.classical.coloured_sweeps import colours
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem, project_cone, residual
-from stickslip.solvers.methods import METHODS
-from stickslip.solvers.methods.coloured_sweeps import colours
+from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.newton.solution import Status
 from stickslip.solvers.stepping.discrete_chain import refuse_unusable, solve, usable
 

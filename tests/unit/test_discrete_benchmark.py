@@ -10,7 +10,7 @@ from scipy import sparse
 
 from shared.discrete import ONE, local, random_problem, write
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
-from stickslip.workflows.benchmarks import discrete
+from stickslip.workflows.lab.benchmarks import discrete
 from stickslip.workflows.pictures.performance_profile import ratios
 
 

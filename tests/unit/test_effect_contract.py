@@ -22,8 +22,8 @@ from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Timeline
 from stickslip.solvers.simulation import resolve
 from stickslip.solvers.simulation.plan import make_plan
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 K, E, MOVED = 500.0, 1000.0, -0.03
 

@@ -16,8 +16,8 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan, planned
 from stickslip.solvers.simulation.simulation import prepare as with_errors
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 K, E = 500.0, 1000.0
 NORMAL, WHOLE = {"normal": K}, {"normal": K, "tangential": K}

@@ -17,10 +17,10 @@ from stickslip.solvers.stepping.discrete_chain import solve
 from stickslip.workflows.formats.fclib import read_problem
 from stickslip.workflows.formats.own_files import claim
 from stickslip.workflows.formats.steps import read_step, step_name
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read, to_dict
-from stickslip.workflows.verification.prepared import prepare
 from stickslip.workflows.writers.writer import wanted
 
 COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5"]

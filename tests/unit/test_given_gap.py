@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from stickslip.geometry.errors import SceneError
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 E, A, B, C = 200.0, 1.0, 2.0, 3.0  # [Pa], radii [m]
 

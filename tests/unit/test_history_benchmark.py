@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from stickslip.geometry.amplitude import value_at
-from stickslip.workflows.benchmarks import history
 from stickslip.workflows.formats.steps_csv import read_steps_table
+from stickslip.workflows.lab.benchmarks import history
 
 STEPS, POINTS = 4 * history.CYCLES + 1, 9
 

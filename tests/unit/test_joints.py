@@ -21,7 +21,7 @@ from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.mesh.joints import Joints, find_parts
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.shape import Request
-from stickslip.solvers.methods import METHODS
+from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output

@@ -195,7 +195,7 @@ def part(memory: dict[str, object], name: str) -> float:
 )
 def test_the_peak_of_a_run_is_the_one_that_was_foretold(case: tuple[str, ...]) -> None:
     """In a process of its own: its peak is counted from the beginning."""
-    command = [sys.executable, "-m", "stickslip.workflows.benchmarks.memory_run", *case]
+    command = [sys.executable, "-m", "stickslip.workflows.lab.benchmarks.memory_run", *case]
     done = subprocess.run(
         command, check=True, capture_output=True, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"}
     )

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from stickslip.geometry.errors import MachineError, SolverError
 from stickslip.solvers.interface.coarse_mesh import CoarseMesh
 from stickslip.solvers.linear.conjugate_gradients import MOST_ITERATIONS
-from stickslip.solvers.methods import Solver
+from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.method import Ready
 from stickslip.solvers.methods.surface_uzawa import PATIENCE, LearningIteration
@@ -23,7 +23,7 @@ from stickslip.solvers.stepping.choice import Size, Stage, chosen
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.solvers.system.system import System
-from stickslip.workflows.benchmarks.auto import BARS, Case
+from stickslip.workflows.lab.benchmarks.auto import BARS, Case
 from stickslip.workflows.run.audit import Audited
 from stickslip.workflows.run.result import Outcome, summary
 from stickslip.workflows.scene_file.read import read
@@ -224,7 +224,7 @@ def form(size: Size) -> str:
 
 
 def test_a_factor_pays_in_many_steps() -> None:
-    """Sizes and fastest forms of the table that `stickslip.workflows.benchmarks.auto` prints."""
+    """Sizes and fastest forms of the table that `stickslip.workflows.lab.benchmarks.auto` prints."""
     cube, half_ball = Size(3, 50_700, 4.1e6, 2028), Size(3, 22_903, 1.0e6, 3048)
     assert [form(each) for each in (cube, half_ball)] == ["matrix-free"] * 2
     assert form(replace(cube, steps=32)) == "condensed"

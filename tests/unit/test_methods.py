@@ -14,7 +14,7 @@ import pytest
 import stickslip
 import stickslip.solvers
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.methods import METHODS, Solver, method_of
+from stickslip.solvers.method_registry import METHODS, Solver, method_of
 from stickslip.solvers.methods.method import keys_of
 from stickslip.solvers.scene import settings
 from stickslip.solvers.simulation.plan import make_plan
@@ -34,7 +34,7 @@ from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.methods.applicability import Applicability
 from stickslip.solvers.methods.method import Ready, Setup, Turn
-from stickslip.solvers.methods.uzawa import Uzawa
+from stickslip.solvers.classical.uzawa import Uzawa
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,8 +58,8 @@ class Halving(Uzawa):
 ASKED = """
 import stickslip
 from stickslip.solvers.stepping.choice import Size, chain
-from stickslip.workflows.reference.method_table import PAGE, renewed
-from stickslip.workflows.reference.scene_page import reference
+from stickslip.workflows.lab.pages.method_table import PAGE, renewed
+from stickslip.workflows.lab.pages.scene_page import reference
 from stickslip.workflows.scene_file.read import to_dict
 
 small = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5", "output.error=false"]
@@ -104,7 +104,7 @@ def test_a_new_method_with_a_key_of_its_own_is_one_new_file(tmp_path: Path) -> N
 def test_a_method_is_found_under_its_name_in_a_file_of_its_name(name: str) -> None:
     method = METHODS[name]
     assert name == method.NAME
-    assert method.__module__ == f"stickslip.solvers.methods.{name.replace('-', '_')}"
+    assert method.__module__.split(".")[-1] == name.replace("-", "_")
     assert is_dataclass(method)
     assert method.__doc__
     assert {f.name for f in fields(method)} == {"rtol", "max_it", *keys_of(method)}

@@ -12,17 +12,17 @@ from scipy.linalg import null_space
 
 from shared.cases import every_nth
 from shared.problems import surface_problem
+from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.methods.uzawa import Uzawa
 from stickslip.solvers.newton.active_set import ActiveSet, linearise
 from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, solve
 from stickslip.solvers.newton.solution import Status
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

@@ -23,8 +23,8 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.orthotropic import Orthotropic
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan, warnings
+from stickslip.workflows.lab.verification.units import in_millimetres
 from stickslip.workflows.scene_file.read import from_dict, read, to_dict
-from stickslip.workflows.verification.units import in_millimetres
 
 WOOD: dict[str, Any] = {
     "E_1": 10.0, "E_2": 0.8, "E_3": 0.5, "G_12": 0.6, "nu_12": 0.4, "nu_13": 0.45, "nu_23": 0.35,

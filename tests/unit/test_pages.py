@@ -14,7 +14,7 @@ import pytest
 import typer.main
 
 from stickslip.workflows.commands.cli import app
-from stickslip.workflows.reference.console import agree, blocks, commands, file_name, played, same
+from stickslip.workflows.lab.pages.console import agree, blocks, commands, file_name, played, same
 from stickslip.workflows.scene_file.read import READY, from_dict
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -136,7 +136,7 @@ def parsed(words: list[str]) -> None:
 
 @pytest.mark.parametrize("scene", sorted(READY.glob("*.toml")), ids=lambda path: path.stem)
 def test_the_gallery_shows_the_scene_as_it_is(scene: Path) -> None:
-    """Renew it with `python -m stickslip.workflows.reference.gallery`."""
+    """Renew it with `python -m stickslip.workflows.lab.pages.gallery`."""
     page = (ROOT / "docs/gallery" / f"{scene.stem}.md").read_text(encoding="utf-8")
     (shown,) = (block[3] for block in blocks(page) if block[1] == "toml")
     assert shown == scene.read_text(encoding="utf-8")

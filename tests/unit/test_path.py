@@ -17,8 +17,8 @@ from stickslip.solvers.newton import path
 from stickslip.solvers.newton.solution import Solution, Status
 from stickslip.solvers.newton.starts import Start, closed
 from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 SceneOf = Callable[..., Scene]
 FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import stickslip
-from stickslip.workflows.benchmarks import price_page
-from stickslip.workflows.benchmarks.peers import page, programs
-from stickslip.workflows.benchmarks.peers.ours import OURS
-from stickslip.workflows.benchmarks.peers.problem import write_problem
-from stickslip.workflows.benchmarks.price_run import Case
+from stickslip.workflows.lab.benchmarks import price_page
+from stickslip.workflows.lab.benchmarks.peers import page, programs
+from stickslip.workflows.lab.benchmarks.peers.ours import OURS
+from stickslip.workflows.lab.benchmarks.peers.problem import write_problem
+from stickslip.workflows.lab.benchmarks.price_run import Case
 
 BY_HAND = programs.HERE / "dolfinx_by_hand.py"
 N = {2: 8, 3: 4}  # cells over the height

@@ -17,7 +17,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
-from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.lab.verification.prepared import prepare
 
 CG = "-fieldsplit_u_ksp_type cg -fieldsplit_u_pc_type gamg"
 SCHUR = (

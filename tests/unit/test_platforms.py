@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stickslip.workflows.benchmarks import platforms
+from stickslip.workflows.lab.benchmarks import platforms
 
 
 def test_figures_repeat_and_a_difference_is_noticed(

@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.workflows.studies.published import claims_uzawa as u
-from stickslip.workflows.studies.published.__main__ import measured
-from stickslip.workflows.studies.published.contact import march
-from stickslip.workflows.studies.published.finding import HOLDS, HOLDS_NOT, Row, Rows, chosen
-from stickslip.workflows.studies.published.measurements import MEASURED, Measurement, Sizes, measurements
-from stickslip.workflows.studies.published.page import CLAIMS, claims, write_page
-from stickslip.workflows.studies.published.scenes import scene
-from stickslip.workflows.studies.published.spectrum import LEARNING, PLAIN
+from stickslip.workflows.lab.studies.published import claims_uzawa as u
+from stickslip.workflows.lab.studies.published.__main__ import measured
+from stickslip.workflows.lab.studies.published.contact import march
+from stickslip.workflows.lab.studies.published.finding import HOLDS, HOLDS_NOT, Row, Rows, chosen
+from stickslip.workflows.lab.studies.published.measurements import MEASURED, Measurement, Sizes, measurements
+from stickslip.workflows.lab.studies.published.page import CLAIMS, claims, write_page
+from stickslip.workflows.lab.studies.published.scenes import scene
+from stickslip.workflows.lab.studies.published.spectrum import LEARNING, PLAIN
 
 TINY = Sizes(
     meshes=((2, 4), (2, 8)),
@@ -65,7 +65,7 @@ def test_what_was_measured_is_not_measured_again(folder: Path, rows: Rows, monke
         return lambda **keys: called.append(name) or whole(**keys)
 
     again: Mapping[str, Any] = {name: counting(name, whole) for name, whole in MEASURED.items()}
-    monkeypatch.setattr("stickslip.workflows.studies.published.measurements.MEASURED", again)
+    monkeypatch.setattr("stickslip.workflows.lab.studies.published.measurements.MEASURED", again)
     found = measured(folder, TINY)
     assert called == [lost.study]
     assert found == rows

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip.workflows.studies.published import claims_tangent as t
-from stickslip.workflows.studies.published import claims_uzawa as u
-from stickslip.workflows.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows
-from stickslip.workflows.studies.published.measurements import MEASURED
-from stickslip.workflows.studies.published.page import CLAIMS, claims
-from stickslip.workflows.studies.published.spectrum import PLAIN
+from stickslip.workflows.lab.studies.published import claims_tangent as t
+from stickslip.workflows.lab.studies.published import claims_uzawa as u
+from stickslip.workflows.lab.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows
+from stickslip.workflows.lab.studies.published.measurements import MEASURED
+from stickslip.workflows.lab.studies.published.page import CLAIMS, claims
+from stickslip.workflows.lab.studies.published.spectrum import PLAIN
 
 EMPTY: Rows = {name: [] for name in MEASURED}
 

@@ -13,10 +13,10 @@ from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.lab.verification.cases import manufactured as case
+from stickslip.workflows.lab.verification.closed_forms.manufactured import LAWS, MU
+from stickslip.workflows.lab.verification.prepared import accepted
 from stickslip.workflows.scene_file.read import read
-from stickslip.workflows.verification.cases import manufactured as case
-from stickslip.workflows.verification.closed_forms.manufactured import LAWS, MU
-from stickslip.workflows.verification.prepared import accepted
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -11,9 +11,9 @@ from numpy.testing import assert_allclose
 
 from shared.cases import often
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.methods import METHODS, Solver
-from stickslip.solvers.methods import regularised as module
-from stickslip.solvers.methods.regularised import NextStep
+from stickslip.solvers.classical import regularised as module
+from stickslip.solvers.classical.regularised import NextStep
+from stickslip.solvers.method_registry import METHODS, Solver
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan

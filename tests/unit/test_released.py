@@ -9,7 +9,7 @@ import pytest
 from shared.cases import slow
 from shared.ranks import mpirun
 from stickslip.geometry.user_files.child import child_environment
-from stickslip.solvers.methods import METHODS
+from stickslip.solvers.method_registry import METHODS
 
 RUNS = """
 import gc

@@ -16,10 +16,10 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan, planned
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.verification.cases import beam as case
-from stickslip.workflows.verification.cases.beam import ARM, FX, FY, LENGTH, MZ, E, end, scene
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.lab.verification.cases import beam as case
+from stickslip.workflows.lab.verification.cases.beam import ARM, FX, FY, LENGTH, MZ, E, end, scene
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.prepared import prepare
 
 MU = {"law": "coulomb", "mu": 0.3}
 

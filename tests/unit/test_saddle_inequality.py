@@ -15,14 +15,14 @@ from scipy import sparse
 
 from shared.cases import often
 from stickslip.solvers.contact.admissible_set import ContactBlock
-from stickslip.solvers.methods import METHODS, Solver
+from stickslip.solvers.method_registry import METHODS, Solver
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.solvers.stepping.update import relative_displacement
 from stickslip.solvers.system.system import System
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read
-from stickslip.workflows.verification.prepared import prepare
 
 Array = NDArray[np.float64]
 COMPLIANCE = (

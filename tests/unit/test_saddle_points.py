@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from scipy.linalg import eigvalsh
 
 from shared.problems import surface_problem
-from stickslip.solvers.analysis.saddle_points import (
+from stickslip.solvers.classical.uzawa import Uzawa
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.lab.analysis.saddle_points import (
     Bounds,
     Exact,
     InexactRichardson,
@@ -24,14 +31,7 @@ from stickslip.solvers.analysis.saddle_points import (
     measured,
     membrane,
 )
-from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.interface.schur_complement import CondensedSurface
-from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.methods.uzawa import Uzawa
-from stickslip.solvers.newton.solution import Status
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.studies import saddle_points as study
+from stickslip.workflows.lab.studies import saddle_points as study
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from shared.ranks import mpirun
-from stickslip.workflows.benchmarks.scaling import PAGE
-from stickslip.workflows.benchmarks.scaling_model import (
+from stickslip.workflows.lab.benchmarks.scaling import PAGE
+from stickslip.workflows.lab.benchmarks.scaling_model import (
     EACH,
     ONCE,
     PHASES,
@@ -22,8 +22,8 @@ from stickslip.workflows.benchmarks.scaling_model import (
     seconds_of,
     size_of,
 )
-from stickslip.workflows.benchmarks.scaling_page import LEAST, MOST, page, ratios
-from stickslip.workflows.benchmarks.scaling_run import Case
+from stickslip.workflows.lab.benchmarks.scaling_page import LEAST, MOST, page, ratios
+from stickslip.workflows.lab.benchmarks.scaling_run import Case
 
 COSTS = {name: np.array([1e-6, 1e-5, 1e-3]) for name in PHASES}
 TRAFFIC = Traffic(messages=10.0, halo=400.0, gathered=100.0, collectives=20.0, objects=8.0)
@@ -141,7 +141,7 @@ def test_the_page_states_ratios_within_the_bounds_that_it_states() -> None:
 
 def test_two_ranks_measure_a_small_cube(tmp_path) -> None:
     words = [json.dumps({"n": 4})]
-    done = mpirun(2, words, tmp_path, ("-m", "stickslip.workflows.benchmarks.scaling_run"))
+    done = mpirun(2, words, tmp_path, ("-m", "stickslip.workflows.lab.benchmarks.scaling_run"))
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert (found["ranks"], found["unknowns"], found["points"]) == (2, Case(4).unknowns, Case(4).points)

@@ -7,17 +7,17 @@ from pathlib import Path
 import pytest
 
 import stickslip.workflows
-from stickslip.solvers.methods import METHODS
-from stickslip.workflows.reference import folder_map
-from stickslip.workflows.reference.method_table import HEAD, PAGE, renewed
-from stickslip.workflows.reference.scene_page import FILE, reference
+from stickslip.solvers.method_registry import METHODS
+from stickslip.workflows.lab.pages import folder_map
+from stickslip.workflows.lab.pages.method_table import HEAD, PAGE, renewed
+from stickslip.workflows.lab.pages.scene_page import FILE, reference
 from stickslip.workflows.scene_file.read import READY, from_dict, read
 
 README = Path(stickslip.workflows.__file__).parents[2] / "README.md"
 
 
 def test_scene_reference_is_what_the_dataclasses_say() -> None:
-    """Renew it with `python -m stickslip.workflows.reference.scene_page`."""
+    """Renew it with `python -m stickslip.workflows.lab.pages.scene_page`."""
     assert FILE.read_text(encoding="utf-8") == reference()
 
 
@@ -37,7 +37,7 @@ def test_the_readme_scene_is_the_ready_scene_block() -> None:
 
 
 def test_the_page_of_methods_says_of_every_method_what_the_code_says() -> None:
-    """Renew it with `python -m stickslip.workflows.reference.method_table`."""
+    """Renew it with `python -m stickslip.workflows.lab.pages.method_table`."""
     text = PAGE.read_text(encoding="utf-8")
     assert text == renewed(text)
     table = text.partition(HEAD)[2].partition("\n\n")[0]
@@ -61,9 +61,9 @@ def test_tables_in_tables_name_their_keys() -> None:
 
 
 def test_the_map_says_of_every_folder_what_its_docstring_says() -> None:
-    """Renew it with `python -m stickslip.workflows.reference.folder_map`."""
+    """Renew it with `python -m stickslip.workflows.lab.pages.folder_map`."""
     text = folder_map.PAGE.read_text(encoding="utf-8")
-    assert text == folder_map.renewed(text), "stale: python -m stickslip.workflows.reference.folder_map"
+    assert text == folder_map.renewed(text), "stale: python -m stickslip.workflows.lab.pages.folder_map"
     stale = text.replace("| `solvers/laws/` |", "| `solvers/law/` |")
     assert stale != text
     assert folder_map.renewed(stale) == text

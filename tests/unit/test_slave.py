@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 JOINT = {"surface": "upper.bottom", "against": "lower.top", "friction": {"law": "coulomb", "mu": 0.3}}
 AS_WRITTEN, EXCHANGED = ("upper.bottom", "lower.top"), ("lower.top", "upper.bottom")

@@ -14,9 +14,9 @@ from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.error_parts import Quantity
 from stickslip.solvers.results.quantities import values
 from stickslip.solvers.simulation.plan import make_plan, planned
-from stickslip.workflows.verification.cases.springs import AREA, CORNERS, K, alone, between, floor, pressed, scene
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.lab.verification.cases.springs import AREA, CORNERS, K, alone, between, floor, pressed, scene
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.prepared import prepare
 
 
 @pytest.mark.parametrize(("model", "order", "surface"), every_nth(2, AREA, [1, 2], ["condensed", "matrix-free"]))

@@ -16,8 +16,8 @@ from stickslip.solvers.interface.problem import LAST_DIGITS, LEAST, PART, Surfac
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton.solution import Solution
 from stickslip.solvers.parallel.replicated import sum_of_sizes
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 COULOMB = {"law": "coulomb", "mu": 0.4}
 DRIVEN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}

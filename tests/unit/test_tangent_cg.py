@@ -28,8 +28,8 @@ from stickslip.solvers.tangent import operator as operator_module
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.solvers.tangent.laws import Tangent
 from stickslip.solvers.tangent.operator import TangentOperator
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read
-from stickslip.workflows.verification.prepared import prepare
 
 SAME = 1e-7  # two decades above the tolerance: friction's condition
 CELLS = [

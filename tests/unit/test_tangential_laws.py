@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from shared.audited import record_of
 from shared.cases import every_nth
-from stickslip.solvers.methods.uzawa import Uzawa
+from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.results.step_result import SLIP, STICK
 from stickslip.solvers.scene.scene import Scene

@@ -10,10 +10,10 @@ import pytest
 from shared.audited import record_of, stored_by
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.audit import Auditor
-from stickslip.workflows.verification.cases import warm_bars as case
-from stickslip.workflows.verification.cases.warm_bars import scene
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.lab.verification.cases import warm_bars as case
+from stickslip.workflows.lab.verification.cases.warm_bars import scene
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.prepared import prepare
 
 
 def test_bars_bend_freely_or_press_and_a_cylinder_and_two_bodies_too() -> None:

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from shared.cases import slow
 from stickslip.solvers.accuracy import time_steps
 from stickslip.solvers.accuracy.time_steps import doubled, halved, stretches
-from stickslip.solvers.methods import Solver
+from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Quantity
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.step_result import StepResult
@@ -20,8 +20,8 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import StepError, Stepper
+from stickslip.workflows.lab.verification.accuracy.problems import PROBLEMS
 from stickslip.workflows.scene_file.read import read
-from stickslip.workflows.verification.accuracy.problems import PROBLEMS
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -35,7 +35,7 @@ from stickslip.solvers.results.verdict import limits, passed
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.lab.verification.prepared import prepare
 
 SceneOf = Callable[..., Scene]
 FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}

@@ -19,8 +19,8 @@ from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.shape import Model, Request
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.results.step_result import SLIP, StepResult
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 WEDGE = Wedge(half_angle=30.0, bottom_width=0.4, height=1.0, mesh_size=0.2)
 TAN, COS, SIN = np.tan(np.pi / 6), np.cos(np.pi / 6), np.sin(np.pi / 6)

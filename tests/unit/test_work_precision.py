@@ -7,7 +7,7 @@ import pytest
 from matplotlib.image import imread
 
 from stickslip.geometry.errors import SceneError
-from stickslip.workflows.benchmarks.work_precision import Point, draw, points
+from stickslip.workflows.lab.benchmarks.work_precision import Point, draw, points
 from stickslip.workflows.scene_file.read import read
 
 NAME = "base.tangential_force"

@@ -19,7 +19,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.stepping.history import HistoryTuple
 from stickslip.workflows.formats.steps import step_name
-from stickslip.workflows.reference.scene_page import reference
+from stickslip.workflows.lab.pages.scene_page import reference
 from stickslip.workflows.run.result import scene_hash
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.methods import METHODS
+from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.verification.cases import agreement as agreement_case
-from stickslip.workflows.verification.cases.agreement import ALL, REFERENCE, SCENES
-from stickslip.workflows.verification.check import failures
+from stickslip.workflows.lab.verification.cases import agreement as agreement_case
+from stickslip.workflows.lab.verification.cases.agreement import ALL, REFERENCE, SCENES
+from stickslip.workflows.lab.verification.check import failures
 
 UZAWA = ("uzawa", "inexact-uzawa", "nonlinear-uzawa", "gram-uzawa")
 QUICK = "surface-uzawa"  # on every scene; the others on the cube

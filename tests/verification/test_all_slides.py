@@ -10,8 +10,8 @@ from stickslip.solvers.results.error_parts import Quantity
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.simulation.simulation import prepare as estimating
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 MU, N = 0.4, 1000.0
 BOUND = 300.0  # [Pa], of the laws whose bound jumps where surfaces part

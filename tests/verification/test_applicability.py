@@ -9,10 +9,10 @@ import pytest
 from shared.cells import FORMS, MODELS, REFERENCE, Cell, largest, reference, refused, solved, whole
 from stickslip.solvers.contact.operators import OPERATORS
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
-from stickslip.solvers.methods import METHODS
+from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.methods.applicability import RIGID
 from stickslip.solvers.stepping import stepper as stepping
-from stickslip.workflows.verification.cases.agreement import Answer
+from stickslip.workflows.lab.verification.cases.agreement import Answer
 
 TOLERANCE = 1e-9
 SAME = 1e-6  # that, times the condition of friction, and digits to spare

@@ -6,11 +6,11 @@ from numpy.testing import assert_allclose
 from scipy.integrate import dblquad
 from scipy.special import ellipe, ellipk
 
-from stickslip.workflows.verification.cases import bearing as case
-from stickslip.workflows.verification.cases.bearing import Rest, figures
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.closed_forms import hertz
-from stickslip.workflows.verification.closed_forms.hertz_ellipse import contact_modulus, ellipse
+from stickslip.workflows.lab.verification.cases import bearing as case
+from stickslip.workflows.lab.verification.cases.bearing import Rest, figures
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.closed_forms import hertz
+from stickslip.workflows.lab.verification.closed_forms.hertz_ellipse import contact_modulus, ellipse
 
 # --- the closed form
 

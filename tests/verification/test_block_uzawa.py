@@ -10,9 +10,9 @@ from shared.cases import often
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
+from stickslip.workflows.lab.verification.cases.agreement import Answer
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import READY, read
-from stickslip.workflows.verification.cases.agreement import Answer
-from stickslip.workflows.verification.prepared import prepare
 
 BALLS = {"half_ball", "spheres"}  # of order 1: those of order 2 take half a minute
 STEPS = 4  # at most, beside the times that a scene lists

@@ -3,8 +3,8 @@
 import pytest
 
 from shared.cases import slow
-from stickslip.workflows.verification.cases import bolted_joint as case
-from stickslip.workflows.verification.check import failures
+from stickslip.workflows.lab.verification.cases import bolted_joint as case
+from stickslip.workflows.lab.verification.check import failures
 
 
 @pytest.mark.parametrize("method", ["condensed-newton", "uzawa", *slow("surface-uzawa")])

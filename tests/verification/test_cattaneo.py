@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stickslip.workflows.verification.cases import cattaneo as cattaneo_case
-from stickslip.workflows.verification.cases.cattaneo import PAIRS, RATIO, Two, solve
-from stickslip.workflows.verification.check import failures
+from stickslip.workflows.lab.verification.cases import cattaneo as cattaneo_case
+from stickslip.workflows.lab.verification.cases.cattaneo import PAIRS, RATIO, Two, solve
+from stickslip.workflows.lab.verification.check import failures
 
 # tolerances are the case's own, with what was measured
 

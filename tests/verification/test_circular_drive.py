@@ -5,14 +5,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import every_nth
-from stickslip.workflows.verification.cases.circular_drive import (
+from stickslip.workflows.lab.verification.cases.circular_drive import (
     FRAME_TOLERANCE,
     first_order,
     last_turn,
     steady,
     turned,
 )
-from stickslip.workflows.verification.check import failures
+from stickslip.workflows.lab.verification.check import failures
 
 METHODS = ("condensed-newton", "uzawa")
 

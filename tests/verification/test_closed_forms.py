@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.workflows.verification.closed_forms import circular_drive, column, raous, sheared_column
+from stickslip.workflows.lab.verification.closed_forms import circular_drive, column, raous, sheared_column
 
 
 def exact_penetration(stiffness: float, excess: float, c_n: float, m: int) -> float:

@@ -5,9 +5,9 @@ from typing import Literal
 
 import pytest
 
-from stickslip.workflows.verification.cases import column as column_case
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.closed_forms import column
+from stickslip.workflows.lab.verification.cases import column as column_case
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.closed_forms import column
 
 METHODS = ("condensed-newton", "uzawa")
 # all but one of the tolerances are the case's own, with their reasons there: 1e-9, or the digits of the table

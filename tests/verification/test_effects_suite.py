@@ -12,11 +12,10 @@ from stickslip.solvers import effects as registry
 from stickslip.solvers.laws import FrictionLaw
 from stickslip.solvers.simulation.resolve import plan_rows
 from stickslip.solvers.simulation.simulation import prepare
-from stickslip.workflows.commands.effects import effects
-from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.effects.page import Found, faults, write_page
-from stickslip.workflows.verification.effects.parts import EFFECTS, LAWS, SCENES
-from stickslip.workflows.verification.effects.suite import (
+from stickslip.workflows.lab.commands.effects import effects
+from stickslip.workflows.lab.verification.effects.page import Found, faults, write_page
+from stickslip.workflows.lab.verification.effects.parts import EFFECTS, LAWS, SCENES
+from stickslip.workflows.lab.verification.effects.suite import (
     ROOT,
     Absent,
     Study,
@@ -26,6 +25,7 @@ from stickslip.workflows.verification.effects.suite import (
     taken_out,
     work,
 )
+from stickslip.workflows.scene_file.read import from_dict
 
 WORK = Work(
     forms=2,

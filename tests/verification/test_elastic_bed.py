@@ -2,8 +2,8 @@
 
 import pytest
 
-from stickslip.workflows.verification.cases import elastic_bed as case
-from stickslip.workflows.verification.check import failures
+from stickslip.workflows.lab.verification.cases import elastic_bed as case
+from stickslip.workflows.lab.verification.check import failures
 
 
 @pytest.mark.parametrize("method", ["condensed-newton", "uzawa", "surface-uzawa"])

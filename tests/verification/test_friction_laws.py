@@ -15,13 +15,13 @@ from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.results.step_result import SLIP, STICK
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
+from stickslip.workflows.lab.verification.cases import friction_laws as case
+from stickslip.workflows.lab.verification.cases.friction_laws import BRITTLE, HARDENING, SOFT, TOP, G
+from stickslip.workflows.lab.verification.cases.sheared_column import PRESSURE, E, bases, scene
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.cases import friction_laws as case
-from stickslip.workflows.verification.cases.friction_laws import BRITTLE, HARDENING, SOFT, TOP, G
-from stickslip.workflows.verification.cases.sheared_column import PRESSURE, E, bases, scene
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.prepared import prepare
 
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("surface-uzawa", "nsgs")]
 METHODS = ["condensed-newton", "uzawa", *SLOW]

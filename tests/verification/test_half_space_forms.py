@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.special import ellipk
 
-from stickslip.workflows.verification.closed_forms import hertz, punch
+from stickslip.workflows.lab.verification.closed_forms import hertz, punch
 
 Array = NDArray[np.float64]
 

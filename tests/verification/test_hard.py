@@ -11,14 +11,14 @@ import pytest
 
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.workflows.commands import hard as command
-from stickslip.workflows.commands.hard import hard
+from stickslip.workflows.lab.commands.hard import hard
+from stickslip.workflows.lab.verification.hard import suite
+from stickslip.workflows.lab.verification.hard.judge import Outcome, Verdict, judge
+from stickslip.workflows.lab.verification.hard.page import BAD, again, table, write_page
+from stickslip.workflows.lab.verification.hard.suite import NAMES, Row, Task, performed, results, tasks
+from stickslip.workflows.lab.verification.hard.tables import overrides, ready, scene_of
+from stickslip.workflows.lab.verification.hard.variations import FIXED, Scale, variation, varied
 from stickslip.workflows.scene_file.read import read, to_dict
-from stickslip.workflows.verification.hard import suite
-from stickslip.workflows.verification.hard.judge import Outcome, Verdict, judge
-from stickslip.workflows.verification.hard.page import BAD, again, table, write_page
-from stickslip.workflows.verification.hard.suite import NAMES, Row, Task, performed, results, tasks
-from stickslip.workflows.verification.hard.tables import overrides, ready, scene_of
-from stickslip.workflows.verification.hard.variations import FIXED, Scale, variation, varied
 
 FEW, SMALL = (2, 3), (6, 0)  # variations, and the seed of their order; of the few all are solved in a second
 SEED = 0

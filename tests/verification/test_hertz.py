@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.workflows.verification.cases import hertz as hertz_case
-from stickslip.workflows.verification.cases.hertz import TOUCHES, Touch, solve
-from stickslip.workflows.verification.check import failures
+from stickslip.workflows.lab.verification.cases import hertz as hertz_case
+from stickslip.workflows.lab.verification.cases.hertz import TOUCHES, Touch, solve
+from stickslip.workflows.lab.verification.check import failures
 
 # tolerances are the case's own, with their reasons there: the mesh, measured at three
 

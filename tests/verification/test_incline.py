@@ -10,12 +10,12 @@ from numpy.testing import assert_allclose
 from shared.cases import slow
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip.workflows.lab.verification.cases import incline as incline_case
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.closed_forms import incline
+from stickslip.workflows.lab.verification.closed_forms.incline import HOLDS, LAYER, SLIDES
+from stickslip.workflows.lab.verification.prepared import observed, system_of
 from stickslip.workflows.run.run import run
-from stickslip.workflows.verification.cases import incline as incline_case
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.closed_forms import incline
-from stickslip.workflows.verification.closed_forms.incline import HOLDS, LAYER, SLIDES
-from stickslip.workflows.verification.prepared import observed, system_of
 
 METHOD = "condensed-newton"  # the layer is held by contact alone
 

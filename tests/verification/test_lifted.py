@@ -3,8 +3,8 @@
 import pytest
 
 from stickslip.solvers.laws.compliance import Compliance
-from stickslip.workflows.verification.cases import lifted as lifted_case
-from stickslip.workflows.verification.check import failures
+from stickslip.workflows.lab.verification.cases import lifted as lifted_case
+from stickslip.workflows.lab.verification.check import failures
 
 METHODS = ("condensed-newton", "uzawa", "surface-uzawa")
 # tolerances are the case's own, with their reasons

@@ -14,13 +14,13 @@ from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output, Steps
 from stickslip.workflows.formats.steps import read_step
+from stickslip.workflows.lab.verification.cases import column as column_case
+from stickslip.workflows.lab.verification.cases import limits as limits_case
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.closed_forms.limits import END, LIMITS, NONE, STEADY, Limit
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.run import run
-from stickslip.workflows.verification.cases import column as column_case
-from stickslip.workflows.verification.cases import limits as limits_case
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.closed_forms.limits import END, LIMITS, NONE, STEADY, Limit
-from stickslip.workflows.verification.prepared import prepare
 
 
 @pytest.mark.parametrize("name", LIMITS)

@@ -5,10 +5,18 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from stickslip.workflows.verification.cases import manufactured as manufactured_case
-from stickslip.workflows.verification.cases.manufactured import BESIDE, MESHES, SLACK, errors, slopes
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.closed_forms.manufactured import LAMBDA, LAWS, MU, RATES, SLIP, G, Manufactured
+from stickslip.workflows.lab.verification.cases import manufactured as manufactured_case
+from stickslip.workflows.lab.verification.cases.manufactured import BESIDE, MESHES, SLACK, errors, slopes
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.closed_forms.manufactured import (
+    LAMBDA,
+    LAWS,
+    MU,
+    RATES,
+    SLIP,
+    G,
+    Manufactured,
+)
 
 METHODS = ("condensed-newton", "uzawa")
 SHORT = (8, 16)  # two meshes, past the coarsest

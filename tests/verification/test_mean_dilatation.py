@@ -12,11 +12,11 @@ from stickslip.geometry.shape import Model
 from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.simulation.plan import make_plan, warnings
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.lab.verification.cases.hertz import Touch
+from stickslip.workflows.lab.verification.cases.rubber import heated, off
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.cases.hertz import Touch
-from stickslip.workflows.verification.cases.rubber import heated, off
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.prepared import prepare
 
 AUTO: dict[str, Any] = {}
 ALONE = {"formulation": "displacement"}

@@ -17,10 +17,10 @@ from stickslip.solvers.results.error_parts import Quantity
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
+from stickslip.workflows.lab.verification.cases import springs as case
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.cases import springs as case
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.prepared import prepare
 
 Data = dict[str, Any]
 PAGE = Path(__file__).resolve().parents[2] / "docs/howto/one_sided.md"

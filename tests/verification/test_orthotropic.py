@@ -7,9 +7,9 @@ from numpy.testing import assert_allclose
 from shared.cases import slow
 from stickslip.solvers.metrics.half_plane import mean_compliance, surface_compliance
 from stickslip.solvers.scene.orthotropic import Orthotropic
-from stickslip.workflows.verification.cases import orthotropic as case
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.closed_forms import orthotropic as exact
+from stickslip.workflows.lab.verification.cases import orthotropic as case
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.closed_forms import orthotropic as exact
 
 
 @pytest.mark.parametrize("method", ["condensed-newton", *slow("uzawa")])

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import every_nth
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 BLOCKS = """
 def build(model, parameters):

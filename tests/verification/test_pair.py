@@ -7,10 +7,10 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.results.step_result import SLIP, STICK
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.system.system import System
-from stickslip.workflows.verification.cases import pair as pair_case
-from stickslip.workflows.verification.cases.pair import GRADED, SCENES, steps_of, turned
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.prepared import system_of
+from stickslip.workflows.lab.verification.cases import pair as pair_case
+from stickslip.workflows.lab.verification.cases.pair import GRADED, SCENES, steps_of, turned
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.prepared import system_of
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -8,8 +8,8 @@ import pytest
 
 from shared.cases import every_nth
 from stickslip.geometry.errors import SceneError
-from stickslip.workflows.verification.cases import patch as patch_case
-from stickslip.workflows.verification.cases.patch import (
+from stickslip.workflows.lab.verification.cases import patch as patch_case
+from stickslip.workflows.lab.verification.cases.patch import (
     CONTRASTS,
     LOADED,
     NODAL,
@@ -20,8 +20,8 @@ from stickslip.workflows.verification.cases.patch import (
     scene,
     solve,
 )
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.prepared import prepare
 
 FAST = [patch for patch in PATCHES + LOADED if patch.dim == 2 or patch.ratio != "1:20"]
 SLOW = [patch for patch in PATCHES + LOADED if patch not in FAST]

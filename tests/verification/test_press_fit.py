@@ -7,11 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import slow
-from stickslip.workflows.verification.cases import press_fit as case
-from stickslip.workflows.verification.cases.press_fit import HUB, SECTION, SHAFT, SOLID, Fit, figures, solve
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.closed_forms.press_fit import pressure
-from stickslip.workflows.verification.step_file import on_plane, read_step, step_file
+from stickslip.workflows.lab.verification.cases import press_fit as case
+from stickslip.workflows.lab.verification.cases.press_fit import HUB, SECTION, SHAFT, SOLID, Fit, figures, solve
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.closed_forms.press_fit import pressure
+from stickslip.workflows.lab.verification.step_file import on_plane, read_step, step_file
 
 SECTION_ONLY = Fit(model="axisymmetric")
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from stickslip.solvers.simulation.plan import warnings
-from stickslip.workflows.verification.cases import punch as punch_case
-from stickslip.workflows.verification.cases.punch import BONDED, REFERENCE, Cut
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.closed_forms import punch
+from stickslip.workflows.lab.verification.cases import punch as punch_case
+from stickslip.workflows.lab.verification.cases.punch import BONDED, REFERENCE, Cut
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.closed_forms import punch
 
 # tolerances are the case's own, with their reasons there: the mesh, or the digits of the source
 

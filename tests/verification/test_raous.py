@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.workflows.verification.cases import raous as raous_case
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.closed_forms import raous
-from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.lab.verification.cases import raous as raous_case
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.closed_forms import raous
+from stickslip.workflows.lab.verification.prepared import prepare
 
 METHODS = ("condensed-newton", "uzawa")
 # tolerances are the case's own, with their reasons: the mesh, the digits of the source, or the solver

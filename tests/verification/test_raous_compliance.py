@@ -4,9 +4,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from stickslip.solvers.laws.friction import Coulomb
-from stickslip.workflows.verification.cases import raous as raous_case
-from stickslip.workflows.verification.cases.raous_compliance import RIGID, checks, solve
-from stickslip.workflows.verification.check import failures
+from stickslip.workflows.lab.verification.cases import raous as raous_case
+from stickslip.workflows.lab.verification.cases.raous_compliance import RIGID, checks, solve
+from stickslip.workflows.lab.verification.check import failures
 
 
 @pytest.mark.parametrize("method", ["condensed-newton", "uzawa"])

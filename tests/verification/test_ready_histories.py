@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 from shared.cases import slow
 from shared.solved import Solved, coarse, solve
 from stickslip.solvers.scene.settings import Steps
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read
-from stickslip.workflows.verification.prepared import prepare
 
 FIRST, PERIOD, CYCLES = 2, 4, 5  # [s]
 VALUES = ("pressure", "traction", "slip_increment", "slip", "gap")

@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 TABLE = """
 def build(model, parameters):

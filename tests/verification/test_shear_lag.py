@@ -7,10 +7,10 @@ from scipy.optimize import lsq_linear
 
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.unilateral import Unilateral
-from stickslip.workflows.verification.cases import shear_lag as shear_lag_case
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.closed_forms import shear_lag
-from stickslip.workflows.verification.closed_forms.shear_lag import FORCE, STRIP
+from stickslip.workflows.lab.verification.cases import shear_lag as shear_lag_case
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.closed_forms import shear_lag
+from stickslip.workflows.lab.verification.closed_forms.shear_lag import FORCE, STRIP
 
 METHOD = "condensed-newton"  # the others need bodies that their supports hold
 

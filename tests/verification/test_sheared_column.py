@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
-from stickslip.workflows.verification.cases import sheared_column as sheared_column_case
-from stickslip.workflows.verification.cases.sheared_column import (
+from stickslip.workflows.lab.verification.cases import sheared_column as sheared_column_case
+from stickslip.workflows.lab.verification.cases.sheared_column import (
     BY_PENETRATION,
     K_T,
     MU,
@@ -23,10 +23,10 @@ from stickslip.workflows.verification.cases.sheared_column import (
     scene,
     threshold,
 )
-from stickslip.workflows.verification.check import Check, failures
-from stickslip.workflows.verification.closed_forms import sheared_column
-from stickslip.workflows.verification.cycles import accounted, repeats
-from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.lab.verification.check import Check, failures
+from stickslip.workflows.lab.verification.closed_forms import sheared_column
+from stickslip.workflows.lab.verification.cycles import accounted, repeats
+from stickslip.workflows.lab.verification.prepared import prepare
 
 METHODS = ("condensed-newton", "uzawa")
 PATH = sheared_column.TOP[:, None]

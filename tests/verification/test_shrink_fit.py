@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.workflows.verification.cases import shrink_fit as shrink_fit_case
-from stickslip.workflows.verification.cases.shrink_fit import Press, solve
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.closed_forms import shrink_fit
-from stickslip.workflows.verification.closed_forms.shrink_fit import (
+from stickslip.workflows.lab.verification.cases import shrink_fit as shrink_fit_case
+from stickslip.workflows.lab.verification.cases.shrink_fit import Press, solve
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.closed_forms import shrink_fit
+from stickslip.workflows.lab.verification.closed_forms.shrink_fit import (
     HUB,
     INNER,
     INTERFERENCE,

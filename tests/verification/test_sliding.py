@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from shared.cases import every_nth
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 CELL, MU = 0.25, 0.3
 FORCE = 100.0 * 0.005 / 0.5  # E strain, on a side of 1 m: the sliding block is 1e7 times as stiff, nu = 0

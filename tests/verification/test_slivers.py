@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.solvers.methods import METHODS
-from stickslip.workflows.verification.cases import slivers as slivers_case
-from stickslip.workflows.verification.cases.slivers import ASPECT, CELLS, SCENES, squeezed
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.prepared import system_of
+from stickslip.solvers.method_registry import METHODS
+from stickslip.workflows.lab.verification.cases import slivers as slivers_case
+from stickslip.workflows.lab.verification.cases.slivers import ASPECT, CELLS, SCENES, squeezed
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.prepared import system_of
 
 HELD = [name for name, thin in SCENES.items() if not thin.floating]
 

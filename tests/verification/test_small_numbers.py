@@ -4,8 +4,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from stickslip.solvers.results.step_result import ContactState
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read
-from stickslip.workflows.verification.prepared import prepare
 
 SIZES = ["geometry.mesh_size=0.3", "geometry.lower_mesh_size=0.4", "geometry.contact_mesh_size=0.15"]
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from stickslip.workflows.verification.cases import spinning_rings as case
-from stickslip.workflows.verification.check import failures
+from stickslip.workflows.lab.verification.cases import spinning_rings as case
+from stickslip.workflows.lab.verification.check import failures
 
 
 def test_free_rings_and_a_cylinder_grow_as_the_closed_form_says() -> None:

@@ -12,9 +12,9 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 PRESS, MU = 100.0, 0.3
 LIMIT = 2 * MU * PRESS

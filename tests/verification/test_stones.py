@@ -11,8 +11,8 @@ from shared.cases import slow
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.prepared import prepare
 
 G, DENSITY = 9.81, 2000.0
 MILANKOVITCH = 0.1075  # least thickness over mean radius of a half-circular arch under its weight (1907; Heyman 1977)

@@ -4,8 +4,8 @@ from typing import Literal
 
 import pytest
 
-from stickslip.workflows.verification.cases import two_bars as case
-from stickslip.workflows.verification.check import failures
+from stickslip.workflows.lab.verification.cases import two_bars as case
+from stickslip.workflows.lab.verification.check import failures
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -12,11 +12,11 @@ from shared.cases import every_nth, slow
 from stickslip.geometry.keys import Choice, Key, Noun
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent
-from stickslip.solvers.methods import METHODS
+from stickslip.solvers.method_registry import METHODS
+from stickslip.workflows.lab.verification.cases import units as units_case
+from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.units import Units, convert, in_millimetres
 from stickslip.workflows.scene_file.read import from_dict, read, to_dict
-from stickslip.workflows.verification.cases import units as units_case
-from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.units import Units, convert, in_millimetres
 
 MM = Units(length=1000.0, force=1.0, plane=False)
 

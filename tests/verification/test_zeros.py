@@ -2,8 +2,8 @@
 
 import pytest
 
-from stickslip.workflows.verification.cases import zeros as zeros_case
-from stickslip.workflows.verification.check import failures
+from stickslip.workflows.lab.verification.cases import zeros as zeros_case
+from stickslip.workflows.lab.verification.check import failures
 
 METHODS = ("condensed-newton", "uzawa")
 # tolerances are the case's own: 0, or the rounding of one solve with the bodies

@@ -298,10 +298,10 @@ def verify_command(
     resume: Annotated[bool, typer.Option("--resume", help="hard: go on with the run in DIR that was ended")] = False,
 ) -> None:
     """Compare figures with closed forms and published values; or run a suite: hard, accuracy, effects."""
-    from stickslip.workflows.commands.accuracy import accuracy
-    from stickslip.workflows.commands.effects import effects
-    from stickslip.workflows.commands.hard import hard
-    from stickslip.workflows.commands.verify import verify
+    from stickslip.workflows.lab.commands.accuracy import accuracy
+    from stickslip.workflows.lab.commands.effects import effects
+    from stickslip.workflows.lab.commands.hard import hard
+    from stickslip.workflows.lab.commands.verify import verify
 
     only = [name for name in scenes.split(",") if name]
     for suite in ("hard", "accuracy", "effects"):

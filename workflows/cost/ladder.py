@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 from stickslip.geometry.errors import SceneError, nearest
-from stickslip.solvers.methods import METHODS
+from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.cost.predict import overhead

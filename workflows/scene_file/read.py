@@ -27,7 +27,7 @@ from stickslip.geometry.units import SI, Units
 from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import WITH_PARAMETERS, UserFile, installed
 from stickslip.solvers.effects import EFFECTS
-from stickslip.solvers.methods import Solver
+from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.scene.settings import Solver as Settings

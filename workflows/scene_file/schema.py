@@ -12,7 +12,7 @@ from stickslip.geometry.builders import Builder
 from stickslip.geometry.keys import adapter
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.effects import EFFECTS
-from stickslip.solvers.methods import METHODS
+from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.scene_file.read import REQUIRED, kinds_of_keys
 from stickslip.workflows.writers.writer import added_keys

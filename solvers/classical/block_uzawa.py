@@ -1,0 +1,315 @@
+"""Block Uzawa: the method as published, on the block system that dolfinx assembles from UFL forms.
+
+[ F'  B^T ] [u]   [f]     F(u) = K u + j_n(u),  F' by ufl.derivative
+[ B   -C  ] [p] = [g]     p = (p_n, t),  t = s lambda,  |lambda| <= 1
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.classical.block_system import BlockSystem
+from stickslip.solvers.classical.gram import GramMetric
+from stickslip.solvers.classical.gram_uzawa import GramKeys
+from stickslip.solvers.classical.inner_tolerance import InnerKeys
+from stickslip.solvers.classical.nest import PREFIX, SPLITS
+from stickslip.solvers.classical.nested_system import NestedSystem
+from stickslip.solvers.classical.outer_iteration import FixedStep, Outer, Solved, projected
+from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.interface.prepare import uncondensed
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.linear.eigenvalues import largest_eigenvalue, smallest_eigenvalue
+from stickslip.solvers.linear.petsc_options import PetscOptions
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.method import Before, Method, Ready, Refusal, Setup, Solve
+from stickslip.solvers.metrics.dense import DenseMetric, inverse_root
+from stickslip.solvers.newton.semismooth import SemismoothNewton
+from stickslip.solvers.newton.solution import Convergence, OnStep, Solution, Status, ignore
+from stickslip.solvers.newton.surface_model import nearest_in_cone
+from stickslip.solvers.parallel.serialise import Plain
+from stickslip.solvers.scene.problem import Problem
+
+log = logging.getLogger(__name__)
+ENOUGH = 8  # iterations of which the second half tells a rate
+NEVER = -1
+SAFE = 0.3  # of tau_k by elman-golub: the natural norm of an inner residual is an estimate
+# keys without effect where outer = "ksp"
+OF_UZAWA = (
+    "preconditioner",
+    "gram",
+    "inner_solves",
+    "inner_rule",
+    "inner_tolerance",
+    "relaxation",
+    "alpha",
+    "rates",
+    "friction_update",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockUzawa(FixedStep, GramKeys, InnerKeys, Method):
+    """F(u_{k+1}) = f - B^T p_k + delta_k, then p_{k+1} = P_C(p_k + alpha Q^-1 (B u_{k+1} - C p_k - g)).
+
+    p holds the pressures of rigid laws and the tangential tractions t = s lambda. The projection is onto p_n >= 0 and
+    |lambda| <= 1, as |t| <= s, so that nothing is divided by s = 0; C enters implicitly, which is (1.2) with the
+    preconditioner Q + alpha C. sigma_T = -s lambda after (2.6); the last inner solve gives the u that belongs to it.
+
+    Inner solves are exact, delta_k = 0, or inexact (1.2) with ||delta_k|| <= tau_k by `inner_rule`; with compliance F
+    is not linear (1.3). Q: the surface mass W (`mass`), or the trailing block of the Cholesky factor of a Gram matrix
+    of H1 (`gram`, (5.6)), complete or incomplete. alpha = relaxation / lambda_1, lambda_1 the largest eigenvalue of
+    Q^-1 B F'^-1 B^T by power iteration, measured again when F' is.
+
+    Nothing is condensed: what the condensed methods compute is held to this method, and this method to them.
+
+    Source: Pop (1999), (1.1)-(1.3), (2.6), (5.3)-(5.7); Elman & Golub, SIAM J. Numer. Anal. 31 (1994); Bramble, Pasciak
+    & Vassilev, ibid. 34 (1997); Chen, ibid. 35 (1998).
+    """
+
+    NAME: ClassVar = "block-uzawa"
+    WHEN: ClassVar = (
+        "what the source writes, to read and to check by: UFL forms, dolfinx's block matrices, Uzawa on λ. Nothing is "
+        "condensed: each of its 10 to 180 iterations a step (`gram`; `mass` thousands) is a solve of the bodies; with "
+        '`outer = "ksp"` Newton on the nest, any fieldsplit by `petsc_options`'
+    )
+    WORKS_WITH: ClassVar = Applicability(
+        floating=False, bedded=True, condensed=False, matrix_free=False, contends=False
+    )
+    ROW: ClassVar = 8
+
+    preconditioner: Annotated[
+        Literal["gram", "mass"], Key("-", "block-uzawa: Q, from the Gram matrix `gram`, or the surface mass")
+    ] = "gram"
+    inner_solves: Annotated[
+        Literal["exact", "inexact"],
+        Key("-", "block-uzawa: by a factor; or by conjugate gradients with multigrid to inner_tolerance"),
+    ] = "exact"
+    outer: Annotated[
+        Literal["uzawa", "ksp"],
+        Key("-", "block-uzawa: Uzawa's iteration; or semismooth Newton, the nest of each active set solved by a KSP"),
+    ] = "uzawa"
+    rates: Annotated[bool, Key("-", "block-uzawa: also measure the smallest eigenvalue, for the theorem's rate")] = (
+        False
+    )
+    petsc_options: Annotated[
+        str,
+        Key("-", 'block-uzawa: options of PETSc, for example "-fieldsplit_u_ksp_type cg -fieldsplit_u_pc_type gamg"'),
+    ] = ""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.options()  # refuses what is no option
+
+    def refusals(self, problem: Problem) -> Iterator[Refusal]:
+        """Keys that have no effect together."""
+        if self.outer == "ksp":
+            default = BlockUzawa()
+            for key in OF_UZAWA:
+                if getattr(self, key) != getattr(default, key):
+                    yield key, getattr(self, key), 'with outer = "ksp" does not use it; use outer = "uzawa"'
+        elif self.preconditioner == "gram" and self.alpha is not None:
+            yield "alpha", self.alpha, 'has it as the step of Q = W; use preconditioner = "mass"'
+
+    def options(self) -> PetscOptions:
+        """The user's options of PETSc.
+
+        Raises:
+            SceneError: a word is no option, or PETSc refuses it.
+        """
+        return PetscOptions(self.petsc_options, PREFIX, SPLITS)
+
+    def build(self, setup: Setup) -> Ready:
+        return OnBlocks(self, setup)
+
+
+class OnBlocks(Ready):
+    """The iteration on the assembled blocks."""
+
+    def __init__(self, method: BlockUzawa, setup: Setup, known: OnBlocks | None = None) -> None:
+        """Assemble the blocks, and the Gram matrix if it is asked for; collective.
+
+        Args:
+            known: the iteration for other contact rows of the same bodies.
+        """
+        self.method, self.surface = method, uncondensed(setup.surface)
+        self.options: PetscOptions = known.options if known else method.options()
+        self.surface.volume.iterative, self.surface.volume.options = method.inner_solves == "inexact", self.options
+        self.blocks = BlockSystem(setup.system, self.surface)
+        self.lambda_1: float | None = None
+        self._direction: Array | None = known._direction if known else None  # of lambda_1: tractions
+        self._measured_at = NEVER
+        self.peak: float = known.peak if known else 0.0  # largest q . K q so far [J], where inner solves are not exact
+        gram = method.preconditioner == "gram" and method.outer == "uzawa" and len(self.blocks.rows) > 0
+        self._gram = GramMetric(setup.system, method.gram) if gram else None
+        self._dense: DenseMetric | None = None
+
+    def renewed(self, setup: Setup) -> Ready:
+        return OnBlocks(self.method, setup, self)
+
+    def snapshot(self) -> dict[str, Plain]:
+        return {"lambda_1": self.lambda_1, "direction": self._direction, "peak": self.peak}
+
+    def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
+        self.peak, self.lambda_1, self._direction = (snapshot[key] for key in ("peak", "lambda_1", "direction"))
+        self._measured_at = NEVER if self.lambda_1 is None else 0
+
+    def after(self, state: Before) -> Solve:
+        return partial(self.step, state.u)
+
+    def step(self, u: Vec, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
+        """Solve one step from displacement u [m] of all dofs and tractions p (rows,) [Pa]; see `SameEveryStep`."""
+        q = self.blocks.begin(problem, u)
+        solve = self._newton if self.method.outer == "ksp" else self._uzawa
+        found, exact = solve(problem, p, q, on_step)
+        for option in self.options.unused():
+            log.warning("solver.petsc_options: PETSc does not use %s with outer = %s", option, self.method.outer)
+        self.surface.q = q  # u after (2.6): of these tractions
+        self.surface.linear_error = 0.0 if exact else self._linear_error(found.p, q)
+        return found
+
+    def _linear_error(self, p: Array, q: Vec) -> float:
+        """Error that inner solves have left, in the energy norm, relative to the largest displacement so far [-]."""
+        self.peak = max(self.peak, self.blocks.stored(q))
+        return self.blocks.inner_error(p, q) / float(np.sqrt(self.peak)) if self.peak else 0.0
+
+    def _newton(self, problem: SurfaceProblem, p: Array, q: Vec, on_step: OnStep) -> tuple[Solution, bool]:
+        """Semismooth Newton on the nest, and whether all solves were by a factor; improves q [m] in place."""
+        linear = NestedSystem(self.blocks, q, self.options, self.method.rtol)
+        newton = SemismoothNewton(rtol=self.method.rtol, max_it=self.method.max_it, linear=linear)
+        found = newton(problem, p, on_step)
+        if found.status is Status.CONVERGED and found.u_c is not linear.u_c:
+            self.blocks.solve(found.p, q, None)  # a start was the answer: q is not yet its displacement
+            return found, self.blocks.inner.solver.direct
+        return found, linear.direct
+
+    def _uzawa(self, problem: SurfaceProblem, p: Array, q: Vec, on_step: OnStep) -> tuple[Solution, bool]:
+        """Uzawa's iteration, and whether all inner solves were by a factor; improves q [m] in place."""
+        method, blocks, inexact = self.method, self.blocks, self.method.inner_solves == "inexact"
+        last: Solved | None = None
+
+        def solve(p: Array) -> Solved:  # F(u_{k+1}) = f - B^T p_k + delta_k
+            nonlocal last
+            allowed = method.inner(problem, last, p, lambda change: SAFE * self._norm(change)) if inexact else None
+            p, u_c = blocks.solve(p, q, allowed)
+            if inexact and problem.natural_residual(p, problem.relative_displacement(u_c)) <= method.rtol:
+                p, u_c = blocks.solve(p, q, None)  # delta = 0: the residual is that of the answer
+            self._measure()
+            last = Solved(p, u_c, self.alpha)
+            return last
+
+        def advance(step: SurfaceProblem, found: Solved, w: Array, residual: float) -> Array | None:
+            if self._gram is None:  # p_{k+1} = P_C(p_k + alpha W^-1 (B u_{k+1} - C p - g)), point by point
+                return projected(step, found, w, residual)
+            nearest = nearest_in_cone(step, self._metric, found.p, w, max(residual, method.rtol))
+            return None if nearest is None else nearest.p
+
+        outer = Outer(rtol=method.rtol, max_it=method.max_it, friction_update=method.friction_update, advance=advance)
+        found = outer(problem, p, solve, on_step)
+        return replace(found, convergence=self._convergence(found)), blocks.inner.solver.direct
+
+    @property
+    def alpha(self) -> float:
+        """alpha = relaxation / lambda_1, below 2 / lambda_1; or as given."""
+        assert self.lambda_1 is not None
+        return self.method.alpha or self.method.relaxation / self.lambda_1
+
+    @cached_property
+    def _root(self) -> Array:
+        """T with T T^T = Q^-1 on the multipliers that may be non-zero: dense for a Gram matrix, else W^(-1/2) (m,)."""
+        rows = self.blocks.rows
+        if self._gram is None:
+            return np.asarray(1 / np.sqrt(self.surface.W[rows]))
+        return inverse_root(self._Q[np.ix_(rows, rows)])
+
+    @cached_property
+    def _Q(self) -> Array:
+        """The Gram matrix on the rows of the multipliers (rows, rows), zero elsewhere."""
+        assert self._gram is not None
+        rows, Q = self.blocks.rows, self._gram.on_tractions(self.surface, self.blocks.cone)
+        found = np.zeros_like(Q)
+        found[np.ix_(rows, rows)] = Q[np.ix_(rows, rows)]
+        return found
+
+    @property
+    def _metric(self) -> DenseMetric:
+        """Q / alpha; compliant rows keep their pressure in it."""
+        if self._dense is None or self._dense.alpha != self.alpha:
+            on = np.zeros(len(self._Q), bool)
+            on[self.blocks.rows] = True
+            self._dense = DenseMetric(surface=self.surface, Q=self._Q, carrying=on, root=self._root, alpha=self.alpha)
+        return self._dense
+
+    def _norm(self, p: Array) -> float:
+        """Norm of a change of tractions (rows,) [Pa] in the metric Q / alpha: about an energy norm [J^(1/2)]."""
+        weighted = self.surface.W * p if self._gram is None else self._Q @ p
+        return float(np.sqrt(max(float(p @ weighted), 0.0) / self.alpha))
+
+    def _preconditioned(self, x: Array) -> Array:
+        """T^T (B F'^-1 B^T) T x: similar to Q^-1 B F'^-1 B^T."""
+        counters = self.surface.counters
+        p, before = np.zeros(len(self.surface.W)), (counters.volume_solves, counters.linear_iterations)
+        p[self.blocks.rows] = self._root_times(x)
+        forces = self.surface.W[self.blocks.rows] * self.blocks.response(p)[self.blocks.rows]
+        counters.lanczos_applications += 1
+        counters.volume_solves, counters.linear_iterations = before
+        return self._root_transposed_times(forces)
+
+    def _root_times(self, x: Array) -> Array:
+        """T x, tractions on the rows of the blocks."""
+        T = self._root
+        return np.asarray(T * x if T.ndim == 1 else T @ x)
+
+    def _root_transposed_times(self, forces: Array) -> Array:
+        T = self._root
+        return np.asarray(T * forces if T.ndim == 1 else T.T @ forces)
+
+    def _start(self, p: Array | None = None) -> Array:
+        """Start of eigenvalue iterations, T^-1 p = T^T Q p; as tractions it does not depend on the columns of T.
+
+        Args:
+            p: on the rows of the blocks [Pa]; None: without symmetry.
+        """
+        rows = self.blocks.rows
+        if p is None or len(p) != len(rows):
+            p = 1 + np.sin(np.arange(len(rows)))
+        Q_p = self.surface.W[rows] * p if self._gram is None else self._Q[np.ix_(rows, rows)] @ p
+        return self._root_transposed_times(Q_p)
+
+    def _measure(self) -> None:
+        """Measure lambda_1, unless F' is still that of the last measurement; collective."""
+        if self._measured_at == self.blocks.renewals:
+            return
+        largest = largest_eigenvalue(self._preconditioned, self._start(self._direction))
+        self.lambda_1, self._direction = largest.value, self._root_times(largest.direction)
+        self._measured_at = self.blocks.renewals
+
+    def _convergence(self, found: Solution) -> Convergence | None:
+        """What theory says of the step, beside what happened; collective if `rates` is asked for."""
+        if self.lambda_1 is None or not len(self.blocks.rows):
+            return None
+        alpha, lambda_1, lambda_m = self.alpha, self.lambda_1, None
+        if self.method.rates:
+            lambda_m = smallest_eigenvalue(self._preconditioned, self._start())
+        residuals = tuple(step.residual for step in found.history)
+        half = len(residuals) // 2
+        observed = None
+        if len(residuals) >= ENOUGH and residuals[half] > 0:
+            observed = (residuals[-1] / residuals[half]) ** (1 / (len(residuals) - 1 - half))
+        return Convergence(
+            preconditioner=self.method.preconditioner,
+            alpha=alpha,
+            lambda_1=lambda_1,
+            lambda_m=lambda_m,
+            bound=None if lambda_m is None else max(abs(1 - alpha * lambda_1), abs(1 - alpha * lambda_m)),
+            observed=observed,
+            residuals=residuals,
+        )

@@ -1,0 +1,225 @@
+"""Non-smooth Gauss-Seidel: sweep over the contact points, and solve the contact problem of each point exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.solvers.classical.coloured_sweeps import ColouredSweeps
+from stickslip.solvers.classical.sweeps import sweep_until_solved
+from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.interface.discrete import GivenSurface
+from stickslip.solvers.interface.prepare import condensed
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.method import Method, Ready, SameEveryStep, Setup, Solve, Turn
+from stickslip.solvers.newton.solution import OnStep, Solution, ignore
+
+STALL_WINDOW = 500  # sweeps in which the smallest residual must halve
+LEAST = 1e-12  # smallest flexibility of a point, relative to the largest: for rows that move nothing
+NEWTON_STEPS = 50  # for the equation of a slipping point; it converges monotonically, about five are enough
+ROUNDING = 1e-15  # relative, of a length
+
+
+@dataclass(frozen=True, kw_only=True)
+class NSGS(Method):
+    """For each point in turn r = R - D W p, then solve its contact laws for its p; other points keep their tractions.
+
+    D = N F N^T (rows, rows) is the Delassus operator, F the flexibility of the contact dofs, R = N F f + offset - gap
+    the relative displacement under the loads without contact, less the gap. For a normal row the answer is its law's
+    resolvent with gamma = 1 / (D_ii W_i); for a tangential point it lies in the disc of the friction bound at the
+    latest pressures, with the point's diagonal block of D W. If pressures are at quadrature points, each of them is a
+    point, and the friction of a node comes right after the last one that its bound depends on. There is no step size;
+    the number of sweeps grows with the number of points.
+
+    It is the last of the chain of `auto` for bodies that supports hold, in 3D and with every law: slow, and hard to
+    lose. The methods before it solve all of the ready scenes and their variations.
+
+    Source: Jean, Comput. Methods Appl. Mech. Engrg. 177 (1999); Acary & Brogliato, Numerical Methods for Nonsmooth
+    Dynamical Systems (2008).
+    """
+
+    NAME: ClassVar = "nsgs"
+    WHEN: ClassVar = (
+        "the standard of non-smooth contact dynamics, to compare with: point by point on the Delassus operator, each "
+        "point's laws answered exactly. 70–180 sweeps a step at tolerance 1e-11 on coarse `block`, `cube` and "
+        "`cylinders`; they grow with the number of points"
+    )
+    WORKS_WITH: ClassVar = Applicability(floating=False, matrix_free=False, contends=False)
+    TURNS: ClassVar = (Turn("condensed", 3),)
+
+    def build(self, setup: Setup) -> Ready:
+        return Sweeps(self, _delassus(setup))
+
+    def discrete(self, surface: GivenSurface) -> Solve:
+        return ColouredSweeps(rtol=self.rtol, max_it=self.max_it)
+
+
+@dataclass(frozen=True)
+class Sweeps(SameEveryStep):
+    """The iteration for the contact rows of a system."""
+
+    method: NSGS
+    D: Array  # Delassus operator (rows, rows) [m/N]
+
+    def renewed(self, setup: Setup) -> Ready:
+        """Build again: the operator depends on the contact rows."""
+        return self.method.build(setup)
+
+    def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
+        W, p = problem.surface.W, np.where(problem.cone.carrying, p, 0.0)
+        loaded = problem.relative_displacement(problem.load.free) - problem.gap
+        points = list(_points(problem, self.D))
+
+        def sweep() -> None:
+            forces = W * p
+            for point in points:
+                i = point.rows
+                p[i] = point.answer(p, loaded[i] - self.D[i] @ forces)
+                forces[i] = W[i] * p[i]
+
+        return sweep_until_solved(
+            problem,
+            p.copy,
+            sweep,
+            rtol=self.method.rtol,
+            max_it=self.method.max_it,
+            window=STALL_WINDOW,
+            on_step=on_step,
+        )
+
+
+@dataclass(frozen=True)
+class NormalPoint:
+    """One normal row: r = law's inverse(p), where r decreases by `give` [m/Pa] per unit of pressure."""
+
+    rows: slice
+    law: NormalLaw
+    gamma: Array  # (1,) 1 / give [Pa/m]
+
+    def answer(self, p: Array, r: Array) -> Array:
+        """Pressure (1,) [Pa] that satisfies the law.
+
+        Args:
+            p: current tractions (rows,) [Pa] of all points.
+            r: relative displacement less the gap (1,) [m] under p.
+        """
+        return self.law.resolvent(p[self.rows] + self.gamma * r, self.gamma)
+
+
+@dataclass(frozen=True)
+class FrictionPoint:
+    """One tangential point: r - t / k_T is zero inside the disc of the friction bound, and parallel to t on its edge.
+
+    r changes by -A dt with its traction.
+    """
+
+    rows: Ints  # (c,) the point's rows that carry a traction
+    law: FrictionLaw
+    normal: NormalLaw
+    pressed_by: Ints  # (k,) normal rows that the bound depends on
+    average: Array  # (1, k) weights of their pressures
+    A: Array  # (c, c) [m/Pa] diagonal block of D W
+    give: Array  # (c,) [m/Pa] eigenvalues of A + 1 / k_T
+    axes: Array  # (c, c) eigenvectors, columns
+    time: float  # of the step [s]
+    end: float  # of the scene [s]
+
+    def answer(self, p: Array, r: Array) -> Array:
+        """Traction (c,) [Pa] that satisfies the law.
+
+        Args:
+            p: current tractions (rows,) [Pa] of all points.
+            r: relative displacement less the gap (c,) [m] under p.
+        """
+        bound = self.law.limit(p[self.pressed_by], self.average, self.normal, self.time, self.end)
+        asked = self.axes.T @ (r + self.A @ p[self.rows])
+        return np.asarray(self.axes @ in_disc(self.give, asked, float(bound[0])))
+
+
+def in_disc(give: Array, asked: Array, bound: float) -> Array:
+    """Traction t (c,) [Pa] with (give + x) t = asked, |t| <= bound, x >= 0, and x = 0 if |t| < bound.
+
+    |t| is a decreasing convex function of x; Newton's method on 1 / |t| converges monotonically to 1 / bound.
+
+    Args:
+        give: flexibilities along the principal axes (c,) [m/Pa].
+        asked: slip without friction, along the same axes (c,) [m].
+        bound: friction bound [Pa].
+
+    >>> in_disc(np.array([1.0, 2.0]), np.array([3.0, 8.0]), np.inf)
+    array([3., 4.])
+    >>> in_disc(np.array([1.0, 1.0]), np.array([3.0, 4.0]), 1.0)
+    array([0.6, 0.8])
+    """
+    t = asked / give
+    length = float(np.sqrt(t @ t))
+    if length <= bound:
+        return np.asarray(t)
+    if bound <= 0:
+        return np.zeros_like(t)
+    x = 0.0
+    for _ in range(NEWTON_STEPS if len(t) > 1 else 0):  # with one axis the answer is +-bound
+        if length <= bound * (1 + ROUNDING):
+            break
+        x += (length / bound - 1) * length**2 / float(t @ (t / (give + x)))
+        t = asked / (give + x)
+        length = float(np.sqrt(t @ t))
+    return np.asarray(t * (bound / length))
+
+
+def _delassus(setup: Setup) -> Array:
+    """N F N^T (rows, rows) [m/N], symmetric."""
+    surface = condensed(setup.surface)
+    return surface.flexibility.between(surface.N, surface.N.T.tocsr())
+
+
+def _points(problem: SurfaceProblem, D: Array) -> Iterator[NormalPoint | FrictionPoint]:
+    """All points in the order of the sweep: each tangential point right after the last normal row of its bound."""
+    give = np.maximum(D.diagonal() * problem.surface.W, 1e-300)
+    for place in problem.cone.places:
+        least = LEAST * float(give[place.normal].max(initial=0.0))
+        gamma = 1 / np.maximum(give[place.normal], least)
+        ordered: list[tuple[float, Any]] = [
+            (k, NormalPoint(slice(i, i + 1), place.rows.normal, gamma[k : k + 1]))
+            for k, i in enumerate(range(place.normal.start, place.normal.stop))
+        ]
+        ordered += _friction_points(problem, D, place)
+        yield from (point for _, point in sorted(ordered, key=lambda each: each[0]))
+
+
+def _friction_points(problem: SurfaceProblem, D: Array, place: ContactBlock) -> Iterator[tuple[float, FrictionPoint]]:
+    """The tangential points of a contact, each with its place in the sweep among the normal rows."""
+    law, cone, W = place.rows.friction, problem.cone, problem.surface.W
+    if law is None:
+        return
+    every = np.arange(place.tangential.start, place.tangential.stop).reshape(-1, place.components)
+    average = place.average.tocsr()
+    for j, free in enumerate(place.rows.free):
+        rows = every[j][free]
+        if not len(rows):
+            continue
+        own = average[j]
+        A = D[np.ix_(rows, rows)] * W[rows]
+        give, axes = np.linalg.eigh((A + A.T) / 2 + np.diag(cone.softness[rows]))
+        give = np.maximum(give, LEAST * float(give.max()))
+        yield (
+            float(own.indices.max(initial=-1)) + 0.5,
+            FrictionPoint(
+                rows,
+                law.of_point(j),
+                place.rows.normal,
+                place.normal.start + own.indices,
+                own.data[None, :],
+                A,
+                give,
+                axes,
+                cone.time,
+                cone.end,
+            ),
+        )

@@ -1,0 +1,1 @@
+"""What judges and shows the product: verification, benchmarks, studies, pages; nothing of the product imports it."""

@@ -1,0 +1,363 @@
+"""What adaptive rounds save beside finer meshes of one size: `python -m stickslip.workflows.lab.benchmarks.adaptive`.
+
+The rounds of `--accuracy` begin on a coarse mesh of one size. Beside them the same scene is refined as a whole, from
+the same mesh in order 1 and 2, and from one that is graded towards the contact by hand, until the true error is below
+what was asked, in as many steps as the last round. Of these runs the last one alone counts, as if its mesh had been
+known before; of the rounds all count, with their estimates of errors. And as nobody knows that mesh before, the mesh of
+one size is also halved, each run with its estimate, until the *stated* error is below: all of these count. The true
+error is the distance to order 2 on a
+far finer mesh, for the ball in the axisymmetric model. CPU seconds, one thread.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import os
+import tempfile
+import time as clock
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import typer
+
+from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.errors import SolverError
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.results.quantities import values
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Accuracy, Output, Steps
+from stickslip.solvers.simulation.simulation import prepare
+from stickslip.workflows.accuracy.rounds import Rounds
+from stickslip.workflows.lab.verification.cases import cattaneo, hertz, punch, raous
+from stickslip.workflows.lab.verification.closed_forms.raous import SIDE
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import LOGGERS, Watch
+
+for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[threads] = "1"  # before numpy starts them
+
+
+METHOD = "condensed-newton"
+RATIO = 2**-0.5  # of the mesh sizes, from one mesh to the next
+MOST = {2: 120_000, 3: 45_000}  # unknowns that are solved, by dimension; beyond the trend is followed
+TREND = 4  # of the finest meshes, that show it
+SLOWEST = -0.3  # power of the unknowns with which an error falls that still counts as a trend
+WINDOW = 2  # meshes in a row that have to be good enough: an error that changes its sign is small by luck once
+BUDGET = 3600.0  # [s] of the rounds, more than they take on a busy machine
+RAOUS_FINEST = 1e-4  # where runs of one size take longer than a few rounds
+PAGE = f"""# What adaptive rounds save
+
+`python -m stickslip.workflows.lab.benchmarks.adaptive -o docs/adaptive.md` measures it, in a few minutes on one core.
+`stickslip run --accuracy NUMBER=1%` begins on a coarse mesh of one size. Beside it stands the same scene refined as a
+whole from that mesh, in order 1 and 2, and from one that is graded towards the contact by hand. Of those the last run
+alone counts, on the coarsest mesh from which on the true error stays below what is asked, as if it had been known. Of
+the rounds all count, with their estimates of errors; order: of the last one. Halved: what one does without rounds, the
+mesh of one size is halved, each run with its estimate, until the stated error is below what is asked; all of these runs
+count. s: CPU seconds, one thread. true: distance to order 2 on a far finer mesh; for the ball to that of the
+axisymmetric model. ~: beyond what was solved, by the trend of the finest {TREND} meshes.
+
+Rounds save most where a corner or an edge of contact decides (`punch`). The friction force of `raous` is smooth, and a
+mesh of one size that is known beforehand has .1 % of it in less than half a second: there the number of rounds decides,
+not their unknowns, and three rounds take longer than one run. So it is asked for {100 * RAOUS_FINEST:g} % too.
+"""
+HALVED = "halved, order 1"
+WAYS = ("one size, order 1", "one size, order 2", "graded by hand, order 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A scene, a number of it, and the accuracies that are asked for."""
+
+    graded: Callable[[], Scene]  # by hand, order 1
+    size: float  # [m] of the cells of the coarse mesh of one size
+    goal: str
+    asked: tuple[float, ...]
+    fine: Callable[[], Scene]  # of order 2, for the true value
+    share: float = 1.0  # of the fine scene's number that the scene has
+
+    def start(self) -> Scene:
+        """On the coarse mesh of one size."""
+        scene = self.graded()
+        shape = scene.geometry
+        keys = [key for key in vars(shape) if key.endswith("mesh_size") and getattr(shape, key) is not None]
+        return replace(scene, geometry=replace(shape, **dict.fromkeys(keys, self.size)))  # type: ignore[arg-type]
+
+    def truth(self) -> float:
+        """The true value."""
+        simulation = prepare(_bare(self.fine()))
+        *_, last = simulation.steps()
+        return self.share * values(last)[self.goal]
+
+
+def _punch(friction: bool, fine: bool) -> Scene:
+    size = 0.025 if fine else 0.2
+    normal, law = (punch.PRESSED, Coulomb(mu=0.3)) if friction else (punch.BONDED, None)
+    edge = size / (200 if fine else 2)
+    order: Literal[1, 2] = 2 if fine else 1
+    return punch.scene(
+        punch.Cut(
+            method=METHOD, normal=normal, friction=law, fine=size, edge=edge, size=20.0, symmetric=friction, order=order
+        )
+    )
+
+
+def _raous(n: int, order: Literal[1, 2] = 1) -> Scene:
+    scene = raous.scene(METHOD, steps=2, n=n)
+    assert isinstance(scene.geometry, Builder)
+    return replace(scene, geometry=replace(scene.geometry, order=order))
+
+
+def _cattaneo(fine: bool) -> Scene:
+    """Pressed, then sheared; each in one step, or in several."""
+    y, x = -cattaneo.DOWN, cattaneo.ASIDE
+    pair = cattaneo.Two(cells=3.0, order=2 if fine else 1, ratio=cattaneo.RATIO)
+    scene = cattaneo.scene(pair, [(0.0, y), (x, y)])
+    return replace(
+        scene, geometry=scene.geometry.refined(0.1 if fine else 1.0), steps=Steps(end=2.0, count=8 if fine else 2)
+    )
+
+
+def _ball(model: Literal["axisymmetric", "3d"], cells: float, order: Literal[1, 2]) -> Scene:
+    return hertz.scene(hertz.Touch(model=model, cells=cells, order=order, driven_by="displacement", method="auto"))
+
+
+CASES: Mapping[str, Case] = {
+    "punch, bonded": Case(
+        graded=lambda: _punch(friction=False, fine=False),
+        size=1.0,
+        goal="face.normal_force",
+        asked=(1e-2, 1e-3),
+        fine=lambda: _punch(friction=False, fine=True),
+    ),
+    "punch, friction": Case(
+        graded=lambda: _punch(friction=True, fine=False),
+        size=1.0,
+        goal="face.normal_force",
+        asked=(1e-2, 1e-3),
+        fine=lambda: _punch(friction=True, fine=True),
+    ),
+    "raous": Case(
+        graded=lambda: _raous(8),
+        size=SIDE / 8,
+        goal="base.tangential_force",
+        asked=(1e-2, 1e-3, RAOUS_FINEST),
+        fine=lambda: _raous(256, 2),
+    ),
+    "cattaneo": Case(
+        graded=lambda: _cattaneo(fine=False),
+        size=0.4,
+        goal="face.tangential_force",
+        asked=(1e-2, 1e-3),
+        fine=lambda: _cattaneo(fine=True),
+    ),
+    "ball, 3D": Case(
+        graded=lambda: _ball("3d", 2.0, 1),
+        size=1.0,
+        goal="face.normal_force",
+        asked=(1e-2, 1e-3),
+        fine=lambda: _ball("axisymmetric", 48.0, 2),
+        share=hertz.SHARE["3d"],
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Price:
+    """What an accuracy takes."""
+
+    unknowns: float
+    seconds: float
+    error: float  # true, relative
+    measured: bool = True  # False: beyond what was solved, by the trend
+
+    def __str__(self) -> str:
+        about = "" if self.measured else "~"
+        return f"{about}{_digits(self.unknowns)} | {about}{_digits(self.seconds)}"
+
+
+@dataclass(frozen=True)
+class Row:
+    """A case and an accuracy."""
+
+    name: str
+    goal: str
+    asked: float
+    stated: float
+    rounds: Price
+    count: int  # of rounds
+    order: int  # of the last one
+    others: Mapping[str, Price]  # by the way of refining, see `WAYS`, and `HALVED`
+
+    @property
+    def number(self) -> str:
+        """What is asked for, in words."""
+        return f"{self.name}: {self.goal.split('.')[1]}"
+
+    def line(self) -> str:
+        """The line of the table, in Markdown."""
+        told = f"{100 * self.stated:.2g} % | {100 * self.rounds.error:.2g} %"
+        prices = " | ".join(map(str, (self.rounds, *self.others.values())))
+        return f"| {self.number} | {100 * self.asked:g} % | {self.count} | {self.order} | {told} | {prices} |"
+
+
+def rows(case: Case, name: str) -> Iterator[Row]:
+    """All accuracies of a case."""
+    truth = case.truth()
+    gc.collect()
+    _rounds(case, max(case.asked))  # libraries are loaded, and forms are compiled
+    for asked in case.asked:
+        content, seconds = _rounds(case, asked)
+        last = content["accuracy"]["rounds"][-1]
+        if not content["accuracy"]["met"]:
+            raise SolverError(f"{name}: the rounds did not reach {asked:g}")
+        told = last["goals"][case.goal]
+        price = Price(last["unknowns"], seconds, abs(told["value"] / truth - 1))
+        others = {way: _whole(case, way, asked, truth, last["steps"]) for way in WAYS}
+        others[HALVED] = _halved(case, asked, last["steps"])
+        yield Row(
+            name, case.goal, asked, told["error"], price, len(content["accuracy"]["rounds"]), last["order"], others
+        )
+
+
+def _rounds(case: Case, asked: float) -> tuple[dict[str, Any], float]:
+    """result.json of the rounds, and their seconds."""
+    scene = replace(case.start(), output=Output(pictures=False))
+    scene = replace(scene, accuracy=Accuracy(goals={case.goal: asked}, budget=BUDGET))
+    with tempfile.TemporaryDirectory() as folder:
+        began = clock.process_time()
+        _, content = Rounds(scene, lambda line: None)(Path(folder) / "run", Watch())
+        return content, clock.process_time() - began
+
+
+def _whole(case: Case, way: str, asked: float, truth: float, steps: int) -> Price:
+    """The price of an accuracy by refining the mesh as a whole."""
+    scene = case.graded() if way.startswith("graded") else case.start()
+    order: Literal[1, 2] = 2 if way.endswith("2") else 1
+    found = list[Price]()
+    while not (len(found) >= WINDOW and all(one.error <= asked for one in found[-WINDOW:])):
+        assert isinstance(scene.geometry, Builder)
+        shape = replace(scene.geometry.refined(RATIO ** len(found)), order=order)
+        mine = replace(scene, geometry=shape, steps=replace(scene.steps, count=steps))
+        found.append(_once(mine, case.goal, truth))
+        if found[-1].unknowns * RATIO**-scene.dim > MOST[scene.dim]:
+            return next(iter(_good(found, asked)), None) or _beyond(found[-TREND:], asked)
+    return _good(found, asked)[0]
+
+
+def _halved(case: Case, asked: float, steps: int) -> Price:
+    """The price of all runs, if the mesh of one size is halved until the stated error is below what is asked."""
+    scene, found, spent = replace(case.start(), output=Output(pictures=False)), list[Price](), 0.0
+    contact, key = case.goal.split(".")
+    while not (found and found[-1].error <= asked):
+        if found and found[-1].unknowns * 2**scene.dim > MOST[scene.dim]:
+            return _beyond(found[-TREND:], asked)
+        assert isinstance(scene.geometry, Builder)
+        shape = scene.geometry.refined(0.5 ** len(found))
+        content, seconds = _run(replace(scene, geometry=shape, steps=replace(scene.steps, count=steps)))
+        spent += seconds
+        state = content["steps"][-1]["contacts"][contact]
+        found.append(Price(content["dofs"], spent, state["error"][key]["total"] / abs(state[key])))
+    return found[-1]
+
+
+def _good(found: Sequence[Price], asked: float) -> list[Price]:
+    """The meshes from which on all are good enough."""
+    bad = [k for k, one in enumerate(found) if one.error > asked]
+    return list(found[bad[-1] + 1 if bad else 0 :])
+
+
+def _once(scene: Scene, goal: str, truth: float) -> Price:
+    """One run, without estimates of errors."""
+    content, seconds = _run(_bare(scene))
+    contact, key = goal.split(".")
+    found = content["steps"][-1]["contacts"][contact][key]
+    return Price(content["dofs"], seconds, abs(found / truth - 1))
+
+
+def _run(scene: Scene) -> tuple[dict[str, Any], float]:
+    """result.json of one run, and its seconds."""
+    with tempfile.TemporaryDirectory() as folder:
+        began = clock.process_time()
+        outcome, content = run(scene, Path(folder) / "run")
+        seconds = clock.process_time() - began
+    if outcome.status != "converged":
+        raise SolverError(f"{scene.title}: {outcome.sentence}")
+    return content, seconds
+
+
+def _beyond(found: Sequence[Price], asked: float) -> Price:
+    """The trend of the finest meshes, continued to the accuracy."""
+    size, seconds, error = (np.log([getattr(one, key) for one in found]) for key in ("unknowns", "seconds", "error"))
+    fall, level = np.polyfit(size, error, 1)
+    unknowns = max((np.log(asked) - level) / min(fall, SLOWEST), size[-1])
+    growth = max(1.0, float(np.polyfit(size, seconds, 1)[0]))
+    return Price(float(np.exp(unknowns)), float(np.exp(seconds[-1] + growth * (unknowns - size[-1]))), asked, False)
+
+
+def _bare(scene: Scene) -> Scene:
+    return replace(scene, output=Output(pictures=False, error=False))
+
+
+def _digits(value: float) -> str:
+    """Two digits.
+
+    >>> _digits(0.123), _digits(12345.0)
+    ('0.12', '12000')
+    """
+    return f"{float(f'{value:.2g}'):.10g}"
+
+
+def silence() -> None:
+    """No line for each iteration."""
+    for name in LOGGERS:
+        logging.getLogger(name).propagate = False  # FFCx has given the root logger a handler
+
+
+def measured(name: str) -> list[Row]:
+    """All rows of a case."""
+    return list(rows(CASES[name], name))
+
+
+def page(found: Sequence[Row]) -> str:
+    """The page docs/adaptive.md."""
+    ways = "".join(f" {way}: unknowns | s |" for way in (*WAYS, HALVED))
+    head = f"| number | asked | rounds | order | stated | true | unknowns | s |{ways}"
+    lines = [PAGE, head, "|" + " --- |" * (head.count("|") - 1), *(row.line() for row in found), "", *_saved(found)]
+    return "\n".join(lines) + "\n"
+
+
+def _saved(found: Sequence[Row]) -> Iterator[str]:
+    """How many times more a mesh of one size and order 1 takes than the rounds."""
+    yield "| number | asked | times fewer unknowns | times fewer seconds | than halving, all runs of both |"
+    yield "| --- | --- | --- | --- | --- |"
+    for row in found:
+        whole, own = row.others[WAYS[0]], row.rounds
+        saved = (
+            whole.unknowns / own.unknowns,
+            *(other / own.seconds for other in (whole.seconds, row.others[HALVED].seconds)),
+        )
+        yield f"| {row.number} | {100 * row.asked:g} % | {' | '.join(map(_digits, saved))} |"
+
+
+def main(
+    only: Annotated[str, typer.Option(help="cases whose name contains this")] = "",
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="file for the page, in Markdown")] = None,
+) -> None:
+    """Measure, print the table, and write the page."""
+    found = list[Row]()
+    for name in (name for name in CASES if only in name):
+        with get_context("spawn").Pool(1, silence) as child:  # a process of its own returns its memory
+            for row in child.apply(measured, (name,)):
+                found.append(row)
+                print(row.line(), flush=True)
+    if output is not None:
+        output.write_text(page(found), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,138 @@
+"""Memory of runs by stage, measured and foretold: `python -m stickslip.workflows.lab.benchmarks.memory [FILE]`.
+
+Each case is run in a process of its own, with and without estimates of errors; FILE keeps what was measured, a line
+of JSON a run, and is read if it is there. Printed are a table, and the prices of `solvers/simulation/memory.py` that
+these runs give. Some fifteen minutes on one core; the largest run takes 2 GB.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess  # of this program itself
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from stickslip.solvers.simulation.memory import (
+    ENTRY,
+    GMSH,
+    MULTIGRID,
+    OWN_POINT,
+    POINT,
+    PRICES,
+    PROGRAM,
+    STAGES,
+    VIEWERS,
+    Counts,
+    memory_of,
+)
+from stickslip.solvers.stepping.choice import Choice, Size, Stage
+from stickslip.workflows.scene_file.read import read
+
+Run = Mapping[str, Any]  # what `memory_run` has printed
+TANGENT = 'solver={ method = "tangent-cg", surface = "matrix-free" }'
+UZAWA = 'solver={ method = "surface-uzawa", surface = "matrix-free" }'
+CONDENSED = 'solver={ surface = "condensed" }'
+SIMPLEX, TENSOR, ORDER_2 = 'geometry.cells="simplex"', 'geometry.cells="tensor"', "geometry.order=2"
+FITTED = (  # one of each kind of cell
+    ("cube", TANGENT, "geometry.mesh_size=0.03571428571428571"),
+    ("cube", TANGENT, "geometry.mesh_size=0.05", SIMPLEX),
+    ("cube", TANGENT, "geometry.mesh_size=0.08333333333333333", ORDER_2),
+    ("cube", TANGENT, "geometry.mesh_size=0.08333333333333333", ORDER_2, SIMPLEX),
+    ("block", CONDENSED, "geometry.mesh_size=0.016", "geometry.contact_mesh_size=0.016"),
+    ("block", CONDENSED, "geometry.mesh_size=0.016", "geometry.contact_mesh_size=0.016", TENSOR),
+    ("block", CONDENSED, "geometry.mesh_size=0.03", "geometry.contact_mesh_size=0.03", ORDER_2),
+    ("block", CONDENSED, "geometry.mesh_size=0.03", "geometry.contact_mesh_size=0.03", ORDER_2, TENSOR),
+)
+HELD_AGAINST = (  # the prices, which know nothing of these
+    ("cube", CONDENSED, "geometry.mesh_size=0.0625", "output.error=false"),
+    ("cube", TANGENT, "geometry.mesh_size=0.05", "output.error=true"),
+    ("cube", TANGENT, "geometry.mesh_size=0.025", "output.error=false"),
+    ("block", UZAWA, "geometry.mesh_size=0.016", "geometry.contact_mesh_size=0.016", "output.error=false"),
+)
+
+
+def cases() -> Iterator[tuple[str, ...]]:
+    """Arguments of each run."""
+    for case in FITTED:
+        for wanted in ("true", "false"):
+            yield (*case, f"output.error={wanted}")
+    yield from HELD_AGAINST
+
+
+def measured(case: Sequence[str]) -> Run:
+    """One run, in a process of its own."""
+    command = [sys.executable, "-m", "stickslip.workflows.lab.benchmarks.memory_run", *case]
+    alone = os.environ | {"OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, env=alone)
+    found: Run = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def fitted(runs: Sequence[Run]) -> Iterator[str]:
+    """A line of `PRICES` for each kind of cell."""
+    for kind in PRICES:
+        own = [run for run in runs if (run["shape"], run["order"]) == kind]
+        both = {
+            wanted: next((r for r in own if f"output.error={wanted}" in r["override"]), None)
+            for wanted in ("true", "false")
+        }
+        if (with_errors := both["true"]) is None or (plain := both["false"]) is None:
+            continue
+        yield f"{kind}: {price(plain, with_errors)}"
+
+
+def price(plain: Run, with_errors: Run) -> tuple[int, ...]:
+    """Bytes by cell while meshing and of the mesh, by unknown in steps, of errors, and at the end."""
+    cells, unknowns, entries, stages = (plain[key] for key in ("cells", "unknowns", "entries", "stages"))
+    meshing = (stages["meshing"] - PROGRAM - GMSH) / cells
+    always = PROGRAM + GMSH + ENTRY * entries
+    mesh = (stages["assembling"] - always) / cells
+    free = plain["form"] == "matrix-free"
+    solver = MULTIGRID * entries if free else plain["dense_bytes"]
+    dim = 3 if "hedron" in plain["shape"] else 2
+    held = always + max(mesh, 0.0) * cells + (POINT + OWN_POINT) * plain["contact_dofs"] / dim
+    steps = (stages["solving"] - held - solver) / unknowns
+    end = (stages["end"] - held - VIEWERS[dim] - (0.0 if free else solver)) / unknowns
+    errors = (with_errors["stages"]["solving"] - stages["solving"]) / unknowns
+    return tuple(max(0, round(value)) for value in (meshing, mesh, steps, errors, end))
+
+
+def lines(runs: Sequence[Run]) -> Iterator[str]:
+    """The table: bytes an unknown by stage, and the peak foretold over the measured one."""
+    heads = ("cells", "order", "form", "errors", "unknowns", *STAGES, "peak [GB]", "foretold / measured")
+    yield f"| {' | '.join(heads)} |"
+    yield f"|{' --- |' * len(heads)}"
+    for run in runs:
+        stages, wanted = run["stages"], "output.error=true" in run["override"]
+        most = max(stages.values())
+        each = [f"{stages[stage] / run['unknowns']:.0f}" for stage in STAGES]
+        cells = (run["shape"], run["order"], run["form"], "yes" if wanted else "no", run["unknowns"])
+        yield f"| {' | '.join(map(str, (*cells, *each, f'{most / 1e9:.2f}', f'{foretold(run) / most:.2f}')))} |"
+
+
+def foretold(run: Run) -> float:
+    """The peak [bytes] by the prices as they are now."""
+    scene, kind = read(run["scene"], run["override"]), (run["shape"], run["order"])
+    steps, dim = len(scene.requested_times()), scene.dim
+    size = Size(dim, run["unknowns"], run["entries"], run["contact_dofs"], steps)
+    choice = Choice((Stage(run["method"], run["form"]),), "")
+    return memory_of(scene, Counts(*kind, run["cells"]), size, choice).peak
+
+
+def main() -> None:
+    """Measure, or read what was measured, and print."""
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else None
+    if path is not None and path.exists():
+        runs = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    else:
+        runs = [measured(case) for case in cases()]
+    if path is not None and not path.exists():
+        path.write_text("".join(json.dumps(run) + "\n" for run in runs), encoding="utf-8")
+    print("\n".join((*lines(runs), "", *fitted(runs))))
+
+
+if __name__ == "__main__":
+    main()

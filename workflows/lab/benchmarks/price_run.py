@@ -1,0 +1,184 @@
+"""One measurement of the price: `python -m stickslip.workflows.lab.benchmarks.price_run CASE [SOLVER]`, CASE in JSON.
+
+With SOLVER only this solver is tried for the linear reference, so that the memory is that of the fastest one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import sys
+import time as clock
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from mpi4py import MPI
+
+from stickslip.geometry.errors import StickslipError
+from stickslip.geometry.memory import peak
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.solvers.linear.multigrid import HYPRE
+from stickslip.solvers.parallel.clock import Clock
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.results.linear_reference import linear_reference
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.system.system import assemble
+from stickslip.workflows.scene_file.read import read
+
+for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[threads] = "1"  # before numpy starts them
+
+
+COUNTED = "cg+boomeramg" if HYPRE else "cg+gamg"  # solver whose iterations are the unit of those of a method
+REFERENCE = "linear reference"  # the method that solves no contact at all
+GIGABYTE = 1e9  # bytes
+LEAST = 2.0  # [s] that repetitions may fill
+
+
+@dataclass(frozen=True)
+class Case:
+    """Press, shift, and a further shift of a block (dim 2) or a cube (dim 3), n cells over the height.
+
+    On a rigid plane; or, with two bodies, of a cube on another one whose mesh does not match.
+    """
+
+    dim: int
+    n: int
+    method: str = "auto"
+    surface: str = "auto"
+    tolerance: float = 1e-8
+    cells: str = "tensor"
+    bodies: int = 1
+
+    @property
+    def name(self) -> str:
+        words = f"{self.dim}d_{self.n:03d}_{self.method}_{self.surface}_{self.tolerance:g}_{self.cells}"
+        return words.replace(" ", "_") + (f"_{self.bodies}_bodies" if self.bodies > 1 else "")
+
+    def scene(self) -> Scene:
+        """The ready scene `block`, `cube` or `two_blocks` with a third step."""
+        size = (2.0 if self.dim == 2 else 1.0) / self.n
+        tables = {
+            2: "{ x = [[0, 0], [1, 0], [2, 0.05], [3, 0.06]], y = [[0, 0], [1, -0.1]] }",
+            3: "{ x = [[0, 0], [1, 0], [2, 0.02], [3, 0.024]], y = [[0, 0], [1, 0], [2, 0.01], [3, 0.012]], "
+            "z = [[0, 0], [1, -0.05]] }",
+        }
+        method = "auto" if self.method == REFERENCE else self.method
+        name, shape = ("block" if self.dim == 2 else "cube"), [f"geometry.mesh_size={size!r}"]
+        if self.dim == 2:
+            shape.append(f"geometry.contact_mesh_size={size!r}")
+        if self.bodies == 2:
+            name, shape = "two_blocks", cubes(self.n)
+        settings = [
+            *shape,
+            f'geometry.cells="{self.cells}"',
+            f"supports.top.displacement={tables[self.dim]}",
+            "steps={ end = 3.0, count = 3 }",
+            f'solver={{ method = "{method}", surface = "{self.surface}", tolerance = {self.tolerance!r} }}',
+            "output.error=false",  # its own price is in docs/accuracy.md
+        ]
+        return read(name, settings)
+
+
+def cubes(n: int) -> list[str]:
+    """Settings that make `two_blocks` a cube on a cube, with n and n - 1 cells over the height."""
+    sizes = f"length=1.0, width=1.0, height=1.0, mesh_size={1 / n!r}, lower_mesh_size={1 / (n - 1)!r}"
+    return [
+        "model=3d",
+        f'geometry={{ builder = "two_blocks", {sizes} }}',
+        "supports.base.displacement={ x = 0.0, y = 0.0, z = 0.0 }",
+    ]
+
+
+def measure(case: Case, only: str = "") -> dict[str, Any]:
+    """CPU seconds by phase and step, counters, residuals, peak memory; the linear reference in the same process.
+
+    Short runs are repeated, each with its own reference; the first pair runs with cold caches.
+    """
+    found = _solve(case, only)
+    if case.method == REFERENCE or found["status"] != "converged":
+        return found | dict.fromkeys(("two_steps", "further", "price", "further_price", "reference_seconds"))
+    rows = [_prices(found)]
+    while sum(row["two_steps"] for row in rows) < LEAST:
+        rows.append(_prices(_solve(case)))
+    return found | {key: statistics.median(row[key] for row in rows) for key in rows[0]} | {"repeated": len(rows)}
+
+
+def _prices(found: dict[str, Any]) -> dict[str, float]:
+    """Seconds of the two-step problem, of a further step and of the reference beside them, and their ratios."""
+    seconds, reference = [step["seconds"] for step in found["steps"]], found["reference"]["seconds"]
+    two_steps, further = found["prepare"] + sum(seconds[:2]), sum(seconds[2:])
+    return {
+        "two_steps": two_steps,
+        "further": further,
+        "price": two_steps / reference,
+        "further_price": further / reference,
+        "reference_seconds": reference,
+    }
+
+
+def _solve(case: Case, only: str = "") -> dict[str, Any]:
+    scene, counters, status = case.scene(), Counters(), "converged"
+    counters.clock = Clock(now=clock.process_time)  # others may use the machine
+    steps: list[dict[str, Any]] = []
+    if case.method == REFERENCE:
+        mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD)
+        system, prepared = assemble(resolve(scene), mesh, counters), 0.0
+    else:
+        simulation = prepare(scene, counters=counters)
+        system, prepared = simulation.system, simulation.seconds.prepare
+        steps, status = _march(simulation)
+    memory = peak() / GIGABYTE  # before the reference
+    reference = linear_reference(system, only, now=clock.process_time)
+    own = (
+        linear_reference(system, COUNTED, case.tolerance) if any(step["linear_iterations"] for step in steps) else None
+    )
+    if case.method == REFERENCE:
+        memory = peak() / GIGABYTE
+    return {
+        "case": asdict(case),
+        "status": status,
+        "dofs": system.constraints.free_total,
+        "contact_dofs": len(system.interface.dofs),
+        "prepare": prepared,
+        "steps": steps,
+        "memory": memory,
+        "reference": asdict(reference),
+        "own": asdict(own) if own else None,
+        "counters": asdict(counters),
+    }
+
+
+def _march(simulation: Simulation) -> tuple[list[dict[str, Any]], str]:
+    """CPU seconds of each step, and how the run ended; no results: the price is that of the solution alone."""
+    found: list[dict[str, Any]] = []
+    state, counters = simulation.stepper.start(), simulation.counters
+    for time in simulation.scene.requested_times():
+        began, linear = clock.process_time(), counters.linear_iterations
+        try:
+            accepted = simulation.stepper.reach(state, time, lambda row: None)
+        except StickslipError as error:
+            return found, str(error)
+        found.append(
+            {
+                "seconds": clock.process_time() - began,
+                "iterations": accepted.iterations,
+                "volume_solves": accepted.volume_solves,
+                "linear_iterations": counters.linear_iterations - linear,
+                "residual": accepted.residual,
+            }
+        )
+        state = accepted.state
+    return found, "converged"
+
+
+def main() -> None:
+    """Measure the case that the arguments describe, and print the result in JSON."""
+    print(json.dumps(measure(Case(**json.loads(sys.argv[1])), *sys.argv[2:])))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,186 @@
+"""The price of tangent-cg: `python -m stickslip.workflows.lab.benchmarks.tangent_cg` writes docs/tangent_cg.md.
+
+It stands beside surface-uzawa, in linear solves and in seconds. One core, one thread. Seconds are CPU seconds of
+preparation and steps, without mesh, assembly and results; a linear solve is one of the same bodies with their contact
+nodes held, to 1e-8, by the fastest solver.
+"""
+
+from __future__ import annotations
+
+import os
+import time as clock
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stickslip.geometry.errors import StickslipError
+from stickslip.solvers.results.linear_reference import linear_reference
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.lab.benchmarks.price_run import cubes
+from stickslip.workflows.scene_file.read import read
+
+for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[threads] = "1"
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "tangent_cg.md"
+METHODS = ("tangent-cg", "surface-uzawa")
+FRICTION = (0.05, 0.3, 1.0)
+TOLERANCES = (1e-4, 1e-8)
+SOLVER = "cg+boomeramg"  # the linear solve whose cycles are counted
+SMALL = 36  # cells a side, with more surface-uzawa is not measured
+PUSH = (
+    "supports.top.displacement={ x = [[0, 0], [1, 0], [2, 0.02], [3, 0.024]], "
+    "y = [[0, 0], [1, 0], [2, 0.01], [3, 0.012]], z = [[0, 0], [1, -0.05]] }",
+    "steps={ end = 3.0, count = 3 }",
+)
+OTHERS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "cube, order 2": ("cube", (*PUSH, "geometry.order=2", "geometry.mesh_size=0.1")),
+    "cube, 16 steps": ("cube", ("geometry.mesh_size=0.05", "steps.count=16")),
+    "half_ball": ("half_ball", ("geometry.mesh_size=0.09",)),
+    "spheres": ("spheres", ()),
+}
+INTRODUCTION = """# The price of tangent-cg
+
+`tangent-cg` decides contact while the bodies are solved: an iteration is one product with the stiffness, one
+multigrid cycle and sweeps over the contact points. `surface-uzawa` solves the bodies once in each of its iterations.
+In 3D, where the bodies are too large to condense, `auto` begins with `tangent-cg`: in all rows here, and of
+3D in [choice](choice.md), it takes fewer seconds than `surface-uzawa`.
+`python -m stickslip.workflows.lab.benchmarks.tangent_cg` writes this page; larger cubes are in the
+[table of prices](howto/accuracy.md#the-unit-of-cost). Seconds of single runs differ: there they are up to half as
+large again.
+
+Below, three steps of a cube with n cells a side (pressed, dragged, then dragged by a fifth of that), by friction
+coefficient and tolerance; on a rigid plane, or on another cube whose mesh does not match; then other scenes.
+
+* *Iterations* of each step, or of all.
+* *Cycles*, two numbers: multigrid cycles of the first two steps (of all in other scenes) over those of one linear solve
+  of the same bodies with their contact nodes held, by conjugate gradients with BoomerAMG, to 1e-8; and over those of
+  a solve to the tolerance of the row.
+* *Seconds*: CPU seconds of preparation and of the same steps over those of the fastest linear solve to 1e-8; and those
+  of the third step.
+* *Error*: what the method states of the last step, in the energy norm.
+
+One core of a shared machine: counts are firm, seconds are not. Where nearly all slides (μ = 0.05), multigrid is set up
+again with normal motions alone held, now and then more than once; under bodies that float, cycles include those that
+make coarse motions. Each new direction of the load costs a cycle more, which gives the scale of the tractions.
+
+"""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One run."""
+
+    cycles: int  # of the steps that are counted
+    iterations: tuple[int, ...]  # by step
+    seconds: float  # CPU [s]
+    further: float | None  # CPU [s] of the third step
+    error: float  # energy norm, relative
+    solve: tuple[int, int, float]  # iterations of the linear solve, of that to the same tolerance, seconds
+
+
+def measure(simulation: Simulation, prepared: float, counted: int) -> Measured:
+    """Solve all steps, and count the first ones.
+
+    Raises:
+        StepError: a step could not be solved.
+    """
+    stepper, counters = simulation.stepper, simulation.counters
+    state, marks, iterations, cycles = stepper.start(), [clock.process_time()], list[int](), list[int]()
+    for time in simulation.scene.requested_times():
+        accepted = stepper.reach(state, time, lambda row: None)
+        state = accepted.state
+        iterations.append(accepted.iterations)
+        cycles.append(counters.linear_iterations)
+        marks.append(clock.process_time())
+    assert state.correction is not None
+    reference = linear_reference(simulation.system)
+    own = linear_reference(simulation.system, SOLVER, simulation.scene.solver.tolerance).solvers[SOLVER]
+    last = min(counted, len(cycles))
+    return Measured(
+        cycles=cycles[last - 1],
+        iterations=tuple(iterations),
+        seconds=prepared + marks[last] - marks[0],
+        further=marks[last + 1] - marks[last] if last < len(cycles) else None,
+        error=state.correction.size / float(state.peak * 2) ** 0.5,
+        solve=(reference.solvers[SOLVER].iterations or 0, own.iterations or 0, reference.seconds),
+    )
+
+
+def run(scene: str, settings: tuple[str, ...], method: str, tolerance: float) -> Measured | str:
+    """Prepare and solve a ready scene; the sentence of what went wrong."""
+    solver = f'solver={{ method = "{method}", surface = "matrix-free", tolerance = {tolerance!r} }}'
+    try:
+        simulation = prepare(read(scene, [*settings, solver, "output.error=false"]))
+        return measure(simulation, simulation.seconds.prepare, 2 if settings[: len(PUSH)] == PUSH else 1000)
+    except StickslipError as error:
+        return str(error).split(";")[0]
+
+
+def line(name: str, found: tuple[Measured | str, ...]) -> str:
+    """A row of the table: counts, solves and seconds of each method."""
+    cells = [name]
+    for one in found:
+        if isinstance(one, str):
+            cells += [one, "", "", ""]
+        else:
+            count, own, seconds = one.solve
+            steps = " + ".join(map(str, one.iterations)) if len(one.iterations) < 4 else str(sum(one.iterations))
+            further = "" if one.further is None else f", {one.further / seconds:.2f}"
+            cells += [steps, f"{one.cycles / count:.1f}, {one.cycles / own:.1f}"]
+            cells += [f"{one.seconds / seconds:.1f}{further}", f"{one.error:.0e}"]
+    return "| " + " | ".join(cells) + " |"
+
+
+def cases(n: int) -> Iterator[tuple[str, str, tuple[str, ...]]]:
+    """Name, ready scene and settings of the cubes with n cells a side."""
+    for mu in FRICTION:
+        yield (
+            f"n = {n}, μ = {mu:g}",
+            "cube",
+            (*PUSH, f"geometry.mesh_size={1 / n!r}", f"contacts.base.friction.mu={mu}"),
+        )
+    tetrahedra = "geometry.cells=simplex"
+    yield f"n = {n}, tetrahedra", "cube", (*PUSH, f"geometry.mesh_size={1 / n!r}", tetrahedra)
+    yield f"n = {n}, two cubes", "two_blocks", (*PUSH, *cubes(n), "geometry.cells=tensor")
+    yield f"n = {n}, two cubes, tetrahedra", "two_blocks", (*PUSH, *cubes(n), tetrahedra)
+
+
+def lines(sizes: tuple[int, ...]) -> Iterator[str]:
+    """The rows of both tables."""
+    heads = "".join(f" {m}: iterations | cycles [solves] | seconds [solves] | error |" for m in METHODS)
+    head = f"| case, tolerance |{heads}\n|---" + "|---" * 4 * len(METHODS) + "|"
+    yield "## Cubes\n"
+    yield head
+    for n in sizes:
+        methods = METHODS[: 2 if n <= SMALL else 1]
+        for name, scene, settings in cases(n):
+            for tolerance in TOLERANCES:
+                yield line(
+                    f"{name}, {tolerance:g}", tuple(run(scene, settings, method, tolerance) for method in methods)
+                )
+    yield "\n## Other scenes\n"
+    yield head
+    for name, (scene, more) in OTHERS.items():
+        for tolerance in TOLERANCES:
+            yield line(f"{name}, {tolerance:g}", tuple(run(scene, more, m, tolerance) for m in METHODS))
+
+
+def main(
+    sizes: Annotated[str, typer.Option(help="cells a side of the cube")] = "24,36,48",
+    output: Annotated[Path, typer.Option("-o", "--output", help="where the page goes")] = PAGE,
+) -> None:
+    """Measure, print each row as it is found, and write the page."""
+    rows = []
+    for row in lines(tuple(map(int, sizes.split(",")))):
+        print(row, flush=True)
+        rows.append(row)
+    write_aside(output, (INTRODUCTION + "\n".join(rows) + "\n").encode())
+
+
+if __name__ == "__main__":
+    typer.run(main)

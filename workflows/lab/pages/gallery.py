@@ -1,0 +1,178 @@
+"""docs/gallery, a page for each ready scene: `python -m stickslip.workflows.lab.pages.gallery [NAME...]` renews it.
+
+A scene is solved again only if its file, or the version of stickslip, is not what its page was made from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from PIL import Image
+
+from stickslip import VERSION
+from stickslip.workflows.formats.plus_minus import plus_minus
+from stickslip.workflows.scene_file.read import READY
+
+ROOT = Path(__file__).absolute().parents[4]
+PAGES = ROOT / "docs" / "gallery"
+RUNS = ROOT / "build" / "gallery"
+MACHINES = (  # what is built and worn
+    "arch", "cad_part", "dam", "fretting", "lap_joint", "ring", "rotor", "rubber_mount", "shaft", "shrink_fit",
+    "spruce",
+)  # fmt: skip
+FACTS = re.compile(r"^<!-- facts: (.*) -->$", re.MULTILINE)
+WIDTH, COLOURS = 1000, 256  # of the pictures
+NUMBERS = {
+    "normal_force": "normal force",
+    "tangential_force": "tangential force",
+    "contact_area": "touches on",
+    "stick_area": "sticks on",
+    "max_pressure": "largest pressure",
+    "dissipation_total": "dissipated since t = 0",
+}
+
+
+def mark(name: str) -> str:
+    """What a page was made from."""
+    return hashlib.sha256(f"{VERSION}\n{scene_text(name)}".encode()).hexdigest()[:16]
+
+
+def scene_text(name: str) -> str:
+    """A ready scene's file."""
+    return (READY / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def known(name: str) -> dict[str, Any]:
+    """Facts of a page as it is; empty if there is none."""
+    page = PAGES / f"{name}.md"
+    found = FACTS.search(page.read_text(encoding="utf-8")) if page.exists() else None
+    return json.loads(found[1]) if found else {}
+
+
+def lessons(name: str) -> tuple[str, str]:
+    """The main number of a scene with its error, and what else its first lines say."""
+    comments = []
+    for line in scene_text(name).splitlines():
+        if not line.startswith("#"):
+            break
+        comments.append(line.removeprefix("#").strip())
+    return comments[0].removeprefix("Main number: "), " ".join(comments[1:])
+
+
+def solved(name: str) -> dict[str, Any]:
+    """result.json of a run of the scene as shipped, in a process of its own."""
+    command = [sys.executable, "-m", "stickslip", "run", name, "-q", "-o", str(RUNS / name)]
+    subprocess.run(command, check=True, cwd=ROOT, timeout=900)
+    result: dict[str, Any] = json.loads((RUNS / name / "result.json").read_text(encoding="utf-8"))
+    return result
+
+
+def facts(name: str, result: dict[str, Any]) -> dict[str, Any]:
+    """What the list of all scenes shows of a run."""
+    scene = result["scene"]
+    return {
+        "mark": mark(name),
+        "title": scene["title"],
+        "model": scene["model"],
+        "unknowns": result["dofs"],
+        "points": result["contact_points"],
+        "steps": len(result["steps"]),
+        "seconds": float(f"{result['seconds']['total']:.2g}"),
+        "main": lessons(name)[0],
+        "effects": [row["effect"] for row in result["plan"] if row["on"]],
+    }
+
+
+def shrunk(source: Path, target: Path) -> None:
+    """A picture of a run, as small as a page needs it."""
+    with Image.open(source) as picture:
+        found = picture.convert("RGB")
+    found.thumbnail((WIDTH, WIDTH), Image.Resampling.LANCZOS)
+    found.quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(target, optimize=True)
+
+
+def amount(value: float, error: dict[str, Any]) -> str:
+    """A number with its error.
+
+    >>> amount(0.03214, {"total": 0.0001, "converges": True}), amount(2.0, {"total": None, "converges": False})
+    ('0.0321 ± 0.0001', '2 (grows as the mesh is refined)')
+    """
+    return plus_minus(value, error["total"], error["converges"]).replace("(grows)", "(grows as the mesh is refined)")
+
+
+def page(name: str, fact: dict[str, Any], result: dict[str, Any]) -> str:
+    """The page of a scene."""
+    contact = fact["main"].partition(".")[0]
+    last = result["steps"][-1]["contacts"][contact]
+    rows = [f"| {word} | {amount(last[key], last['error'][key])} |" for key, word in NUMBERS.items()]
+    return "\n".join(
+        [
+            f"<!-- facts: {json.dumps(fact, ensure_ascii=False)} -->",
+            f"# {fact['title']}\n",
+            f"![The bodies of the scene {name}]({name}.png)\n",
+            f"Ready scene `{name}`. Main number: **{fact['main']}**. {lessons(name)[1]}\n",
+            "| | |\n|---|---|",
+            f"| model | {fact['model']} |",
+            f"| effects | {', '.join(fact['effects'])} |",
+            f"| unknowns, contact points | {fact['unknowns']}, {fact['points']} |",
+            f"| steps | {fact['steps']} |",
+            f"| seconds, all of the run | {fact['seconds']:g} |\n",
+            f"## Contact `{contact}` at the end\n",
+            f"![Pressure, friction and status of {contact}]({name}_contact.png)\n",
+            "| number [SI] | value |\n|---|---|",
+            *rows,
+            *([f"\n![Force against motion]({name}_loop.png)"] if (PAGES / f"{name}_loop.png").exists() else []),
+            "\n## The scene\n",
+            f"    .venv/bin/stickslip new {name}     # a copy to change",
+            f"    .venv/bin/stickslip run {name}\n",
+            f"```toml\n{scene_text(name)}```\n",
+        ]
+    )
+
+
+def contents(found: dict[str, dict[str, Any]]) -> str:
+    """The list of all scenes."""
+    parts = [
+        "# Gallery\n",
+        "The ready scenes, as `stickslip run NAME` solves and draws them. Seconds are of a whole run with pictures",
+        "and estimates of errors, on one core. ± is the error that the run states of the scene's main number.",
+    ]
+    for title, machines in (("Machines and structures", True), ("Models to learn from", False)):
+        parts += [f"\n## {title}\n", "| | scene | model | unknowns | steps | seconds | main number |", "|---" * 7 + "|"]
+        parts += [
+            f"| ![{name}]({name}.png) | [{fact['title']}]({name}.md) | {fact['model']} | {fact['unknowns']} |"
+            f" {fact['steps']} | {fact['seconds']:g} | {fact['main']} |"
+            for name, fact in found.items()
+            if (name in MACHINES) == machines
+        ]
+    parts += ["\n```{toctree}\n:hidden:\n", *found, "```\n"]
+    return "\n".join(parts)
+
+
+def main(names: Annotated[list[str] | None, typer.Argument(help="solve these again, changed or not")] = None) -> None:
+    """Renew the gallery."""
+    found = {}
+    for path in sorted(READY.glob("*.toml")):
+        name = path.stem
+        if known(name).get("mark") != mark(name) or name in (names or []):
+            print(f"gallery: {name}", flush=True)
+            result = solved(name)
+            fact = facts(name, result)
+            contact = f"contact_{fact['main'].partition('.')[0]}"
+            for ending, drawn in {"": "deformed", "_contact": contact, "_loop": "force_displacement"}.items():
+                if (RUNS / name / f"{drawn}.png").exists():  # a loop has three steps or more
+                    shrunk(RUNS / name / f"{drawn}.png", PAGES / f"{name}{ending}.png")
+            (PAGES / f"{name}.md").write_text(page(name, fact, result), encoding="utf-8")
+        found[name] = known(name)
+    (PAGES / "index.md").write_text(contents(found), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,75 @@
+"""A column that nothing but springs and contact holds: its state is uniform, so that any mesh is exact."""
+
+from __future__ import annotations
+
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.effects.elastic_support import ElasticSupport
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Load
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Steps
+from stickslip.workflows.lab.verification.check import Check, close, farthest
+from stickslip.workflows.lab.verification.closed_forms.elastic_bed import (
+    DOWN,
+    GAP,
+    HEIGHT,
+    NORMAL,
+    SHEAR,
+    TANGENTIAL,
+    E,
+    state,
+)
+from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.solver import solver
+
+TOLERANCE = 1e-8  # the tolerance of an iterative method, 1e-11, times what springs and column differ in stiffness
+
+
+def scene(dim: int, method: str) -> Scene:
+    """Side 1 m; the plate is smooth."""
+    up = "xyz"[dim - 1]
+    across = (0.0,) * (dim - 1)
+    tractions = {"top": (SHEAR, *across), "right": (*across, SHEAR), "left": (*across, -SHEAR)}
+    return Scene(
+        title="Column on an elastic bed",
+        model="3d" if dim == 3 else "plane strain",
+        geometry=Block(length=1.0, width=1.0 if dim == 3 else None, height=HEIGHT, mesh_size=0.5),
+        bodies={"block": Material(E=E, nu=0.0)},
+        obstacles={
+            "plate": Plane(
+                point=(*across, HEIGHT + GAP),
+                normal=(*across, -1.0),
+                displacement={up: -DOWN},  # type: ignore[dict-item]
+            )
+        },
+        contacts={"top": Contact(surface="block.top", against="plate")},
+        loads={side: Load(boundary=f"block.{side}", traction=traction) for side, traction in tractions.items()},
+        steps=Steps(count=3),
+        solver=solver(method, 1e-11),
+        sections={
+            "elastic_support": {"bed": ElasticSupport(boundary="block.bottom", normal=NORMAL, tangential=TANGENTIAL)}
+        },
+    )
+
+
+def checks(method: str) -> list[Check]:
+    """Pressure, displacement of base and top, and both energies, in 2D and 3D."""
+    found = list[Check]()
+    for dim in (2, 3):
+        simulation = prepare(scene(dim, method))
+        height = simulation.data.points[:, dim - 1]
+        for step in simulation.steps():
+            exact, at = state(DOWN * step.time, SHEAR * step.time), f"{dim}D, t = {step.time:g}"
+            pressure, moved = step.contacts["top"].pressure, step.displacement
+            settled, along = -moved[height < 1e-9, dim - 1], moved[height > HEIGHT - 1e-9, 0]
+            work = exact.stored
+            found += [
+                close(f"{at}: p [Pa]", farthest(pressure, exact.p), exact.p, TOLERANCE, 1.0),
+                close(f"{at}: settlement [m]", farthest(settled, exact.settlement), exact.settlement, TOLERANCE, GAP),
+                close(f"{at}: shear of the top [m]", farthest(along, exact.along), exact.along, TOLERANCE, GAP),
+                close(f"{at}: stored energy [J]", step.energy.stored, work, TOLERANCE, work),
+                close(f"{at}: external work [J]", step.energy.external, work + step.energy.contact, TOLERANCE, work),
+            ]
+    return found

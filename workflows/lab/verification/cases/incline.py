@@ -1,0 +1,80 @@
+"""The layer on an incline: periodic sides, gravity, held by friction alone.
+
+A displacement that varies with the height only is exact at the nodes, on any mesh of rectangles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.errors import SolverError
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.effects.gravity import Gravity
+from stickslip.solvers.effects.periodic import Periodic
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.method_registry import METHODS
+from stickslip.solvers.results.step_result import STICK, StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.lab.verification.check import Check, farthest
+from stickslip.workflows.lab.verification.closed_forms.incline import HOLDS, LAYER, SLIDES
+from stickslip.workflows.lab.verification.prepared import observed, system_of
+from stickslip.workflows.lab.verification.solver import solver
+
+G = 9.81  # any value: only the weight of the layer matters [m/s²]
+CELLS = 4  # a side
+TOLERANCE = 1e-9  # the solver's 1e-12, the condition of the mesh, about 100, and a digit to spare
+
+
+def scene(method: str, mu: float) -> Scene:
+    """A metre of the layer; x runs down the slope."""
+    return Scene(
+        title="Layer on an incline",
+        model="plane strain",
+        geometry=Block(length=1.0, height=LAYER.height, mesh_size=1 / CELLS, cells="tensor"),
+        bodies={"block": Material(E=LAYER.E, nu=LAYER.nu, density=LAYER.weight / G)},
+        obstacles={"slope": Plane(point=(0.0, 0.0), normal=(0.0, 1.0))},
+        contacts={"base": Contact(surface="block.bottom", against="slope", friction=Coulomb(mu=mu))},
+        sections={
+            "periodic": {"sides": Periodic(boundary="block.right", with_="block.left")},
+            "gravity": Gravity(acceleration=(G * LAYER.along / LAYER.weight, -G * LAYER.across / LAYER.weight)),
+        },
+        solver=solver(method, 1e-12),
+    )
+
+
+def resting(step: StepResult, name: str, tolerance: float = TOLERANCE) -> list[Check]:
+    """Checks at the worst nodes of base and top."""
+    base, (u_t, u_n) = step.contacts["base"], LAYER.top
+    top = step.displacement[np.argsort(step.displacement[:, 1])[: CELLS + 1]]  # the lowest settlement is the top's
+    return [
+        Check(f"{name}: p [Pa]", farthest(base.pressure, LAYER.pressure), LAYER.pressure, tolerance, relative=True),
+        Check(f"{name}: tau [Pa]", farthest(-base.traction[:, 0], LAYER.shear), LAYER.shear, tolerance, relative=True),
+        Check(f"{name}: u_t at the top [m]", farthest(top[:, 0], u_t), u_t, tolerance, relative=True),
+        Check(f"{name}: u_n at the top [m]", farthest(top[:, 1], u_n), u_n, tolerance, relative=True),
+        Check(f"{name}: nodes that stick", np.sum(base.status == STICK), len(base.status), 0, relative=False),
+    ]
+
+
+def holds(method: str, mu: float = HOLDS) -> list[Check]:
+    """The slope is a little less steep than friction can hold."""
+    (step,) = observed(system_of(scene(method, mu)))
+    return resting(step, f"mu = {mu}")
+
+
+def slides(method: str, mu: float = SLIDES) -> list[Check]:
+    """The slope is a little steeper: no step is solved, because every smaller load has the same ratio."""
+    reached = 0
+    try:
+        for _ in observed(system_of(scene(method, mu))):
+            reached += 1
+    except SolverError:
+        pass
+    return [Check(f"mu = {mu}: times reached", reached, 0, 0, relative=False)]
+
+
+def checks(method: str) -> list[Check]:
+    """Both sides of the threshold, with a method that can solve bodies held by contact alone."""
+    return holds(method) + slides(method) if METHODS[method].WORKS_WITH.floating else []

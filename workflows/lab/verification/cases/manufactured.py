@@ -1,0 +1,124 @@
+"""The manufactured solution: body force and side tractions vary in space, which no scene file can describe."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.fem.terms import LoadTerm
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.system.applied_loads import AppliedLoads
+from stickslip.solvers.system.system import System
+from stickslip.workflows.lab.verification.check import Check
+from stickslip.workflows.lab.verification.closed_forms.manufactured import LAWS, MU, NU, RATES, SLIP, E, Manufactured
+from stickslip.workflows.lab.verification.prepared import accepted, system_of
+from stickslip.workflows.lab.verification.solver import solver
+
+MESHES = (4, 8, 16, 32)
+DEGREE = 10  # quadrature degree: exact for polynomial fields, else far below the discretisation error
+NORMS = ("L2(u)", "L2(stress)", "L2(p)")
+SLACK = 0.25  # tolerance of a rate: with coarse meshes in the fit it is off by up to .23, on the last two meshes by .15
+Held = Literal["away from the base", "beside the base"]
+AWAY, BESIDE = get_args(Held)
+TOP = Support(boundary="block.top", displacement={"x": SLIP, "y": 0.0})
+HOLDS: dict[Held, dict[str, Support]] = {
+    AWAY: {"top": TOP},
+    BESIDE: {"top": TOP, "left": Support(boundary="block.left", displacement={"x": SLIP})},
+}
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Relative errors in the L2 norm."""
+
+    u: float
+    stress: float
+    p: float
+
+
+def scene(exact: Manufactured, method: str, order: int, n: int, mu: float, held: Held) -> Scene:
+    """Unit square of n x n x 2 triangles, held at its top, perhaps at its left, on a compliant base."""
+    return Scene(
+        title="Manufactured solution",
+        model="plane strain",
+        geometry=Block(length=1.0, height=1.0, mesh_size=1.0 / n, order=order),  # type: ignore[arg-type]
+        bodies={"block": Material(E=E, nu=NU)},
+        obstacles={"foundation": Plane(point=(0.0, 0.0), normal=(0.0, 1.0))},
+        contacts={
+            "base": Contact(
+                surface="block.bottom",
+                against="foundation",
+                normal=Compliance(c_n=exact.c_n, m_n=exact.m),
+                friction=Coulomb(mu=mu),
+            )
+        },
+        supports=HOLDS[held],
+        solver=solver(method, 1e-11),
+    )
+
+
+def loaded(scene: Scene, exact: Manufactured) -> tuple[System, Any]:
+    """The scene's system under the loads of the manufactured field, and the field."""
+    system = system_of(scene)
+    field = system.weak.field(exact.displacement)
+    form = system.weak.balance(field, "block", ("block.left", "block.right"), DEGREE)
+    return replace(system, loads=AppliedLoads(system.weak, [LoadTerm(drive=1.0, form=form)])), field
+
+
+@lru_cache
+def errors(exact: Manufactured, method: str, order: int, n: int, mu: float = MU, held: Held = AWAY) -> Errors:
+    """Solved on one mesh; the pressure where the law is evaluated, at the quadrature points of the base."""
+    system, field = loaded(scene(exact, method, order, n, mu, held), exact)
+    (step,) = accepted(system)
+    u = dx.fem.Function(system.space)
+    dx.fill(u, step.state.u.array_r)
+    (base,), weak = system.contacts, system.weak
+    at = base.surface.quadrature(base.normal.degree(order))[1]
+    x = (at @ base.surface.points[base.surface.facets][:, :, 0, None]).ravel()
+    p = exact.pressure(x)
+    off = step.state.p[: len(p)] - p
+    return Errors(
+        u=norm(system, u - field) / norm(system, field),
+        stress=norm(system, weak.stress(u - field, "block")) / norm(system, weak.stress(field, "block")),
+        p=float(np.sqrt(base.W_n @ off**2 / (base.W_n @ p**2))),
+    )
+
+
+def norm(system: System, expression: Any) -> float:
+    """In L2, up to a factor that is the same for all fields: the cells have one size."""
+    points, weights = dx.reference_rule("triangle", DEGREE)
+    cells = np.arange(system.mesh.domain.topology.index_map(2).size_local)
+    values = dx.CellExpression(expression, points, system.mesh.domain)(cells)
+    return float(np.sqrt(np.einsum("cqi,q->", values**2, weights)))
+
+
+def slopes(found: Sequence[Errors], meshes: Sequence[int]) -> list[float]:
+    """Slope of each error over the mesh size, fitted over the meshes."""
+    logarithms = np.log([[error.u, error.stress, error.p] for error in found])
+    return [float(-slope) for slope in np.polyfit(np.log(meshes), logarithms, 1)[0]]
+
+
+def rates(method: str, law: Manufactured, order: int, meshes: Sequence[int] = MESHES, mu: float = MU) -> list[Check]:
+    """Of the three errors, against theory."""
+    found = slopes([errors(law, method, order, n, mu) for n in meshes], meshes)
+    return [
+        Check(f"P{order}, c_n = {law.c_n:g}, m = {law.m}: rate of {norm}", rate, expected, SLACK, relative=False)
+        for norm, rate, expected in zip(NORMS, found, RATES[order], strict=True)
+    ]
+
+
+def checks(method: str, mu: float = MU) -> list[Check]:
+    """All laws and both orders; with another mu than 0.4 they must fail."""
+    return [check for law in LAWS for order in RATES for check in rates(method, law, order, mu=mu)]

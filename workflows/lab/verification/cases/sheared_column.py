@@ -1,0 +1,178 @@
+"""The sheared column: periodic lateral faces; pressed first, then its top driven back and forth.
+
+The state is uniform, so any mesh is exact, and a step of any size is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.effects.periodic import Periodic
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb, Tresca
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.results.step_result import ContactState, StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Steps
+from stickslip.workflows.lab.verification.check import Check, close, farthest
+from stickslip.workflows.lab.verification.closed_forms import column, sheared_column
+from stickslip.workflows.lab.verification.closed_forms.sheared_column import ShearedColumn
+from stickslip.workflows.lab.verification.cycles import CYCLES, accounted, repeats
+from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.solver import solver
+
+E, NU = 2600.0, 0.3  # G = 1000 Pa
+PRESSURE = 10.0  # [Pa]
+M = column.constrained_modulus(E, NU)
+MU = 0.3
+K_T = 500.0  # [Pa/m], half of G: the base gives twice as much as the column
+RIGID, SOFT = Unilateral(), Compliance(c_n=1e6, m_n=2.0)
+BY_PENETRATION = (
+    (1e3, 1.0, None),
+    (1e6, 2.0, K_T),
+    (1e7, 2.5, None),
+)  # c_T [Pa/m^m_T], m_T, k_T; bounds of 1.5 to 3.5 Pa
+TOLERANCE = 1e-9  # the solver's 1e-12, summed over six steps, and two digits to spare
+
+
+def scene(
+    *,
+    dim: int,
+    method: str,
+    E: float,
+    friction: FrictionLaw | None,
+    path: Array,
+    normal: NormalLaw = RIGID,
+) -> Scene:
+    """Column of side 1 m, pressed at t = 1, its top at path[k] (steps, dim - 1) [m] at t = k + 2."""
+    opposite = {"right": "left"} | ({"back": "front"} if dim == 3 else {})
+    periodic = {slave: Periodic(boundary=f"block.{slave}", with_=f"block.{m}") for slave, m in opposite.items()}
+    up, across = "xyz"[dim - 1], (0.0,) * (dim - 1)
+    times = [float(k + 2) for k in range(len(path))]
+    moves = zip("xy"[: dim - 1], path.T.tolist(), strict=True)
+    top = {axis: ((1.0, 0.0), *zip(times, values, strict=True)) for axis, values in moves}
+    top[up] = ((1.0, -PRESSURE / column.constrained_modulus(E, NU)),)
+    return Scene(
+        title="Column sheared on a frictional base",
+        model="3d" if dim == 3 else "plane strain",
+        geometry=Block(length=1.0, width=1.0 if dim == 3 else None, height=1.0, mesh_size=0.5, cells="tensor"),
+        bodies={"block": Material(E=E, nu=NU)},
+        obstacles={"floor": Plane(point=(*across, 0.0), normal=(*across, 1.0))},
+        contacts={"base": Contact(surface="block.bottom", against="floor", normal=normal, friction=friction)},
+        supports={"top": Support(boundary="block.top", displacement=top)},  # type: ignore[arg-type]
+        sections={"periodic": periodic},
+        steps=Steps(end=times[-1], count=len(path) + 1),
+        solver=solver(method, 1e-12),
+    )
+
+
+def solve(scene: Scene) -> list[StepResult]:
+    """The pressing and each move; t = 0 is reported too where a table has a value there."""
+    return [step for step in prepare(scene).steps() if step.time > 0]
+
+
+def bases(scene: Scene) -> list[ContactState]:
+    """The base after each of them."""
+    return [step.contacts["base"] for step in solve(scene)]
+
+
+def laws(mu: float = MU) -> dict[str, FrictionLaw]:
+    """Laws with the bound mu p; Tresca's needs a table, a bare number would be ramped over the history."""
+    given = ((0.0, mu * PRESSURE),)
+    return {
+        "Coulomb": Coulomb(mu=mu),
+        "Tresca": Tresca(bound=given),
+        "Coulomb, k_T": Coulomb(mu=mu, k_T=K_T),
+        "Tresca, k_T": Tresca(bound=given, k_T=K_T),
+    }
+
+
+def driven(method: str, name: str, friction: FrictionLaw, top: Array = sheared_column.TOP) -> list[Check]:
+    """Pressed by 10 Pa on a rigid floor, whose bound is 3 Pa."""
+    states = bases(scene(dim=2, method=method, E=E, friction=friction, path=top[:, None]))
+    return compare(name, states, PRESSURE, _softened(friction), top)
+
+
+def penetrating(method: str, c_T: float, m_T: float, k_T: float | None = None) -> list[Check]:
+    """On a compliant foundation with penetration delta, whose friction bound is c_T delta^m_T."""
+    friction = TangentialCompliance(c_T=c_T, m_T=m_T, k_T=k_T)
+    exact = column.driven_by_displacement(M=M, U=PRESSURE / M, g=0.0, c_n=SOFT.c_n, m=SOFT.m_n)
+    sheared = replace(_softened(friction), bound=c_T * exact.penetration**m_T)
+    top = sheared_column.TOP
+    states = bases(scene(dim=2, method=method, E=E, friction=friction, path=top[:, None], normal=SOFT))
+    return compare(f"bound by penetration, m_T = {m_T:g}, k_T = {k_T}", states, exact.pressure, sheared, top)
+
+
+def threshold(method: str, c_T: float, m_T: float) -> list[Check]:
+    """The base sticks a millionth below the bound and slips a millionth above it."""
+    depth = column.driven_by_displacement(M=M, U=PRESSURE / M, g=0.0, c_n=SOFT.c_n, m=SOFT.m_n).penetration
+    limit = c_T * depth**m_T / sheared_column.COLUMN.G
+    found = []
+    for beyond in (-1e-6, 1e-6):
+        path = np.array([[limit * (1 + beyond)]])
+        friction = TangentialCompliance(c_T=c_T, m_T=m_T)
+        last = bases(scene(dim=2, method=method, E=E, friction=friction, path=path, normal=SOFT))[-1]
+        name = f"bound by penetration, m_T = {m_T:g}, top at {beyond:+g} of the threshold"
+        # the solver's 1e-12 of the pressure, over G: 1e-14 m, with two digits to spare
+        slip = max(beyond, 0.0) * limit
+        found.append(Check(f"{name}: slip [m]", farthest(last.slip[:, 0], slip), slip, 1e-12, relative=False))
+    return found
+
+
+def _softened(friction: FrictionLaw) -> ShearedColumn:
+    return replace(sheared_column.COLUMN, k_T=friction.k_T or np.inf)
+
+
+def compare(name: str, states: list[ContactState], pressure: float, sheared: ShearedColumn, top: Array) -> list[Check]:
+    """Traction, slip and dissipation after each of the top's moves, at the worst node of the base."""
+    pressed, *moved = states
+    exact = sheared_column.drive(sheared, top)
+    found = [close(f"{name}: pressure [Pa]", farthest(pressed.pressure, pressure), pressure, TOLERANCE, pressure)]
+    scale = abs(top).max()
+    for k, base in enumerate(moved):
+        at = f"{name}, top at {1000 * top[k]:+g} mm (move {k + 1})"
+        tau, slip, work = exact.tau[k], exact.slip[k], exact.dissipation[k]
+        bound = sheared.bound
+        found += [
+            # sigma_T acts on the column and opposes the slip; tau is its negative
+            close(f"{at}: tau [Pa]", farthest(-base.traction[:, 0], tau), tau, TOLERANCE, bound),
+            close(f"{at}: force on the column [N]", base.force[0], -tau, TOLERANCE, bound),
+            close(f"{at}: slip [m]", farthest(base.slip[:, 0], slip), slip, TOLERANCE, scale),
+            close(f"{at}: dissipation so far [J]", base.dissipation_total, work, TOLERANCE, bound * scale),
+        ]
+    return found
+
+
+def cycled(method: str, mu: float = MU, k_T: float | None = None, dim: int = 2) -> list[Check]:
+    """Many reversals: cycles 2 to 5 are the same, and each dissipates 4 s (A - s H / G - s / k_T)."""
+    amplitude = 0.01
+    turn = np.array([amplitude, 0.0, -amplitude, 0.0])
+    top, friction = np.tile(turn, CYCLES), Coulomb(mu=mu, k_T=k_T)
+    along = np.array([[1.0]]) if dim == 2 else np.array([[0.6, 0.8]])  # in 3D along no edge of the mesh
+    pressed, *moved = solve(scene(dim=dim, method=method, E=E, friction=friction, path=top[:, None] * along))
+    totals = [pressed, *moved][:: len(turn)]
+    losses = np.diff([step.contacts["base"].dissipation_total for step in totals])
+    sheared = _softened(friction)
+    loop = 4 * sheared.bound * (amplitude - sheared.bound / sheared.stiffness)
+    name = f"{dim}D, k_T = {k_T}"
+    areas = [close(f"{name}, cycle {k}: loop area [J]", losses[k - 1], loop, 1e-8, loop) for k in range(2, CYCLES + 1)]
+    return areas + repeats(name, moved, len(turn)) + accounted(name, [pressed, *moved])
+
+
+def checks(method: str, mu: float = MU) -> list[Check]:
+    """All of them; with another mu than 0.3 those of Coulomb and Tresca must fail."""
+    found = [check for name, law in laws(mu).items() for check in driven(method, name, law)]
+    found += cycled(method, mu) + cycled(method, mu, k_T=K_T) + cycled(method, mu, dim=3)
+    for c_T, m_T, k_T in BY_PENETRATION:
+        found += penetrating(method, c_T, m_T, k_T) + threshold(method, c_T, m_T)
+    return found

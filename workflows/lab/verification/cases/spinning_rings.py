@@ -1,0 +1,100 @@
+"""Rings that spin, a quarter of each: a free ring in plane stress and strain, a cylinder, and a shrink fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.ring import Ring
+from stickslip.geometry.shape import Model
+from stickslip.solvers.effects.centrifugal import Centrifugal
+from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Steps
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.lab.verification.cases import shrink_fit as still
+from stickslip.workflows.lab.verification.check import Check, close, farthest
+from stickslip.workflows.lab.verification.closed_forms.shrink_fit import HUB, INNER, INTERFERENCE, JOINT
+from stickslip.workflows.lab.verification.closed_forms.spinning_rings import DENSITIES, fit, growth
+from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.solver import solver
+
+SPEED = 3.0  # [rad/s] of the ring and the cylinder
+LOOSENING = 2.5  # [rad/s] of the fit, at which a fifth of the pressure is left
+TOLERANCE = 2e-5  # order 2 on cells of 1/8 m: displacements are off by 4e-6, pressures of the loosened fit by 1e-5
+
+
+def ring(model: Model) -> Scene:
+    """From INNER to JOINT, or for the axisymmetric model a cylinder of radius INNER between lubricated walls."""
+    axisymmetric = model == "axisymmetric"
+    geometry = Block(length=INNER, height=0.25, mesh_size=0.125, cells="tensor", order=2)
+    quarter = Ring(inner_radius=INNER, outer_radius=JOINT, angle=90, mesh_size=0.125, cells="tensor", order=2)
+    body, sides = ("block", ("bottom", "top")) if axisymmetric else ("ring", ("x_axis", "y_axis"))
+    return Scene(
+        model=model,
+        geometry=geometry if axisymmetric else quarter,
+        bodies={body: Material(E=HUB.E, nu=HUB.nu, density=DENSITIES[0])},
+        supports={side: Support(boundary=f"{body}.{side}", displacement={"normal": 0.0}) for side in sides},
+        sections={"centrifugal": Centrifugal(speed=SPEED)},
+    )
+
+
+def radial(simulation: Simulation, displacement: Any, r: float) -> Any:
+    """Radial displacement (k,) [m] of the nodes at a radius."""
+    points, dim = simulation.data.points[:, : simulation.scene.dim], simulation.scene.dim
+    if simulation.scene.axisymmetric:
+        return displacement[np.abs(points[:, 0] - r) < 1e-9, 0]
+    at = np.abs(np.linalg.norm(points, axis=1) - r) < 1e-9
+    return np.einsum("kd,kd->k", displacement[at][:, :dim], points[at]) / r
+
+
+def free() -> list[Check]:
+    """Displacement of the surfaces, and energy."""
+    found = list[Check]()
+    for model in ("plane stress", "plane strain", "axisymmetric"):
+        simulation = prepare(ring(model))
+        (step,) = simulation.steps()
+        solid = model == "axisymmetric"
+        inner, outer = (0.0, INNER) if solid else (INNER, JOINT)
+        for r in (outer,) if solid else (inner, outer):
+            exact = growth(HUB, DENSITIES[0] * SPEED**2, inner, outer, r, model != "plane stress")
+            u = farthest(radial(simulation, step.displacement, r), exact)
+            found.append(Check(f"{model}, r = {r:g}: u [m]", u, exact, TOLERANCE, relative=True))
+        energy = step.energy
+        found.append(
+            close(f"{model}: external - stored [J]", energy.external - energy.stored, 0.0, 1e-9, energy.stored)
+        )
+    return found
+
+
+def loosened(method: str) -> list[Check]:
+    """The fit at half and at full speed: its pressure falls with the square of the speed."""
+    press = still.Press(cells=0.125, method=method)
+    scene = still.scene(press)
+    bodies = {
+        name: replace(material, density=density)
+        for (name, material), density in zip(scene.bodies.items(), DENSITIES, strict=True)
+        if isinstance(material, Material)
+    }
+    scene = replace(
+        scene,
+        bodies=bodies,
+        steps=Steps(count=2),
+        sections={"centrifugal": Centrifugal(speed=LOOSENING)},
+        solver=solver(method, 1e-10),
+    )
+    found = list[Check]()
+    for step in prepare(scene).steps():
+        exact, joint = fit(INTERFERENCE, LOOSENING * step.time), step.contacts["joint"]
+        p = joint.normal_force / joint.weight.sum()
+        found.append(Check(f"{press}, t = {step.time:g}: mean p [Pa]", p, exact.p, TOLERANCE, relative=True))
+    return found
+
+
+def checks(method: str) -> list[Check]:
+    """Free rings have no contact: one method is enough for them."""
+    return loosened(method) + (free() if method == "condensed-newton" else [])

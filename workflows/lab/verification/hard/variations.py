@@ -1,0 +1,413 @@
+"""The variations: each is a function of a scene's tables, and says itself where it does not apply."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from stickslip.geometry.amplitude import Amplitude, value_at
+from stickslip.solvers.scene.timeline import Place
+from stickslip.workflows.lab.verification.hard.limit import near_limit, sideways
+from stickslip.workflows.lab.verification.hard.mirror import BOXES, mirrored
+from stickslip.workflows.lab.verification.hard.tables import (
+    Tables,
+    copied,
+    corners,
+    extent,
+    frictions,
+    over_drives,
+    over_motions_and_loads,
+    resolved,
+    scene_of,
+    sizes,
+    softest,
+    stiffen,
+    times,
+    travel,
+)
+from stickslip.workflows.lab.verification.units import Units, convert
+from stickslip.workflows.scene_file.read import to_dict
+
+Random = np.random.Generator
+Change = Callable[[Tables, Random], Tables | None]  # None: does not apply; it may work on the tables it is given
+
+
+@dataclass(frozen=True)
+class Scale:
+    """One metre and one newton of the varied scene, in units of its twin."""
+
+    length: float = 1.0
+    force: float = 1.0
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A change of a scene, and if its answer is known from that of another scene, its twin."""
+
+    kind: str
+    name: str
+    change: Change
+    twin: Change | None = None  # the scene whose answer is the same
+    scale: Scale = Scale()  # up to these factors
+
+
+def varied(tables: Tables, change: Change, random: Random) -> Tables | None:
+    """The changed scene; None if the change does not apply or changes nothing."""
+    found = change(copied(tables), random)
+    return None if found is None or found == tables else found
+
+
+def same(tables: Tables, random: Random) -> Tables | None:
+    """The scene itself."""
+    return tables
+
+
+# friction and normal laws
+
+
+JUMPS = ("stick", "tresca")  # laws whose bound jumps where surfaces part
+
+
+def times_mu(factor: float, tables: Tables, random: Random) -> Tables | None:
+    for friction in frictions(tables, "mu"):
+        friction["mu"] = times(friction["mu"], factor)
+    return tables
+
+
+def friction_law(law: str, tables: Tables, random: Random) -> Tables | None:
+    """Another friction law in its place, of bounds that the scene may reach; or none.
+
+    Tresca's bound and stick come with bilateral contact: where surfaces part the bound jumps, and there may be no
+    solution.
+    """
+    if not any(frictions(tables)):
+        return None
+    bound = 0.1 * softest(tables) * travel(tables) / extent(tables)
+    laws = {
+        "stick": {"law": "stick"},
+        "tresca": {"law": "tresca", "bound": bound},
+        "capped": {"law": "capped_coulomb", "mu": 0.5, "s_max": bound},
+    }
+    for contact in tables["contacts"].values():
+        if contact.pop("friction", None) and law != "none":
+            contact["friction"] = laws[law]
+            if law in JUMPS:
+                contact["normal"] = {"law": "bilateral"}
+    return tables
+
+
+def compliant(stiffness: float, m_n: float, tables: Tables, random: Random) -> Tables | None:
+    """Compliant contact; stiffness: of the surface over that of the bodies, at a penetration of the travel."""
+    if any(friction["law"] in JUMPS for friction in frictions(tables)):
+        return None
+    own = softest(tables) / extent(tables)
+    for contact in tables["contacts"].values():
+        contact["normal"] = {"law": "compliance", "c_n": stiffness * own * travel(tables) ** (1 - m_n), "m_n": m_n}
+    return tables
+
+
+def elastic_friction(stiffness: float, tables: Tables, random: Random) -> Tables | None:
+    """Tangential stiffness before slip, in units of that of the bodies."""
+    for friction in frictions(tables):
+        friction["k_T"] = stiffness * softest(tables) / extent(tables)
+    return tables
+
+
+def normal_law(law: str, tables: Tables, random: Random) -> Tables | None:
+    for contact in tables["contacts"].values():
+        contact["normal"] = {"law": law}
+        if law == "tied":
+            contact.pop("friction", None)
+    return tables
+
+
+# materials
+
+
+def poisson(nu: float, order: int, tables: Tables, random: Random) -> Tables | None:
+    for body in tables["bodies"].values():
+        if "nu" not in body:  # orthotropic
+            return None
+        body["nu"] = nu
+    tables["geometry"]["order"] = order
+    return tables
+
+
+def contrast(place: str, factor: float, tables: Tables, random: Random) -> Tables | None:
+    """The moduli of one body times a factor: the first, the last, or one in the middle if there are three or more."""
+    names = list(tables["bodies"])
+    if (place == "middle" and len(names) < 3) or (place == "last" and len(names) < 2):
+        return None
+    stiffen(tables["bodies"][names[{"first": 0, "middle": len(names) // 2, "last": -1}[place]]], factor)
+    return tables
+
+
+# geometry and mesh
+
+
+def slender(tall: bool, tables: Tables, random: Random) -> Tables | None:
+    """Boxes 20 times as long as high, or as high as long, with two rows of cells; points move with them."""
+    shape = tables["geometry"]
+    if shape.get("builder") not in BOXES:
+        return None
+    axis, (grown, other) = (1, ("height", "length")) if tall else (0, ("length", "height"))
+    ratio = 20 * shape[other] / shape[grown]
+    for key in (grown, f"lower_{grown}"):
+        if key in shape:
+            shape[key] *= ratio
+    factor = shape[other] / 2 / shape["mesh_size"]
+    for key in sizes(tables):
+        shape[key] *= factor
+    shape.pop("contact_mesh_size", None)
+    last = axis if tables["model"] != "3d" or axis == 0 else 2
+    for table in ("supports", "probes"):
+        for entry in tables[table].values():
+            if "point" in entry:
+                entry["point"][last] *= ratio
+    return tables
+
+
+def other_mesh(tables: Tables, random: Random) -> Tables | None:
+    """Every mesh size times a random factor of its own."""
+    for key in sizes(tables):
+        tables["geometry"][key] *= float(random.uniform(0.75, 1.25))
+    return tables
+
+
+def mesh_contrast(factor: float, tables: Tables, random: Random) -> Tables | None:
+    """Cells of the second body finer or coarser than those of the first one."""
+    shape = tables["geometry"]
+    keys = [key for key in ("lower_mesh_size", "inner_mesh_size") if key in shape]
+    if "mesh_ratio" in shape:
+        shape["mesh_ratio"] = factor
+        return tables
+    if not keys:
+        return None
+    shape[keys[0]] = shape["mesh_size"] * factor
+    return tables
+
+
+def set_key(table: str, key: str, value: object, tables: Tables, random: Random) -> Tables | None:
+    tables[table][key] = value
+    return tables
+
+
+def model(name: str, tables: Tables, random: Random) -> Tables | None:
+    if tables["model"] != "plane strain":
+        return None
+    tables["model"] = name
+    return tables
+
+
+def gap(share: float, tables: Tables, random: Random) -> Tables | None:
+    """A gap, or an interference, of a share of the travel."""
+    for contact in tables["contacts"].values():
+        contact["gap_offset"] = contact.get("gap_offset", 0.0) + share * travel(tables)
+    return tables
+
+
+def contact_key(key: str, value: object, tables: Tables, random: Random) -> Tables | None:
+    """A key of contacts between bodies."""
+    pairs = [c for c in tables["contacts"].values() if c["against"] not in tables["obstacles"]]
+    for contact in pairs:
+        contact[key] = value
+    return tables if pairs else None
+
+
+# loads and time
+
+
+def times_loads(factor: float, tables: Tables, random: Random) -> Tables | None:
+    return over_motions_and_loads(tables, factor)
+
+
+def one_step(tables: Tables, random: Random) -> Tables | None:
+    """As few steps as the tables in time allow."""
+    tables["steps"]["count"] = 1
+    return tables
+
+
+def at_once(tables: Tables, random: Random) -> Tables | None:
+    """One big step: every value goes straight to where it is at the end."""
+    end = tables["steps"]["end"]
+    tables["steps"]["count"] = 1
+    return over_drives(tables, lambda _, a: value_at(a, end, end), bounds=True)
+
+
+def goes_on(share: float, tables: Tables, random: Random) -> Tables | None:
+    """After the end, the last ramp goes back, to `share` times its own size on the other side of where it began."""
+    end, times = tables["steps"]["end"], corners(tables)
+    before = times[-2] if len(times) > 1 else 0.0
+    later = 2 * end - before
+
+    def turned(place: Place, a: Amplitude) -> Amplitude:
+        start, last = value_at(a, before, end), value_at(a, end, end)
+        return (*resolved(a, end, times), (later, start - share * (last - start)))
+
+    found = over_drives(tables, turned)
+    found["steps"] = {"end": later, "count": max(2, tables["steps"]["count"])}
+    return found
+
+
+def all_back(tables: Tables, random: Random) -> Tables | None:
+    """After the end, everything returns to where it was at t = 0."""
+    end, times = tables["steps"]["end"], corners(tables)
+    found = over_drives(tables, lambda _, a: (*resolved(a, end, times), (2 * end, value_at(a, 0.0, end))))
+    found["steps"] = {"end": 2 * end, "count": max(2, tables["steps"]["count"])}
+    return found
+
+
+def slower(factor: float, tables: Tables, random: Random) -> Tables | None:
+    """The same history in another time: nothing depends on rates."""
+    end = tables["steps"]["end"]
+    times = corners(tables)
+    found = over_drives(tables, lambda _, a: tuple((t * factor, v) for t, v in resolved(a, end, times)), bounds=True)
+    found["steps"]["end"] = end * factor
+    for bolt in found.get("bolts", {}).values():
+        if bolt.get("held_from") is not None:
+            bolt["held_from"] *= factor
+    return found
+
+
+# solution
+
+
+def method(name: str, surface: str, tables: Tables, random: Random) -> Tables | None:
+    """Another method, with as many iterations as the slowest of them takes."""
+    tables["solver"] |= {"method": name, "surface": surface, "max_iterations": 50_000}
+    return tables
+
+
+# units
+
+
+def in_units(length: float, force: float, tables: Tables, random: Random) -> Tables | None:
+    """The same bodies and loads in other units, those of gravity and of a length of thickness included."""
+    scene = scene_of(tables)
+    if "file" in tables["geometry"]:
+        return None
+    return to_dict(convert(scene, Units(length=length, force=force, plane=scene.model.startswith("plane"))))
+
+
+def units(name: str, length: float, force: float) -> Variation:
+    return Variation("units", name, partial(in_units, length, force), same, Scale(length, force))
+
+
+# all of them
+
+
+def _fixed() -> Iterator[Variation]:
+    yield Variation("as it is", "as it is", lambda tables, random: tables)
+    for factor in (0.001, 0.01, 0.1, 0.5, 2, 10, 100, 1000):
+        yield Variation("mu", f"mu x {factor:g}", partial(times_mu, factor))
+    for law in ("none", "stick", "tresca", "capped"):
+        yield Variation("law", f"friction {law}", partial(friction_law, law))
+    for law in ("bilateral", "tied"):
+        yield Variation("law", law, partial(normal_law, law))
+    for stiffness, m_n in ((1e-3, 1.0), (1.0, 1.0), (1e6, 1.0), (1e-3, 2.0), (1e6, 2.0)):
+        yield Variation("compliance", f"c_n {stiffness:g} m_n {m_n:g}", partial(compliant, stiffness, m_n))
+    for stiffness in (1e-12, 1e-3, 1e6):
+        yield Variation("compliance", f"k_T {stiffness:g}", partial(elastic_friction, stiffness))
+    for nu, order in ((0.4999, 1), (0.4999, 2), (0.0, 1)):
+        yield Variation("nu", f"nu {nu:g} order {order}", partial(poisson, nu, order))
+    for place in ("first", "middle", "last"):
+        for factor in (1e-6, 1e-4, 1e-2, 1e2, 1e4, 1e6):
+            yield Variation("contrast", f"E of {place} x {factor:g}", partial(contrast, place, factor))
+    yield Variation("aspect", "20 times as long", partial(slender, False))
+    yield Variation("aspect", "20 times as high", partial(slender, True))
+    for k in range(3):
+        yield Variation("mesh", f"random mesh {k + 1}", other_mesh)
+    yield Variation("mesh", "second body finer", partial(mesh_contrast, 0.25))
+    yield Variation("mesh", "second body coarser", partial(mesh_contrast, 3.0))
+    yield Variation("mesh", "order 2", partial(set_key, "geometry", "order", 2))
+    yield Variation("mesh", "order 1", partial(set_key, "geometry", "order", 1))
+    yield Variation("mesh", "tensor", partial(set_key, "geometry", "cells", "tensor"))
+    yield Variation("mesh", "simplex", partial(set_key, "geometry", "cells", "simplex"))
+    yield Variation("law", "plane stress", partial(model, "plane stress"))
+    for share in (0.3, 1e-6, -1e-6, -0.3):
+        yield Variation("gap", f"{'gap' if share > 0 else 'interference'} {abs(share):g}", partial(gap, share))
+    for factor in (1e-6, 0.01, 10):
+        yield Variation("loads", f"loads x {factor:g}", partial(times_loads, factor))
+    yield Variation("steps", "one step", one_step)
+    yield Variation("steps", "one big step", at_once)
+    yield Variation("steps", "reversed", partial(goes_on, 1.0))
+    yield Variation("steps", "everything back", all_back)
+    for share in (0.2, 0.5):
+        yield Variation("limit", f"gravity sideways {share:g}", partial(_sideways, share))
+    for factor in (0.999, 1.001):
+        yield Variation("limit", f"{factor:g} of the limit sideways", partial(_near_limit, factor))
+    yield Variation("operator", "node by node", _node_by_node)
+    yield Variation("operator", "sliding", partial(contact_key, "sliding", True))
+    yield Variation("solver", "tolerance 1e-11", partial(set_key, "solver", "tolerance", 1e-11))
+    yield Variation("solver", "tolerance 1e-4", partial(set_key, "solver", "tolerance", 1e-4))
+    for name in ("surface-uzawa", "nsgs", "uzawa", "perturbed-lagrangian"):
+        yield Variation("solver", name, partial(method, name, "auto"))
+    yield Variation("solver", "matrix-free", partial(method, "surface-uzawa", "matrix-free"))
+    yield units("mm, N", 1e3, 1.0)
+    for power in (12, -12):
+        yield units(f"length x 1e{power}", 10.0**power, 1.0)
+        yield units(f"force x 1e{power}", 1.0, 10.0**power)
+    yield Variation("symmetry", "time x 1000", partial(slower, 1000.0), same)
+    yield Variation("symmetry", "mirrored", lambda tables, random: mirrored(tables), _by_a_grid)
+
+
+def _sideways(share: float, tables: Tables, random: Random) -> Tables | None:
+    return sideways(share, tables)
+
+
+def _near_limit(factor: float, tables: Tables, random: Random) -> Tables | None:
+    return near_limit(factor, tables)
+
+
+def _node_by_node(tables: Tables, random: Random) -> Tables | None:
+    name = "node-to-face" if tables["model"] == "3d" else "node-to-segment"
+    return contact_key("operator", name, tables, random)
+
+
+def _by_a_grid(tables: Tables, random: Random) -> Tables | None:
+    tables["geometry"]["cells"] = "tensor"
+    return tables
+
+
+FIXED = {variation.name: variation for variation in _fixed()}
+MIXED = tuple(
+    v for v in FIXED.values() if v.twin is None and v.kind not in ("solver", "limit", "as it is")
+)  # what random ones combine
+MOST = 3  # of them in a random variation
+
+
+def variation(name: str) -> Variation:
+    """By its name: a fixed one, or "random 7", which combines some of the fixed ones with random numbers."""
+    return FIXED.get(name) or Variation("random", name, _mixed)
+
+
+def _mixed(tables: Tables, random: Random) -> Tables | None:
+    """Random numbers first, then one to `MOST` variations of different kinds, those that apply."""
+    found = other_mesh(_other_numbers(tables, random), random)
+    kinds: set[str] = set()
+    for index in random.permutation(len(MIXED)):
+        one = MIXED[index]
+        changed = None if one.kind in kinds or found is None else varied(found, one.change, random)
+        if changed is None:
+            continue
+        found = changed
+        kinds.add(one.kind)
+        if len(kinds) >= 1 + random.integers(MOST):
+            break
+    return found
+
+
+def _other_numbers(tables: Tables, random: Random) -> Tables:
+    """Random mu, moduli, nu and loads."""
+    for friction in frictions(tables, "mu"):
+        mu, known = float(np.exp(random.uniform(math.log(0.02), math.log(3.0)))), friction["mu"]
+        friction["mu"] = times(known, mu / max(value for _, value in known)) if isinstance(known, list) else mu
+    for body in tables["bodies"].values():
+        stiffen(body, float(10.0 ** random.uniform(-1.5, 1.5)))
+        if "nu" in body:
+            body["nu"] = float(random.uniform(0.0, 0.48))
+    return over_motions_and_loads(tables, float(10.0 ** random.uniform(-1.0, 0.5)))
