@@ -13,6 +13,7 @@ import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -277,48 +278,6 @@ def sweep_command(
     sys.exit(code)
 
 
-@app.command("verify")
-def verify_command(
-    names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME]...", help="cases [all]; or the suite: hard, accuracy, effects")
-    ] = None,
-    rows: Annotated[bool, typer.Option("--rows", help="print all figures, not only those that fail")] = False,
-    number: Annotated[int, typer.Option("--number", help="hard: number of variations")] = 2000,
-    seed: Annotated[int, typer.Option("--seed", help="hard: of their order and random numbers")] = 0,
-    scenes: Annotated[
-        str, typer.Option("--scenes", metavar="NAME,NAME", help="suites: these scenes (effects) only [all]")
-    ] = "",
-    jobs: Annotated[int, typer.Option("--jobs", help="suites: number of processes")] = 1,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="suites: write NAME.md, .png, .jsonl there")
-    ] = None,
-    again: Annotated[
-        bool, typer.Option("--again", help="hard: of the run in DIR, judge again only what was not solved")
-    ] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="hard: go on with the run in DIR that was ended")] = False,
-) -> None:
-    """Compare figures with closed forms and published values; or run a suite: hard, accuracy, effects."""
-    from stickslip.workflows.lab.commands.accuracy import accuracy
-    from stickslip.workflows.lab.commands.effects import effects
-    from stickslip.workflows.lab.commands.hard import hard
-    from stickslip.workflows.lab.commands.verify import verify
-
-    only = [name for name in scenes.split(",") if name]
-    for suite in ("hard", "accuracy", "effects"):
-        if suite in (names or []) and names != [suite]:
-            raise SceneError(f"verify {suite}: takes no other name beside it")
-    if names == ["hard"]:
-        passed = hard(only, number, seed, jobs, output, again, resume)
-    elif names == ["accuracy"]:
-        passed = accuracy(only, jobs, output)
-    elif names == ["effects"]:
-        passed = effects(only, output)
-    else:
-        passed = verify(names or [], rows)
-    if not passed:
-        raise typer.Exit(1)
-
-
 @app.command("fclib")
 def fclib_command(
     files: Annotated[list[Path], typer.Argument(metavar="FILES...", help="discrete problems in FCLIB's HDF5 format")],
@@ -464,6 +423,7 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")  # LANG=C knows no ², and names of files may be any bytes
     if not speaks():
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115  until the process ends
+    import_module("stickslip.workflows.lab.commands.command")  # it adds its own
     try:
         code = guarded(lambda: app(standalone_mode=False))
     except BrokenPipeError:

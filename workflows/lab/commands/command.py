@@ -1,0 +1,53 @@
+"""The command `stickslip verify`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stickslip.geometry.errors import SceneError
+from stickslip.workflows.commands.cli import app
+
+
+@app.command("verify")
+def verify_command(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="cases [all]; or the suite: hard, accuracy, effects")
+    ] = None,
+    rows: Annotated[bool, typer.Option("--rows", help="print all figures, not only those that fail")] = False,
+    number: Annotated[int, typer.Option("--number", help="hard: number of variations")] = 2000,
+    seed: Annotated[int, typer.Option("--seed", help="hard: of their order and random numbers")] = 0,
+    scenes: Annotated[
+        str, typer.Option("--scenes", metavar="NAME,NAME", help="suites: these scenes (effects) only [all]")
+    ] = "",
+    jobs: Annotated[int, typer.Option("--jobs", help="suites: number of processes")] = 1,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="suites: write NAME.md, .png, .jsonl there")
+    ] = None,
+    again: Annotated[
+        bool, typer.Option("--again", help="hard: of the run in DIR, judge again only what was not solved")
+    ] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="hard: go on with the run in DIR that was ended")] = False,
+) -> None:
+    """Compare figures with closed forms and published values; or run a suite: hard, accuracy, effects."""
+    from stickslip.workflows.lab.commands.accuracy import accuracy
+    from stickslip.workflows.lab.commands.effects import effects
+    from stickslip.workflows.lab.commands.hard import hard
+    from stickslip.workflows.lab.commands.verify import verify
+
+    only = [name for name in scenes.split(",") if name]
+    for suite in ("hard", "accuracy", "effects"):
+        if suite in (names or []) and names != [suite]:
+            raise SceneError(f"verify {suite}: takes no other name beside it")
+    if names == ["hard"]:
+        passed = hard(only, number, seed, jobs, output, again, resume)
+    elif names == ["accuracy"]:
+        passed = accuracy(only, jobs, output)
+    elif names == ["effects"]:
+        passed = effects(only, output)
+    else:
+        passed = verify(names or [], rows)
+    if not passed:
+        raise typer.Exit(1)
