@@ -160,6 +160,7 @@ def test_no_import_is_hidden_from_the_interpreter() -> None:
         (("dolfinx", "basix", "ffcx", "ufl"), VERSIONS),
         (("pyvista", "vtk", "vtkmodules", "matplotlib", "h5py", "meshio"), "workflows/"),
         (("typer", "rich"), "workflows/"),
+        (("jinja2",), "workflows/formats/templates.py"),
         (("slepc4py",), "solvers/"),
     ],
 )
