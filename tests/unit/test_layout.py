@@ -23,8 +23,8 @@ FLOORS = {  # from the ground up
     "geometry": "errors units memory keys components arrays protocols amplitude expression size_field facets bulging"
     " shape small_matrices form_cache bisection dolfinx_versions mesh surfaces user_files nested_mesh corner_mesh"
     " builders obstacles",
-    "solvers": "parallel linear laws scene fem contact effects system interface metrics newton tangent methods"
-    " classical method_registry stepping results accuracy simulation",
+    "solvers": "parallel iteration linear laws scene fem contact effects system interface metrics newton tangent"
+    " methods classical method_registry stepping results accuracy simulation",
     "workflows": "formats pictures writers scene_file run accuracy sweep cost commands demos",
     "": "public __main__",  # the public face; what stands on it is a script that a user might have written
     "workflows.lab": "analysis verification benchmarks studies pages commands",  # nothing of the product imports it
@@ -211,7 +211,6 @@ def test_the_audit_imports_nothing_of_the_methods() -> None:
         "stickslip.solvers.linear.rounding",  # of a stiffness, which the audit does not assemble
         "stickslip.solvers.stepping.tightening",  # sets the lengths of bolts that a step has stored
         "stickslip.solvers.stepping.state",  # types that `tightening` works on, as is the next
-        "stickslip.solvers.newton.solution",
     }
 
 
