@@ -213,20 +213,3 @@ def keys_of(kind: type[Method]) -> Mapping[str, object]:
     """Keys of [solver] that a method adds to those of every method, with their annotations."""
     hints = get_type_hints(kind, include_extras=True)
     return {name: hint for name, hint in hints.items() if any(isinstance(part, Key) for part in get_args(hint))}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Auto(Method):
-    """Name of the chain that `solvers/stepping/choice.py` builds from the TURNS of all methods; it has no solver."""
-
-    NAME: ClassVar = "auto"
-    WHEN: ClassVar = (
-        "the default: by size and number of steps, condensed-newton, or without a dense matrix tangent-cg (3D) or "
-        "surface-uzawa; "
-        "goes on with a safer method when one stalls"
-    )
-    WORKS_WITH: ClassVar = Applicability(floating=True)
-    ROW: ClassVar = 0
-
-    def build(self, setup: Setup) -> Ready:
-        raise NotImplementedError("auto is replaced by the methods of its chain")

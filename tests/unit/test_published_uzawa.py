@@ -13,7 +13,8 @@ from scipy.sparse.linalg import splu
 
 from shared.cases import every_nth, often, slow
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.classical.uzawa import InexactUzawa, InnerTolerance
+from stickslip.solvers.classical.inexact_uzawa import InexactUzawa
+from stickslip.solvers.classical.uzawa import InnerTolerance
 from stickslip.solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from stickslip.solvers.iteration import Status
 from stickslip.solvers.results.step_result import StepResult
