@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.protocols import Mat, Sparse
-from stickslip.geometry.surfaces.forms import consistent_mass, surface_stiffness
+from stickslip.geometry.surfaces.surface import consistent_mass, surface_stiffness
 from stickslip.solvers.classical.incomplete_cholesky import incomplete_cholesky
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows

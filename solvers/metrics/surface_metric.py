@@ -9,8 +9,7 @@ from scipy import sparse
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Comm, Sparse
-from stickslip.geometry.surfaces.forms import lumped_mass, surface_stiffness
-from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.surfaces.surface import Surface, lumped_mass, surface_stiffness
 from stickslip.solvers.linear.cholesky import SparseCholesky
 from stickslip.solvers.linear.inverse_root import InverseRoot
 from stickslip.solvers.metrics.half_plane import mean_compliance

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import Array, Ints, inverses, products
 from stickslip.geometry.protocols import Mat
-from stickslip.geometry.small_matrices import inverses, products
 
 POWER = 10  # iterations for the largest eigenvalue, which they miss by less than a tenth in the tests
 
