@@ -3,7 +3,7 @@
 import pytest
 
 from stickslip.geometry.errors import SceneError, SolverError
-from stickslip.workflows.commands import verify as module
+from stickslip.workflows.lab.commands import verify as module
 from stickslip.workflows.lab.commands.verify import verify
 from stickslip.workflows.lab.verification.check import Check, failures
 from stickslip.workflows.lab.verification.registry import Case
