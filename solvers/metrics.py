@@ -17,8 +17,7 @@ from scipy.linalg import cholesky, solve_triangular
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Comm, Sparse
-from stickslip.geometry.surfaces.forms import lumped_mass, surface_stiffness
-from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.surfaces.surface import Surface, lumped_mass, surface_stiffness
 from stickslip.solvers.linear.cholesky import InverseRoot, SparseCholesky
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.scene.material import Material

@@ -25,7 +25,7 @@ from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.errors import MachineError
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Mat, Sparse
-from stickslip.geometry.surfaces.forms import consistent_mass, surface_stiffness
+from stickslip.geometry.surfaces.surface import consistent_mass, surface_stiffness
 from stickslip.solvers.classical.uzawa import Outer, Relaxation, Solved
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows

@@ -9,10 +9,9 @@ from typing import ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import Array, Bools, Ints, products
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Vec
-from stickslip.geometry.small_matrices import products
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem

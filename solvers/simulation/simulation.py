@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
+from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Comm
-from stickslip.geometry.size_field import SizeField
 from stickslip.solvers.accuracy.errors import joined, with_errors
 from stickslip.solvers.accuracy.lower_order import LowerOrderRun
 from stickslip.solvers.accuracy.nested_run import NestedRun

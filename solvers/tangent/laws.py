@@ -15,10 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import Array, Bools, Ints, inverses
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Sparse
-from stickslip.geometry.small_matrices import inverses
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem

@@ -17,10 +17,9 @@ from contextlib import contextmanager
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import Array, Ints, inverses, products
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import PC, Mat, Vec
-from stickslip.geometry.small_matrices import inverses, products
 from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.released import return_memory

@@ -20,9 +20,8 @@ FACE = ROOT / "stickslip"
 SOURCES = [*sorted(FACE.glob("*.py")), *sorted(p for name in PACKAGES for p in (ROOT / name).rglob("*.py"))]
 # A room is a folder of a package, or a file beside such folders. It imports itself and the rooms below it.
 FLOORS = {  # from the ground up
-    "geometry": "errors units memory keys components arrays protocols amplitude expression size_field facets bulging"
-    " shape small_matrices form_cache bisection dolfinx_versions mesh surfaces user_files nested_mesh corner_mesh"
-    " builders obstacles",
+    "geometry": "errors units memory keys arrays protocols amplitude expression mesh_sizes curved_facets shape"
+    " form_cache bisection dolfinx_versions mesh surfaces user_files nested_mesh builders obstacles",
     "solvers": "parallel iteration linear laws scene fem contact effects system interface metrics newton tangent"
     " methods classical method_registry stepping results accuracy simulation",
     "workflows": "formats pictures writers scene_file run accuracy sweep cost commands demos",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import eigh
 
-from stickslip.geometry.surfaces.forms import lumped_mass, surface_stiffness
+from stickslip.geometry.surfaces.surface import lumped_mass, surface_stiffness
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.interface.schur_complement import CondensedSurface

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stickslip.geometry.errors import MachineError, SceneError
-from stickslip.geometry.size_field import SizeField
+from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.solvers.parallel.counters import Counters, Row
 from stickslip.solvers.parallel.serialise import serialise
 from stickslip.solvers.results.error_parts import Errors
