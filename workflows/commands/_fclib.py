@@ -60,9 +60,7 @@ class Entry:
             )
 
 
-def solve_all(
-    files: Sequence[Path], output: Path, asked: Sequence[str], tolerance: float, report: Path | None
-) -> int:
+def solve_all(files: Sequence[Path], output: Path, asked: Sequence[str], tolerance: float, report: Path | None) -> int:
     """Solve the problems, print a line for each, write copies with solutions into `output`.
 
     Args:

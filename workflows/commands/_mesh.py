@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from stickslip.geometry.errors import GeometryError, SceneError
-from stickslip.geometry.mesh.msh_file import write_msh
+from stickslip.geometry.mesh.mesh import write_msh
 from stickslip.geometry.shape import Model, Request, Shape
 from stickslip.geometry.units import SI, Units
 from stickslip.geometry.user_files.outline import Facets

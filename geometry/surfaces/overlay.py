@@ -1,6 +1,8 @@
-"""Clipping of slave and master facets (3D): the parts of the slave that face each master facet, cut into triangles.
+"""Overlay of the meshes of two surfaces: parts of slave facets that each face one master facet.
 
-A master corner y is projected along the averaged normal a of the slave facet: it has the coordinates
+In 2D they are segments between the projections of a master facet's ends; a master node is projected on the slave point
+whose interpolated normal points at it. In 3D the slave facet is clipped by the master facet and cut into triangles: a
+master corner y is projected along the averaged normal a of the slave facet and has the coordinates
 (y - x_0) [t_1 t_2 a]^-1, with the slave facet's corner x_0 and edges t_1 and t_2. The first two are its position on the
 facet, the third is its distance. In these coordinates every slave facet is the reference triangle, so that the same
 three cuts clip all pairs. Curved facets are cut into straight pieces before, quadrilaterals into two triangles; the
@@ -12,13 +14,143 @@ Source: Puso & Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004); Popp et a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
+from scipy.spatial import cKDTree
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.surfaces.bounding_balls import candidate_pairs
-from stickslip.geometry.surfaces.facet_map import locate
+from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.surface import Surface
+
+BALLS_AT_A_TIME = 2000  # bounds the memory
+SAMPLES = 64  # balls that cover the path of one ball to its reach, at most
+
+
+def candidate_pairs(
+    centres: Array, radii: Array, directions: Array, targets: Array, target_radii: Array, reach: float
+) -> Iterator[tuple[Ints, Ints]]:
+    """Pairs (ball, target) that may meet when the ball moves along its direction, by at most `reach` either way.
+
+    The path of a ball is covered with larger balls, so that some of the pairs do not meet. Targets are sorted into
+    trees by size, since one large target in a tree widens the search around all the small ones.
+
+    Args:
+        centres, radii: of the balls (m, d), (m,) [m].
+        directions: unit vectors (m, d).
+        targets, target_radii: balls to meet (t, d), (t,) [m].
+        reach: [m].
+
+    Yields:
+        Numbers of balls and of targets (c,), block by block of balls.
+    """
+    level = np.floor(np.log2(target_radii / target_radii.min()))
+    classes = [np.flatnonzero(level == value) for value in np.unique(level)]
+    trees = [(cKDTree(targets[rows]), rows, target_radii[rows].max()) for rows in classes]
+    for start in range(0, len(centres), BALLS_AT_A_TIME):
+        rows = np.arange(start, min(start + BALLS_AT_A_TIME, len(centres)))
+        keys = [
+            _pairs_in_tree(tree, centres[rows], radii[rows] + size, directions[rows], reach) for tree, _, size in trees
+        ]
+        ball = np.concatenate([rows[i] for i, _ in keys])
+        target = np.concatenate([members[j] for (_, j), (_, members, _) in zip(keys, trees, strict=True)])
+        yield ball, target
+
+
+def _pairs_in_tree(tree: cKDTree, centres: Array, thick: Array, directions: Array, reach: float) -> tuple[Ints, Ints]:
+    """Pairs (ball, target) of one tree; `thick` (m,) are the sums of the radii [m]."""
+    count = min(int(np.ceil(reach / np.median(thick))), SAMPLES)
+    ball = np.hypot(thick, reach / (2 * max(count, 1)))
+    keys = []
+    for offset in np.linspace(-reach, reach, 2 * count + 1):
+        found = tree.query_ball_point(centres + offset * directions, ball, return_sorted=False)
+        rows = np.repeat(np.arange(len(centres)), [len(entry) for entry in found])
+        keys.append(rows * tree.n + np.concatenate(found).astype(np.int64))
+    key = np.unique(np.concatenate(keys))
+    return key // tree.n, key % tree.n
+
+
+CURVED = 1.2  # a curved facet lies within this multiple of the ball around its nodes
+BISECTIONS = 60
+SHORTEST = 1e-14  # in reference coordinates
+
+
+def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> tuple[Ints, Ints, Array]:
+    """Find the segments of the slave surface that face master facets; 2D only.
+
+    Args:
+        normals: unit normals at the slave's nodes (n, 2).
+        reach: largest distance of the two surfaces [m].
+
+    Returns:
+        Slave facets (c,), master facets (c,), and ends of the segments (c, 2, 1) in slave reference coordinates.
+    """
+    field = normals[slave.facets]  # (f, k, d)
+    middle = field.mean(axis=1)
+    spread = np.linalg.norm(field - middle[:, None], axis=2).max(axis=1)  # of the normals along a facet
+    centres, radii = _balls_around_edges(slave)
+    blocks = list(candidate_pairs(centres, radii + reach * spread, middle, *_balls_around_edges(master), reach))
+    i, j = (np.concatenate(rows) for rows in zip(*blocks, strict=True))
+    away = place(master, j, np.full((len(j), 1), 0.5)).area_normals
+    facing = np.einsum("qd,qd->q", away, middle[i]) < 0
+    i, j = i[facing], j[facing]
+    feet = [_project_on_slave(slave, field, i, master.points[master.facets[j, end]]) for end in (0, 1)]
+    ends = np.sort(np.stack(feet, axis=1), axis=1)
+    kept = ends[:, 1] - ends[:, 0] > SHORTEST
+    return i[kept], j[kept], ends[kept][:, :, None]
+
+
+def _balls_around_edges(surface: Surface) -> tuple[Array, Array]:
+    """Centres (f, d) and radii (f,) of the bounding balls of the facets [m]."""
+    nodes = surface.points[surface.facets]
+    centres = nodes.mean(axis=1)
+    return centres, CURVED * np.linalg.norm(nodes - centres[:, None], axis=2).max(axis=1)
+
+
+def _project_on_slave(slave: Surface, field: Array, facets: Ints, points: Array) -> Array:
+    """Reference coordinate (q,) at which the interpolated normal of a facet points at `points` (q, 2).
+
+    Newton's method within bounds; the facet's nearer end if the solution lies beyond it, NaN if the normals of the
+    facet intersect before they reach the point.
+    """
+    low, high = np.zeros(len(facets)), np.ones(len(facets))
+    left = _offset_from_normal(slave, field, facets, low, points)[0] <= 0
+    right = _offset_from_normal(slave, field, facets, high, points)[0] >= 0
+    foot = np.where(left, low, np.where(right, high, 0.5))
+    foot[left & right] = np.nan
+    active = np.flatnonzero(~left & ~right)
+    for _ in range(BISECTIONS):
+        value, slope = _offset_from_normal(slave, field, facets[active], foot[active], points[active])
+        low[active] = np.where(value > 0, foot[active], low[active])
+        high[active] = np.where(value < 0, foot[active], high[active])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            moved = foot[active] - value / slope
+        inside = (moved >= low[active] - SHORTEST) & (moved <= high[active] + SHORTEST)
+        moved = np.where(inside, moved, (low[active] + high[active]) / 2)
+        still = np.abs(moved - foot[active]) <= SHORTEST
+        foot[active] = moved
+        active = active[~still]
+        if not len(active):
+            break
+    return np.clip(foot, 0, 1)
+
+
+def _offset_from_normal(slave: Surface, field: Array, facets: Ints, local: Array, points: Array) -> tuple[Array, Array]:
+    """Offset (q,) [m] of points (q, 2) from the normal line at `local` (q,), positive towards the facet's end.
+
+    Returns:
+        The offset and its derivative by `local`.
+    """
+    basis, (gradient,) = dx.reference_basis(slave.shape, slave.degree, local[:, None])
+    nodes, sign = slave.points[slave.facets[facets]], slave.outward[facets]
+    away = points - np.einsum("qk,qkd->qd", basis, nodes)
+    tangent = np.einsum("qk,qkd->qd", gradient, nodes)
+    normal, turn = (np.einsum("qk,qkd->qd", table, field[facets]) for table in (basis, gradient))
+    value = sign * (away[:, 1] * normal[:, 0] - away[:, 0] * normal[:, 1])
+    slope = sign * (away[:, 1] * turn[:, 0] - away[:, 0] * turn[:, 1])
+    return value, slope - sign * (tangent[:, 1] * normal[:, 0] - tangent[:, 0] * normal[:, 1])
+
 
 SLIVER = 1e-15  # triangles with a smaller determinant are dropped; 1 for the reference triangle
 GENERIC = (1.0, 0.6180339887)  # direction in reference coordinates to which no edge of a regular mesh is normal
