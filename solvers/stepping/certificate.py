@@ -9,8 +9,8 @@ import numpy as np
 
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Correction, Solution
 from stickslip.solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
-from stickslip.solvers.newton.solution import Correction, Solution
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.substep import Attempt, SubstepSolver
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from stickslip.solvers.newton.solution import OnStep, Step
+from stickslip.solvers.iteration import OnStep, Step
 
 log = logging.getLogger(__name__)
 

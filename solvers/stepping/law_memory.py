@@ -18,10 +18,10 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.laws.law import touching
-from stickslip.solvers.newton import several
+from stickslip.solvers.newton import path
 from stickslip.solvers.newton.correction import ENOUGH, FLOOR
-from stickslip.solvers.newton.solution import Solution, Status
 
 TURNS = 200  # of slip and mu; near the edge of stability they are slow
 CLEAR = 100.0  # times the tolerance; differences of less may be what the method has left
@@ -140,9 +140,9 @@ class LawMemory:
         """
 
         def keeps(p: Array, w: Array) -> bool:
-            return self._apart(problem, p, self.after(problem, p, w)) <= several.SOLVED
+            return self._apart(problem, p, self.after(problem, p, w)) <= path.SOLVED
 
-        return tuple(several.others(problem, p, keeps) if self.start else several.others(problem, p))
+        return tuple(path.others(problem, p, keeps) if self.start else path.others(problem, p))
 
     def _apart(self, problem: SurfaceProblem, p: Array, memory: Memory) -> float:
         """Largest difference of its friction bounds at p (rows,) [Pa] from those with a memory, relative to p [-]."""

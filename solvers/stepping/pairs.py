@@ -14,7 +14,7 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
-from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.iteration import Status
 from stickslip.solvers.stepping.law_memory import Memory
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.substep import Attempt, Substep, SubstepSolver, unsolved

@@ -12,7 +12,7 @@ from stickslip.geometry.errors import SolverError
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.newton.solution import Convergence
+from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.stepping.certificate import certified, with_others
 from stickslip.solvers.stepping.given_tension import BoltsAndSprings

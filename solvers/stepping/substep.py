@@ -20,7 +20,7 @@ from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.limit_analysis import unbalanced_motion
 from stickslip.solvers.interface.prepare import elastic_stiffness, prepare_surface
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.newton.solution import OnStep, Solution, Status, Step
+from stickslip.solvers.iteration import OnStep, Solution, Status, Step
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.stepping.choice import Stage
 from stickslip.solvers.stepping.law_memory import LawMemory, with_memory

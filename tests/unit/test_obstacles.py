@@ -8,10 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.obstacles import Obstacle
-from stickslip.geometry.obstacles.cylinder import Cylinder
+from stickslip.geometry.obstacles.obstacle import Rotation
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.geometry.obstacles.rotation import Rotation
-from stickslip.geometry.obstacles.sphere import Sphere
+from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.shape import Model
 
 ROUND: list[tuple[Obstacle, int]] = [

@@ -10,11 +10,9 @@ import pytest
 import stickslip.solvers.contact.pairing as pairing
 from shared.audited import record_of, stored_by
 from shared.cases import slow
-from stickslip.geometry.obstacles.cylinder import Cylinder
 from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.geometry.obstacles.round import Round
-from stickslip.geometry.obstacles.sphere import Sphere
+from stickslip.geometry.obstacles.round import Cylinder, Round, Sphere
 from stickslip.solvers.contact.rigid_obstacle import rigid_coupling
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.laws.bilateral import Bilateral

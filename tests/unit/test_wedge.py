@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.builders.wedge import Wedge
 from stickslip.geometry.errors import SceneError
-from stickslip.geometry.mesh.jacobian import worst_jacobian_ratio
+from stickslip.geometry.mesh.cell_quality import worst_jacobian_ratio
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.shape import Model, Request

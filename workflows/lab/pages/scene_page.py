@@ -11,8 +11,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.builders import Builder
-from stickslip.geometry.components import Components
-from stickslip.geometry.keys import ByKeys, Choice, Key, Noun
+from stickslip.geometry.keys import ByKeys, Choice, Components, Key, Noun
 from stickslip.geometry.user_files.user_file import Box, UserFile
 from stickslip.solvers.effects import EFFECTS
 from stickslip.solvers.scene.scene import Scene
