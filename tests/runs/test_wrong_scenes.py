@@ -32,14 +32,6 @@ WRONG = {
         ["supports.top.displacement.y=[[0,1],[1]]"],
         r"supports\.top\.displacement\.y\.1 = \[1\]: expected a pair \[time, value\]",
     ),
-    "CSV file that is not there": (
-        ["supports.top.displacement.y={csv='q.csv',time='t',column='p'}"],
-        r"supports\.top\.displacement\.y\.csv = .*q\.csv: no such file",
-    ),
-    "CSV file without a column": (
-        ["supports.top.displacement.y={csv='q.csv',time='t'}"],
-        r"supports\.top\.displacement\.y\.column: missing",
-    ),
     "unknown key of a law": (["contacts.base.friction.nu=1"], r"friction\.nu: unknown key; known: k_T, law, mu"),
     "unknown key of the geometry": (["geometry.lenght=1"], r"geometry\.lenght: unknown key; did you mean length\?"),
     "unknown key of the solver": (["solver.tolerence=1"], r"solver\.tolerence: unknown key; did you mean tolerance\?"),
