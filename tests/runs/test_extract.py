@@ -10,7 +10,10 @@ from shared.command import COARSE, Call, assert_refused, table
 QUICK = [*COARSE, "--set=output.audit=false", "-q"]
 PLACES = {  # a corner, a node inside that several cells share, and points within a cell and on a curved face
     "block": (["geometry.order=2", "steps.count=3"], [(0.0, 2.0), (0.5, 0.5), (0.31, 0.77)]),
-    "half_ball": (["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25", "steps.count=1"], [(0.0, 0.0, 0.0), (0.11, 0.13, 0.29)]),
+    "half_ball": (
+        ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25", "steps.count=1"],
+        [(0.0, 0.0, 0.0), (0.11, 0.13, 0.29)],
+    ),
 }
 
 
