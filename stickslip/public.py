@@ -28,6 +28,7 @@ from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.user_files.user_file import Box, UserFile
 from stickslip.solvers.effects.gravity import Gravity
 from stickslip.solvers.effects.periodic import Periodic
+from stickslip.solvers.iteration import Convergence, Status, Step
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.compliance import Compliance
@@ -36,7 +37,6 @@ from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.tied import Tied
 from stickslip.solvers.laws.unilateral import Unilateral
 from stickslip.solvers.method_registry import Solver
-from stickslip.solvers.newton.solution import Convergence, Status, Step
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.error_parts import ErrorParts, Quantity
 from stickslip.solvers.results.step_result import (

@@ -30,8 +30,8 @@ from stickslip.solvers.accuracy.finer_loads import FinerLoads
 from stickslip.solvers.accuracy.followed_bolts import BoltsByForce, FollowedBolts
 from stickslip.solvers.accuracy.left_out import LeftOut
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Solution, Status, ignore
 from stickslip.solvers.methods.method import Solve
-from stickslip.solvers.newton.solution import Solution, Status, ignore
 from stickslip.solvers.results.recovered_stress import InCell
 from stickslip.solvers.stepping.sliding import carried_over
 from stickslip.solvers.stepping.state import State

@@ -11,7 +11,7 @@ from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.fem.constraints import AXES
 from stickslip.solvers.interface.limit_analysis import decide
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.newton.solution import Solution, Status
+from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.system.system import System
 
 

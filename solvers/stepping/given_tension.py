@@ -20,9 +20,9 @@ from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.iteration import OnStep, Solution, Status
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.semismooth import SemismoothNewton
-from stickslip.solvers.newton.solution import OnStep, Solution, Status
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.tightening import Tightening
 from stickslip.solvers.stepping.update import displacement

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from stickslip.solvers.newton.solution import Step
+from stickslip.solvers.iteration import Step
 
 
 class HistoryTuple(NamedTuple):

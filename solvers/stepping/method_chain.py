@@ -16,14 +16,14 @@ from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
 from stickslip.solvers.interface.prepare import Volume, condensed_dofs, prepare_volume
 from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.method import Ready, Setup, Solve
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
 from stickslip.solvers.methods.tangent_cg import OnTangent
-from stickslip.solvers.metrics.surface_metric import SurfaceMetric, surface_metric
-from stickslip.solvers.newton.solution import Solution, Status
-from stickslip.solvers.newton.surface_system import Flexibility
+from stickslip.solvers.metrics import SurfaceMetric, surface_metric
+from stickslip.solvers.newton.surface_model import Flexibility
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.stepping.choice import Choice, Stage, choose, fits
 from stickslip.solvers.stepping.state import State

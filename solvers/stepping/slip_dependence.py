@@ -18,10 +18,10 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.laws.law import touching
-from stickslip.solvers.newton import several
+from stickslip.solvers.newton import path
 from stickslip.solvers.newton.correction import ENOUGH, FLOOR
-from stickslip.solvers.newton.solution import Solution, Status
 
 TURNS = 200  # of slip and mu; near the edge of stability they are slow
 CLEAR = 100.0  # times the tolerance; differences of less may be what the method has left
@@ -154,9 +154,9 @@ def other_ends(problem: SurfaceProblem, cone: AdmissibleSet, slid: Lengths, p: A
     """
 
     def keeps(p: Array, w: Array) -> bool:
-        return _apart(problem, with_slip(cone, lengthened(slid, problem, p, w)), p) <= several.SOLVED
+        return _apart(problem, with_slip(cone, lengthened(slid, problem, p, w)), p) <= path.SOLVED
 
-    return tuple(several.others(problem, p, keeps) if slid else several.others(problem, p))
+    return tuple(path.others(problem, p, keeps) if slid else path.others(problem, p))
 
 
 def _apart(problem: SurfaceProblem, other: AdmissibleSet, p: Array) -> float:

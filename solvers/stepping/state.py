@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.newton.solution import Correction
+from stickslip.solvers.iteration import Correction
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,9 @@ from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.limit_analysis import unbalanced_motion
 from stickslip.solvers.interface.prepare import elastic_stiffness, prepare_surface
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Convergence, Correction, OnStep, Solution, Status, Step
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
-from stickslip.solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
 from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.stepping import failure

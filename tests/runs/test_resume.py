@@ -18,9 +18,9 @@ import pytest
 from shared.command import Call, result
 from shared.histories import LEARNS, PUSHED, SMALL, Stop, assert_same, names_in, rows
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Solution
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
-from stickslip.solvers.newton.solution import Solution
 from stickslip.workflows.formats.hdf5 import write_arrays
 from stickslip.workflows.formats.own_files import MARKER
 from stickslip.workflows.formats.regular import read_regular

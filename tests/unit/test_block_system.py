@@ -16,7 +16,7 @@ from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical.block_system import BlockSystem
 from stickslip.solvers.classical.block_uzawa import OnBlocks
 from stickslip.solvers.interface.prepare import condensed, uncondensed
-from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.iteration import Status
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation

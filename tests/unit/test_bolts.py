@@ -16,8 +16,8 @@ from shared.cases import every_nth
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import OnStep, Solution, Status
 from stickslip.solvers.methods.method import Solve
-from stickslip.solvers.newton.solution import OnStep, Solution, Status
 from stickslip.solvers.results.quantities import values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.given_tension import StepsWithBolts

@@ -12,9 +12,9 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.newton import correction, surface_system
-from stickslip.solvers.newton.solution import Correction, Solution, Status
-from stickslip.solvers.newton.surface_system import Flexibility
+from stickslip.solvers.iteration import Correction, Solution, Status
+from stickslip.solvers.newton import correction, surface_model
+from stickslip.solvers.newton.surface_model import Flexibility
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping import stepper
@@ -72,7 +72,7 @@ def test_so_it_is_of_a_floating_body(
     dense: bool, scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not dense:
-        monkeypatch.setattr(surface_system, "DENSE", 0)
+        monkeypatch.setattr(surface_model, "DENSE", 0)
     (exact,) = states(simulation_of(scene_of(**PULLED, solver={"tolerance": 1e-13})))
     solver = {"method": "surface-uzawa", "surface": "matrix-free", "tolerance": 1e-2}
     (rough,) = states(simulation_of(scene_of(**PULLED, solver=solver)))

@@ -22,8 +22,8 @@ SOURCES = [*sorted(FACE.glob("*.py")), *sorted(p for name in PACKAGES for p in (
 FLOORS = {  # from the ground up
     "geometry": "errors units memory keys arrays protocols amplitude expression mesh_sizes curved_facets shape"
     " form_cache bisection dolfinx_versions mesh surfaces user_files nested_mesh builders obstacles",
-    "solvers": "parallel linear laws scene fem contact effects system interface metrics newton tangent methods"
-    " classical method_registry stepping results accuracy simulation",
+    "solvers": "parallel iteration linear laws scene fem contact effects system interface metrics newton tangent"
+    " methods classical method_registry stepping results accuracy simulation",
     "workflows": "formats pictures writers scene_file run accuracy sweep cost commands demos",
     "": "public __main__",  # the public face; what stands on it is a script that a user might have written
     "workflows.lab": "analysis verification benchmarks studies pages commands",  # nothing of the product imports it
@@ -210,7 +210,6 @@ def test_the_audit_imports_nothing_of_the_methods() -> None:
         "stickslip.solvers.linear.rounding",  # of a stiffness, which the audit does not assemble
         "stickslip.solvers.stepping.tightening",  # sets the lengths of bolts that a step has stored
         "stickslip.solvers.stepping.state",  # types that `tightening` works on, as is the next
-        "stickslip.solvers.newton.solution",
     }
 
 

@@ -11,12 +11,12 @@ from numpy.testing import assert_allclose
 
 from stickslip.geometry.errors import MachineError, SolverError
 from stickslip.solvers.interface.coarse_mesh import CoarseMesh
+from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.linear.conjugate_gradients import MOST_ITERATIONS
 from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.method import Ready
 from stickslip.solvers.methods.surface_uzawa import PATIENCE, LearningIteration
-from stickslip.solvers.newton.solution import Solution, Status
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Size, Stage, chosen

@@ -15,7 +15,7 @@ from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, SolverError
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.newton.solution import OnStep, Solution, Status
+from stickslip.solvers.iteration import OnStep, Solution, Status
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.solvers.metrics.half_plane import mean_compliance, surface_compliance
+from stickslip.solvers.metrics import mean_compliance, surface_compliance
 from stickslip.solvers.scene.orthotropic import Orthotropic
 from stickslip.workflows.lab.verification.cases import orthotropic as case
 from stickslip.workflows.lab.verification.closed_forms import orthotropic as exact

@@ -127,7 +127,7 @@ EFFECTS: Mapping[str, Part] = {
                 }
             }
         },
-        serves=("solvers/scene/orthotropic.py", "solvers/metrics/half_plane.py"),
+        serves=("solvers/scene/orthotropic.py", "solvers/metrics.py"),
     ),
 }  # fmt: skip
 

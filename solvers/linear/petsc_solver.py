@@ -1,16 +1,130 @@
-"""Inner solves of a block system: a PETSc KSP that a user may set from PETSc's options."""
+"""Solvers of linear systems that a user's options of PETSc may replace.
+
+The options are for the solvers of one method, and in force only while these are set up. Functions of the PETSc library
+that petsc4py does not wrap are called here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import ctypes
+import shlex
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
 
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.errors import SolverError
+from stickslip.geometry.errors import MachineError, SceneError, SolverError
 from stickslip.geometry.protocols import KSP, PC, Mat, Vec
-from stickslip.solvers.linear.petsc_options import PetscOptions
 from stickslip.solvers.parallel.counters import Counters
+
+
+@cache
+def petsc_library() -> ctypes.CDLL:
+    """The PETSc library that petsc4py has loaded."""
+    with open("/proc/self/maps") as maps:
+        return ctypes.CDLL(next(line.split()[-1] for line in maps if "libpetsc" in line))
+
+
+def call(function: Callable[..., int], *handles: int) -> None:
+    """Call a function of the PETSc library with the handles of PETSc objects.
+
+    Raises:
+        MachineError: it returns an error.
+    """
+    code = function(*(ctypes.c_void_p(handle) for handle in handles))
+    if code:
+        raise MachineError(f"PETSc error {code} in {function.__name__}")
+
+
+def option_used(name: str) -> bool:
+    """Whether PETSc has asked for an option (without the leading dash) since it was set."""
+    used = ctypes.c_int(0)
+    code = petsc_library().PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
+    if code:
+        raise MachineError(f"PETSc error {code} in PetscOptionsUsed")
+    return bool(used.value)
+
+
+EXAMPLE = "write for example -fieldsplit_u_ksp_type cg -fieldsplit_u_pc_type gamg"
+
+
+class PetscOptions:
+    """The options, with a prefix that the user leaves out; those that PETSc has used are known afterwards."""
+
+    def __init__(self, text: str, prefix: str, solvers: tuple[str, ...] = ("",)) -> None:
+        """Read and check the options; no collective call.
+
+        Args:
+            text: as on a command line.
+            prefix: put before each name.
+            solvers: prefixes, after `prefix`, of the solvers that will read them.
+
+        Raises:
+            SceneError: a word is no option, or PETSc refuses a value.
+
+        >>> PetscOptions("-ksp_view -fieldsplit_u_ksp_rtol 1e-10", "block_").values
+        {'block_ksp_view': None, 'block_fieldsplit_u_ksp_rtol': '1e-10'}
+        """
+        self.prefix, self.values = prefix, dict(_parsed(text, prefix))
+        self._used: set[str] = set()
+        self._named: set[str] = set()
+        for solver in solvers if self.values else ():
+            self._check(prefix + solver)
+        self._used.clear()
+
+    @contextmanager
+    def in_force(self, defaults: Mapping[str, str] | None = None) -> Iterator[None]:
+        """Give PETSc the options, and `defaults` (full names) where they say nothing; take them back at the end."""
+        known, values = PETSc.Options(), {**(defaults or {}), **self.values}
+        for name, value in values.items():
+            known.setValue(name, value)
+        try:
+            yield
+        finally:
+            self._used.update(name for name in self.values if option_used(name))
+            for name in values:
+                known.delValue(name)
+
+    def unused(self) -> list[str]:
+        """Options that PETSc has not asked for up to now, as the user wrote them; each is named only once."""
+        found = [name for name in self.values if name not in self._used | self._named]
+        self._named.update(found)
+        return [f"-{name.removeprefix(self.prefix)}" for name in found]
+
+    def _check(self, prefix: str) -> None:
+        one = PETSc.Mat().createAIJ(1, nnz=1, comm=PETSc.COMM_SELF)
+        one.setUp()
+        one.assemble()
+        ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+        ksp.setOptionsPrefix(prefix)
+        ksp.setOperators(one)
+        try:
+            with self.in_force():
+                ksp.setFromOptions()
+        except PETSc.Error as error:
+            text = " ".join(
+                f"-{name.removeprefix(self.prefix)} {value or ''}".strip() for name, value in self.values.items()
+            )
+            raise SceneError(f"petsc_options = {text}: PETSc refuses it with error {error.ierr}; {EXAMPLE}") from None
+
+
+def _parsed(text: str, prefix: str) -> Iterator[tuple[str, str | None]]:
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise SceneError(f"petsc_options = {text}: {error}") from None
+    while words:
+        name = words.pop(0)
+        if not _is_name(name):
+            raise SceneError(f"petsc_options = {name}: is not an option; {EXAMPLE}")
+        yield prefix + name[1:], words.pop(0) if words and not _is_name(words[0]) else None
+
+
+def _is_name(word: str) -> bool:
+    return word.startswith("-") and word[1:2].isalpha()
+
 
 MUMPS: Mapping[str, str] = {"icntl_7": "5", "icntl_14": "200"}  # ordering by METIS, and percent of memory for pivots
 FACTORS = ("lu", "cholesky")

@@ -1,12 +1,19 @@
-"""B and C of the block system: from UFL forms on the sides that touch rigid obstacles, by the mortar between bodies.
+"""B and C of the block system, and the nest [[F', B^T], [B, -C]] of its blocks with splits `u` and `lambda` by name.
 
-Rows are those of all multipliers: pressures of rigid normal laws, then tangential tractions, contact by contact in the
-order of `AdmissibleSet`. Compliant pressures have no row: they are a function of the displacement, j_n.
+B and C are assembled from UFL forms on the sides that touch rigid obstacles, by the mortar between bodies. Rows are
+those of all multipliers: pressures of rigid normal laws, then tangential tractions, contact by contact in the order of
+`AdmissibleSet`. Compliant pressures have no row: they are a function of the displacement, j_n.
+
+Any PETSc fieldsplit applies to the nest from options, as `-pc_type fieldsplit -fieldsplit_u_pc_type gamg`; `-ksp_view`
+shows the splits.
+
+Source: Pop (1999), (1.1), (5.3): C = -K_C.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -14,11 +21,11 @@ from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.protocols import Mat, Sparse, Vec
+from stickslip.geometry.protocols import KSP, Mat, Sparse, Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.interface.flexibility import DelassusOperator
-from stickslip.solvers.parallel.distribute import distributed
-from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.linear.petsc_solver import PetscOptions, direct, mumps_options
+from stickslip.solvers.parallel.replicated import Replicated, distributed
 from stickslip.solvers.system.nodal_contact import NodalContact, traction_fields
 from stickslip.solvers.system.system import System
 
@@ -116,3 +123,78 @@ def assemble_C(system: System, cone: AdmissibleSet, multipliers: Multipliers) ->
             per_node = nodal.at_nodes(form).reshape(-1, system.mesh.dim)[:, 0]
         diagonal[place.tangential] = np.repeat(c.share_t @ per_node, c.free.shape[1]) * c.free.ravel()
     return multipliers.matrix(sparse.diags(diagonal[multipliers.rows], format="csr"), multipliers.like)
+
+
+RTOL = 1e-12  # relative residual at which an iterative solve of the nest stops
+PREFIX = "block_"  # of PETSc's options; solver.petsc_options are without it
+SPLITS = ("", "fieldsplit_u_", "fieldsplit_lambda_")  # prefixes, after that one, of the nest's solvers
+
+
+def nested(V: Mat, B_T: Mat, B: Mat, minus_C: Mat) -> Mat:
+    """[[V, B^T], [B, -C]] as a MATNEST (PETSc); V: (n, n), B^T: (n, m), B: (m, n), -C: (m, m)."""
+    nest: Mat = PETSc.Mat().createNest([[V, B_T], [B, minus_C]], comm=V.comm)
+    nest.assemble()
+    return nest
+
+
+def solve(nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec], options: PetscOptions) -> KSP:
+    """Solve nest (u, p) = (f, g) by a sparse LU factor, or as PETSc's options with PREFIX say; returns the KSP.
+
+    A preconditioner alone (`pc_type` without `ksp_type`) is used inside flexible GMRES.
+
+    Args:
+        nest: its splits are `u` and `lambda`.
+        right: f and g.
+        found: u and p, the start of an iterative solve, then the solution.
+        options: of the user.
+    """
+    ksp: KSP = PETSc.KSP().create(nest.comm)
+    ksp.setOptionsPrefix(PREFIX)
+    ksp.setOperators(nest)
+    ksp.setType("preonly")
+    pc = ksp.getPC()
+    pc.setType("lu")
+    pc.setFactorSolverType("mumps")
+    ksp.setTolerances(rtol=RTOL)
+    splits, _ = nest.getNestISs()
+    with options.in_force(mumps_options(PREFIX)):
+        ksp.setFromOptions()
+        if ksp.getType() == "preonly" and not direct(ksp):
+            ksp.setType("fgmres")
+        whole = nest if pc.getType() == "fieldsplit" else nest.convert("aij", PETSc.Mat())  # factors need one piece
+        ksp.setOperators(whole)
+        if pc.getType() == "fieldsplit":
+            pc.setFieldSplitIS(("u", splits[0]), ("lambda", splits[1]))
+        ksp.setInitialGuessNonzero(not direct(ksp))
+        b, x = whole.createVecLeft(), whole.createVecRight()
+        for split, given, start in zip(splits, right, found, strict=True):
+            _copy(given, b, split)
+            _copy(start, x, split)
+        ksp.solve(b, x)
+    for split, part in zip(splits, found, strict=True):
+        solved = x.getSubVector(split)
+        solved.copy(part)
+        x.restoreSubVector(split, solved)
+    return ksp
+
+
+def backward_error(nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec]) -> float:
+    """Largest |b - A x| / (|A| |x| + |b|) of the two rows of blocks, each in the maximum norm [-]."""
+    largest, worst = PETSc.NormType.INFINITY, 0.0
+    for row, given in enumerate(right):
+        left, scale = given.copy(), given.norm(largest)
+        for column, part in enumerate(found):
+            block = nest.getNestSubMatrix(row, column)
+            left -= block * part
+            scale += block.norm(largest) * part.norm(largest)
+        worst = max(worst, left.norm(largest) / scale if scale else 0.0)
+        if not np.isfinite(worst):
+            return float("inf")
+    return worst
+
+
+def _copy(part: Vec, whole: Vec, split: Any) -> None:
+    """Copy a vector into its split of a whole one."""
+    there = whole.getSubVector(split)
+    part.copy(there)
+    whole.restoreSubVector(split, there)
