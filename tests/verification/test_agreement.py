@@ -19,8 +19,8 @@ PAIRS = [pair for pair in OTHERS if agreement_case.fits(*pair)]
 
 
 @pytest.mark.parametrize("method", agreement_case.SLOW)
-def test_slow_methods_agree_on_the_cube(method: str) -> None:
-    """On all scenes they and the others are compared by test_cases."""
+def test_methods_agree_on_the_cube(method: str) -> None:
+    """On all scenes they are compared by test_cases."""
     assert not failures(agreement_case.compared("cube", method))
 
 
