@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from stickslip.geometry.errors import SceneError, nearest
-from stickslip.workflows.run.result_schema import result_schema
+from stickslip.workflows.run.result import result_schema
 from stickslip.workflows.scene_file.schema import scene_schema
 
 SCHEMAS = {"scene": scene_schema, "result": result_schema}
