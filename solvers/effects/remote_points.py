@@ -10,9 +10,8 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.components import TABLE
 from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import Key
+from stickslip.geometry.keys import TABLE, Key
 from stickslip.geometry.obstacles.obstacle import AXES, Axis
 from stickslip.solvers.effects.effect import Effect, Equilibrium, named
 from stickslip.solvers.fem.rigid_fields import parts_of_motion

@@ -13,10 +13,9 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.components import LIST
 from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import Key
-from stickslip.geometry.obstacles.rotation import unit
+from stickslip.geometry.keys import LIST, Key
+from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.effects.effect import Effect, Equilibrium, named
 from stickslip.solvers.scene.loads import End, Link
 from stickslip.solvers.scene.record import Number

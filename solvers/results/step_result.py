@@ -19,7 +19,7 @@ from stickslip.geometry.arrays import AnyArray, Array, Ints
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import DataFrame
 from stickslip.solvers.effects import records
-from stickslip.solvers.newton.solution import Convergence
+from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.parallel.serialise import Plain, deserialise, serialise
 from stickslip.solvers.scene.record import (
     CONTACT_NUMBERS,

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose
 
 from stickslip.geometry.errors import SceneError
-from stickslip.geometry.size_field import SizeField, adapted, volumes
+from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
 from stickslip.solvers.results.step_result import ErrorParts, Quantity, names_of
 from stickslip.solvers.scene.record import STRESSES
 from stickslip.solvers.simulation.simulation import Seconds, prepare

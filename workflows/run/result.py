@@ -22,9 +22,8 @@ from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.geometry.keys import Key
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.effects import records
-from stickslip.solvers.newton.solution import Convergence
-from stickslip.solvers.parallel.clock import PHASES, Row
-from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.iteration import Convergence
+from stickslip.solvers.parallel.counters import PHASES, Counters, Row
 from stickslip.solvers.results.audit import Audit
 from stickslip.solvers.results.linear_reference import LinearReference
 from stickslip.solvers.results.step_result import PARTS, STATUS_WORDS, ErrorParts, Errors, StepResult, tables_of, walk
