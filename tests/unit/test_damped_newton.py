@@ -14,7 +14,7 @@ from shared.problems import surface_problem
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Solution, Status, Step
+from stickslip.solvers.iteration import Iterate, Solution, Status, Step
 from stickslip.solvers.methods.condensed_newton import CondensedNewton, solve_given
 from stickslip.solvers.newton import attempts, condensed_system
 from stickslip.solvers.newton.active_set import ActiveSet, linearise
@@ -106,13 +106,13 @@ def start_of(problem: SurfaceProblem) -> Start:
 def judged(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Array, Array, Array]]:
     """The iterates p, w, u of all attempts from now on."""
     seen: list[tuple[Array, Array, Array]] = []
-    judge = Attempts._judge
+    ending = Attempts._ending
 
-    def watched(self: Attempts, p: Array, w: Array, u: Array, first: int) -> float:
-        seen.append((p, w, u))
-        return judge(self, p, w, u, first)
+    def watched(self: Attempts, x: Iterate) -> Status | None:
+        seen.append((x.p, x.w, x.u_c))
+        return ending(self, x)
 
-    monkeypatch.setattr(Attempts, "_judge", watched)
+    monkeypatch.setattr(Attempts, "_ending", watched)
     return seen
 
 
@@ -165,13 +165,17 @@ def test_a_cycle_ends_an_attempt_at_its_first_repetition() -> None:
 
 def test_tractions_that_repeat_with_another_motion_are_no_cycle() -> None:
     x, y = np.array([1.0, -2.0]), np.array([3.0, 4.0])
-    assert attempts._repeats((x, y), [(y, x), (x * (1 + 1e-11), y)])
-    assert not attempts._repeats((x, y), [(x, y + 1e-6), (x + 1e-6, y)])
-    assert not attempts._repeats((x, y), [])
-    assert attempts._repeats((1e3 * x, y), [(1e3 * x + 1e-8, y)])  # the change is relative
-    assert not attempts._repeats((1e-12 * x, y), [(2e-12 * x, y)])
-    assert attempts._repeats((0 * x, y), [(0 * x, y)])
-    assert attempts._repeats((x[:0], y[:0]), [(x[:0], y[:0])])
+
+    def repeats(iterate: tuple[Array, Array], visited: list[tuple[Array, Array]]) -> bool:
+        return Iterate(1, 1.0, *iterate).repeats([Iterate(0, 1.0, *before) for before in visited])
+
+    assert repeats((x, y), [(y, x), (x * (1 + 1e-11), y)])
+    assert not repeats((x, y), [(x, y + 1e-6), (x + 1e-6, y)])
+    assert not repeats((x, y), [])
+    assert repeats((1e3 * x, y), [(1e3 * x + 1e-8, y)])  # the change is relative
+    assert not repeats((1e-12 * x, y), [(2e-12 * x, y)])
+    assert repeats((0 * x, y), [(0 * x, y)])
+    assert repeats((x[:0], y[:0]), [(x[:0], y[:0])])
 
 
 def test_a_start_that_comes_back_at_once_is_a_cycle() -> None:
@@ -221,13 +225,13 @@ def test_of_equal_residuals_the_first_is_kept_and_a_last_one_says_that_iteration
 
 def test_the_last_iteration_is_the_one_past_those_that_are_allowed(held: SurfaceProblem) -> None:
     start = start_of(held)
-    w = held.relative_displacement(start.u_c)
+    residual = held.natural_residual(start.p, held.relative_displacement(start.u_c))
     for number, status in ((1, Status.STALLED), (0, Status.MAX_IT)):
         attempt = Attempts(held, Bodies(held), 1e-12, number)
-        residual = attempt._judge(start.p, w, start.u_c, first=0)
+        attempt.run([Iterate(0, residual)])
         assert (attempt.best.status, attempt.over) == (status, status is Status.MAX_IT)  # type: ignore[union-attr]
     attempt = Attempts(held, Bodies(held), residual, 1)  # as large as is allowed
-    attempt._judge(start.p, w, start.u_c, first=0)
+    attempt.run([Iterate(0, residual)])
     assert attempt.best.status is Status.CONVERGED  # type: ignore[union-attr]
 
 
@@ -317,10 +321,10 @@ def test_forces_out_of_balance_count_in_the_residual(floating: SurfaceProblem) -
     exact = CondensedNewton(rtol=1e-13)(floating, np.zeros(len(floating.gap)))
     attempt = Attempts(floating, Bodies(floating), 1e-8, 100)
     p = exact.p * (1 + 1e-5)  # laws of a unilateral contact without motion hold for any multiple
-    assert attempt._judge(p, exact.w, exact.u_c, first=3) == pytest.approx(floating.imbalance(p))
+    attempt(Start.at(floating, p, exact.u_c))
+    assert attempt.history[0].residual == pytest.approx(floating.imbalance(p))
     assert floating.natural_residual(p, exact.w) < 1e-8 < floating.imbalance(p)
-    assert not attempt.over
-    assert attempt.history[0].iteration == 3
+    assert len(attempt.history) > 1
 
 
 @pytest.mark.parametrize("weight", [1e-3, 0.5])
