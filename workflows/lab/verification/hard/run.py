@@ -12,11 +12,11 @@ from pathlib import Path
 
 from stickslip import VERSION
 from stickslip.geometry.errors import MachineError, SceneError, nearest, require
-from stickslip.workflows.lab.commands.suite_folder import made, writing
 from stickslip.workflows.lab.verification.hard.judge import Outcome, Verdict
 from stickslip.workflows.lab.verification.hard.page import BAD, sentence, write_page
 from stickslip.workflows.lab.verification.hard.page import again as repeated
 from stickslip.workflows.lab.verification.hard.suite import NAMES, Row, judged_again, results
+from stickslip.workflows.lab.verification.suite_folder import made, writing
 
 NUMBER = 2000
 LINES = "hard.jsonl"

@@ -10,10 +10,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 from stickslip.geometry.errors import SceneError, nearest, require
-from stickslip.workflows.lab.commands.suite_folder import made, writing
 from stickslip.workflows.lab.verification.accuracy.page import line, passed, sentence, write_page
 from stickslip.workflows.lab.verification.accuracy.problems import PROBLEMS
 from stickslip.workflows.lab.verification.accuracy.suite import Study, studies
+from stickslip.workflows.lab.verification.suite_folder import made, writing
 
 
 def accuracy(names: Sequence[str] = (), jobs: int = 1, folder: Path | None = None) -> bool:

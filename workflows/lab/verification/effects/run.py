@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from stickslip.geometry.errors import SceneError, nearest
-from stickslip.workflows.lab.commands.suite_folder import made, writing
 from stickslip.workflows.lab.verification.effects.page import Found, faults, line, sentence, write_page
 from stickslip.workflows.lab.verification.effects.parts import EFFECTS, LAWS
 from stickslip.workflows.lab.verification.effects.suite import noise, schur, studied
+from stickslip.workflows.lab.verification.suite_folder import made, writing
 
 NAMES = (*EFFECTS, *(f"friction.{law}" for law in LAWS))
 
