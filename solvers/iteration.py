@@ -121,7 +121,7 @@ class Correction:
     p: Array  # (rows,) p* - p [Pa]
     w: Array  # (rows,) w* - w [m]
     size: float  # upper estimate of the energy norm of u* - u [J^(1/2)]; nan: no exact solution was found
-    slid: Mapping[str, Array] = field(default_factory=dict)  # of `State.slid` [m]; without a contact's name: zero
+    memory: Mapping[str, Array] = field(default_factory=dict)  # of `State.memory`; without a contact's name: zero
 
     @classmethod
     def none(cls, rows: int) -> Correction:
