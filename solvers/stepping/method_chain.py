@@ -26,6 +26,7 @@ from stickslip.solvers.metrics import SurfaceMetric, surface_metric
 from stickslip.solvers.newton.surface_model import Flexibility
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.stepping.choice import Choice, Stage, choose, fits
+from stickslip.solvers.stepping.history import History
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.system import System
 
@@ -64,6 +65,8 @@ class MethodChain:
 
     Attributes:
         repeats: whether steps are solved to estimate an error alone, see `repeating`.
+        history: iterations of the present step.
+        cut_first: whether a substep that fails is cut before another method is tried, see `begin`.
         unsettled: times [s] at which the pairs of sliding contacts still changed when the searches ran out.
     """
 
@@ -86,6 +89,8 @@ class MethodChain:
         self._unable: set[Stage] = set()  # that cannot be prepared
         self._metric: SurfaceMetric | None = None  # for methods that have none
         self.repeats = False
+        self.history = History()
+        self.cut_first = False
 
     @property
     def stage(self) -> Stage:
@@ -103,9 +108,14 @@ class MethodChain:
         """The position, to continue from later."""
         return Reached(self.choice, self.first, tuple(self.switches), self._whole, tuple(self.unsettled))
 
-    def begin(self) -> None:
-        """Begin a substep: with the first method that has the present form of the bodies."""
-        self.at = self.first
+    def begin(self, cut_first: bool = False) -> None:
+        """Begin a substep: with the first method that has the present form of the bodies.
+
+        Args:
+            cut_first: whether a shorter substep can follow one that fails: on the condensed form it then does so before
+                another method is tried. Newton's chain is long: that helps it more.
+        """
+        self.at, self.cut_first = self.first, cut_first
 
     def release(self) -> None:
         """Free what the methods hold, and multigrid of the bodies; no step can be solved after that; collective."""

@@ -164,7 +164,7 @@ def test_both_formulas_of_a_bound_agree(friction: FrictionLaw, normal: Any) -> N
     )
     slid = np.array([0.0, 0.2, 1.0, 7.0])
     found = closed_formulas.bound(friction, normal, p, average, 0.7, 2.0, slid)
-    np.testing.assert_allclose(found, friction.at_slip(slid).limit(p, average, normal, 0.7, 2.0))
+    np.testing.assert_allclose(found, friction.at(slid).limit(p, average, normal, 0.7, 2.0))
 
 
 def test_both_formulas_of_a_penetration_agree() -> None:

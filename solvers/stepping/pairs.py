@@ -1,20 +1,78 @@
-"""Sliding contacts: a state is carried over to other contact rows, and a test tells whether the pairs still hold."""
+"""Sliding contacts: a substep takes the pairs of where it starts; if points slide far, those of where it ends.
+
+A state is carried over to the contact rows of other pairs.
+"""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
-from stickslip.solvers.stepping.slip_dependence import Lengths
+from stickslip.solvers.iteration import Status
+from stickslip.solvers.stepping.law_memory import Memory
 from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.substep import Attempt, Substep, SubstepSolver, unsolved
 from stickslip.solvers.stepping.update import flat_rows
 from stickslip.solvers.system.system import System
 
+SEARCHES = 6  # of the pairs, in one substep
 SLID = 0.05  # part of the smallest facet; if a point slides farther, the pairs are searched again
+log = logging.getLogger(__name__)
+
+
+class PairSearch:
+    """Solves a substep with the pairs of where it starts, and again with those of where it ends if points slide far.
+
+    `present` solves with the pairs that are tried; where no contact slides, with those that are known.
+    """
+
+    def __init__(self, solver: SubstepSolver) -> None:
+        """`solver` solves with the pairs of the bodies at rest."""
+        self._solver, self.present = solver, solver
+        pairs = solver.system.problem.pairs
+        self._names = [c.name for c in solver.system.contacts if pairs[c.name].contact.sliding]
+
+    def active(self) -> bool:
+        """Whether a contact slides."""
+        return bool(self._names)
+
+    def around(self, inner: Substep) -> Substep:
+        def searching(state: State, end: float) -> Attempt:
+            first = self._solver
+            first.follow_bodies()  # the solvers of other pairs share what it stores
+            searched = relative_positions(first.system, state, self._names)
+            for _ in range(SEARCHES):
+                try:
+                    self.present = self.found(searched)
+                except (SceneError, GeometryError) as error:
+                    log.warning("t = %g: %s", end, error)
+                    apart = unsolved(state, first.surface.size, Status.APART, [])
+                    return Attempt(solver=first, begin=state, solution=apart)
+                system = self.present.system
+                attempt = inner(replace(carried_over(state, system), searched=searched), end)
+                if attempt.state is None:
+                    return attempt
+                now = relative_positions(system, attempt.state, self._names)
+                if pairs_hold(system, searched, now):
+                    return attempt
+                searched = now
+            log.warning("t = %g: pairs still change after %d searches; the last ones are kept", end, SEARCHES)
+            first.chain.unsettled.append(end)
+            return attempt
+
+        return searching
+
+    def found(self, searched: Mapping[str, Array]) -> SubstepSolver:
+        """A solver for the same bodies, with the pairs that are found at these `relative_positions`; collective."""
+        other = SubstepSolver(self._solver.system.searched(searched), self._solver.chain)
+        other.surface.adopt(self._solver.surface)
+        return other
 
 
 def relative_positions(system: System, state: State, names: Iterable[str]) -> dict[str, Array]:
@@ -46,15 +104,15 @@ def carried_over(state: State, system: System) -> State:
     w = flat_rows(system.contacts, [positions[c.name] for c in system.contacts])
     previous = state.previous and replace(state.previous, p=by_new_rows(state.previous.p))
 
-    def slid_by_new_rows(slid: Lengths) -> dict[str, Array]:
+    def memory_by_new_rows(memory: Memory) -> dict[str, Array]:
         pairs = zip(state.rows, system.contacts, strict=True)
-        return {c.name: c.tangential_mean(old.share_t.T @ slid[c.name]) for old, c in pairs if c.name in slid}
+        return {c.name: c.tangential_mean(old.share_t.T @ memory[c.name]) for old, c in pairs if c.name in memory}
 
     left = state.correction and replace(
         state.correction,
         p=by_new_rows(state.correction.p),
         w=by_new_rows(state.correction.w),
-        slid=slid_by_new_rows(state.correction.slid),
+        memory=memory_by_new_rows(state.correction.memory),
     )
     return replace(
         state,
@@ -63,7 +121,7 @@ def carried_over(state: State, system: System) -> State:
         previous=previous,
         rows=system.contacts,
         correction=left,
-        slid=slid_by_new_rows(state.slid),
+        memory=memory_by_new_rows(state.memory),
     )
 
 
