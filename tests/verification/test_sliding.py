@@ -7,8 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import every_nth
-from stickslip.solvers.results.error_parts import Quantity
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import Quantity, StepResult
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.simulation.simulation import prepare as estimating
 from stickslip.workflows.lab.verification.prepared import prepare

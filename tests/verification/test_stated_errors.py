@@ -11,9 +11,8 @@ from shared.command import READY_NAMES
 from shared.histories import PUSHED
 from shared.iteration_errors import FLOOR, WAYS, refused, stated_and_true
 from shared.solved import coarse
-from stickslip.solvers.results.error_parts import Quantity, Value
-from stickslip.solvers.results.numbers import quantities
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import Quantity, StepResult, quantities
+from stickslip.solvers.scene.record import Value
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.scene_file.read import read
