@@ -41,5 +41,5 @@ def compare_folders(a: Path, b: Path, page: Path | None) -> None:
         else:
             out.print(table)  # words are folded
     if page is not None and speaks():
-        write_aside(page, compare_page(first, second).encode(), own=False)
+        write_aside(page, compare_page(first, second).encode())
         out.print(f"wrote {page}")

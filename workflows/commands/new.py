@@ -47,4 +47,4 @@ def write_new(path: Path, text: str) -> None:
     for wrong, error in ((os.path.lexists(path), errno.EEXIST), (not path.parent.exists(), errno.ENOENT)):
         if wrong:
             raise SceneError(f"{path}: cannot be written: {os.strerror(error)}")
-    write_aside(path, text.encode(), own=False)
+    write_aside(path, text.encode())
