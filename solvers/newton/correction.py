@@ -15,13 +15,12 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.metrics.secants import Secants
+from stickslip.solvers.iteration import Correction, Solution
+from stickslip.solvers.metrics import Secants
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.semismooth import SemismoothNewton
-from stickslip.solvers.newton.solution import Correction, Solution
-from stickslip.solvers.newton.surface_model import nearest_in_cone
-from stickslip.solvers.newton.surface_system import Flexibility
+from stickslip.solvers.newton.surface_model import Flexibility, nearest_in_cone
 
 ROUNDING = 1e-14  # natural residual that no correction makes smaller
 FLOOR = 1e-12  # rounding of a displacement, relative, in the energy norm; two exact solutions differ by less

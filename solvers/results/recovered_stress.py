@@ -21,9 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import Array, Ints, inverse_and_determinant
 from stickslip.geometry.protocols import Vec
-from stickslip.geometry.small_matrices import inverse_and_determinant
 from stickslip.solvers.scene.material import Elastic, Material
 from stickslip.solvers.scene.orthotropic import DOUBLED, Orthotropic
 from stickslip.solvers.system.system import System

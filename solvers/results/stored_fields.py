@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import AnyArray, Array
-from stickslip.geometry.small_matrices import inverses
+from stickslip.geometry.arrays import AnyArray, Array, inverses
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.own_axes import stress_by_compliance
 from stickslip.solvers.scene.material import Material

@@ -20,11 +20,10 @@ FACE = ROOT / "stickslip"
 SOURCES = [*sorted(FACE.glob("*.py")), *sorted(p for name in PACKAGES for p in (ROOT / name).rglob("*.py"))]
 # A room is a folder of a package, or a file beside such folders. It imports itself and the rooms below it.
 FLOORS = {  # from the ground up
-    "geometry": "errors units memory keys components arrays protocols amplitude expression size_field facets bulging"
-    " shape small_matrices form_cache bisection dolfinx_versions mesh surfaces user_files nested_mesh corner_mesh"
-    " builders obstacles",
-    "solvers": "parallel linear laws scene fem contact effects system interface metrics newton tangent methods"
-    " classical method_registry stepping results accuracy simulation",
+    "geometry": "errors units memory keys arrays protocols amplitude expression mesh_sizes curved_facets shape"
+    " form_cache bisection dolfinx_versions mesh surfaces user_files nested_mesh builders obstacles",
+    "solvers": "parallel iteration linear laws scene fem contact effects system interface metrics newton tangent"
+    " methods classical method_registry stepping results accuracy simulation",
     "workflows": "formats pictures writers scene_file run accuracy sweep cost commands demos",
     "": "public __main__",  # the public face; what stands on it is a script that a user might have written
     "workflows.lab": "analysis verification benchmarks studies pages commands",  # nothing of the product imports it
@@ -41,7 +40,7 @@ LIMITS = {  # what the house may weigh; a limit is lowered when the house got li
     ("product", "gross"): 54_000,
     ("product", "small"): 260,
     ("outside tests", "constants"): 1150,
-    ("tests", "gross"): 43_500,
+    ("tests", "gross"): 43_700,
 }
 IMPORTS, DOCSTRINGS = 0.14, 0.24  # lines per net line outside tests: no more imports, no fewer docstrings
 UFL = ("elastic_energy", "smoothed_laws", "contact_forms", "point_laws", "mean_dilatation", "forms", "own_axes")
@@ -211,7 +210,6 @@ def test_the_audit_imports_nothing_of_the_methods() -> None:
         "stickslip.solvers.linear.rounding",  # of a stiffness, which the audit does not assemble
         "stickslip.solvers.stepping.tightening",  # sets the lengths of bolts that a step has stored
         "stickslip.solvers.stepping.state",  # types that `tightening` works on, as is the next
-        "stickslip.solvers.newton.solution",
     }
 
 

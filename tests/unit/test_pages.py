@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tomllib
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -25,7 +24,6 @@ NOTEBOOKS = sorted((ROOT / "docs").rglob("*.ipynb"))  # executed by `make docs`
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 INCLUDE = re.compile(r"^```\{include\} (\S+)$", re.MULTILINE)
-import_module("stickslip.workflows.lab.commands.command")  # it adds its own to the command line
 COMMAND = re.compile(r"^(?:\.venv/bin/|venv/bin/)?stickslip$")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib import colormaps
 
-from stickslip.geometry.builders.sides import modelled
+from stickslip.geometry.builders.builder import modelled
 from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import SI
 from stickslip.workflows.formats.aside import write_aside

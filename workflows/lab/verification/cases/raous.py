@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb
@@ -24,6 +24,7 @@ from stickslip.workflows.lab.verification.cycles import accounted
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.solver import solver
 
+SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 N = 32
 RAMPS = (1, 2, 5, 20)  # steps
 CELL = raous.SIDE / N  # [m]
