@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from stickslip.geometry.errors import FolderError
-from stickslip.solvers.results.error_parts import ErrorParts
+from stickslip.solvers.results.step_result import ErrorParts
 from stickslip.workflows.formats.plus_minus import missing, of_parts, parts_of, plus_minus, stated
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.pictures.report_page import ENERGIES, NUMBERS, PHASES, as_written
