@@ -16,8 +16,8 @@ from shared.command import result
 from stickslip.solvers.simulation.script import Script
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.studies import shear_until_it_slips
+from stickslip.workflows.lab.verification.cases.sheared_column import COLUMN, TABLE, TOP
 from stickslip.workflows.lab.verification.cases.sheared_column import scene as column
-from stickslip.workflows.lab.verification.closed_forms.sheared_column import COLUMN, TABLE, TOP
 from stickslip.workflows.scene_file.read import from_dict
 
 COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5"]

@@ -14,7 +14,7 @@ from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.cases import manufactured as case
-from stickslip.workflows.lab.verification.closed_forms.manufactured import LAWS, MU
+from stickslip.workflows.lab.verification.cases.manufactured import LAWS, MU
 from stickslip.workflows.lab.verification.prepared import accepted
 from stickslip.workflows.scene_file.read import read
 

@@ -11,9 +11,7 @@ from scipy.integrate import dblquad, quad
 from scipy.optimize import lsq_linear
 from scipy.special import ellipe, ellipk
 
-from stickslip.workflows.lab.verification.cases.press_fit import HUB as PRESSED_HUB
-from stickslip.workflows.lab.verification.cases.press_fit import SHAFT as PRESSED_SHAFT
-from stickslip.workflows.lab.verification.closed_forms import (
+from stickslip.workflows.lab.verification.cases import (
     circular_drive,
     column,
     hertz,
@@ -24,10 +22,10 @@ from stickslip.workflows.lab.verification.closed_forms import (
     sheared_column,
     shrink_fit,
 )
-from stickslip.workflows.lab.verification.closed_forms.hertz_ellipse import contact_modulus, ellipse
-from stickslip.workflows.lab.verification.closed_forms.incline import HOLDS, LAYER, SLIDES
-from stickslip.workflows.lab.verification.closed_forms.limits import NONE, STEADY, Limit
-from stickslip.workflows.lab.verification.closed_forms.manufactured import (
+from stickslip.workflows.lab.verification.cases.bearing import contact_modulus, ellipse
+from stickslip.workflows.lab.verification.cases.incline import HOLDS, LAYER, SLIDES
+from stickslip.workflows.lab.verification.cases.limits import NONE, STEADY, Limit
+from stickslip.workflows.lab.verification.cases.manufactured import (
     LAMBDA,
     LAWS,
     MU,
@@ -35,9 +33,11 @@ from stickslip.workflows.lab.verification.closed_forms.manufactured import (
     G,
     Manufactured,
 )
-from stickslip.workflows.lab.verification.closed_forms.press_fit import pressure
-from stickslip.workflows.lab.verification.closed_forms.shear_lag import FORCE, STRIP
-from stickslip.workflows.lab.verification.closed_forms.shrink_fit import (
+from stickslip.workflows.lab.verification.cases.press_fit import HUB as PRESSED_HUB
+from stickslip.workflows.lab.verification.cases.press_fit import SHAFT as PRESSED_SHAFT
+from stickslip.workflows.lab.verification.cases.press_fit import pressure
+from stickslip.workflows.lab.verification.cases.shear_lag import FORCE, STRIP
+from stickslip.workflows.lab.verification.cases.shrink_fit import (
     HUB,
     INNER,
     JOINT,

@@ -18,6 +18,7 @@ from stickslip.solvers.results.step_result import SLIP, STICK
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.lab.verification.cases import friction_laws as case
+from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases import sheared_column as sheared_column_case
 from stickslip.workflows.lab.verification.cases.friction_laws import BRITTLE, HARDENING, SOFT, TOP, G
 from stickslip.workflows.lab.verification.cases.sheared_column import (
@@ -34,7 +35,6 @@ from stickslip.workflows.lab.verification.cases.sheared_column import (
     threshold,
 )
 from stickslip.workflows.lab.verification.check import Check, failures
-from stickslip.workflows.lab.verification.closed_forms import sheared_column
 from stickslip.workflows.lab.verification.cycles import accounted, repeats
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.doubts import doubts

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from stickslip.solvers.metrics import mean_compliance, surface_compliance
 from stickslip.solvers.scene.orthotropic import Orthotropic
 from stickslip.workflows.lab.verification.cases import orthotropic as case
-from stickslip.workflows.lab.verification.closed_forms import orthotropic as exact
+from stickslip.workflows.lab.verification.cases import orthotropic as exact
 
 
 def test_what_is_left_of_a_roller_is_the_lean_of_its_normals(monkeypatch: pytest.MonkeyPatch) -> None:
