@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import stickslip
-from stickslip.workflows.lab.benchmarks import price_page
-from stickslip.workflows.lab.benchmarks.peers import page, programs
+from stickslip.workflows.lab.benchmarks import price as price_page
+from stickslip.workflows.lab.benchmarks.peers import programs
+from stickslip.workflows.lab.benchmarks.peers import programs as page
 from stickslip.workflows.lab.benchmarks.peers.ours import OURS
-from stickslip.workflows.lab.benchmarks.peers.problem import write_problem
+from stickslip.workflows.lab.benchmarks.peers.programs import write_problem
 from stickslip.workflows.lab.benchmarks.price_run import Case
 
 BY_HAND = programs.HERE / "dolfinx_by_hand.py"

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from stickslip.workflows.lab.benchmarks import price, price_page, price_run
+from stickslip.workflows.lab.benchmarks import price, price_run
+from stickslip.workflows.lab.benchmarks import price as price_page
 from stickslip.workflows.lab.benchmarks.price_run import REFERENCE, Case
 
 SECONDS = ((0.9, 0.3), (0.6, 0.1), (0.8, 0.1))  # of both steps, of the reference; the first one is cold

@@ -8,14 +8,12 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.workflows.lab.studies.published import claims_uzawa as u
+from stickslip.workflows.lab.studies.published import claims as u
 from stickslip.workflows.lab.studies.published.__main__ import measured
-from stickslip.workflows.lab.studies.published.contact import march
+from stickslip.workflows.lab.studies.published.contact import LEARNING, WEIGHTS, march, scene
 from stickslip.workflows.lab.studies.published.finding import HOLDS, HOLDS_NOT, Row, Rows, chosen
 from stickslip.workflows.lab.studies.published.measurements import MEASURED, Measurement, Sizes, measurements
 from stickslip.workflows.lab.studies.published.page import CLAIMS, claims, write_page
-from stickslip.workflows.lab.studies.published.scenes import scene
-from stickslip.workflows.lab.studies.published.spectrum import LEARNING, PLAIN
 
 TINY = Sizes(
     meshes=((2, 4), (2, 8)),
@@ -84,7 +82,7 @@ def test_condition_numbers_are_those_of_the_gram_study(rows: Rows) -> None:
         small, large = (row["condition"] for row in chosen(rows["spectrum"], metric=metric))
         return float(large / small)
 
-    assert grown(PLAIN) == pytest.approx(2, rel=0.1)
+    assert grown(WEIGHTS) == pytest.approx(2, rel=0.1)
     assert grown("multiplier") == pytest.approx(8, rel=0.15)
     assert grown("volume, complete") < 1.1
     assert grown(LEARNING) < 1.1
@@ -106,7 +104,7 @@ def test_the_stated_error_bounds_the_true_one_and_both_fall_like_one_over_omega(
     assert stiff["stated"] > stiff["error"] > 0
     assert soft["error"] / stiff["error"] == pytest.approx(10, rel=0.1)
     # K_C = -W/ω is added to every eigenvalue: the softer the springs, the better the condition
-    (rigid,) = chosen(rows["spectrum"], dim=2, n=4, metric=PLAIN)
+    (rigid,) = chosen(rows["spectrum"], dim=2, n=4, metric=WEIGHTS)
     assert 1 < soft["condition"] < stiff["condition"] < rigid["condition"] * 1.5
 
 

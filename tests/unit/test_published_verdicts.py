@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip.workflows.lab.studies.published import claims_tangent as t
-from stickslip.workflows.lab.studies.published import claims_uzawa as u
+from stickslip.workflows.lab.studies.published import claims as t
+from stickslip.workflows.lab.studies.published import claims as u
+from stickslip.workflows.lab.studies.published.contact import WEIGHTS
 from stickslip.workflows.lab.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows
 from stickslip.workflows.lab.studies.published.measurements import MEASURED
 from stickslip.workflows.lab.studies.published.page import CLAIMS, claims
-from stickslip.workflows.lab.studies.published.spectrum import PLAIN
 
 EMPTY: Rows = {name: [] for name in MEASURED}
 
@@ -99,7 +99,7 @@ FLIPS: list[tuple[Callable[[Rows], Finding], Rows, Rows]] = [
     (u.inexact_bound, {"linear": [part(0.9, 0.99, False)]}, {"linear": [part(0.9, 1.01, False)]}),
     (u.inexact_contact, inner(105), inner(120)),
     (u.superlinear, falling(0.9, 0.4), falling(0.9, 0.9)),
-    (u.condition_grows, spectra(PLAIN, 10, 20, 40), spectra(PLAIN, 10, 11, 10)),
+    (u.condition_grows, spectra(WEIGHTS, 10, 20, 40), spectra(WEIGHTS, 10, 11, 10)),
     (u.gram_is_free_of_h, spectra("volume, complete", 9.4, 9.5), spectra("volume, complete", 9.4, 12)),
     (u.gram_iterations, {"h": counted("gram-uzawa", 80, 82)}, {"h": counted("gram-uzawa", 80, 120)}),
     (

@@ -17,7 +17,8 @@ from stickslip.solvers.iteration import Status
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.lab.analysis.saddle_points import (
+from stickslip.workflows.lab.studies import saddle_points as study
+from stickslip.workflows.lab.studies.saddle_points import (
     Bounds,
     Exact,
     InexactRichardson,
@@ -31,7 +32,6 @@ from stickslip.workflows.lab.analysis.saddle_points import (
     measured,
     membrane,
 )
-from stickslip.workflows.lab.studies import saddle_points as study
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

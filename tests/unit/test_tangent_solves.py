@@ -11,10 +11,17 @@ from scipy import sparse
 from stickslip.geometry.errors import MachineError
 from stickslip.solvers.classical.contact_element import SLIP, penalties
 from stickslip.solvers.interface.schur_complement import CondensedSurface
-from stickslip.workflows.lab.analysis.slip_tangent import SlipTangent, unsymmetry
-from stickslip.workflows.lab.analysis.tangent_solves import ILU, condition, dropped_fill, gauss_seidel, gmres, mumps
-from stickslip.workflows.lab.studies.published.contact import march
-from stickslip.workflows.lab.studies.published.scenes import scene
+from stickslip.workflows.lab.studies.published.contact import march, scene
+from stickslip.workflows.lab.studies.published.tangent import (
+    ILU,
+    SlipTangent,
+    condition,
+    dropped_fill,
+    gauss_seidel,
+    gmres,
+    mumps,
+    unsymmetry,
+)
 
 Array = NDArray[np.float64]
 ILUS = [ILU(), ILU(relaxation=0.9), ILU(relaxation=1.0), ILU(shift=1e-2), ILU(levels=1)]

@@ -34,8 +34,7 @@ from stickslip.workflows.lab.verification.cases.sheared_column import (
     scene,
     threshold,
 )
-from stickslip.workflows.lab.verification.check import Check, failures
-from stickslip.workflows.lab.verification.cycles import accounted, repeats
+from stickslip.workflows.lab.verification.check import Check, accounted, failures, repeats
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.scene_file.read import from_dict

@@ -23,8 +23,7 @@ from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.check import Check
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import MM, NEAR, on_plane, read_step, step_file
 
 SLIMMEST = 1e-6  # b / a that is looked for

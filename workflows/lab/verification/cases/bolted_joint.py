@@ -16,8 +16,7 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import Check, close
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E, HEIGHT = 1000.0, 1.0  # of each plate [Pa], [m]; lateral strain zero
 BOLT, FORCE = 400.0, 3.0  # stiffness of the bolt [N/m], what it is tightened to [N]

@@ -32,10 +32,8 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Probe, Steps
 from stickslip.workflows.lab.verification.cases import hertz
 from stickslip.workflows.lab.verification.cases.hertz import Hertz, ellipse
-from stickslip.workflows.lab.verification.check import Check, within
-from stickslip.workflows.lab.verification.cycles import CYCLES, accounted, repeats
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.check import CYCLES, Check, accounted, repeats, within
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,10 +31,8 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.lab.verification.cases.sheared_column import MU, scene
-from stickslip.workflows.lab.verification.check import Check
-from stickslip.workflows.lab.verification.cycles import accounted
-from stickslip.workflows.lab.verification.prepared import observed
-from stickslip.workflows.lab.verification.turned import rotation, turned_system
+from stickslip.workflows.lab.verification.check import Check, accounted
+from stickslip.workflows.lab.verification.prepared import observed, rotation, turned_system
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,7 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import Check, close, farthest
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E, HEIGHT, GAP = 1000.0, 1.0, 1e-3  # [Pa], [m], [m] between plate and top
 NORMAL, TANGENTIAL = 500.0, 300.0  # of the springs [Pa/m]

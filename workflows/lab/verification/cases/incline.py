@@ -29,8 +29,7 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.cases.column import constrained_modulus
 from stickslip.workflows.lab.verification.check import Check, farthest
-from stickslip.workflows.lab.verification.prepared import observed, system_of
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import observed, solver, system_of
 
 
 @dataclass(frozen=True, kw_only=True)

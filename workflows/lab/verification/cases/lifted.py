@@ -30,8 +30,7 @@ from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.cases.column import C_N, driven_by_displacement
 from stickslip.workflows.lab.verification.cases.sheared_column import COLUMN, MU, PRESSURE, RIGID, E, M, solve
 from stickslip.workflows.lab.verification.cases.sheared_column import scene as sheared
-from stickslip.workflows.lab.verification.check import Check, farthest, worst
-from stickslip.workflows.lab.verification.cycles import accounted
+from stickslip.workflows.lab.verification.check import Check, accounted, farthest, worst
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,10 +27,8 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
-from stickslip.workflows.lab.verification.check import Check, within
-from stickslip.workflows.lab.verification.cycles import accounted
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.check import Check, accounted, within
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 Table = tuple[tuple[float, float], ...]
 END = 4.0  # [s]

@@ -39,8 +39,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.system import System
 from stickslip.workflows.lab.verification.check import Check
-from stickslip.workflows.lab.verification.prepared import accepted, system_of
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import accepted, solver, system_of
 
 E, NU, MU = 10.0, 0.3, 0.4
 G = E / (2 * (1 + NU))

@@ -23,8 +23,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.check import Check, close
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import MM, on_cylinder, on_plane, read_step, step_file
 
 

@@ -30,10 +30,8 @@ from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.workflows.lab.verification.check import Check, within
-from stickslip.workflows.lab.verification.cycles import accounted
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.check import Check, accounted, within
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 SIDE = 0.04  # [m]
 E = 1.3e11  # [Pa]

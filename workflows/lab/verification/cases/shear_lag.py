@@ -32,8 +32,7 @@ from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.workflows.lab.verification.check import Check, within
-from stickslip.workflows.lab.verification.cycles import CYCLES, accounted, repeats
+from stickslip.workflows.lab.verification.check import CYCLES, Check, accounted, repeats, within
 from stickslip.workflows.lab.verification.prepared import prepare
 
 LENGTH, HEIGHT = 1.0, 0.02  # [m]

@@ -36,10 +36,8 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.cases import column
-from stickslip.workflows.lab.verification.check import Check, close, farthest
-from stickslip.workflows.lab.verification.cycles import CYCLES, accounted, repeats
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.check import CYCLES, Check, accounted, close, farthest, repeats
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 
 @dataclass(frozen=True, kw_only=True)

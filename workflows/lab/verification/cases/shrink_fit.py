@@ -21,8 +21,7 @@ from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.check import Check, farthest, within
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 INNER, JOINT, OUTER = 1.0, 2.0, 3.0  # radii [m]
 INTERFERENCE = 1e-3  # [m]

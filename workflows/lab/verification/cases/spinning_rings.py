@@ -32,8 +32,7 @@ from stickslip.workflows.lab.verification.cases.shrink_fit import (
     give,
 )
 from stickslip.workflows.lab.verification.check import Check, close, farthest
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 DENSITIES = (2.0, 1.0)  # of the inner and the outer ring [kg/m³]
 

@@ -21,8 +21,7 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import Check, close, farthest
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E_1, E_2 = 1000.0, 3000.0  # [Pa]
 GAP = 5e-4  # [m]

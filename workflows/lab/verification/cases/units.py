@@ -35,8 +35,7 @@ from stickslip.workflows.lab.verification.cases.press_fit import Fit
 from stickslip.workflows.lab.verification.cases.punch import Cut
 from stickslip.workflows.lab.verification.cases.shrink_fit import Press
 from stickslip.workflows.lab.verification.check import Check
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import step_file
 from stickslip.workflows.lab.verification.units import in_millimetres, millimetres
 from stickslip.workflows.scene_file.read import read
