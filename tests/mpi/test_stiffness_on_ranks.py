@@ -25,7 +25,7 @@ if comm.rank == 0:
 """
 
 
-@pytest.mark.slow  # in parts on one rank: tests/unit/test_rounding.py
+@pytest.mark.slow  # in parts on one rank: tests/unit/test_volume.py
 def test_bodies_that_move_as_a_whole_feel_no_more_forces(tmp_path: Path) -> None:
     before, after, share = told(MOVED, 2, tmp_path)
     assert share < 0.75

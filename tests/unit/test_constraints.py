@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 
 from shared.matrices import dense, whole
-from stickslip.geometry.arrays import cross
+from stickslip.geometry.arrays import Array, cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.fem.constraints import Components, Constraints
@@ -23,7 +22,6 @@ from stickslip.solvers.system.stiffness import Stiffness
 from stickslip.solvers.system.system import System
 from stickslip.workflows.scene_file.read import from_dict
 
-Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]
 SystemOf = Callable[[Scene], System]
 AXES = {"x": 0, "y": 1, "z": 2}

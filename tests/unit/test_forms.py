@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 
 from shared.cases import every_nth, slow
 from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.elastic_energy import forces_of_energy
@@ -20,7 +20,6 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import System
 from stickslip.workflows.scene_file.read import read
 
-Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]
 SystemOf = Callable[[Scene], System]
 MESHES: list[tuple[int, dict[str, Any]]] = [

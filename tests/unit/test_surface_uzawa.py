@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 
 from shared.cases import often, slow
 from shared.problems import surface_problem
+from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface import schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
@@ -24,7 +24,6 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.state import State
 from stickslip.workflows.scene_file.read import read
 
-Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
 SMALL = {
