@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from shared.cases import every_nth, often
 from shared.overlays import above, ball, below, both, flat, scattered, shaken
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.surfaces import clipping
+from stickslip.geometry.surfaces import overlay
 from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.surface import Surface
@@ -385,8 +385,8 @@ AGAIN = POLYGON[[0, 1, 1, 2, 3, 4]]  # as clipping leaves a corner that lies on 
 
 @pytest.mark.parametrize("first", range(6))
 def test_triangles_do_not_depend_on_the_first_corner(first: int) -> None:
-    _, parts = clipping._fan(np.roll(AGAIN, -first, axis=0)[None])
-    _, expected = clipping._fan(POLYGON[None])
+    _, parts = overlay._fan(np.roll(AGAIN, -first, axis=0)[None])
+    _, expected = overlay._fan(POLYGON[None])
     found = sorted(np.sort(part, axis=0).tolist() for part in parts)
     assert found == sorted(np.sort(part, axis=0).tolist() for part in expected)
     assert len(found) == 3
