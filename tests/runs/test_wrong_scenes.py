@@ -1,11 +1,27 @@
-"""A wrong scene is refused with one line: the key, what was found, what is expected. Nothing is written."""
+"""A wrong scene or file is refused with one line: the key, what was found, what is expected. Nothing is written."""
 
+import random
+import re
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from mpi4py import MPI
 
+from shared.command import COARSE as COARSER
 from shared.command import Call, assert_refused
+from shared.drawn import FACES, GEO, PY, draw, scene_data
 from shared.ranks import options
+from stickslip.geometry.errors import GeometryError, SceneError
+from stickslip.geometry.mesh.cell_quality import worst_quality
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.user_files import reader
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.commands.cli import guarded
+from stickslip.workflows.scene_file.read import READY, from_dict, read
 
 ROLLER = "shape='cylinder',point=[2.0,-5.0],radius=5.0"
 BALL = "shape='sphere',center=[2.0,-5.0],radius=5.0"
@@ -480,3 +496,204 @@ def test_a_process_refuses_as_the_function_does(name: str, spawn: Call, folder: 
     overrides, pattern = WRONG[name]
     spoken = spawn("run", "block", "-q", "-o", "out", *COARSE, *options(overrides))
     assert_refused(spoken, pattern, folder, [])
+
+
+@pytest.mark.parametrize(
+    ("text", "pattern"),
+    [
+        ("model = 'plane strain\n", r"scene\.toml: not valid TOML: Expected"),
+        ("title = 'a'\ntitle = 'b'\n", r"scene\.toml: not valid TOML: .*line 2"),
+        ("", r"scene\.toml: .*missing"),
+        ("model = '3d'\n[geometry]\nbuilder = 'block'", r"scene\.toml:2: geometry\.[a-z_]+: missing"),
+        ("a = " + "[" * 40 + "]" * 40, r"scene\.toml:1: a\.0\.0.*: tables and lists more than 20 deep"),
+    ],
+    ids=["quote left open", "key twice", "empty", "little", "nested"],
+)
+def test_file_that_is_no_scene_is_refused(text: str, pattern: str, call: Call, folder: Path) -> None:
+    (folder / "scene.toml").write_text(text)
+    assert_refused(call("run", "scene.toml", "-q"), pattern, folder, ["scene.toml"])
+
+
+def test_bytes_that_are_no_text_are_refused(call: Call, folder: Path) -> None:
+    (folder / "scene.toml").write_bytes(b"title = '\xff\xfe'")
+    assert_refused(call("run", "scene.toml", "-q"), r"scene\.toml: is not a text file", folder, ["scene.toml"])
+
+
+def test_missing_file_is_refused_with_the_nearest_ready_scene(call: Call, folder: Path) -> None:
+    assert_refused(
+        call("run", "blok", "-q"), r"blok: no such file, nor a ready scene; did you mean block\?", folder, []
+    )
+
+
+def test_folder_in_place_of_a_file_is_refused(call: Call, folder: Path) -> None:
+    (folder / "mine").mkdir()
+    assert_refused(call("run", "mine", "-q"), r"mine: is a folder; name a scene file", folder, ["mine"])
+
+
+def test_a_folder_of_results_does_not_hide_the_ready_scene(call: Call, folder: Path) -> None:
+    (folder / "block").mkdir()
+    assert call("plan", "block")[0] == 0
+
+
+def test_error_names_the_scene_file(call: Call, folder: Path) -> None:
+    text = (READY / "block.toml").read_text().replace("nu = 0.3", "nu = 0.7")
+    (folder / "mine.toml").write_text(text)
+    assert_refused(call("run", "mine.toml", "-q"), r"mine\.toml:\d+: bodies\.block\.nu = 0\.7", folder, ["mine.toml"])
+
+
+def test_mark_that_editors_put_in_front_is_no_mistake(call: Call, folder: Path) -> None:
+    text = "\ufeff" + (READY / "block.toml").read_text()
+    (folder / "mine.toml").write_text(text, encoding="utf-8")
+    assert read(folder / "mine.toml") == read("block")
+    (folder / "mine.toml").write_text(text.replace("nu = 0.3", "nu = 0.7"), encoding="utf-8")
+    assert_refused(call("run", "mine.toml", "-q"), r"mine\.toml:\d+: bodies\.block\.nu = 0\.7", folder, ["mine.toml"])
+
+
+MISTAKES = {  # in the ready scene `block` -> what is said of it
+    ("title = ", "titel = "): r"titel: unknown key; did you mean title\?",
+    ("height = 2.0", "height = -2.0"): r"geometry\.height = -2\.0: must be positive",
+    ("E = 1.0", 'E = "steel"'): r'bodies\.block\.E = "steel": expected a number',
+    ("nu = 0.3", ""): r"bodies\.block\.nu: missing",
+    ("surface = ", "surfce = "): r"contacts\.base\.surfce: unknown key; did you mean surface\?",
+    ("mu = 0.3", "mu = 0.3, eta = 2"): r"contacts\.base\.friction\.eta: unknown key",
+    ("[1, 0], [2, 0.05]", "[1], [2, 0.05]"): r"supports\.top\.displacement\.x\.1 = \[1\]: expected a pair",
+    ("count = 2", "count = 2.5"): r"steps\.count = 2\.5: expected a whole number",
+}
+UNKNOWN_NAMES = {
+    ("block.bottom", "block.botom"): r"contacts\.base\.surface = block\.botom: no such side",
+    ('"foundation"', '"foundatoin"'): r"contacts\.base\.against = foundatoin: no such obstacle or side",
+    ('"block.top"', '"block.tp"'): r"supports\.top\.boundary = block\.tp: no such side",
+}
+
+
+@pytest.mark.parametrize("mistakes", [MISTAKES, UNKNOWN_NAMES])
+def test_all_mistakes_are_said_at_once_with_their_lines(
+    mistakes: dict[tuple[str, str], str], call: Call, folder: Path
+) -> None:
+    text = (READY / "block.toml").read_text()
+    expected = []
+    for (right, wrong), said in mistakes.items():
+        assert text.count(right) == 1
+        line = 1 + text[: text.index(right)].count("\n")
+        text = text.replace(right, wrong)
+        lacks = "missing" in said  # then it is the line of the table
+        expected.append((line - 2 if lacks else line, said))
+    (folder / "mine.toml").write_text(text)
+    code, _, err = call("plan", "mine.toml")
+    assert code == 2
+    found = err.splitlines()
+    assert len(found) == len(expected), err
+    for one, (line, said) in zip(found, sorted(expected), strict=True):
+        assert re.match(rf"stickslip: mine\.toml:{line}: {said}", one), one
+
+
+def test_a_key_of_set_has_no_line(call: Call, folder: Path) -> None:
+    (folder / "mine.toml").write_text((READY / "block.toml").read_text().replace("nu = 0.3", "nu = 0.7"))
+    _, _, err = call("plan", "mine.toml", "--set", "bodies.block.nu=0.8")
+    assert err.startswith("stickslip: mine.toml: bodies.block.nu = 0.8: ")
+
+
+def test_foreign_folder_is_not_written_to(call: Call, folder: Path) -> None:
+    (folder / "thesis").mkdir()
+    (folder / "thesis" / "chapter.tex").write_text("years of work")
+    spoken = call("run", "block", "-q", "-o", "thesis", *COARSER)
+    assert_refused(spoken, r"thesis: .*choose another folder with -o", folder, ["thesis", "thesis/chapter.tex"])
+    assert (folder / "thesis" / "chapter.tex").read_text() == "years of work"
+
+
+def test_a_geometry_file_is_no_scene(call: Call, folder: Path) -> None:
+    (folder / "x.step").write_text("ISO-10303-21;")
+    said = r"x\.step: is a geometry file; for a scene: stickslip new --from x\.step$"
+    assert_refused(call("run", "x.step", "-q"), said, folder, ["x.step"])
+
+
+def test_overrides_add_a_whole_noun(call: Call, folder: Path) -> None:
+    keys = ("boundary=block.left", "pressure=.1")
+    assert call("plan", "block", *(f"--set=loads.side.{key}" for key in keys))[0] == 0
+
+
+def test_file_in_place_of_the_results_folder_is_not_overwritten(call: Call, folder: Path) -> None:
+    (folder / "out").write_text("mine")
+    spoken = call("run", "block", "-q", "-o", "out", *COARSER)
+    assert_refused(spoken, r"out: .*choose another folder with -o", folder, ["out"])
+    assert (folder / "out").read_text() == "mine"
+
+
+FEW, MANY = 4, 25  # damaged files of each kind, half of them cut short, half with a byte changed
+SIGNS = b"0123456789.-(){};,\x00\xff"  # what hurts most
+WORKERS = 2
+PATIENCE = 30.0  # s, for a script that a changed byte makes run for ever
+
+
+def originals(folder: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
+    """A file of each kind with its scene."""
+    msh = draw(folder / "b.msh", 2)
+    yield msh, scene_data(msh)
+    step = draw(folder / "b.step")
+    yield step, scene_data(step, 3, "part", mesh_size=2.0, names=FACES)
+    for name, text, more in (("b.geo", GEO, {}), ("b.py", PY, {"mesh_size": 0.5, "length": 4.0})):
+        path = folder / name
+        path.write_text(text)
+        yield path, scene_data(path, **more)
+
+
+def damaged(content: bytes, count: int, draw_lots: random.Random) -> Iterator[bytes]:
+    """The content, damaged in so many ways, which the seed of `draw_lots` fixes."""
+    for index in range(count):
+        if index % 2:
+            yield content[: draw_lots.randrange(len(content))]
+        else:
+            changed = bytearray(content)
+            changed[draw_lots.randrange(len(content))] = draw_lots.choice(SIGNS)
+            yield bytes(changed)
+
+
+def outcome(data: dict[str, Any]) -> tuple[Scene | None, str]:
+    """The scene if its file still says what it should, else the line that says why not."""
+    try:
+        return from_dict(data), ""
+    except (SceneError, GeometryError) as error:
+        return None, str(error)
+
+
+def mesh_or_line(scene: Scene) -> str:
+    """Mesh the scene: why it cannot be done, or nothing."""
+    try:
+        mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF)
+    except (SceneError, GeometryError) as error:
+        return str(error)
+    assert np.isfinite(mesh.box()).all()
+    assert worst_quality(mesh.domain, mesh.degree) > 0
+    return ""
+
+
+@pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.slow)])
+def test_damaged_files_give_a_mesh_or_one_line(count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reader, "READING_TIME", PATIENCE)
+    draw_lots, scenes = random.Random(2026), []
+    for path, data in originals(tmp_path):
+        for index, content in enumerate(damaged(path.read_bytes(), count, draw_lots)):
+            file = tmp_path / f"{path.suffix[1:]}{index:02}{path.suffix}"
+            file.write_bytes(content)
+            scenes.append(data | {"geometry": data["geometry"] | {"file": str(file)}})
+    assert len(scenes) == 4 * count
+    with ThreadPoolExecutor(WORKERS) as pool:
+        outcomes = list(pool.map(outcome, scenes))
+    survivors = [scene for scene, _ in outcomes if scene is not None]
+    refused = [line for _, line in outcomes if line]
+    assert len(refused) > 0.4 * len(scenes)  # files that are cut short hold no mesh, but for the last bytes
+    late = [mesh_or_line(scene) for scene in survivors[::6]]
+    assert "" in late
+    for line in filter(None, refused + late):
+        assert "\n" not in line
+        assert "Traceback" not in line
+        assert str(tmp_path) not in line  # the file's name is enough
+
+
+def test_a_damaged_file_ends_the_command_with_code_2(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = draw(tmp_path / "b.msh", 2)
+    path.write_bytes(path.read_bytes()[:2000])
+    assert guarded(lambda: from_dict(scene_data(path))) == 2
+    out, err = capfd.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith("stickslip: b.msh: ")
