@@ -83,18 +83,6 @@ def test_only_the_shift_along_the_axis_is_rigid(scene_of: SceneOf, system_of: Sy
         make_plan(free)
 
 
-@pytest.mark.parametrize(
-    ("tables", "sentence"),
-    [
-        ({"loads": {"a": {"boundary": "block.right", "force": [1.0, 0.0]}}}, r"loads.a.force = .*no resultant"),
-        ({"gravity": {"acceleration": [1.0, 0.0]}}, r"gravity.acceleration = .*along the axis"),
-    ],
-)
-def test_what_breaks_the_symmetry_is_refused(tables: dict[str, Any], sentence: str, scene_of: SceneOf) -> None:
-    with pytest.raises(SceneError, match=sentence):
-        scene_of(model="axisymmetric", bodies={"block": {"E": 1.0, "nu": 0.3, "density": 1.0}}, **tables)
-
-
 def test_a_contact_side_of_which_a_part_lies_on_the_axis_is_refused(tmp_path: Path) -> None:
     def scene(*edges: str) -> Scene:
         data = scene_data(draw(tmp_path / "b.brep", 2), 2, "part", names={"part.bottom": edges, "part.top": ["edge 3"]})

@@ -21,7 +21,6 @@ from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.shape import Model
 from stickslip.solvers.results.step_result import SLIP
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import System
 from stickslip.workflows.lab.verification.prepared import prepare
@@ -506,18 +505,3 @@ def test_a_force_finds_where_a_pin_touches_its_wider_bore(
     (shifted,) = simulation_of(scene(displacement={"y": moved[1]})).steps()
     assert_allclose(shifted.contacts["bore"].force[1], -force * unit, rtol=1e-6)
     assert_allclose(shifted.displacement, pushed.displacement, atol=1e-7 * abs(pushed.displacement).max())
-
-
-@pytest.mark.parametrize(
-    ("motion", "tables", "sentence"),
-    [
-        ({"force": {"x": 1.0}}, {}, "nothing resists the motion of obstacles.foundation along x"),
-        ({"force": {"y": 1.0}}, {"solver": {"method": "uzawa"}}, "cannot move obstacles.foundation by a force"),
-    ],
-)
-def test_what_cannot_be_driven_is_refused(
-    motion: dict[str, Any], tables: dict[str, Any], sentence: str, scene_of: SceneOf
-) -> None:
-    scene = scene_of(obstacles=driven(2, **motion), contacts=CONTACT, supports=clamped(2), **tables)
-    with pytest.raises(SceneError, match=sentence):
-        make_plan(scene)
