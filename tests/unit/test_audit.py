@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from shared.audited import record_of, stored_by
 from shared.cases import every_nth
+from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
@@ -92,7 +93,7 @@ class Case:
 
 
 @pytest.fixture(scope="module")
-def case(scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simulation]) -> Case:
+def case(scene_of: SceneOf, simulation_of: SimulationOf) -> Case:
     scene = scene_of(
         geometry={"length": 4.0, "height": 1.0, "mesh_size": 0.25},
         contacts={
@@ -254,9 +255,7 @@ def test_the_worst_of_several_steps_hides_no_nan(case: Case) -> None:
         assert np.isnan(worst)
 
 
-def test_an_audit_without_contact_sees_equilibrium_only(
-    scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simulation]
-) -> None:
+def test_an_audit_without_contact_sees_equilibrium_only(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     hold: dict[str, Any] = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}}
     scene = scene_of(supports=hold, loads={"pull": {"boundary": "block.bottom", "traction": [0.1, -0.2]}})
     simulation = simulation_of(scene)
@@ -273,7 +272,7 @@ def test_an_audit_without_contact_sees_equilibrium_only(
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_compliance_is_audited_by_the_form_and_by_its_law(
-    dim: int, scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simulation]
+    dim: int, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     law = {"law": "compliance", "c_n": 4.0, "m_n": 1.5}
     drag = dict(zip("xyz"[:dim], (0.03, -0.1) if dim == 2 else (0.03, 0.01, -0.1), strict=True))
@@ -306,7 +305,7 @@ def test_compliance_is_audited_by_the_form_and_by_its_law(
 
 @pytest.mark.parametrize("law", [{"law": "unilateral"}, {"law": "compliance", "c_n": 4.0}])
 def test_an_obstacle_that_a_force_drives_is_in_equilibrium_too(
-    law: dict[str, Any], scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simulation]
+    law: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     plane = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "force": {"y": 0.2}}
     scene = scene_of(
@@ -330,7 +329,7 @@ def test_rounding_is_no_traction_beyond_friction(case: Case) -> None:
 
 
 def test_an_open_node_may_have_a_pressure_that_is_rounding_beside_the_forces_and_no_larger_one(
-    scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simulation]
+    scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     scene = scene_of(
         contacts={"base": {"surface": "block.bottom", "against": "foundation", "gap_offset": 1.0}},
@@ -353,10 +352,6 @@ def test_the_largest_of_nothing_is_zero() -> None:
     assert _largest(np.array([-3.0])) == 0.0
     assert str(_largest(np.array([-0.0]))) == "0.0"
 
-
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
-SimulationOf = Callable[[Scene], Simulation]
 
 MODELS: dict[str, tuple[int, str, dict[str, Any]]] = {
     "triangles": (2, "plane strain", {"contact_mesh_size": 0.11}),

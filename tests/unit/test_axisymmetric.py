@@ -1,6 +1,5 @@
 """Axisymmetric models: a full circle of material, one rigid motion, no radial motion on the axis."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +8,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.drawn import draw, scene_data
+from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.system.system import System
 from stickslip.workflows.scene_file.read import from_dict
 
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
-SimulationOf = Callable[[Scene], Simulation]
 E, NU = 1.0, 0.3
 GEOMETRIES: list[dict[str, Any]] = [{"order": 1}, {"order": 2}, {"order": 2, "cells": "tensor"}]
 BASE = {"base": {"surface": "block.bottom", "against": "foundation"}}

@@ -3,7 +3,6 @@
 import json
 import math
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +16,7 @@ from scipy import sparse
 
 import stickslip
 from shared.discrete import ONE, local, random_problem, write
+from shared.problems import SceneOf, SystemOf
 from shared.ranks import mpirun
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.errors import SceneError
@@ -25,7 +25,6 @@ from stickslip.solvers.linear.multigrid import HYPRE
 from stickslip.solvers.results import linear_reference as module
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.system.system import System
 from stickslip.workflows.formats.steps_csv import read_steps_table
 from stickslip.workflows.lab.benchmarks import auto, discrete, history, platforms, price, price_page, price_run
 from stickslip.workflows.lab.benchmarks.auto import Case, Run
@@ -455,8 +454,6 @@ def test_a_line_says_all_errors() -> None:
     assert str(found) == ("152 unknowns, 0.50 s: stated by the run 5.7 %, true 6.1 %, of the corrected number 2.6 %")
 
 
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
 MULTIGRID = "cg+boomeramg" if HYPRE else "cg+gamg"
 BASE = {"base": {"surface": "block.bottom", "against": "foundation"}}
 

@@ -1,6 +1,5 @@
 """The cost of an accuracy: runs climb meshes, their errors are extrapolated, the cheapest is named."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.problems import SceneOf
 from stickslip.geometry.errors import MachineError, SceneError, SolverError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Exact
@@ -33,7 +33,6 @@ from stickslip.workflows.scene_file.read import from_dict, read
 
 TIGHT = 1e-8
 ROOMY = Budget(seconds=60.0, memory=1e12, dim=2)
-SceneOf = Callable[..., Scene]
 
 
 def made_up(

@@ -1,6 +1,5 @@
 """Normal and friction laws are what their formulas say, and refuse nonsense by key."""
 
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -13,6 +12,7 @@ from scipy import sparse
 
 from shared.audited import record_of
 from shared.cases import every_nth
+from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical.uzawa import Uzawa
@@ -39,7 +39,6 @@ from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
-from stickslip.solvers.system.system import System
 from stickslip.workflows.lab.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene
 from stickslip.workflows.lab.verification.check import failures
 from stickslip.workflows.lab.verification.closed_forms import sheared_column
@@ -563,8 +562,6 @@ def test_contact_takes_it_and_no_friction_is_what_resists_not() -> None:
     assert not CappedCoulomb(mu=0.0, s_max=1.0).resists()
 
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 METHODS = ("condensed-newton", "uzawa")
 LAWS: dict[str, dict[str, Any]] = {
     "coulomb": {"friction": {"law": "coulomb", "mu": 0.15, "k_T": 4.0}},
@@ -669,7 +666,7 @@ def test_every_step_of_uzawa_is_admissible(
         assert np.any(t) or max_it == 1  # the first step sees bodies that move down as a whole, and do not widen yet
 
 
-def test_bound_is_integrated_exactly(scene_of: SceneOf, system_of: Callable[[Scene], System]) -> None:
+def test_bound_is_integrated_exactly(scene_of: SceneOf, system_of: SystemOf) -> None:
     """A penetration of (2 + x) m, to the fifth: the quadrature of the pressure would not do."""
     laws = {"normal": {"law": "compliance", "c_n": 40.0}, "friction": {"law": "compliance", "c_T": 3.0, "m_T": 5.0}}
     top = {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial import Delaunay
 
+from shared.problems import SceneOf, SimulationOf
 from shared.processes import running, wait_for
 from shared.ranks import mpirun
 from stickslip.geometry.bisection import bisection, sets_beside
@@ -28,7 +28,6 @@ from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.accuracy.resolution import BLIND, elements_touched, unresolved
 from stickslip.solvers.results.step_result import Quantity
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.closed_forms import hertz
 from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.run.mesh_report import can_touch, report_mesh
@@ -45,14 +44,14 @@ from stickslip.workflows.scene_file.read import from_dict
     ],
 )
 def test_quality_of_squares_cubes_and_their_halves(
-    dim: int, cells: str, order: int, expected: float, scene_of: Callable[..., Scene]
+    dim: int, cells: str, order: int, expected: float, scene_of: SceneOf
 ) -> None:
     scene = scene_of(dim, {"cells": cells, "order": order})
     mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF)
     assert worst_quality(mesh.domain, mesh.degree) == pytest.approx(expected)
 
 
-def test_a_flattened_cell_has_a_poor_quality(scene_of: Callable[..., Scene]) -> None:
+def test_a_flattened_cell_has_a_poor_quality(scene_of: SceneOf) -> None:
     scene = scene_of(2, {"cells": "tensor"})
     mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF)
     mesh.domain.geometry.x[:, 1] *= 0.1
@@ -61,7 +60,7 @@ def test_a_flattened_cell_has_a_poor_quality(scene_of: Callable[..., Scene]) -> 
     )  # a rectangle of sides 1 and 0.1
 
 
-def test_prescribed_motion_closes_gaps_up_to_its_size(scene_of: Callable[..., Scene]) -> None:
+def test_prescribed_motion_closes_gaps_up_to_its_size(scene_of: SceneOf) -> None:
     supports = {"top": {"boundary": "block.top", "displacement": {"y": [[0, 0], [0.5, -0.2], [1, 0]]}}}
     scene = scene_of(supports=supports)
     assert can_touch(scene, np.array([-0.1, 0.0, 0.19, 0.21]), 2.0).tolist() == [True, True, True, False]
@@ -84,14 +83,12 @@ ROLLER = {"shape": "plane", "point": [0.0, -1.0], "normal": [0.0, 1.0]}
     ],
 )
 def test_what_pushes_closes_the_smallest_gap_and_indents_a_little(
-    tables: dict[str, Any], closes: bool, scene_of: Callable[..., Scene]
+    tables: dict[str, Any], closes: bool, scene_of: SceneOf
 ) -> None:
     gap = np.array([0.5, 0.519, 0.521])  # 1 % of 2 m beyond the smallest
     assert can_touch(scene_of(**tables), gap, 2.0).tolist() == [closes, closes, False]
 
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 LOAD, RADII, E, NU = 500.0, (0.01, 0.1), 210e6, 0.3
 EXACT = hertz.cylinder(LOAD, 1 / sum(1 / r for r in RADII), hertz.plane_strain(E, NU) / 2)
 

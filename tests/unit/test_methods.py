@@ -5,7 +5,6 @@ import pickle
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from numpy.testing import assert_allclose
 
 import stickslip
 import stickslip.solvers
+from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry.errors import MachineError, SceneError, SolverError
 from stickslip.solvers.interface.coarse_mesh import CoarseMesh
 from stickslip.solvers.iteration import Solution, Status
@@ -31,7 +31,6 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Size, Stage, chain, chosen
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import StepError
-from stickslip.solvers.system.system import System
 from stickslip.workflows.lab.benchmarks.auto import BARS, Case
 from stickslip.workflows.run.audit import Audited
 from stickslip.workflows.run.result import Outcome, summary
@@ -179,8 +178,6 @@ def test_unknown_methods_are_refused_by_the_nearest_name() -> None:
         make_plan(replace(read("block"), solver=settings.Solver(method="usawa")))
 
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 CHAIN = ["surface-uzawa", "surface-uzawa", "condensed-newton", "surface-uzawa", "nsgs"]
 BASE = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}}
 FEW = 2  # iterations
@@ -382,7 +379,7 @@ def test_a_factor_pays_in_many_steps() -> None:
     assert form(Size(2, 3180, 44_520, 868)) == "condensed"  # bars: many of the dofs are contact dofs
 
 
-def test_multigrid_is_not_for_slender_bodies_that_float(system_of: Callable[[Scene], System]) -> None:
+def test_multigrid_is_not_for_slender_bodies_that_float(system_of: SystemOf) -> None:
     beam = Size(3, 50_000, 4e6, 2000)
     assert (form(beam), form(replace(beam, slender=10.0))) == ("matrix-free", "condensed")
     system = system_of(bars())
@@ -414,7 +411,7 @@ def test_each_rank_of_a_machine_has_a_dense_stiffness_of_its_own() -> None:
     assert DENSE[0] not in chosen(replace(LARGE, ranks=4), Solver(), memory).stages
 
 
-def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: Callable[[Scene], System]) -> None:
+def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_of(2, {"cells": "tensor", "mesh_size": 0.05}, contacts=BASE))
     size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
     assert (size.dim, size.dofs, size.ranks) == (2, system.K_B.size[0], 1)
@@ -423,7 +420,7 @@ def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: Cal
     assert size.entries == pytest.approx(system.K_B.getInfo()["nz_used"], rel=0.1)  # fewer at the boundary
 
 
-def test_the_coarse_mesh_has_fewer_dofs(system_of: Callable[[Scene], System]) -> None:
+def test_the_coarse_mesh_has_fewer_dofs(system_of: SystemOf) -> None:
     fine = system_of(read("two_blocks"))
     coarse = CoarseMesh.beside(fine)
     assert coarse is not None

@@ -1,6 +1,5 @@
 """Nested meshes: cells are cut at edges of contact, and what they find is the error of the mesh."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -10,6 +9,7 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
+from shared.problems import SceneOf, SystemOf
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.mesh.mesh import build_mesh
@@ -24,9 +24,7 @@ from stickslip.solvers.accuracy.nested_run import NestedRun
 from stickslip.solvers.accuracy.where_to_refine import Places
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.results.step_result import Errors, Quantity, StepResult, quantities
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
-from stickslip.solvers.system.system import System
 from stickslip.workflows.scene_file.read import read
 
 CORNERS = {"triangle": 3, "quadrilateral": 4}
@@ -140,7 +138,6 @@ def test_it_becomes_a_mesh_with_the_same_names(kind: str) -> None:
     assert built.part_count == 1
 
 
-SystemOf = Callable[[Scene], System]
 COARSE = ["geometry.order=2", "geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.15"]
 FINE = ["geometry.order=2", "geometry.mesh_size=0.1", "geometry.contact_mesh_size=0.025"]
 
@@ -168,9 +165,7 @@ def test_areas_that_agree_by_chance_are_not_exact(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("cells", ["simplex", "tensor"])
 @pytest.mark.parametrize("model", ["plane strain", "axisymmetric"])
-def test_forces_of_bubbles_are_those_of_order_3(
-    model: str, cells: str, scene_of: Callable[..., Scene], system_of: SystemOf
-) -> None:
+def test_forces_of_bubbles_are_those_of_order_3(model: str, cells: str, scene_of: SceneOf, system_of: SystemOf) -> None:
     held = {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}}
     base = {"base": {"surface": "block.bottom", "against": "foundation"}}
     shape = {"order": 2, "mesh_size": 0.5, "cells": cells}

@@ -1,6 +1,6 @@
 """Newton's method: linearised laws, damping, starts, and how attempts end."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from scipy.linalg import null_space
 
 from shared.cases import every_nth
 from shared.discrete import random_problem
-from shared.problems import surface_problem
+from shared.problems import SceneOf, SimulationOf, surface_problem
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
@@ -40,12 +40,9 @@ from stickslip.solvers.newton.attempts import (
 )
 from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, solve
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict, read
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 NORMAL: dict[str, dict[str, Any]] = {
     "unilateral": {"law": "unilateral"},
     "bilateral": {"law": "bilateral"},

@@ -1,6 +1,5 @@
 """Obstacles: distances and normals, how they move and are driven, and balls in cones."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 
 from shared.cases import every_nth
+from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.dolfinx_versions import ufl
@@ -21,8 +21,6 @@ from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.shape import Model
 from stickslip.solvers.results.step_result import SLIP
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.system.system import System
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -151,8 +149,6 @@ def test_wrong_rotations_and_motions_are_refused() -> None:
         Plane(point=(0.0, 0.0), normal=(0.0, 1.0), displacement={"y": late})
 
 
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
 CONES = [
     Cone(apex=(0.0, 0.2), axis=(0.0, 3.0), half_angle=30.0),
     Cone(apex=(0.0, 0.2), axis=(0.0, -1.0), half_angle=70.0, inside=True),
@@ -377,7 +373,6 @@ def test_a_blunt_cone_indents_a_half_space_as_love_says() -> None:
     assert_allclose(track.pressure[between] / mean, np.arccosh(a / r[between]), atol=0.03)  # found: 0.013
 
 
-SimulationOf = Callable[[Scene], Simulation]
 FRICTION = {"friction": {"law": "coulomb", "mu": 0.3}}
 CONTACT = {"base": {"surface": "block.bottom", "against": "foundation"}}
 LAWS: dict[str, dict[str, Any]] = {

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -19,12 +20,10 @@ from stickslip.solvers.newton import condensed_system, path, semismooth
 from stickslip.solvers.newton.attempts import Start, closed
 from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
-SceneOf = Callable[..., Scene]
 FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
 DRIVEN = {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}
 COULOMB = {"law": "coulomb", "mu": 0.4}
@@ -333,7 +332,6 @@ def test_floating_bodies_on_soft_springs_are_nearly_where_they_rest() -> None:
     assert far[2] < 1e-5  # the gaps are perturbed by some of that
 
 
-SimulationOf = Callable[[Scene], Simulation]
 CAPPED = {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.06}
 
 
@@ -480,7 +478,7 @@ LIFTED = {"x": 0.1, "y": 0.02}
 
 
 @pytest.fixture
-def reached(scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simulation]) -> Callable[..., Accepted]:
+def reached(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., Accepted]:
     """The last step of a block with friction that weakens from mu_s."""
 
     def make(mu_s: float, mu_k: float, slip_length: float, top: dict[str, Any], count: int) -> Accepted:
@@ -502,9 +500,7 @@ def reached(scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Sim
 
 
 @pytest.fixture
-def problem_of_several(
-    scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simulation]
-) -> Callable[..., SurfaceProblem]:
+def problem_of_several(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., SurfaceProblem]:
     """A block pressed and dragged in one step."""
 
     def make(

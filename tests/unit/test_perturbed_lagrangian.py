@@ -1,6 +1,5 @@
 """The method `perturbed-lagrangian`: its contact elements, its Newton iteration, and the error that it states."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -10,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.cases import slow
+from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical import perturbed_lagrangian as module
@@ -25,8 +25,6 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.scene_file.read import from_dict, read
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 COULOMB = {"law": "coulomb", "mu": 0.4}
 
 

@@ -1,6 +1,5 @@
 """Rows of contact: their frames, weights, normals and couplings carry tractions over as nodal forces."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.cases import every_nth
 from shared.overlays import above, below
+from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.surfaces.overlap import overlap
@@ -20,15 +20,12 @@ from stickslip.solvers.contact.mortar import _least, mortar_coupling, mortar_int
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.system.system import System, assemble
+from stickslip.solvers.system.system import assemble
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict, read
 
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
 SHAPES: dict[str, tuple[int, dict[str, Any]]] = {
     "triangles": (2, {}),
     "graded triangles": (2, {"contact_mesh_size": 0.11}),
@@ -208,9 +205,7 @@ def full_row_rank(simulation: Simulation) -> tuple[int, int]:
     return rank, int((np.abs(B).max(axis=1) > 1e-12).sum())
 
 
-def test_two_contacts_in_one_corner_ask_nothing_twice(
-    scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
-) -> None:
+def test_two_contacts_in_one_corner_ask_nothing_twice(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     ground = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
     both = {"base": contact("bottom"), "side": contact("left", "wall")}
     simulation = simulation_of(scene_of(obstacles=ground | WALL, contacts=both))
@@ -228,7 +223,7 @@ def test_two_contacts_in_one_corner_ask_nothing_twice(
 
 
 def test_parallel_planes_on_adjoining_sides_do_not_hold_a_corner_twice(
-    scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+    scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     # both obstacles face up and right: the corner of bottom and left has one normal motion for the two
     ground = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.1, 1.0]}}
@@ -246,7 +241,7 @@ def test_parallel_planes_on_adjoining_sides_do_not_hold_a_corner_twice(
 
 @pytest.mark.parametrize("shape", ["graded triangles", "tetrahedra"])
 def test_rows_on_the_contact_dofs_measure_what_rows_on_the_nodes_do(
-    shape: str, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+    shape: str, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     dim, geometry = SHAPES[shape]
     hold = {"clamp": {"boundary": "block.left", "displacement": {"x": 0.0}}}

@@ -1,6 +1,5 @@
 """Saddle points: published bounds on Uzawa's steps, and the inequality that u and lambda satisfy."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -12,7 +11,7 @@ from scipy import sparse
 from scipy.linalg import eigvalsh
 
 from shared.cases import often
-from shared.problems import surface_problem
+from shared.problems import SceneOf, SimulationOf, surface_problem
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import ContactBlock
@@ -44,8 +43,6 @@ from stickslip.workflows.lab.studies import saddle_points as study
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 SOFTNESS = (0.0, 0.3)  # C = 0 and C != 0
 ROUNDING = 1e-5  # of an error that has fallen to 1e-10, condition some 1e2 and more
 RULES = [Reducing(0.02), Reducing(0.2), Tied(0.05), Tied(0.5)]

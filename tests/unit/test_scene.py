@@ -16,6 +16,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 import stickslip as s
+from shared.problems import SceneOf
 from stickslip.geometry.errors import LONGEST_LINE, SceneError, nearest, require
 from stickslip.solvers import effects
 from stickslip.solvers.effects import EFFECTS
@@ -31,7 +32,6 @@ from stickslip.workflows.scene_file.lines import lines_of_keys
 from stickslip.workflows.scene_file.read import READY, from_dict, read, to_dict, with_keys
 from stickslip.workflows.scene_file.schema import scene_schema
 
-SceneOf = Callable[..., Scene]
 READY_NAMES = sorted(path.stem for path in READY.glob("*.toml"))
 PRESSED: dict[str, Any] = {
     "contacts": {"base": {"surface": "block.bottom", "against": "foundation"}},

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, SolverError
@@ -28,8 +29,6 @@ from stickslip.solvers.stepping.substep import SubstepSolver
 from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.scene_file.read import read
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 MU = 0.3
 SMALLEST = 0.5**HALVINGS
 
@@ -399,7 +398,7 @@ def test_times_of_every_table_are_hit_with_its_values(
 
 
 def test_sides_that_move_apart_end_the_step(
-    scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation], monkeypatch: pytest.MonkeyPatch
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     base = {"surface": "block.bottom", "against": "foundation", "sliding": True}
     top = {"boundary": "block.top", "displacement": {"x": 0.0, "y": -0.05}}

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import eigh, null_space
 
-from shared.problems import surface_problem, times
+from shared.problems import SceneOf, SimulationOf, SystemOf, surface_problem, times
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.surfaces.surface import lumped_mass, surface_stiffness
@@ -31,7 +31,6 @@ from stickslip.solvers.metrics import ContactLayer, Secants, surface_metric
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import System
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict, read
@@ -255,8 +254,6 @@ def test_small_problems_are_judged_as_large_ones() -> None:
     assert not tiny.is_scaled(replace(tiny, gap=tiny.gap + 1e-6 * tiny.u_ref))
 
 
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
 BASE = {"base": {"surface": "block.bottom", "against": "foundation"}}
 
 
@@ -565,9 +562,7 @@ def test_a_stiffness_that_is_none_is_said(
         surface.displacement(np.ones(surface.size))
 
 
-def test_a_block_that_was_pressed_lifts_off_without_forces(
-    scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
-) -> None:
+def test_a_block_that_was_pressed_lifts_off_without_forces(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     lift = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": [[0, 0], [1, -0.1], [2, 0.1], [3, -0.1]]}}}
     free = {"method": "surface-uzawa", "surface": "matrix-free"}
     simulation = simulation_of(
@@ -593,7 +588,7 @@ def test_a_preconditioner_that_is_not_positive_definite_is_an_error() -> None:
             turned.solve(np.ones(2), np.zeros(2), criterion)
 
 
-def test_a_slender_body_takes_no_halved_steps(simulation_of: Callable[[Scene], Simulation]) -> None:
+def test_a_slender_body_takes_no_halved_steps(simulation_of: SimulationOf) -> None:
     slender = read("strip", ["solver.method=surface-uzawa", "solver.surface=matrix-free", "steps.count=2"])
     assert [step.substeps for step in simulation_of(slender).steps()] == [1, 1]
 

@@ -1,6 +1,5 @@
 """Tangent conjugate gradients find the answer, and their tangent solves are what they say."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +12,7 @@ from scipy import sparse
 
 from shared.cases import slow
 from shared.cells import REFERENCE, Cell, largest, reference, refused, solved
+from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import MachineError, SolverError
 from stickslip.geometry.protocols import PC, Mat
@@ -315,9 +315,7 @@ def test_gamg_stands_in_for_hypre(monkeypatch: pytest.MonkeyPatch) -> None:
     assert_allclose(ran(cube("geometry.mesh_size=0.25"))[1], expected, rtol=0, atol=SAME * np.abs(expected).max())
 
 
-def test_no_equilibrium_is_found_by_the_certificate(
-    scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simulation]
-) -> None:
+def test_no_equilibrium_is_found_by_the_certificate(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     pushed = scene_of(
         contacts={
             "base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}

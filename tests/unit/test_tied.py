@@ -1,6 +1,5 @@
 """Tied surfaces and given gaps are met without a search for pressure."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.audited import record_of
 from shared.cases import every_nth
+from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.results.step_result import STICK, StepResult
@@ -19,8 +19,6 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 METHODS = ("condensed-newton", "uzawa")
 M = 0.7 / (1.3 * 0.4)  # constrained modulus of E = 1 Pa, nu = 0.3 [Pa]
 

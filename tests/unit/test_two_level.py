@@ -1,6 +1,5 @@
 """Errors of the mesh are those of bubbles, of corners and of recovered stresses."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +9,7 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose
 
 from shared.cases import every_nth, slow
+from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.errors import SolverError
@@ -24,15 +24,11 @@ from stickslip.solvers.results.step_result import Quantity, StepResult, quantiti
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import StepError, Stepper
-from stickslip.solvers.system.system import System
 from stickslip.workflows.lab.verification.cases import manufactured as case
 from stickslip.workflows.lab.verification.closed_forms.manufactured import LAWS, MU
 from stickslip.workflows.lab.verification.prepared import accepted
 from stickslip.workflows.scene_file.read import read
 
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
-SimulationOf = Callable[[Scene], Simulation]
 HELD = {"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": -0.1}}}
 HELD_3D = {"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": 0.0, "z": -0.1}}}
 COULOMB = {"law": "coulomb", "mu": 0.3}

@@ -13,6 +13,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 from shared.cases import every_nth, often, slow
+from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.solvers.classical.gram_uzawa import (
     GramIteration,
@@ -35,8 +36,6 @@ from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.studies import gram as study
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 COULOMB = {"law": "coulomb", "mu": 0.3}
 COMPLIANCE = {"law": "compliance", "c_n": 40.0, "m_n": 2.0}
 TIGHT = 1e-11  # the tolerance that methods are compared at

@@ -16,7 +16,7 @@ import stickslip
 from shared.cases import every_nth, often, slow
 from shared.drawn import GEO, draw, scene_data
 from shared.matrices import dense, whole
-from shared.problems import surface_problem
+from shared.problems import SceneOf, SimulationOf, SystemOf, surface_problem
 from stickslip.geometry.arrays import Array, inverse_and_determinant, inverses
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.protocols import Mat, Sparse
@@ -51,8 +51,6 @@ from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict, read
 
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
 STICKING = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "stick"}}}
 
 
@@ -145,9 +143,7 @@ def test_a_factorisation_that_mumps_gave_too_little_memory_is_repeated_with_more
     assert_allclose(schur_complement(), expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
-def test_a_body_without_contact_is_solved_directly(
-    scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
-) -> None:
+def test_a_body_without_contact_is_solved_directly(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     scene = replace(scene_in(2, scene_of), contacts={})
     simulation = simulation_of(scene)
     system = simulation.system
@@ -198,7 +194,7 @@ def test_lambda_max_bounds_the_largest_eigenvalue_closely(
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_floating_body_does_not_feel_its_augmentation(
-    dim: int, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+    dim: int, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     shelf = {"load": {"boundary": "block.top", "pressure": 0.1}, "push": {"boundary": "block.left", "pressure": 0.01}}
     scene = scene_of(
@@ -370,7 +366,7 @@ def test_pressures_as_unknowns_change_nothing_but_rounding(name: str, by_blocks:
 
 @pytest.mark.parametrize("name", ["block", *slow("two_blocks")])
 def test_a_condensed_run_never_assembles_the_matrix(
-    name: str, simulation_of: Callable[[Scene], Simulation], monkeypatch: pytest.MonkeyPatch
+    name: str, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = read(name, [*SCENES[name], 'solver.method="condensed-newton"'])
     expected = [step.p for step in simulation_of(scene).steps()]
@@ -423,9 +419,7 @@ def entries(matrix: Mat) -> Sparse:
     return found
 
 
-def test_boxes_lose_a_third_of_their_entries_and_no_accuracy(
-    scene_of: Callable[..., Scene], system_of: SystemOf
-) -> None:
+def test_boxes_lose_a_third_of_their_entries_and_no_accuracy(scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_of(3, {"cells": "tensor", "mesh_size": 0.125}, contacts=BASE, supports=TOP))
     K = whole(system)
     before, size = entries(K), K.getDiagonal().array.max()
@@ -441,9 +435,7 @@ def test_boxes_lose_a_third_of_their_entries_and_no_accuracy(
     assert forces_after < 1.2 * forces_before  # 1.9 if what is left out were not added to the node's own entries
 
 
-def test_rows_are_looked_at_in_parts(
-    monkeypatch: pytest.MonkeyPatch, scene_of: Callable[..., Scene], system_of: SystemOf
-) -> None:
+def test_rows_are_looked_at_in_parts(monkeypatch: pytest.MonkeyPatch, scene_of: SceneOf, system_of: SystemOf) -> None:
     K = whole(system_of(scene_of(3, {"cells": "tensor", "mesh_size": 0.25}, contacts=BASE, supports=TOP)))
     parts = K.copy()
     expected = without_rounding(K).getValuesCSR()
@@ -457,7 +449,7 @@ def test_rows_are_looked_at_in_parts(
     ids=["held boxes", "a body that floats", "tetrahedra"],
 )  # fmt: skip
 def test_only_held_bodies_of_boxes_are_changed(
-    changes: dict[str, Any], less: bool, scene_of: Callable[..., Scene], system_of: SystemOf
+    changes: dict[str, Any], less: bool, scene_of: SceneOf, system_of: SystemOf
 ) -> None:
     shape = {"cells": changes.get("cells", "tensor"), "mesh_size": 0.2}
     system = system_of(scene_of(3, shape, contacts=BASE, supports=changes.get("supports", TOP)))
@@ -470,7 +462,6 @@ def test_only_held_bodies_of_boxes_are_changed(
     assert_allclose((system.K * u).array, (K * u).array, rtol=0, atol=1e-13 * K.norm())
 
 
-SimulationOf = Callable[[Scene], Simulation]
 RUBBING = {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}
 PLANE = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
 HELD = {"top": {"boundary": "block.top", "displacement": {"x": 0.05, "y": -0.1}}}
@@ -660,9 +651,7 @@ def broken(method: CondensedNewton, problem: SurfaceProblem, p: Array, on_step: 
 DRAGGED = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}}
 
 
-def test_it_is_set_up_once_even_if_its_matrix_was_changed_for_a_while(
-    scene_of: Callable[..., Scene], system_of: Callable[[Scene], System]
-) -> None:
+def test_it_is_set_up_once_even_if_its_matrix_was_changed_for_a_while(scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_of(3, contacts=DRAGGED))
     K = system.K_B.copy()  # as `system` keeps its own
     pc = multigrid(K, False, lambda: near_nullspace(system), "test_")
@@ -802,7 +791,7 @@ def test_gamg_in_place_of_hypre_finds_the_same(name: str, monkeypatch: pytest.Mo
         assert_allclose(one.displacement, other.displacement, atol=3e-7 * np.abs(other.displacement).max())
 
 
-def test_coarse_spaces_of_gamg_hold_the_rotation(system_of: Callable[[Scene], System]) -> None:
+def test_coarse_spaces_of_gamg_hold_the_rotation(system_of: SystemOf) -> None:
     """A clamped strip, a hundred times as long as it is thick: without its rotation, bending is seen too late."""
     system = system_of(stickslip.read("strip", STRIP))
     motions = near_nullspace(system)
