@@ -26,6 +26,7 @@ from stickslip.geometry.obstacles.obstacle import Rotation
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.user_files.user_file import Box, UserFile
+from stickslip.solvers.classical.gram_uzawa import Gram
 from stickslip.solvers.effects.gravity import Gravity
 from stickslip.solvers.effects.periodic import Periodic
 from stickslip.solvers.iteration import Convergence, Status, Step
@@ -56,10 +57,8 @@ from stickslip.solvers.results.step_result import (
     SurfaceMesh,
 )
 from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.gram import Gram
 from stickslip.solvers.scene.loads import Load, Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.orthotropic import Orthotropic
+from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.scene.problem import PlanRow
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Steps
