@@ -1,7 +1,7 @@
 """Contact in UFL: works of multipliers and of compliance on a side, the law at contact points, and smoothed laws.
 
-Works of multipliers are sampled at the nodes of a side. Their quadrature is chosen so that the matrix of b(lambda, v; s)
-is B = W N to rounding: the points are the nodes, each with the weight W_j = ∫ phi~_j ds that the dual (biorthogonal)
+Works of multipliers are sampled at the nodes of a side. Their quadrature is chosen so that the matrix of b(lambda, v;
+s) is B = W N to rounding: the points are the nodes, each with the weight W_j = ∫ phi~_j ds that the dual (biorthogonal)
 multipliers of the other methods have there.
 
 Between bodies u_n is a jump across two meshes, and where contact slides the frames turn: no form over one mesh has it.

@@ -18,9 +18,8 @@ from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.prepare import Volume
 from stickslip.solvers.parallel.counters import Clock, Counters
 from stickslip.solvers.parallel.released import return_memory
-from stickslip.solvers.results.error_parts import Errors
 from stickslip.solvers.results.observe import Observer, mesh_data
-from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.solvers.results.step_result import Errors, MeshData, StepResult
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.memory import Counts, Demand, affordable, memory_of, spare

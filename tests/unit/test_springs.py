@@ -11,8 +11,7 @@ import stickslip
 from shared.audited import audit
 from shared.cases import every_nth
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results.error_parts import Quantity
-from stickslip.solvers.results.quantities import values
+from stickslip.solvers.results.step_result import Quantity, values
 from stickslip.solvers.simulation.plan import make_plan, planned
 from stickslip.workflows.lab.verification.cases.springs import AREA, CORNERS, K, alone, between, floor, pressed, scene
 from stickslip.workflows.lab.verification.check import failures

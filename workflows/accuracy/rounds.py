@@ -25,8 +25,7 @@ from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.accuracy.next_order import AT_THE_EDGE
 from stickslip.solvers.accuracy.two_level import MeshCorrection
-from stickslip.solvers.results.error_parts import Errors
-from stickslip.solvers.results.step_result import OPEN, StepResult
+from stickslip.solvers.results.step_result import OPEN, Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy
 from stickslip.solvers.simulation.simulation import Simulation
@@ -35,7 +34,7 @@ from stickslip.workflows.accuracy.kept import KeptRounds
 from stickslip.workflows.accuracy.level import ITERATION, SMALLEST, Level, Move, next_move
 from stickslip.workflows.accuracy.round import Round
 from stickslip.workflows.accuracy.standing import Standing, percent, standings
-from stickslip.workflows.formats.own_files import certify, is_certified
+from stickslip.workflows.formats.marker import certify, is_certified
 from stickslip.workflows.formats.regular import read_json
 from stickslip.workflows.formats.steps import read_step, step_files
 from stickslip.workflows.run.collective import from_rank_0, raise_together

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.solvers.results.error_parts import PARTS, ErrorParts
+from stickslip.solvers.results.step_result import PARTS, ErrorParts
 
 DIGITS = 1e-6  # of a number: a smaller error is not shown
 MOST_PLACES = 6  # behind the point
