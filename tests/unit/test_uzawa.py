@@ -16,6 +16,7 @@ from shared.cases import every_nth, often, slow
 from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.solvers.classical.gram_uzawa import (
+    Gram,
     GramIteration,
     GramMetric,
     contact_last,
@@ -30,7 +31,6 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.gram import Gram
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
