@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from stickslip.geometry.arrays import ROUNDING
 from stickslip.geometry.errors import require
 
-ROUNDING = 1e-9  # of the largest rate: by so much the pieces of a straight line differ
 Amplitude = float | tuple[tuple[float, float], ...]
 
 
@@ -41,6 +41,7 @@ def turns(amplitude: Amplitude, end: float) -> tuple[float, ...]:
     table = ((0.0, 0.0), (end, float(amplitude))) if isinstance(amplitude, float | int) else amplitude
     times, values = np.array(table if table[0][0] == 0.0 else ((0.0, 0.0), *table)).T
     rates = np.concatenate([[0.0], np.diff(values) / np.diff(times), [0.0]])
+    # of the largest rate: by so much the pieces of a straight line differ
     found = times[np.abs(np.diff(rates)) > ROUNDING * np.abs(rates).max()]
     return tuple(found.tolist())
 

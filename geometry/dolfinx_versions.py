@@ -44,7 +44,7 @@ import numpy as np
 import ufl
 from dolfinx import cpp, fem, mesh
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Ints
 from stickslip.geometry.protocols import (
     Comm,
     CompiledForm,
@@ -346,7 +346,7 @@ def find_cell(domain: DolfinxMesh, degree: int, point: Array, slack: float) -> t
         local = _pull_back(domain.topology.cell_type.name, degree, x, point)
         basis = reference_basis(domain.topology.cell_type.name, degree, local[None])[0][0]
         corners = reference_basis(domain.topology.cell_type.name, 1, local[None])[0][0]
-        if np.linalg.norm(basis @ x - point) <= slack and corners.min() >= -1e-9:
+        if np.linalg.norm(basis @ x - point) <= slack and corners.min() >= -ROUNDING:
             found.append((int(domain.topology.original_cell_index[cell]), int(cell), basis))
     return min(found, key=lambda entry: entry[0])[1:] if found else None
 
@@ -361,7 +361,7 @@ def _pull_back(shape: str, degree: int, nodes: Array, point: Array) -> Array:
         except np.linalg.LinAlgError:  # a point far outside a curved cell
             break
         local = local + step
-        if np.linalg.norm(step) < 1e-14:
+        if np.linalg.norm(step) < LAST_DIGITS:
             break
     return local
 

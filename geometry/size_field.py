@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, TINY, Array, Ints
 from stickslip.geometry.protocols import Gmsh
 
 USUAL = {2: np.sqrt(3) / 4, 3: 0.2}  # mean volume of gmsh's cells for a size of 1; a regular tetrahedron's is .118
@@ -67,7 +67,7 @@ def adapted(points: Array, cells: Ints, error: Array, factor: float, order: int 
     """
     d, volume = points.shape[1], volumes(points, cells)
     size = (volume / USUAL[d]) ** (1 / d)
-    error = np.maximum(error, 1e-12 * error.max(initial=1e-300))
+    error = np.maximum(error, EXACT * error.max(initial=TINY))
     power = 1 / (order + d / 2)
     share = 2 * order * power
     level = (factor**2 * np.sum(error**2) / np.sum(error ** (2 - share))) ** (1 / share)

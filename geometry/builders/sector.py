@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.builders import sides
 from stickslip.geometry.builders.builder import Builder
 from stickslip.geometry.builders.cuboid import transfinite
@@ -45,7 +45,7 @@ class Sector(Builder):
         """Number of cells along the arcs, and from the inner arc to the outer one."""
         along = np.radians(self.end - self.start) * self.outer_radius / self.mesh_size
         across = (self.outer_radius - self.inner_radius) / self.mesh_size
-        return max(1, int(np.ceil(along * (1 - 1e-9)))), max(1, round(across))
+        return max(1, int(np.ceil(along * (1 - ROUNDING)))), max(1, round(across))
 
     def box(self, dim: int) -> Array:
         points = np.concatenate([self.sample(side, dim)[0] for side in ("sector.inside", "sector.outside")])

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import brentq
 
+from stickslip.geometry.arrays import ROUNDING
 from stickslip.geometry.protocols import Gmsh
 
 GROWTH = 0.3  # of the cell size per distance from the contact
@@ -116,5 +117,5 @@ def graded(length: float, fine: float, coarse: float, ends: int) -> tuple[int, f
     n = max(n, int(np.ceil(part / coarse)))
     if n * fine >= part:
         return ends * n, 1.0
-    ratio = brentq(lambda r: fine * (r**n - 1) / (r - 1) - part, 1 + 1e-9, 10.0)
+    ratio = brentq(lambda r: fine * (r**n - 1) / (r - 1) - part, 1 + ROUNDING, 10.0)
     return (n, ratio) if ends == 1 else (2 * n, ratio ** (-n))

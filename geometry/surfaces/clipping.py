@@ -15,12 +15,11 @@ from __future__ import annotations
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.surfaces.bounding_balls import candidate_pairs
 from stickslip.geometry.surfaces.facet_map import locate
 from stickslip.geometry.surfaces.surface import Surface
 
-SLIVER = 1e-15  # triangles with a smaller determinant are dropped; 1 for the reference triangle
 GENERIC = (1.0, 0.6180339887)  # direction in reference coordinates to which no edge of a regular mesh is normal
 # n and c of the half-planes n . ξ + c >= 0 whose intersection is the reference triangle
 CUTS = (((1.0, 0.0), 0.0), ((0.0, 1.0), 0.0), ((-1.0, -1.0), 1.0))
@@ -165,5 +164,6 @@ def _fan(polygons: Array) -> tuple[Ints, Array]:
     corners = np.stack([np.zeros(v - 2, np.int64), np.arange(1, v - 1), np.arange(2, v)], axis=1)
     parts = polygons[:, corners].reshape(-1, 3, 2)
     arms = parts[:, 1:] - parts[:, :1]
-    kept = np.abs(np.linalg.det(arms)) > SLIVER
+    # triangles with a smaller determinant are dropped; 1 for the reference triangle
+    kept = np.abs(np.linalg.det(arms)) > LAST_DIGITS
     return np.repeat(np.arange(len(polygons)), v - 2)[kept], parts[kept]

@@ -8,14 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.surfaces.bounding_balls import candidate_pairs
 from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.surface import Surface
 
 BULGE = 1.2  # a curved facet lies within this multiple of the ball around its nodes
 MAX_IT = 60
-TOLERANCE = 1e-14  # in reference coordinates
 
 
 def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> tuple[Ints, Ints, Array]:
@@ -39,7 +38,7 @@ def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> t
     i, j = i[facing], j[facing]
     feet = [_project_on_slave(slave, field, i, master.points[master.facets[j, end]]) for end in (0, 1)]
     ends = np.sort(np.stack(feet, axis=1), axis=1)
-    kept = ends[:, 1] - ends[:, 0] > TOLERANCE
+    kept = ends[:, 1] - ends[:, 0] > LAST_DIGITS  # in reference coordinates
     return i[kept], j[kept], ends[kept][:, :, None]
 
 
@@ -68,9 +67,9 @@ def _project_on_slave(slave: Surface, field: Array, facets: Ints, points: Array)
         high[active] = np.where(value < 0, foot[active], high[active])
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = foot[active] - value / slope
-        inside = (moved >= low[active] - TOLERANCE) & (moved <= high[active] + TOLERANCE)
+        inside = (moved >= low[active] - LAST_DIGITS) & (moved <= high[active] + LAST_DIGITS)
         moved = np.where(inside, moved, (low[active] + high[active]) / 2)
-        still = np.abs(moved - foot[active]) <= TOLERANCE
+        still = np.abs(moved - foot[active]) <= LAST_DIGITS
         foot[active] = moved
         active = active[~still]
         if not len(active):

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools, Ints
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.facets import curved, edge_middles, normals_of
 from stickslip.geometry.protocols import Gmsh
@@ -17,7 +17,6 @@ from stickslip.geometry.user_files.simple_forms import fit
 
 COARSE = 8  # cells along the box's diagonal, for sampling and drawing
 ROUND = 16  # cells on a full circle
-FLAT_SIDE = 1e-6  # a side is flat if the components of its unit normals differ by less
 KNOWN = ("Plane", "Cylinder", "Line", "Circle")  # gmsh's types of entities that facets' corners tell all about
 CURVED, CHECKED = 10_000, 50  # facets of a face whose bulge is asked for, and of those that are checked, at most
 STEEP = 0.5  # bulge of an edge of a facet relative to its length, at most; a half circle's
@@ -200,7 +199,7 @@ class Shell:
         self.along = RAY * ([1, 1, 0] if dim == 2 else 1)
         self.across = np.linalg.svd(self.along[None, :dim])[2][1:]  # the ray is a point in this projection
         seen = self.corners[..., :dim] @ self.across.T
-        slack = 1e-9 * np.ptp(seen.reshape(-1, dim - 1), axis=0)
+        slack = ROUNDING * np.ptp(seen.reshape(-1, dim - 1), axis=0)
         self.low, self.high = seen.min(axis=1) - slack, seen.max(axis=1) + slack
 
     def outward(self, entity: int) -> bool:
@@ -237,7 +236,7 @@ def _sample(corners: Array, normals: Array) -> tuple[Array, Array]:
     reach = corners.reshape(-1, 3) @ directions.T
     ends = np.argmax(reach, axis=0)
     points, outward = corners.reshape(-1, 3)[ends], units[ends // k]
-    if np.ptp(units, axis=0).max() > FLAT_SIDE:
+    if np.ptp(units, axis=0).max() > CLOSE:  # a side is flat if the components of its unit normals differ by less
         facing = np.argmax(units @ directions.T, axis=0)
         points = np.concatenate([points, corners.mean(axis=1)[facing]])
         outward = np.concatenate([outward, units[facing]])

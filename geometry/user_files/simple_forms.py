@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, TINY, Array
 from stickslip.geometry.facets import normals_of
 
-ROUGH = 1e-5  # points lie on the form to this, relative to the face
 FLAT = 100.0  # a cylinder's radius, relative to the face, is less than this
 
 
@@ -37,7 +36,7 @@ class Form:
         if self.kind == "plane":
             return np.asarray(x - self.distance(x)[:, None] * self.axis)
         across = self._across(x - self.point)
-        long = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+        long = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), TINY)
         return np.asarray(x + across * (abs(self.radius) / long - 1))
 
     def normals(self, x: Array) -> Array:
@@ -45,14 +44,14 @@ class Form:
         if self.kind == "plane":
             return np.tile(self.axis, (len(x), 1))
         across = self._across(x - self.point) * np.sign(self.radius)
-        return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300))
+        return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), TINY))
 
     def same(self, other: Form) -> bool:
         """Whether both are one plane or one cylinder, with the body on the same side."""
         if self.kind != other.kind or self.kind == "other":
             return False
-        near = ROUGH * max(self.size, other.size)
-        if abs(abs(self.axis @ other.axis) - 1) > ROUGH:
+        near = CLOSE * max(self.size, other.size)  # points lie on the form to this, relative to the face
+        if abs(abs(self.axis @ other.axis) - 1) > CLOSE:
             return False
         if self.kind == "plane":
             return bool(self.axis @ other.axis > 0 and abs(self.distance(other.point[None])[0]) < near)
@@ -76,7 +75,7 @@ def fit(corners: Array, dim: int, between: Array | None = None) -> Form:
     normals = normals_of(corners)
     middle, size = nodes.mean(axis=0), float(np.ptp(nodes, axis=0).max())
     axis = np.append(_narrowest((nodes - middle)[:, :dim]), np.zeros(3 - dim))
-    if np.abs((nodes - middle) @ axis).max() <= ROUGH * size:
+    if np.abs((nodes - middle) @ axis).max() <= CLOSE * size:
         return Form("plane", middle, axis * np.sign(normals.sum(axis=0) @ axis or 1.0), size=size)
     other = Form("other", middle, axis, size=size)
     if len(nodes) < (8 if dim == 3 else 4):
@@ -90,7 +89,7 @@ def fit(corners: Array, dim: int, between: Array | None = None) -> Form:
         start = start + tilt @ across
     axis = start / np.linalg.norm(start)
     centre, radius, off = _circle(nodes - middle, axis)
-    if np.abs(off).max() > ROUGH * size or radius > FLAT * size:
+    if np.abs(off).max() > CLOSE * size or radius > FLAT * size:
         return other
     found = Form("cylinder", middle + centre, axis, radius, size)
     away = corners.mean(axis=1) - found.point
