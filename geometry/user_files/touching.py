@@ -13,7 +13,7 @@ from stickslip.geometry.facets import curved, edge_middles, normals_of
 from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.geometry.user_files.outline import Facets, Outline
-from stickslip.geometry.user_files.simple_forms import ROUGH, Form, fit
+from stickslip.geometry.user_files.simple_forms import Form, fit
 
 WITHIN = 1e-3  # of the box's diagonal: as far as faces are paired unless the user says how far
 ACROSS = 24  # sample points across the part of a side that may touch
@@ -106,7 +106,7 @@ class Pair:
 
     @property
     def _small(self) -> float:
-        return ROUGH * float(np.ptp(self.points, axis=0).max())
+        return CLOSE * float(np.ptp(self.points, axis=0).max())
 
 
 def simplices(faces: Iterable[Array]) -> Array:
@@ -337,7 +337,7 @@ def _measure(one: Side, other: Side, reach: float, dim: int, spacing: float = np
     if kinds == {"plane"} and samples.weights[samples.gap <= reach].sum() <= SLIGHT * one.area:
         return None
     near, least = samples, [samples]
-    if len(kinds) > 1 or kinds == {"other"} or not _constant(samples.gap[samples.gap <= reach], ROUGH * size):
+    if len(kinds) > 1 or kinds == {"other"} or not _constant(samples.gap[samples.gap <= reach], CLOSE * size):
         for _ in range(ROUNDS):
             if not np.isfinite(samples.gap).any():
                 break

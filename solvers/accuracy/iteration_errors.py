@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from stickslip.geometry.arrays import EPS
 from stickslip.solvers.accuracy.mesh_error import Values
 from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
 from stickslip.solvers.results.numbers import quantities
@@ -20,7 +21,6 @@ from stickslip.solvers.scene.quantities import KIND, KINDS
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.solvers.system.system import System
 
-ROUNDING = 1e-15  # of the largest number of its kind
 AREAS = KINDS["area"]
 LIKE = {"moment": "force", "rotation": "length", "dissipation": "energy"}  # kinds that are measured by another
 
@@ -61,7 +61,7 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
             )
         else:
             size = lever * sizes[kind]
-            off = 0.0 * np.abs(value) + lever * bounds[kind] + ROUNDING * size
+            off = 0.0 * np.abs(value) + lever * bounds[kind] + EPS * size  # of the largest number of its kind
             linear = 0.0 * np.abs(value) + LINEAR * accepted.linear_error * size
         errors[key] = ErrorParts(iteration=off, linear_solver=linear)
     return errors

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, Array, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.classical.sweeps import sweep_until_solved
 from stickslip.solvers.contact.admissible_set import project_disc
@@ -21,7 +21,6 @@ from stickslip.solvers.newton.solution import OnStep, Solution, ignore
 
 STALL_WINDOW = 20000  # sweeps in which the smallest residual must halve; plateaus of 2000 were seen
 CLOSE, FEW = 10, 5  # the residual is measured after each of the first CLOSE sweeps, then after every FEW
-LEAST = 1e-12  # smallest flexibility of a contact, relative to the largest: for contacts that move nothing
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,8 @@ def coloured(problem: DiscreteProblem) -> list[Colour]:
     surface, d = problem.surface, problem.dim
     own = _own_blocks(surface.matrix, d)
     give_n, give_T = own[:, 0, 0], np.linalg.eigvalsh(own[:, 1:, 1:])[:, -1]
-    least = LEAST * max(give_n.max(), give_T.max()) or 1.0
+    # smallest flexibility of a contact, relative to the largest: for contacts that move nothing
+    least = EXACT * max(give_n.max(), give_T.max()) or 1.0
     rho_n, rho_T = 1 / np.maximum(give_n, least), 1 / np.maximum(give_T, least)[:, None]
     found, q = [], problem.q.reshape(-1, d)
     for members in colours(surface.matrix, d):

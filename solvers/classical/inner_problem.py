@@ -13,7 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import LAST_DIGITS, TINY, Array
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Mat, Vec
 from stickslip.solvers.contact.admissible_set import ContactBlock
@@ -32,7 +32,6 @@ HALVINGS = 30
 OVERSHOOT = 0.9  # largest slope of the energy at the end of a step, relative to that at its start, of opposite sign
 SLOW = 0.1  # factor by which ||delta|| falls in an iteration; if less, F' is assembled and factorised anew
 INEXACT = 0.1  # of the first residual of a linear solve in Newton's method, where inner solves are iterative
-ROUNDING = 1e-14  # relative accuracy of the displacement, in energy norm, that rounding allows
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,8 @@ class InnerProblem:
             self._fresh = False
             size = float(np.sqrt(max(slope, 0.0)))
             first = first or size
-            rounding = ROUNDING * max(first, float(np.sqrt(max((self.K * q).dot(q), 0.0))))
+            # relative accuracy of the displacement, in energy norm, that rounding allows
+            rounding = LAST_DIGITS * max(first, float(np.sqrt(max((self.K * q).dot(q), 0.0))))
             if size <= max(allowed(first) if allowed else 0.0, rounding) or delta.norm() <= self.rounding(q):
                 return
             q.axpy(self._length(rhs, q, dq, slope), dq)
@@ -206,7 +206,7 @@ class InnerProblem:
         faces = self.faces or ()
         if not self.surface.floating or any(np.any(face.penetration(self.problem, u_c) > 0) for face in faces):
             return
-        k, p_ref = np.zeros(len(self.problem.gap)), max(self.problem.p_ref, np.finfo(float).tiny)
+        k, p_ref = np.zeros(len(self.problem.gap)), max(self.problem.p_ref, TINY)
         for face in faces:
             p = np.full(len(face.place.rows.W_n), p_ref)
             k[face.place.normal] = p / face.nominal.penetration(p)  # secant

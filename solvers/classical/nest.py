@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.protocols import KSP, Mat, Vec
 from stickslip.solvers.linear.inner_solver import direct, mumps_options
 from stickslip.solvers.linear.petsc_options import PetscOptions
 
-RTOL = 1e-12  # relative residual at which an iterative solve of the nest stops
 PREFIX = "block_"  # of PETSc's options; solver.petsc_options are without it
 SPLITS = ("", "fieldsplit_u_", "fieldsplit_lambda_")  # prefixes, after that one, of the nest's solvers
 
@@ -47,7 +47,7 @@ def solve(nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec], options: Pe
     pc = ksp.getPC()
     pc.setType("lu")
     pc.setFactorSolverType("mumps")
-    ksp.setTolerances(rtol=RTOL)
+    ksp.setTolerances(rtol=EXACT)  # relative residual at which an iterative solve of the nest stops
     splits, _ = nest.getNestISs()
     with options.in_force(mumps_options(PREFIX)):
         ksp.setFromOptions()

@@ -9,7 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import HALF_DIGITS, Array, Ints
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Mat, Sparse, Vec
 from stickslip.solvers.classical.block_system import BlockSystem
@@ -17,8 +17,6 @@ from stickslip.solvers.classical.nest import backward_error, nested, solve
 from stickslip.solvers.linear.inner_solver import direct, failure
 from stickslip.solvers.linear.petsc_options import PetscOptions
 from stickslip.solvers.newton.active_set import ActiveSet
-
-RESIDUAL = 1e-8  # backward error, and relative force out of balance, above which the linear system counts as singular
 
 
 class NestedSystem:
@@ -33,7 +31,8 @@ class NestedSystem:
             rtol: tolerance of the step.
         """
         self.blocks, self.q, self.options = blocks, q, options
-        self.enough = min(RESIDUAL, rtol)
+        # backward error, and relative force out of balance, above which the linear system counts as singular
+        self.enough = min(HALF_DIGITS, rtol)
         self.u_c: Array | None = None  # of the last answer, the same object as it returned
         self.direct = True  # whether all solves were by a factor
 
@@ -96,7 +95,7 @@ class NestedSystem:
         """Raise if the tractions p (rows,) [Pa] do not balance the load of a floating body."""
         surface, load = laws.problem.surface, laws.problem.load.resultant
         held = surface.R.T @ surface.forces(p)
-        if np.abs(load - held).sum() > RESIDUAL * (np.abs(load).sum() + np.abs(surface.forces(p)).sum()):
+        if np.abs(load - held).sum() > HALF_DIGITS * (np.abs(load).sum() + np.abs(surface.forces(p)).sum()):
             raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
 
 

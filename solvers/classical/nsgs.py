@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, LAST_DIGITS, TINY, Array, Ints
 from stickslip.solvers.classical.coloured_sweeps import ColouredSweeps
 from stickslip.solvers.classical.sweeps import sweep_until_solved
 from stickslip.solvers.contact.admissible_set import ContactBlock
@@ -21,9 +21,7 @@ from stickslip.solvers.methods.method import Method, Ready, SameEveryStep, Setup
 from stickslip.solvers.newton.solution import OnStep, Solution, ignore
 
 STALL_WINDOW = 500  # sweeps in which the smallest residual must halve
-LEAST = 1e-12  # smallest flexibility of a point, relative to the largest: for rows that move nothing
 NEWTON_STEPS = 50  # for the equation of a slipping point; it converges monotonically, about five are enough
-ROUNDING = 1e-15  # relative, of a length
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,7 +163,7 @@ def in_disc(give: Array, asked: Array, bound: float) -> Array:
         return np.zeros_like(t)
     x = 0.0
     for _ in range(NEWTON_STEPS if len(t) > 1 else 0):  # with one axis the answer is +-bound
-        if length <= bound * (1 + ROUNDING):
+        if length <= bound * (1 + LAST_DIGITS):  # relative, of a length
             break
         x += (length / bound - 1) * length**2 / float(t @ (t / (give + x)))
         t = asked / (give + x)
@@ -181,9 +179,10 @@ def _delassus(setup: Setup) -> Array:
 
 def _points(problem: SurfaceProblem, D: Array) -> Iterator[NormalPoint | FrictionPoint]:
     """All points in the order of the sweep: each tangential point right after the last normal row of its bound."""
-    give = np.maximum(D.diagonal() * problem.surface.W, 1e-300)
+    give = np.maximum(D.diagonal() * problem.surface.W, TINY)
     for place in problem.cone.places:
-        least = LEAST * float(give[place.normal].max(initial=0.0))
+        # smallest flexibility of a point, relative to the largest: for rows that move nothing
+        least = EXACT * float(give[place.normal].max(initial=0.0))
         gamma = 1 / np.maximum(give[place.normal], least)
         ordered: list[tuple[float, Any]] = [
             (k, NormalPoint(slice(i, i + 1), place.rows.normal, gamma[k : k + 1]))
@@ -207,7 +206,7 @@ def _friction_points(problem: SurfaceProblem, D: Array, place: ContactBlock) -> 
         own = average[j]
         A = D[np.ix_(rows, rows)] * W[rows]
         give, axes = np.linalg.eigh((A + A.T) / 2 + np.diag(cone.softness[rows]))
-        give = np.maximum(give, LEAST * float(give.max()))
+        give = np.maximum(give, EXACT * float(give.max()))
         yield (
             float(own.indices.max(initial=-1)) + 0.5,
             FrictionPoint(

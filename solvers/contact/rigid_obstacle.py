@@ -10,13 +10,11 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.coupling import Coupling, On, Points, shares
-
-UNIT = 1e-6  # by which a normal may be longer or shorter than 1
 
 
 def rigid_coupling(surface: Surface, obstacle: Obstacle) -> Coupling:
@@ -42,7 +40,8 @@ def seen_from(obstacle: Obstacle, points: Array) -> tuple[Array, Array]:
     """
     gap, normals = obstacle.signed_gap(points), obstacle.normals(points)
     long = np.linalg.norm(normals, axis=1)
-    wrong = np.flatnonzero(~np.isfinite(gap) | ~(np.abs(long - 1) < UNIT))
+    # by which a normal may be longer or shorter than 1
+    wrong = np.flatnonzero(~np.isfinite(gap) | ~(np.abs(long - 1) < CLOSE))
     if len(wrong):
         k, kind = wrong[0], type(obstacle).__name__
         place = ", ".join(f"{x:g}" for x in points[k])

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from petsc4py import PETSc
 
+from stickslip.geometry.arrays import EPS, EXACT
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import KSP, PC, Mat, Vec
 from stickslip.solvers.linear.petsc_options import PetscOptions
@@ -14,9 +15,8 @@ from stickslip.solvers.parallel.counters import Counters
 
 MUMPS: Mapping[str, str] = {"icntl_7": "5", "icntl_14": "200"}  # ordering by METIS, and percent of memory for pivots
 FACTORS = ("lu", "cholesky")
-EXACT = 1e-13  # relative residual of an iterative solve that stands for an exact one: rounding
 MAX_IT = 10000
-NOISE = 8 * float(np.finfo(float).eps)  # rounding of K u, relative to the largest diagonal entry of K times u
+NOISE = 8 * EPS  # rounding of K u, relative to the largest diagonal entry of K times u
 Allowed = Callable[[float], float]  # from ||delta|| at the start of an inner solve to the largest one at its end
 REASONS = {
     value: name for name, value in vars(PETSc.KSP.ConvergedReason).items() if isinstance(value, int) and value < 0
@@ -96,6 +96,7 @@ class InnerSolver:
             pc = ksp.getPC()
             pc.setType("cholesky")
             pc.setFactorSolverType("mumps")
+        # relative residual of an iterative solve that stands for an exact one: rounding
         ksp.setTolerances(rtol=EXACT, atol=0.0, max_it=MAX_IT)
         ksp.setFromOptions()
         if ksp.getType() == "preonly" and not direct(ksp):

@@ -8,10 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import eigh
 
-from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.arrays import EXACT, Array, Bools
 from stickslip.solvers.interface.flexibility import DelassusOperator
-
-RANK = 1e-13  # of the largest eigenvalue; a smaller one is zero
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,5 +49,5 @@ def inverse_root(Q: Array) -> Array:
     Q is singular where a compliant face has more points than nodes: tractions without nodal forces have norm zero.
     """
     values, vectors = eigh(Q)
-    kept = values > RANK * values.max(initial=0.0)
+    kept = values > EXACT * values.max(initial=0.0)  # of the largest eigenvalue; a smaller one is zero
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))

@@ -8,13 +8,12 @@ import numpy as np
 from mpi4py import MPI
 from scipy.linalg import cholesky, solve_triangular
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, Array, Ints
 from stickslip.geometry.protocols import Comm
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.parallel.shares import Shares
 
 KEPT = 100  # pairs
-EXACT = 1e-12  # least part of a pair's work that must be independent of the others, if volume solves are exact
 NOISE = 3.0  # that part must also exceed the asymmetry of measured work this many times
 
 
@@ -77,6 +76,7 @@ class Secants:
         self._guessed = np.column_stack([self._guessed, self.guess(force)[own]])
         work = self._shares.sum(self._S.T @ self._Y)
         noise = float(np.abs(work - work.T)[self._sure :, self._sure :].max(initial=0.0))
+        # least part of a pair's work that must be independent of the others, if volume solves are exact
         self._keep(_independent((work + work.T) / 2, self._sure, max(EXACT, NOISE * noise)))
         self._prepare()
 

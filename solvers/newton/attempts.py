@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.newton.active_set import ActiveSet, linearise
 from stickslip.solvers.newton.line_search import LineSearch
@@ -15,7 +15,6 @@ from stickslip.solvers.newton.solution import OnStep, Solution, Stall, Status, S
 from stickslip.solvers.newton.starts import Start
 
 STALL_WINDOW = 20  # iterations in which the smallest residual must halve; fronts of slip go on by a node in each
-SAME = 1e-10  # relative change up to which two iterates are the same
 RETREATS = 6  # how often trial tractions that leave the bodies without hold are halved towards earlier ones
 ATTEMPT = 60  # iterations of an attempt
 
@@ -146,6 +145,7 @@ def _repeats(iterate: tuple[Array, Array], visited: list[tuple[Array, Array]]) -
     """Whether tractions and motion (rows,) are those of an earlier iterate: from there on the iteration cycles."""
 
     def same(x: Array, y: Array) -> bool:
-        return bool(np.abs(x - y).max(initial=0.0) <= SAME * np.abs(x).max(initial=0.0))
+        # relative change up to which two iterates are the same
+        return bool(np.abs(x - y).max(initial=0.0) <= EXACT * np.abs(x).max(initial=0.0))
 
     return any(all(map(same, iterate, before)) for before in visited)

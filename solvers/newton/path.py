@@ -30,7 +30,7 @@ from itertools import islice
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, Array, Bools, Ints
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
@@ -40,12 +40,10 @@ from stickslip.solvers.newton.starts import Start, closed
 
 OPEN, CLOSED = 0, 1  # states of normal rows
 DEAD, STICK, FORWARD, BACKWARD = 2, 3, 4, 5  # states of tangential rows; dead: the friction bound is zero or less
-PERTURBATION = 1e-6  # of tractions and gaps at the start, against kinks that come at once
 SOFT = (1e-6, 1e-9, 1e-12)  # springs that hold floating bodies, relative to the bodies' own stiffness
 KINKS = (150, 600, 3000)  # budgets of paths from iterates, one after the other
 MOST_KINKS = 20000  # of the path from all open
 REFRESH = 40  # kinks after which the inverse is computed anew
-SINGULAR = 1e-11  # relative change of the determinant that counts as zero
 BACK = 2.0  # s at which the path is given up: it leads away
 
 
@@ -82,7 +80,8 @@ def path_from(problem: SurfaceProblem, p: Array, u_c: Array, kinks: int, seed: i
         seed: of the perturbation of z_0.
     """
     maps = _Map.of(problem)
-    away = PERTURBATION * problem.p_ref * np.random.default_rng(seed).standard_normal(len(p))
+    # of tractions and gaps at the start, against kinks that come at once
+    away = CLOSE * problem.p_ref * np.random.default_rng(seed).standard_normal(len(p))
     p = np.where(problem.cone.carrying, p + away, 0.0)
     yield from _follow(maps, p, problem.surface.R.T @ u_c, np.zeros_like(p), kinks)
 
@@ -294,7 +293,7 @@ class _Path:
         a = int(np.searchsorted(self.map.rows, row))
         by_row = (self.map.gradient(row, to) - self.map.gradient(row, int(self.state[row]))) @ self.inverse
         ratio = 1 + by_row[a]  # of the determinants
-        if abs(ratio) < SINGULAR:
+        if abs(ratio) < EXACT:  # relative change of the determinant that counts as zero
             return False
         self.crossed = row, int(self.state[row])
         self.state[row] = to

@@ -12,15 +12,13 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.newton import path
 
 ENOUGH = 1.0  # coefficient of friction above which others are looked for; one node of steel has others above 1.5
 MOST = 200  # rows up to which they are looked for; on 160 rows it takes 0.1 s a step, on 640 rows 6 s
 KINKS = 2000  # on the path that is followed
-SOLVED = 1e-6  # natural residual of another solution: it is the end of a path, not iterated
-APART = 1e-3  # of the largest traction: solutions that differ by less are one
 
 
 def others(
@@ -40,10 +38,12 @@ def others(
     known = [p]
     for found in path.path_from_open(problem, KINKS):
         w = problem.relative_displacement(found.u_c)
-        if problem.natural_residual(found.p, w) > SOLVED or not keeps(found.p, w):
+        # natural residual of another solution: it is the end of a path, not iterated
+        if problem.natural_residual(found.p, w) > CLOSE or not keeps(found.p, w):
             continue
         size = max(problem.scale(found.p), problem.scale(p))
-        if all(np.abs(found.p - one).max(initial=0.0) > APART * size for one in known):
+        # of the largest traction: solutions that differ by less are one
+        if all(np.abs(found.p - one).max(initial=0.0) > SLIGHT * size for one in known):
             known.append(found.p)
             yield found.p
 

@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 
 
 class Status(Enum):
@@ -154,7 +154,7 @@ class Solution:
     convergence: Convergence | None = None  # of methods that measure it
     others: tuple[Array, ...] = ()  # tractions (rows,) [Pa] of other solutions that were met
     weakening: float = 0.0  # how much faster than bodies unload friction weakens by slip [-]; above 1 slip jumps
-    slack: float = 1e-6  # part of the friction bound by which the traction of a slipping point may be smaller
+    slack: float = CLOSE  # part of the friction bound by which the traction of a slipping point may be smaller
 
     @property
     def iterations(self) -> int:

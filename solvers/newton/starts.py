@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.solvers.interface.limit_analysis import balancing_tractions
 from stickslip.solvers.interface.problem import LEAST, SurfaceProblem
 from stickslip.solvers.newton.solution import Solution
-
-SLIPPING = 1e-6  # relative distance from the friction bound at which a point of an answer slips
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +36,8 @@ class Start:
         What is at its friction bound slips: rounding would decide.
         """
         p_hat = answer + factor * problem.gamma * problem.cone.give(answer)
-        p_hat[problem.surface.normal_rows :] *= 1 + SLIPPING
+        # relative distance from the friction bound at which a point of an answer slips
+        p_hat[problem.surface.normal_rows :] *= 1 + CLOSE
         return Start(p=p, u_c=problem.u_before, p_hat=p_hat, factor=factor, in_equilibrium=False)
 
     @staticmethod

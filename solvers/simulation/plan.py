@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stickslip.geometry.amplitude import value_at
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.user_files.containment import walls
 from stickslip.geometry.user_files.open_file import kind_of
@@ -17,14 +18,11 @@ from stickslip.solvers.effects import active
 from stickslip.solvers.scene.material import NEARLY, Elastic, Material
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.timeline import CLOSE
 from stickslip.solvers.simulation.applicable import refuse_method
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.unresisted_modes import is_faint, least_springs
 
-FACING = 1e-6  # cosine of the angle between normals, below which two surfaces do not face each other
 INWARD = 0.99  # component along -r of the outward normal of a facet on the axis of symmetry
-AXIS = 1e-9  # relative to the scene's size: points closer than this to the axis of symmetry lie on it
 UNLOCKED = {True: 'formulation = "auto"', False: "geometry.order = 2"}  # by whether the body is isotropic
 STIFF = 1e15  # times the softest spring that can hold a body: the answer keeps some ten digits
 
@@ -93,7 +91,7 @@ def _cut(scene: Scene) -> tuple[str, ...]:
     end, late = scene.steps.end, dict[str, float]()
     for place, amplitude in scene.drives().items():
         table = () if isinstance(amplitude, float | int) else amplitude
-        if any(t > end * (1 + CLOSE) and value != value_at(amplitude, end, end) for t, value in table):
+        if any(t > end * (1 + EXACT) and value != value_at(amplitude, end, end) for t, value in table):
             late[str(place)] = table[-1][0]
     if not late:
         return ()
@@ -144,7 +142,8 @@ def _refuse_on_axis(scene: Scene) -> None:
     """
     if not scene.axisymmetric:
         return
-    small = AXIS * float(np.max(np.ptp(scene.geometry.box(scene.dim), axis=0)))
+    # relative to the scene's size: points closer than this to the axis of symmetry lie on it
+    small = ROUNDING * float(np.max(np.ptp(scene.geometry.box(scene.dim), axis=0)))
     sides = {f"contacts.{name}.surface": contact.surface for name, contact in scene.contacts.items()}
     of_loads = {f"loads.{name}.boundary": load.boundary for name, load in scene.loads.items()}
     for key, side in (sides | of_loads).items():
@@ -189,7 +188,8 @@ def _refuse_reversed(scene: Scene) -> None:
             continue
         points, outward = scene.geometry.sample(contact.surface, scene.dim)
         facing = np.einsum("kd,kd->k", seen_from(scene.obstacles[contact.against], points)[1], outward)
-        if np.all(facing > -FACING):
+        # cosine of the angle between normals, below which two surfaces do not face each other
+        if np.all(facing > -CLOSE):
             raise SceneError(
                 f"obstacles.{contact.against}: its normal must point against {contact.surface} (contacts.{name}), and "
                 f"does so nowhere; the side's outward normal is {np.round(outward[0], 6).tolist()}, reverse it"

@@ -7,16 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import null_space
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.solvers.contact.rigid_obstacle import seen_from
 from stickslip.solvers.fem.constraints import AXES
 from stickslip.solvers.fem.rigid_fields import rigid_fields, rigid_names
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Coupling, End, Support
 from stickslip.solvers.scene.scene import Scene
-
-FAINT = 1e-9  # of E / extent: a body held by softer tangential springs slides until rounding takes its stresses
-PARALLEL = 1e-9  # singular values below this, relative to the largest, count as zero
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,11 +61,12 @@ def unresisted_modes(scene: Scene) -> UnresistedModes:
     ]
     for contact in scene.contacts.values():
         blocks += _touching(scene, contact, motions)
-    left = np.asarray(null_space(np.concatenate(blocks), rcond=PARALLEL))
+    # singular values below this, relative to the largest, count as zero
+    left = np.asarray(null_space(np.concatenate(blocks), rcond=ROUNDING))
     most = int(np.argmax(np.linalg.norm(left, axis=1))) if left.shape[1] else -1
     return UnresistedModes(
-        rigid_modes=np.asarray(null_space(supported, rcond=PARALLEL)),
-        bedded=not null_space(np.concatenate(bedding)[:, : len(motions.bodies) * motions.each], rcond=PARALLEL).size,
+        rigid_modes=np.asarray(null_space(supported, rcond=ROUNDING)),
+        bedded=not null_space(np.concatenate(bedding)[:, : len(motions.bodies) * motions.each], rcond=ROUNDING).size,
         unheld=motions.kinds[most] if most >= 0 else "",
     )
 
@@ -169,7 +167,8 @@ def is_faint(scene: Scene, contact: Contact) -> bool:
 def least_springs(scene: Scene) -> float:
     """Stiffness [Pa/m] of the softest springs that can hold a body."""
     softest = min(material.least_modulus for material in scene.bodies.values())
-    return FAINT * softest / float(np.ptp(scene.geometry.box(scene.dim), axis=0).max())
+    # of E / extent: a body held by softer tangential springs slides until rounding takes its stresses
+    return ROUNDING * softest / float(np.ptp(scene.geometry.box(scene.dim), axis=0).max())
 
 
 def _nearest_body(scene: Scene, point: Array) -> str:

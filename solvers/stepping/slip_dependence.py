@@ -15,12 +15,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, EXACT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.law import touching
 from stickslip.solvers.newton import several
-from stickslip.solvers.newton.correction import ENOUGH, FLOOR
+from stickslip.solvers.newton.correction import ENOUGH
 from stickslip.solvers.newton.solution import Solution, Status
 
 TURNS = 200  # of slip and mu; near the edge of stability they are slow
@@ -139,7 +139,7 @@ def exact_by_turns(
         return at if np.isfinite(size) else replace(at, status=Status.BROKEN)
 
     off = _apart(problem, with_slip(cone, lengthened(slid, problem, at.p, at.w)), at.p)
-    ended, turned = solve_by_turns(problem, cone, slid, at.p, solve, max(ENOUGH * off, FLOOR))
+    ended, turned = solve_by_turns(problem, cone, slid, at.p, solve, max(ENOUGH * off, EXACT))
     return at, size if ended.status is found.status else np.nan, lengthened(slid, turned, at.p, at.w)
 
 
@@ -154,7 +154,7 @@ def other_ends(problem: SurfaceProblem, cone: AdmissibleSet, slid: Lengths, p: A
     """
 
     def keeps(p: Array, w: Array) -> bool:
-        return _apart(problem, with_slip(cone, lengthened(slid, problem, p, w)), p) <= several.SOLVED
+        return _apart(problem, with_slip(cone, lengthened(slid, problem, p, w)), p) <= CLOSE
 
     return tuple(several.others(problem, p, keeps) if slid else several.others(problem, p))
 

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.errors import GeometryError, SceneError, SolverError
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Vec
@@ -214,7 +214,7 @@ class Stepper:
             size = control.next_size(remaining, smallest)
             end = target if size == remaining else state.time + size
             stepper, solution, problem, new = self._solve_with_pairs(
-                state, end, history, on_iteration, can_be_cut=not stuck and size > smallest * (1 + 1e-9)
+                state, end, history, on_iteration, can_be_cut=not stuck and size > smallest * (1 + ROUNDING)
             )
             if solution.status is Status.NO_EQUILIBRIUM:
                 dofs = stepper.chain.volume.contact.rows
@@ -228,7 +228,7 @@ class Stepper:
                 if scaled and not known:
                     stuck = True  # once more, now by all methods
                     continue
-                if size <= smallest * (1 + 1e-9) or scaled:
+                if size <= smallest * (1 + ROUNDING) or scaled:
                     found = f"the last equilibrium that was found is at t = {state.time:g}"
                     if unbalanced is not None:
                         when, why = unbalanced

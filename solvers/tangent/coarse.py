@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import CLOSE, Array, Ints
 from stickslip.solvers.system.floating_modes import near_nullspace
 from stickslip.solvers.system.system import System
 from stickslip.solvers.tangent.operator import TangentOperator
 
 CYCLES = 3  # of conjugate gradients for each motion
-SAME = 1e-6  # relative; motions that differ by less are one
 
 
 class CoarseMotions:
@@ -44,7 +43,7 @@ class CoarseMotions:
             of_side[own] = motions[own]
             jumps = np.array([operator.jump(column) * self.slides for column in of_side.T])
             sizes, mixed = np.linalg.eigh(operator.comm.allreduce(jumps @ jumps.T))
-            keep = sizes > SAME * sizes.max(initial=0.0)
+            keep = sizes > CLOSE * sizes.max(initial=0.0)  # relative; motions that differ by less are one
             found += list((mixed[:, keep] / np.sqrt(sizes[keep])).T @ jumps)
         return found
 

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.tangent.operator import TangentOperator
 
 LOADS = 4  # that are kept
-SAME = 1e-6  # relative difference of loads that counts as none
 
 
 class LoadScale:
@@ -37,9 +36,10 @@ class LoadScale:
         if self.loads:
             F = np.array([known for known, _ in self.loads])
             products = self.operator.comm.allreduce(F @ np.vstack([F, f.array_r]).T)
-            share = np.linalg.lstsq(products[:, :-1], products[:, -1], rcond=SAME**2)[0]
+            # relative difference of loads that counts as none
+            share = np.linalg.lstsq(products[:, :-1], products[:, -1], rcond=CLOSE**2)[0]
             left = f.array_r - share @ F
-        if dot(left, left) <= SAME**2 * dot(f.array_r, f.array_r):
+        if dot(left, left) <= CLOSE**2 * dot(f.array_r, f.array_r):
             nothing = np.zeros(len(self.contact.rows))
             return np.asarray(sum((k * u for k, (_, u) in zip(share, self.loads, strict=True)), nothing))
         u_c = self.contact.read(self.operator.guess(f))

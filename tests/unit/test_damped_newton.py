@@ -11,7 +11,7 @@ from scipy import sparse
 
 from shared.discrete import random_problem
 from shared.problems import surface_problem
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, EXACT, Array
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
@@ -20,7 +20,7 @@ from stickslip.solvers.newton.active_set import ActiveSet, linearise
 from stickslip.solvers.newton.attempts import ATTEMPT, Attempts
 from stickslip.solvers.newton.line_search import DECREASE, HALVINGS, MEMORY, LineSearch
 from stickslip.solvers.newton.solution import Solution, Status, Step
-from stickslip.solvers.newton.starts import SLIPPING, Start, again, closed, first_starts, other_starts
+from stickslip.solvers.newton.starts import Start, again, closed, first_starts, other_starts
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict, read
 
@@ -154,7 +154,7 @@ def test_a_cycle_ends_an_attempt_at_its_first_repetition() -> None:
 
 def test_tractions_that_repeat_with_another_motion_are_no_cycle() -> None:
     x, y = np.array([1.0, -2.0]), np.array([3.0, 4.0])
-    assert attempts._repeats((x, y), [(y, x), (x * (1 + 1e-11), y)])
+    assert attempts._repeats((x, y), [(y, x), (x * (1 + EXACT / 2), y)])
     assert not attempts._repeats((x, y), [(x, y + 1e-6), (x + 1e-6, y)])
     assert not attempts._repeats((x, y), [])
     assert attempts._repeats((1e3 * x, y), [(1e3 * x + 1e-8, y)])  # the change is relative
@@ -437,10 +437,10 @@ def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem) -> None:
 def test_starts_of_floating_bodies(floating: SurfaceProblem) -> None:
     p = np.ones(len(floating.gap))
     last, shut, rigid = first_starts(floating, p)
-    assert_allclose(last.p_hat, p, rtol=2 * SLIPPING)
+    assert_allclose(last.p_hat, p, rtol=2 * CLOSE)
     assert_allclose(shut.p_hat, closed(floating))
     assert rigid.p.any()
-    assert_allclose(rigid.p_hat, rigid.p, rtol=2 * SLIPPING)
+    assert_allclose(rigid.p_hat, rigid.p, rtol=2 * CLOSE)
     assert not any(start.in_equilibrium for start in (last, shut, rigid))
     assert {start.factor for start in (last, shut, rigid)} == {1.0}
     assert last.p is p
@@ -458,7 +458,7 @@ def test_trial_tractions_of_an_answer_are_projected_onto_it(factor: float) -> No
     answer = np.where(np.arange(len(problem.gap)) < problem.surface.normal_rows, 0.3, 0.05)
     answer[problem.surface.normal_rows :] *= problem.cone.carrying[problem.surface.normal_rows :]
     start = Start.as_if(problem, 0 * answer, answer, factor)
-    assert_allclose(problem.project(start.p_hat, factor * problem.gamma), answer, rtol=2 * SLIPPING)
+    assert_allclose(problem.project(start.p_hat, factor * problem.gamma), answer, rtol=2 * CLOSE)
     assert Start.as_if(problem, 0 * answer, answer).factor == 1.0
 
 

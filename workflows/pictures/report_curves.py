@@ -9,7 +9,7 @@ from html import escape
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.workflows.pictures.sheet import CURVES
 
 WIDTH, HEIGHT = 460, 190  # of the drawing
@@ -31,7 +31,7 @@ class Curve:
 def panel(label: str, times: Array, curves: Sequence[Curve]) -> str:
     """A figure with these curves, those that stay zero left out; empty if none is left, or there is one step alone."""
     size = max((_largest(curve) for curve in curves), default=0.0)
-    shown = [curve for curve in curves if _largest(curve) > 1e-9 * size][:MOST]
+    shown = [curve for curve in curves if _largest(curve) > ROUNDING * size][:MOST]
     if len(times) < 2 or not shown:
         return ""
     reach = [c.values + sign * np.nan_to_num(c.error) for c in shown for sign in (-1, 1)]
@@ -49,7 +49,7 @@ def panel(label: str, times: Array, curves: Sequence[Curve]) -> str:
     for tick, height in zip(ticks, y(np.array(ticks)), strict=True):
         drawn.append(f'<path class="grid" d="M{LEFT} {height:.1f}H{WIDTH - RIGHT}"/>')
         drawn.append(f'<text x="{LEFT - 6}" y="{height + 4:.1f}" text-anchor="end">{tick / 10**power:.4g}</text>')
-    for tick in (tick for tick in along if tick <= times[-1] * (1 + 1e-9)):
+    for tick in (tick for tick in along if tick <= times[-1] * (1 + ROUNDING)):
         place = LEFT + (WIDTH - LEFT - RIGHT) * tick / times[-1]
         drawn.append(f'<text x="{place:.1f}" y="{HEIGHT - 6}" text-anchor="middle">{tick:.4g}</text>')
     for curve, colour in zip(shown, CURVES, strict=False):
@@ -91,7 +91,7 @@ def _ticks(low: float, high: float) -> tuple[list[float], int]:
     width = high - low or 1.0
     decade = 10.0 ** math.floor(math.log10(width / 5))
     step = next(factor * decade for factor in (1, 2, 2.5, 5, 10) if factor * decade >= width / 6)
-    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    first, last = math.floor(low / step + ROUNDING), math.ceil(high / step - ROUNDING)
     ticks = [float(f"{k * step:.12g}") for k in range(first, last + 1)]
     exponent = math.floor(math.log10(max(abs(low), abs(high)) or 1.0))
     power = 0 if -2 < exponent < 4 else 3 * math.floor(exponent / 3)
