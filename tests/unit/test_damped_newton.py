@@ -157,7 +157,7 @@ def test_tractions_that_repeat_with_another_motion_are_no_cycle() -> None:
     assert attempts._repeats((x, y), [(y, x), (x * (1 + EXACT / 2), y)])
     assert not attempts._repeats((x, y), [(x, y + 1e-6), (x + 1e-6, y)])
     assert not attempts._repeats((x, y), [])
-    assert attempts._repeats((1e3 * x, y), [(1e3 * x + 1e-8, y)])  # the change is relative
+    assert attempts._repeats((1e3 * x, y), [(1e3 * x + 1e-10, y)])  # the change is relative
     assert not attempts._repeats((1e-12 * x, y), [(2e-12 * x, y)])
     assert attempts._repeats((0 * x, y), [(0 * x, y)])
     assert attempts._repeats((x[:0], y[:0]), [(x[:0], y[:0])])
