@@ -1,15 +1,108 @@
-"""A value in time: a number ramped from zero, or a table that is piecewise linear."""
+"""A value in time: a number ramped from zero, or a table that is piecewise linear, written out or in a CSV file."""
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic_core import PydanticKnownError, core_schema
 
 from stickslip.geometry.arrays import ROUNDING
-from stickslip.geometry.errors import require
+from stickslip.geometry.errors import SceneError, nearest, require, require_known, shortened
 
-Amplitude = float | tuple[tuple[float, float], ...]
+COLUMNS = {"csv": "a file with a line of names", "time": "its column of times", "column": "its column of values"}
+LONGEST = 2**26  # characters of a CSV file
+
+
+class FromCsv:
+    """Beside a type: the value may be a table { csv, time, column }, and is read from there; then it is written out."""
+
+    @staticmethod
+    def __get_pydantic_core_schema__(source: Any, handler: Callable[[Any], Any]) -> Any:
+        def accept(value: Any) -> Any:
+            if not isinstance(value, Mapping) or "csv" not in value:
+                raise PydanticKnownError("tuple_type")
+            return read_csv(value)
+
+        return core_schema.no_info_plain_validator_function(accept)
+
+    @staticmethod
+    def __get_pydantic_json_schema__(schema: Any, handler: Callable[[Any], Any]) -> dict[str, Any]:
+        keys = {key: {"type": "string", "description": meaning} for key, meaning in COLUMNS.items()}
+        return {"type": "object", "properties": keys, "required": list(COLUMNS), "additionalProperties": False}
+
+
+Table = tuple[tuple[float, float], ...]
+Amplitude = float | Table | Annotated[Table, FromCsv]
+
+
+def read_csv(keys: Mapping[str, Any]) -> Table:
+    """Read the table of a value in time from two columns of a CSV file.
+
+    Args:
+        keys: `csv`, a path, relative to the working folder, and `time` and `column`, names in the file's first line.
+
+    Raises:
+        SceneError: key, value, what is expected.
+    """
+    for key in keys:
+        if key not in COLUMNS:
+            raise SceneError(f"{key}: unknown key; {nearest(str(key), COLUMNS)}")
+    for key, meaning in COLUMNS.items():
+        if key not in keys:
+            raise SceneError(f"{key}: missing, {meaning}")
+        require(isinstance(keys[key], str), key, keys[key], "expected a text, in quotes")
+    path = Path(keys["csv"])
+    table = tuple(_rows(path, keys["time"], keys["column"]))
+    require(len(table) > 0, "csv", path, "has no rows below the names of its columns")
+    return table
+
+
+def _rows(path: Path, *names: str) -> Iterator[tuple[float, float]]:
+    """Time and value of each row; the keys of `COLUMNS` are named where something is wrong."""
+    last = -1.0
+    lines = csv.reader(_text(path).splitlines(), skipinitialspace=True)
+    header = [name.strip() for name in next(lines, [])]
+    for key, name in zip(("time", "column"), names, strict=True):
+        require_known(key, name, header, f"{path.name} has no such column")
+        require(header.count(name) == 1, key, name, f"{path.name} has several columns of this name")
+    for row in lines:
+        if not any(cell.strip() for cell in row):
+            continue
+        found = [_number(row, header.index(name), name, f"{path.name}, line {lines.line_num}") for name in names]
+        rises = found[0] > last if last >= 0 else found[0] >= 0
+        require(rises, "csv", path, f"line {lines.line_num}: times must increase, from 0 or later; found {found[0]:g}")
+        last = found[0]
+        yield found[0], found[1]
+
+
+def _number(row: list[str], place: int, name: str, where: str) -> float:
+    text = row[place].strip() if place < len(row) else ""
+    try:
+        number = float(text)
+    except ValueError:
+        number = np.nan
+    if not isfinite(number):
+        raise SceneError(f'csv = {where}: "{shortened(text, 40)}" in column {shortened(name, 40)} is no finite number')
+    return number
+
+
+def _text(path: Path) -> str:
+    require(path.is_file(), "csv", path, "no such file")
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            text = file.read(LONGEST + 1)
+    except UnicodeDecodeError:
+        raise SceneError(f"csv = {shortened(path)}: is not a text file in UTF-8") from None
+    except OSError as error:
+        raise SceneError(f"csv = {shortened(path)}: cannot be read: {error.strerror}") from None
+    require(len(text) <= LONGEST, "csv", path, f"is longer than {LONGEST // 2**20} million characters")
+    return text
 
 
 def value_at(amplitude: Amplitude, time: float, end: float) -> float:

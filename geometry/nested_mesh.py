@@ -1,4 +1,6 @@
-"""A plane mesh of order 2 with cells cut into smaller ones: every displacement of the old mesh is one of the new mesh.
+"""Meshes made of another mesh: cells cut into smaller ones in the plane, and cells of order 1 in place of order 2.
+
+Of a plane mesh of order 2 with cells cut, every displacement of the old mesh is one of the new mesh.
 
 Edges are halved. A triangle with two halved edges is cut into four, the third edge is halved too; with one it is cut
 into two. In a quadrilateral opposite edges are halved together, so that rows of cells are cut from end to end. Old
@@ -199,3 +201,37 @@ def _corners(kind: str, halved: Halved) -> list[tuple[int, ...]]:
         for a, b in pairwise(columns)
         for c, d in pairwise(rows)
     ]
+
+
+OF_CORNERS = {  # gmsh's type, and its order of the corners of cells and of facets
+    "tetrahedron": (4, (0, 1, 2, 3), (0, 1, 2)),
+    "hexahedron": (5, (0, 1, 3, 2, 4, 5, 7, 6), (0, 1, 3, 2)),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CornerMesh(Shape):
+    """As a shape it is put into gmsh as it is."""
+
+    kind: str  # tetrahedron or hexahedron
+    points: Array  # (n, 3) [m], of order 2
+    cells: Ints  # (c, k) nodes, the corners first, in dolfinx's order
+    body: Ints  # (c,) index in `names`
+    names: tuple[str, ...]  # of the bodies
+    sides: Mapping[str, Ints]  # body.side -> nodes of its facets (f, k), the corners first
+
+    @property
+    def degree(self) -> int:
+        return 1
+
+    def refuse_too_large(self, request: Request, free: float = np.inf) -> None:
+        """It is smaller than the mesh that is there."""
+
+    def put(self, gmsh: Gmsh, request: Request) -> float:
+        kind, order, around = OF_CORNERS[self.kind]
+        corners = self.cells[:, order]
+        used = np.unique(corners)
+        bodies = {name: np.searchsorted(used, corners[self.body == k]) for k, name in enumerate(self.names)}
+        sides = {name: np.searchsorted(used, facets[:, around]) for name, facets in self.sides.items()}
+        RawMesh(3, kind, self.points[used], bodies, sides).put(gmsh)
+        return 1.0

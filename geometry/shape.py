@@ -9,10 +9,10 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.bulging import Bulging, find_bulging
+from stickslip.geometry.curved_facets import Bulging, find_bulging
 from stickslip.geometry.errors import require
+from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.size_field import SizeField
 from stickslip.geometry.units import Units
 
 MOST_CELLS = 50_000_000

@@ -6,18 +6,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from stickslip.geometry.builders import Builder
-from stickslip.geometry.builders.arch import Arch
-from stickslip.geometry.builders.block import Block
-from stickslip.geometry.builders.cylinders import Cylinders
-from stickslip.geometry.builders.half_ball import HalfBall
-from stickslip.geometry.builders.half_disc import HalfDisc
+from stickslip.geometry.builders.blocks import Stack, TwoBlocks
+from stickslip.geometry.builders.cuboid import Block, Strip
+from stickslip.geometry.builders.domes import Cylinders, HalfBall, HalfDisc, Spheres
 from stickslip.geometry.builders.half_space import HalfSpace
-from stickslip.geometry.builders.ring import Ring
-from stickslip.geometry.builders.rings import Rings
-from stickslip.geometry.builders.spheres import Spheres
-from stickslip.geometry.builders.stack import Stack
-from stickslip.geometry.builders.strip import Strip
-from stickslip.geometry.builders.two_blocks import TwoBlocks
+from stickslip.geometry.builders.ring import Arch, Ring, Rings
 from stickslip.geometry.errors import (
     DamagedError,
     FolderError,
@@ -29,13 +22,13 @@ from stickslip.geometry.errors import (
 )
 from stickslip.geometry.keys import Choice, Key, Noun
 from stickslip.geometry.obstacles import Obstacle
-from stickslip.geometry.obstacles.cylinder import Cylinder
+from stickslip.geometry.obstacles.obstacle import Rotation
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.geometry.obstacles.rotation import Rotation
-from stickslip.geometry.obstacles.sphere import Sphere
+from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.user_files.user_file import Box, UserFile
 from stickslip.solvers.effects.gravity import Gravity
 from stickslip.solvers.effects.periodic import Periodic
+from stickslip.solvers.iteration import Convergence, Status, Step
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.compliance import Compliance
@@ -44,7 +37,6 @@ from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.tied import Tied
 from stickslip.solvers.laws.unilateral import Unilateral
 from stickslip.solvers.method_registry import Solver
-from stickslip.solvers.newton.solution import Convergence, Status, Step
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.error_parts import ErrorParts, Quantity
 from stickslip.solvers.results.step_result import (

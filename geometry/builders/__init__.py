@@ -1,4 +1,4 @@
-"""Ready shapes, one file each; a module that defines a `Builder` is found by itself."""
+"""Ready shapes; a module that defines a `Builder` is found by itself."""
 
 from __future__ import annotations
 

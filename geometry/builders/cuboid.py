@@ -1,20 +1,21 @@
-"""Base of block and strip: a rectangle or box with its lower corner at the origin; structured grids."""
+"""Block and strip: a rectangle or box with its lower corner at the origin, meshed by a grid or graded cells."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from dataclasses import dataclass, replace
+from math import prod
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders import sides
-from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.builders.builder import Builder, box_corners, match_periodic, name_groups, of_box, outer
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
+from stickslip.geometry.mesh_sizes import filled, graded, graded_count, grow, refined_near
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.shape import Model
+from stickslip.geometry.shape import Model, Request
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +30,7 @@ class Cuboid(Builder):
     width: Annotated[float | None, Key("m", "size along y, 3D only")] = None
 
     def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
-        return {self.body: tuple(sides.of_box(dim))}
+        return {self.body: tuple(of_box(dim))}
 
     def check_model(self, model: Model) -> None:
         dim = 3 if model == "3d" else 2
@@ -41,7 +42,7 @@ class Cuboid(Builder):
         return np.array([np.zeros(dim), self.size(dim)])
 
     def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        return sides.box_corners(self.box(dim), *sides.of_box(dim)[side.split(".")[1]])
+        return box_corners(self.box(dim), *of_box(dim)[side.split(".")[1]])
 
     def size(self, dim: int) -> tuple[float, ...]:
         """Edge lengths (d,) along the axes [m]."""
@@ -53,9 +54,9 @@ class Cuboid(Builder):
         add = gmsh.model.occ.addRectangle if dim == 2 else gmsh.model.occ.addBox
         add(0, 0, 0, *size)
         gmsh.model.occ.synchronize()
-        flat = {name: (axis, end * size[axis]) for name, (axis, end) in sides.of_box(dim).items()}
-        found = sides.outer(gmsh, dim, flat)
-        sides.name_groups(gmsh, dim, self.body, found)
+        flat = {name: (axis, end * size[axis]) for name, (axis, end) in of_box(dim).items()}
+        found = outer(gmsh, dim, flat)
+        name_groups(gmsh, dim, self.body, found)
         return found
 
 
@@ -94,3 +95,87 @@ def transfinite(gmsh: Gmsh, dim: int, tensor: bool) -> None:
             gmsh.model.mesh.setTransfiniteSurface(tag, "Right" if dim == 2 else "Left")
             if tensor:
                 gmsh.model.mesh.setRecombine(2, tag)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block(Cuboid):
+    """[0, length] x [0, height]; in 3D [0, length] x [0, width] x [0, height]."""
+
+    body: ClassVar[str] = "block"
+    builder: Annotated[Literal["block"], Key("-", "the shape's name")] = "block"
+
+    def cell_count(self, request: Request) -> float:
+        dim, size = request.dim, self.size(request.dim)
+        fine = {of_box(dim)[side.split(".")[1]] for side in request.contact_sides}
+        if self.contact_mesh_size is None or self.cells == "tensor":
+            along = [self._count(size[axis], axis, fine) for axis in range(dim)]
+            return float(np.prod(along)) * self.pieces(dim)
+        volume = float(np.prod(size))
+        near = [
+            refined_near(volume / size[axis], size[axis], self.contact_mesh_size, self.mesh_size, dim)
+            for axis, _ in sorted(fine)
+        ]
+        return filled(volume, self.mesh_size, dim) + sum(near)
+
+    def draw(self, gmsh: Gmsh, request: Request) -> None:
+        dim, size = request.dim, self.size(request.dim)
+        tags = self.draw_box(gmsh, dim)
+        fine = {of_box(dim)[side.split(".")[1]] for side in request.contact_sides}
+        if self.contact_mesh_size is None or self.cells == "tensor":
+            grid(gmsh, dim, self.cells == "tensor", lambda axis: self._grading(size[axis], axis, fine), fine)
+            return
+        away = [f"Abs({'xyz'[axis]} - {end * size[axis]:.17g})" for axis, end in sorted(fine)]
+        grow(gmsh, self.mesh_size, [(self.contact_mesh_size, distance) for distance in away])
+        match_periodic(gmsh, dim, request.periodic, tags, of_box(dim), self.box(dim))
+
+    def _count(self, length: float, axis: int, fine: set[tuple[int, int]]) -> float:
+        """Number of cells along an axis, not rounded: as `_grading` has it."""
+        ends = sum(1 for side in fine if side[0] == axis)
+        if not fine or ends == 0 or any(side[0] != axis for side in fine):
+            return max(1.0, length / (self.fine_size if fine else self.mesh_size))
+        return graded_count(length, self.fine_size, self.mesh_size, ends)
+
+    def _grading(self, length: float, axis: int, fine: set[tuple[int, int]]) -> tuple[int, float]:
+        """Number of cells along an axis and their grading coefficient, as from `graded`.
+
+        Args:
+            length: of the block along the axis [m].
+            fine: ends (axis, 0 lower or 1 upper) that are contact sides.
+        """
+        if not fine or self.contact_mesh_size is None or self.contact_mesh_size == self.mesh_size:
+            return max(1, round(length / self.mesh_size)), 1.0
+        ends = sum(1 for side in fine if side[0] == axis)
+        if ends == 0 or any(side[0] != axis for side in fine):
+            return max(1, round(length / self.contact_mesh_size)), 1.0
+        return graded(length, self.contact_mesh_size, self.mesh_size, ends)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Strip(Cuboid):
+    """[0, length] x [0, height] in layers of cells; in 3D [0, length] x [0, width] x [0, height]."""
+
+    body: ClassVar[str] = "strip"
+    layers: Annotated[int, Key("-", "cells through the height; mesh_size is their length along it")] = 4
+    builder: Annotated[Literal["strip"], Key("-", "the shape's name")] = "strip"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.layers >= 1, "layers", self.layers, "a strip needs one layer of cells at least")
+        require(self.height <= self.length, "height", self.height, "must not exceed length")
+        if self.contact_mesh_size is not None:
+            raise SceneError(f"contact_mesh_size = {self.contact_mesh_size}: a strip's cells are alike; use mesh_size")
+
+    def refined(self, factor: float) -> Self:
+        return replace(super().refined(factor), layers=max(1, round(self.layers / factor)))
+
+    def cell_count(self, request: Request) -> float:
+        along = [max(1.0, length / self.mesh_size) for length in self.size(request.dim)[:-1]]
+        return prod(along) * self.layers * self.pieces(request.dim)
+
+    def steps(self, axis: int, dim: int) -> int:
+        """Number of cells along an axis."""
+        return self.layers if axis == dim - 1 else max(1, round(self.size(dim)[axis] / self.mesh_size))
+
+    def draw(self, gmsh: Gmsh, request: Request) -> None:
+        self.draw_box(gmsh, request.dim)
+        grid(gmsh, request.dim, self.cells == "tensor", lambda axis: (self.steps(axis, request.dim), 1.0))

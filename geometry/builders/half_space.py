@@ -10,11 +10,20 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array
-from stickslip.geometry.builders import sides
-from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.builders.builder import (
+    SYMMETRIC,
+    Builder,
+    box_corners,
+    check_symmetric,
+    constant_normals,
+    match_periodic,
+    name_groups,
+    of_box,
+    outer,
+)
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
-from stickslip.geometry.mesh.sizes import SIMPLICES, beyond, cells_around, grow, norm
+from stickslip.geometry.mesh_sizes import SIMPLICES, beyond, cells_around, grow, norm
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request
 
@@ -30,7 +39,7 @@ class HalfSpace(Builder):
     edge_mesh_size: Annotated[
         float | None, Key("m", "edge length at the edges of the contact part; absent: contact_mesh_size")
     ] = None
-    symmetric: Annotated[bool, Key("-", sides.SYMMETRIC)] = False
+    symmetric: Annotated[bool, Key("-", SYMMETRIC)] = False
     builder: Annotated[Literal["half_space"], Key("-", "the shape's name")] = "half_space"
 
     def __post_init__(self) -> None:
@@ -48,7 +57,7 @@ class HalfSpace(Builder):
         return {"half_space": ("contact", *self._flat(dim))}
 
     def check_model(self, model: Model) -> None:
-        sides.check_symmetric(self.symmetric, model)
+        check_symmetric(self.symmetric, model)
         require(self.cells == "simplex", "cells", self.cells, "this shape has no grid; use simplex")
 
     def cell_count(self, request: Request) -> float:
@@ -67,17 +76,17 @@ class HalfSpace(Builder):
     def sample(self, side: str, dim: int) -> tuple[Array, Array]:
         name, a = side.split(".")[1], self.contact_half_width
         if name not in ("contact", "top"):
-            return sides.box_corners(self.box(dim), *self._flat(dim)[name])
+            return box_corners(self.box(dim), *self._flat(dim)[name])
         if dim == 3:
             turns = np.radians(np.arange(0, 360, 45))
             edge = a * np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)
         else:
             edge = np.array([[a, 0.0]] if self.symmetric else [[-a, 0.0], [a, 0.0]])
-        inner, outer = np.zeros((1, dim)), sides.box_corners(self.box(dim), dim - 1, 1)[0]
+        inner, outer = np.zeros((1, dim)), box_corners(self.box(dim), dim - 1, 1)[0]
         if self.symmetric:
             outer = outer[outer[:, 0] > 0]
         points = np.concatenate([edge, inner if name == "contact" else outer])
-        return points, sides.constant_normals(dim - 1, 1, points.shape)
+        return points, constant_normals(dim - 1, 1, points.shape)
 
     def draw(self, gmsh: Gmsh, request: Request) -> None:
         """The contact part is cut out of the top; in 2D the origin is a vertex too."""
@@ -93,19 +102,19 @@ class HalfSpace(Builder):
             occ.fragment([(2, block)], [(1, occ.addLine(*pair)) for pair in pairwise(ends)])
         occ.synchronize()
         flat = {name: (axis, (low, high)[end][axis]) for name, (axis, end) in self._flat(dim).items()}
-        tags = sides.outer(gmsh, dim, flat)
+        tags = outer(gmsh, dim, flat)
         reach = a * (1 + 1e-3) + CLOSE  # gmsh enlarges bounding boxes by 1e-7
         boxes = {tag: gmsh.model.getBoundingBox(dim - 1, tag) for tag in tags["top"]}
         contact = [tag for tag, box in boxes.items() if -reach < box[0] and box[3] < reach]
         found = {"contact": contact} | tags | {"top": [tag for tag in tags["top"] if tag not in contact]}
-        sides.name_groups(gmsh, dim, "half_space", found)
+        name_groups(gmsh, dim, "half_space", found)
         across = "Abs(x)" if dim == 2 else norm("x", "y")
         depth = "xyz"[dim - 1]
         near = [(self.fine_size, norm(beyond(a, across), depth)), (self.edge_size, norm(f"{across}-{a:.17g}", depth))]
         grow(gmsh, self.mesh_size, near)
-        sides.match(gmsh, dim, request.periodic, found, self._flat(dim), self.box(dim))
+        match_periodic(gmsh, dim, request.periodic, found, self._flat(dim), self.box(dim))
 
     def _flat(self, dim: int) -> dict[str, tuple[int, int]]:
-        """Flat sides, as in `sides.of_box`; `top` contains the contact part."""
-        found = sides.of_box(dim)
+        """Flat sides, as in `of_box`; `top` contains the contact part."""
+        found = of_box(dim)
         return {"axis" if self.symmetric and name == "left" else name: place for name, place in found.items()}

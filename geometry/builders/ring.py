@@ -1,4 +1,4 @@
-"""A ring about the origin, and the drawing of ring sectors."""
+"""Rings about the origin, one in another, and arches of ring sectors; all meshed by grids."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, ROUNDING, Array
-from stickslip.geometry.builders import sides
-from stickslip.geometry.builders.builder import Builder
-from stickslip.geometry.builders.cuboid import transfinite
+from stickslip.geometry.builders.assembly import Assembly, BodyRow, CellKeys, Part
+from stickslip.geometry.builders.builder import Builder, constant_normals, name_groups
+from stickslip.geometry.builders.cuboid import Block, transfinite
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
-from stickslip.geometry.mesh.sizes import graded, graded_count
+from stickslip.geometry.mesh_sizes import graded, graded_count
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request
 
@@ -68,7 +68,7 @@ class Ring(Builder):
             outward = np.stack([np.cos(angles), np.sin(angles)], axis=1)
             return radii[name] * outward, outward if name == "outer" else -outward
         points = np.outer(list(radii.values()), np.eye(2)[1 - RADIAL[name]])
-        return points, sides.constant_normals(RADIAL[name], 0, points.shape)
+        return points, constant_normals(RADIAL[name], 0, points.shape)
 
     def draw(self, gmsh: Gmsh, request: Request) -> None:
         """Drawn in quarters, each bounded by two arcs and two straight lines."""
@@ -77,7 +77,7 @@ class Ring(Builder):
         found = dict(zip(("inner", "outer"), circles, strict=True))
         if self.angle == 90:
             found |= {"x_axis": [spokes[0]], "y_axis": [spokes[1]]}
-        sides.name_groups(gmsh, 2, "ring", found)
+        name_groups(gmsh, 2, "ring", found)
         self._grid(gmsh, circles, spokes, {side.split(".")[1] for side in request.contact_sides})
 
     def _grid(self, gmsh: Gmsh, circles: list[list[int]], spokes: list[int], contacts: set[str]) -> None:
@@ -123,3 +123,190 @@ def draw_sectors(
     occ.remove([(0, centre)])
     occ.synchronize()
     return circles, spokes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sector(Builder):
+    """Ring sector between two angles about the origin; the side `right` is at the start angle, `left` at the end."""
+
+    lengths: ClassVar[tuple[str, ...]] = ("inner_radius", "outer_radius")
+
+    inner_radius: Annotated[float, Key("m", "of the inside")]
+    outer_radius: Annotated[float, Key("m", "of the outside")]
+    start: Annotated[float, Key("-", "angle of the right side from the x axis, in degrees, counterclockwise")]
+    end: Annotated[float, Key("-", "angle of the left side; less than 180 beyond the start")]
+
+    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
+        return {"sector": ("left", "right", "inside", "outside")}
+
+    def check_model(self, model: Model) -> None:
+        require(self.contact_mesh_size is None, "contact_mesh_size", self.contact_mesh_size, "use mesh_size alone")
+
+    def cell_count(self, request: Request) -> float:
+        size, across = self.mesh_size, self.outer_radius - self.inner_radius
+        along = np.radians(self.end - self.start) * self.outer_radius
+        return float(max(1.0, along / size) * max(1.0, across / size)) * self.pieces(2)
+
+    def steps(self) -> tuple[int, int]:
+        """Number of cells along the arcs, and from the inner arc to the outer one."""
+        along = np.radians(self.end - self.start) * self.outer_radius / self.mesh_size
+        across = (self.outer_radius - self.inner_radius) / self.mesh_size
+        return max(1, int(np.ceil(along * (1 - ROUNDING)))), max(1, round(across))
+
+    def box(self, dim: int) -> Array:
+        points = np.concatenate([self.sample(side, dim)[0] for side in ("sector.inside", "sector.outside")])
+        return np.array([points.min(axis=0), points.max(axis=0)])
+
+    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
+        name, radii = side.split(".")[1], {"inside": self.inner_radius, "outside": self.outer_radius}
+        if name in radii:
+            extremes = [angle for angle in range(-360, 361, 90) if self.start < angle < self.end]
+            outward = directions(np.array([*np.linspace(self.start, self.end, 5), *extremes]))
+            return radii[name] * outward, outward if name == "outside" else -outward
+        ((x, y),) = directions(np.array([self.end if name == "left" else self.start]))
+        normal = np.array([-y, x]) if name == "left" else np.array([y, -x])
+        return np.outer(list(radii.values()), [x, y]), np.tile(normal, (2, 1))
+
+    def draw(self, gmsh: Gmsh, request: Request) -> None:
+        ends = directions(np.array([self.start, self.end]))
+        (inside, outside), (right, left) = draw_sectors(gmsh, (self.inner_radius, self.outer_radius), ends, False)
+        names = {"left": [left], "right": [right], "inside": inside, "outside": outside}
+        name_groups(gmsh, 2, "sector", names)
+        along, across = self.steps()
+        for curves, count in (((*inside, *outside), along), ((left, right), across)):
+            for curve in curves:
+                gmsh.model.mesh.setTransfiniteCurve(curve, count + 1)
+        transfinite(gmsh, 2, self.cells == "tensor")
+
+
+def directions(angles: Array) -> Array:
+    """Unit vectors (k, 2) at angles (k,) from the x axis, in degrees.
+
+    >>> directions(np.array([0.0, 90.0])).round(15) + 0.0
+    array([[1., 0.],
+           [0., 1.]])
+    """
+    return np.stack([np.cos(np.radians(angles)), np.sin(np.radians(angles))], axis=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rings(Assembly):
+    """Two rings about the origin, or a quarter of both; the inner one is larger than the hole by the interference."""
+
+    models: ClassVar[tuple[Model, ...]] = ("plane strain", "plane stress")
+    lengths: ClassVar[tuple[str, ...]] = ("inner_radius", "radius", "outer_radius", "inner_mesh_size")
+    distances: ClassVar[tuple[str, ...]] = ("interference",)
+
+    inner_radius: Annotated[float, Key("m", "of the hole in the inner ring")]
+    radius: Annotated[float, Key("m", "of the hole in the outer ring")]
+    outer_radius: Annotated[float, Key("m", "of the outer ring")]
+    interference: Annotated[
+        float, Key("m", "the inner ring's radius beyond that of the outer ring's hole: their overlap; negative: a gap")
+    ] = 0.0
+    inner_mesh_size: Annotated[
+        float | None,
+        Key(
+            "m",
+            "mesh_size of the inner ring, contact_mesh_size in the same ratio; "
+            "absent: where the rings touch, both have as many cells",
+        ),
+    ] = None
+    angle: Annotated[Literal[360, 90], Key("-", ANGLE)] = 360
+    builder: Annotated[Literal["rings"], Key("-", "the shape's name")] = "rings"
+
+    @property
+    def fitted_radius(self) -> float:
+        """Outer radius of the inner ring [m]."""
+        return self.radius + self.interference
+
+    def check_keys(self) -> None:
+        require(self.inner_radius < self.radius, "inner_radius", self.inner_radius, "must be smaller than radius")
+        require(self.radius < self.outer_radius, "radius", self.radius, "must be smaller than outer_radius")
+        fits = self.inner_radius < self.fitted_radius < self.outer_radius
+        require(fits, "interference", self.interference, "moves the inner ring's outside beyond one of the other radii")
+
+    def parts(self) -> Mapping[str, Part]:
+        inner = self._ring(self.inner_radius, self.fitted_radius, self._inner_cell_keys())
+        return {"inner": inner, "outer": self._ring(self.radius, self.outer_radius, self.cell_keys())}
+
+    def _ring(self, inner: float, outer: float, cell_keys: CellKeys) -> Part:
+        ring = Ring(inner_radius=inner, outer_radius=outer, angle=self.angle, **cell_keys)
+        return Part(shape=ring, renamed={"inner": "inside", "outer": "outside"})
+
+    def _inner_cell_keys(self) -> CellKeys:
+        """Mesh keys of the inner ring; by default it has as many cells around as the outer ring where the two touch.
+
+        A ring has equally many cells on both of its circles, as the larger or the finer of them needs.
+        """
+        if self.inner_mesh_size is not None:
+            return self.cell_keys(self.inner_mesh_size)
+        keys = self.cell_keys(self.mesh_size * self.fitted_radius / self.outer_radius)
+        if self.contact_mesh_size is not None:
+            along = self.contact_mesh_size * self.fitted_radius / self.radius
+            keys["contact_mesh_size"] = min(keys["mesh_size"], along)
+        return keys
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arch(BodyRow):
+    """Ring sectors stone_1 (leftmost), stone_2, ... about the origin, symmetric about the y axis.
+
+    The sides `left` and `right` of a stone, as seen from the origin, are its joints; `top` is that of a springer.
+    """
+
+    models: ClassVar[tuple[Model, ...]] = ("plane strain", "plane stress")
+    lengths: ClassVar[tuple[str, ...]] = ("inner_radius", "thickness", "springer_height")
+
+    inner_radius: Annotated[float, Key("m", "of the inside")]
+    thickness: Annotated[float, Key("m", "from the inside to the outside")]
+    angle: Annotated[float, Key("-", "of the whole arch, in degrees")] = 180.0
+    springer_height: Annotated[
+        float | None, Key("m", "of the blocks left_springer and right_springer under the arch's ends; absent: no such")
+    ] = None
+    builder: Annotated[Literal["arch"], Key("-", "the shape's name")] = "arch"
+
+    @property
+    def outer_radius(self) -> float:
+        """Radius of the outside of the arch [m]."""
+        return self.inner_radius + self.thickness
+
+    def check_keys(self) -> None:
+        super().check_keys()
+        require(0 < self.angle <= 180, "angle", self.angle, "must be above 0 and not above 180 degrees")
+        require(self.angle / self.count <= 90, "count", self.count, "makes stones of more than 90 degrees")
+        fine = self.contact_mesh_size
+        require(fine is None, "contact_mesh_size", fine, "an arch's cells are alike; use mesh_size")
+
+    def parts(self) -> Mapping[str, Part]:
+        stones = {f"stone_{k}": self._stone(k) for k in range(1, self.count + 1)}
+        if self.springer_height is None:
+            return stones
+        left = self._springer(0, 90 + self.angle / 2 - 180, self.outer_radius, self.springer_height)
+        right = self._springer(self.count + 1, 90 - self.angle / 2, self.inner_radius, self.springer_height)
+        return {"left_springer": left, **stones, "right_springer": right}
+
+    def _stone(self, number: int) -> Part:
+        right, left = (90 + self.angle * (0.5 - k / self.count) for k in (number, number - 1))
+        sector = Sector(
+            inner_radius=self.inner_radius,
+            outer_radius=self.outer_radius,
+            start=right,
+            end=left,
+            **self.cell_keys_of(number),
+        )
+        return Part(shape=sector)
+
+    def _springer(self, number: int, turn: float, first: float, height: float) -> Part:
+        """The block under one end of the arch.
+
+        Args:
+            number: place in the row, 0 for the left springer.
+            turn: angle by which the block is turned, in degrees.
+            first: radius of its upper left corner [m].
+            height: [m].
+        """
+        ((c, s),) = directions(np.array([turn]))
+        block = Block(length=self.thickness, height=height, **self.cell_keys_of(number))
+        outward = -1 if number == 0 else 1
+        corner = first * outward * np.array([c, s]) - height * np.array([-s, c])
+        return Part(shape=block, turn=((c, -s), (s, c)), shift=(float(corner[0]), float(corner[1])))

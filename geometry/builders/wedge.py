@@ -9,12 +9,11 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from stickslip.geometry.arrays import ROUNDING, Array
-from stickslip.geometry.builders import sides
-from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.builders.builder import Builder, name_groups
 from stickslip.geometry.builders.cuboid import transfinite
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
-from stickslip.geometry.mesh.sizes import graded, graded_count
+from stickslip.geometry.mesh_sizes import graded, graded_count
 from stickslip.geometry.shape import Model, Request
 
 SIDES = ("left", "right", "bottom", "top")
@@ -88,7 +87,7 @@ class Wedge(Builder):
         lines = {side: occ.addLine(points[a], points[b]) for side, (a, b) in zip(SIDES, ends, strict=True)}
         occ.addPlaneSurface([occ.addCurveLoop([lines[side] for side in ("bottom", "right", "top", "left")])])
         occ.synchronize()
-        sides.name_groups(gmsh, 2, "wedge", {side: [line] for side, line in lines.items()})
+        name_groups(gmsh, 2, "wedge", {side: [line] for side, line in lines.items()})
         fine = {side.split(".")[1] for side in request.contact_sides}
         inclined, level = ("left", "right"), ("bottom", "top")
         for along, length, across in ((inclined, self.side_length, level), (level, self.top_width, inclined)):

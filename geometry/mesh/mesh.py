@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.bulging import Bulging
+from stickslip.geometry.curved_facets import Bulging
 from stickslip.geometry.errors import GeometryError, InputError, MachineError, SceneError, StickslipError
 from stickslip.geometry.memory import available
+from stickslip.geometry.mesh.cell_quality import refuse_inverted_cells
 from stickslip.geometry.mesh.gmsh_session import gmsh_session, own_interrupt
-from stickslip.geometry.mesh.jacobian import refuse_inverted_cells
 from stickslip.geometry.mesh.joints import Joints, find_parts, open_seams
 from stickslip.geometry.mesh.ranks import from_rank_0
 from stickslip.geometry.protocols import Comm, DolfinxMesh, Gmsh, MeshTags
@@ -190,3 +192,26 @@ def mesh_shape(gmsh: Gmsh, shape: Shape, request: Request) -> float:
 def _group_names(gmsh: Gmsh, dim: int) -> dict[str, int]:
     """Tags of the physical groups by name."""
     return {gmsh.model.getPhysicalName(d, tag): int(tag) for d, tag in gmsh.model.getPhysicalGroups(dim)}
+
+
+def write_msh(shape: Shape, request: Request, path: Path) -> None:
+    """Mesh the shape and write it in the scene's unit: into a temporary file beside `path`, which is then renamed.
+
+    Raises:
+        MachineError: the file cannot be written.
+    """
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.msh")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.touch()
+        with own_interrupt(), gmsh_session() as gmsh:
+            unit = mesh_shape(gmsh, shape, request)
+            gmsh.option.setNumber("Mesh.ScalingFactor", unit)
+            gmsh.option.setNumber("Mesh.SaveAll", 0)
+            gmsh.write(str(temporary))
+        temporary.replace(path)
+    except OSError as error:
+        raise MachineError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Rigid obstacles, one file each; a module that defines an `Obstacle` is found by itself."""
+"""Rigid obstacles; a module that defines an `Obstacle` is found by itself."""
 
 from __future__ import annotations
 

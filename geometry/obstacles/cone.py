@@ -11,8 +11,7 @@ import numpy as np
 from stickslip.geometry.arrays import TINY, Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
-from stickslip.geometry.obstacles.obstacle import Obstacle
-from stickslip.geometry.obstacles.rotation import unit
+from stickslip.geometry.obstacles.obstacle import Obstacle, unit
 from stickslip.geometry.shape import Model
 
 

@@ -11,8 +11,7 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
-from stickslip.geometry.obstacles.obstacle import Obstacle
-from stickslip.geometry.obstacles.rotation import unit
+from stickslip.geometry.obstacles.obstacle import Obstacle, unit
 
 
 @dataclass(frozen=True, kw_only=True)

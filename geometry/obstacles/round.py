@@ -1,16 +1,18 @@
-"""Base of cylinder and sphere: a surface at a constant distance from a core (axis or centre), outside or inside."""
+"""Rigid cylinders and spheres: a surface at a constant distance from a core (axis or centre), outside or inside."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import require
+from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
+from stickslip.geometry.obstacles.obstacle import Obstacle, unit
+from stickslip.geometry.shape import Model
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,3 +41,66 @@ class Round:
         length = np.linalg.norm(arm, axis=1, keepdims=True)
         outward = np.divide(arm, length, out=np.zeros_like(arm), where=length > 0)
         return np.asarray(-outward if self.inside else outward)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cylinder(Round, Obstacle):
+    """An infinitely long cylinder; without `axis` it stands along z, in plane models only."""
+
+    vectors: ClassVar[tuple[str, ...]] = ("point", "axis")
+    point: Annotated[tuple[float, ...], Key("m", "a point of the axis")]
+    axis: Annotated[tuple[float, ...] | None, Key("-", "direction of the axis; absent in plane models")] = None
+    shape: Annotated[Literal["cylinder"], Key("-", "kind of obstacle")] = "cylinder"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.axis is None or any(self.axis), "axis", self.axis, "must not be zero")
+
+    def check_model(self, model: Model) -> None:
+        if model in ("3d", "axisymmetric"):
+            require(self.axis is not None, "axis", None, "missing, the direction of the cylinder's axis")
+        else:
+            require(self.axis is None, "axis", self.axis, "a plane model's cylinder stands along z; remove the key")
+        super().check_model(model)
+        if model == "axisymmetric" and self.axis is not None:
+            require(self.axis[0] == 0, "axis", list(self.axis), "expected [0.0, 1.0], the axis of symmetry")
+            require(self.point[0] == 0, "point", list(self.point), "must lie on the axis of symmetry, x = 0")
+
+    def from_core(self, x: Sequence[Any]) -> list[Any]:
+        """Components of the shortest vector [m] from the axis to the point with coordinates `x`.
+
+        >>> import numpy as np
+        >>> Cylinder(point=(0.0, 0.0), radius=1.0).signed_gap(np.array([[3.0, 4.0]]))
+        array([4.])
+        """
+        arm = [a - b for a, b in zip(x, self.point, strict=True)]
+        if self.axis is None:
+            return arm
+        direction = [float(c) for c in unit(self.axis)]
+        along = sum(a * c for a, c in zip(arm, direction, strict=True))
+        return [a - along * c for a, c in zip(arm, direction, strict=True)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sphere(Round, Obstacle):
+    """A sphere: in 3D, or in axisymmetric models with its centre on the axis."""
+
+    vectors: ClassVar[tuple[str, ...]] = ("center",)
+    center: Annotated[tuple[float, ...], Key("m", "centre")]
+    shape: Annotated[Literal["sphere"], Key("-", "kind of obstacle")] = "sphere"
+
+    def check_model(self, model: Model) -> None:
+        super().check_model(model)
+        if model in ("plane strain", "plane stress"):
+            raise SceneError('shape = "sphere": there is none in a plane model; use "cylinder"')
+        if model == "axisymmetric":
+            require(self.center[0] == 0, "center", list(self.center), "must lie on the axis of symmetry, x = 0")
+
+    def from_core(self, x: Sequence[Any]) -> list[Any]:
+        """Components of the vector [m] from the centre to the point with coordinates `x`.
+
+        >>> import numpy as np
+        >>> Sphere(center=(0.0, 0.0, 1.0), radius=1.0, inside=True).signed_gap(np.array([[0.0, 0.0, 0.5]]))
+        array([0.5])
+        """
+        return [a - b for a, b in zip(x, self.center, strict=True)]

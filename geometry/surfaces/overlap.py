@@ -14,9 +14,8 @@ from scipy.sparse.csgraph import connected_components
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints
-from stickslip.geometry.surfaces.clipping import triangles
 from stickslip.geometry.surfaces.facet_map import locate, place
-from stickslip.geometry.surfaces.segments import segments
+from stickslip.geometry.surfaces.overlay import segments, triangles
 from stickslip.geometry.surfaces.surface import Surface
 
 

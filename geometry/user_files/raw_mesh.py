@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stickslip.geometry.arrays import ROUNDING, Array, Ints
-from stickslip.geometry.bulging import Bulging, find_bulging
+from stickslip.geometry.curved_facets import Bulging, find_bulging
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.parts import CELL_WORD, Parts

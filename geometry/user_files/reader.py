@@ -1,7 +1,7 @@
 """A user's file is read by gmsh in a child process, which it may crash, keep busy for ever or make run its commands.
 
 The parent asks a `Question` and gets an `Outline` or a `RawMesh`; any failure is one line of a GeometryError. The child
-is contained (see `containment`), unless the file is a .py program, which runs as the user's own.
+is contained (see `contain`), unless the file is a .py program, which runs as the user's own.
 """
 
 from __future__ import annotations
@@ -20,16 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.geometry.bulging import Bulging
+from stickslip.geometry.curved_facets import Bulging
 from stickslip.geometry.errors import GeometryError, MachineError, StickslipError, shortened
 from stickslip.geometry.memory import available, ended_for_memory, is_full
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.user_files.child import Ended, end_with, run_child
-from stickslip.geometry.user_files.containment import contain
-from stickslip.geometry.user_files.geo_script import parameter_names
+from stickslip.geometry.user_files.child_process import Ended, contain, end_with, run_child
 from stickslip.geometry.user_files.meshing import MeshOptions, mesh_parts
-from stickslip.geometry.user_files.open_file import Parameter, kind_of, open_file, unpacked
+from stickslip.geometry.user_files.open_file import Parameter, kind_of, open_file, parameter_names, unpacked
 from stickslip.geometry.user_files.outline import Facets, Outline, read_outline
 from stickslip.geometry.user_files.parts import Parts, Selection, find_parts
 from stickslip.geometry.user_files.raw_mesh import RawMesh

@@ -9,11 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, SLIGHT, TINY, Array, Bools, Ints
-from stickslip.geometry.facets import curved, edge_middles, normals_of
+from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
 from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.geometry.user_files.outline import Facets, Outline
-from stickslip.geometry.user_files.simple_forms import Form, fit
+from stickslip.geometry.user_files.outline import Facets, Form, Outline, fit
 
 WITHIN = 1e-3  # of the box's diagonal: as far as faces are paired unless the user says how far
 ACROSS = 24  # sample points across the part of a side that may touch

@@ -16,17 +16,15 @@ from pydantic import Field
 from pydantic.json_schema import SkipJsonSchema
 
 from stickslip.geometry.arrays import ROUNDING, Array
-from stickslip.geometry.bulging import Bulging
+from stickslip.geometry.curved_facets import Bulging
 from stickslip.geometry.errors import GeometryError, SceneError, nearest, prefixed, require
 from stickslip.geometry.keys import Key, Noun
-from stickslip.geometry.mesh.sizes import filled, refined_near
+from stickslip.geometry.mesh_sizes import filled, refined_near
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request, Shape
 from stickslip.geometry.units import LENGTHS, Units
-from stickslip.geometry.user_files.cut_cells import cut_to_sizes
-from stickslip.geometry.user_files.geo_script import parameter_names
-from stickslip.geometry.user_files.meshing import MeshOptions
-from stickslip.geometry.user_files.open_file import KINDS, Parameter, declared_unit, kind_of
+from stickslip.geometry.user_files.meshing import MeshOptions, cut_to_sizes
+from stickslip.geometry.user_files.open_file import KINDS, Parameter, declared_unit, kind_of, parameter_names
 from stickslip.geometry.user_files.outline import Outline
 from stickslip.geometry.user_files.raw_mesh import RawMesh
 from stickslip.geometry.user_files.reader import Question, ask

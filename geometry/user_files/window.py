@@ -13,8 +13,7 @@ from pathlib import Path
 from stickslip.geometry.errors import MachineError, StickslipError
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.shape import Request, Shape
-from stickslip.geometry.user_files.child import child_environment
-from stickslip.geometry.user_files.containment import restrict_files
+from stickslip.geometry.user_files.child_process import child_environment, restrict_files
 from stickslip.geometry.user_files.open_file import unpacked
 from stickslip.geometry.user_files.reader import gmsh_options, read_parts
 from stickslip.geometry.user_files.user_file import UserFile

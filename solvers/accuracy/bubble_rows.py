@@ -21,7 +21,7 @@ from stickslip.solvers.contact.build import along
 from stickslip.solvers.contact.coupling import Points, relative_to
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.parallel.replicated import Replicated
-from stickslip.solvers.stepping.slip_dependence import with_slip
+from stickslip.solvers.stepping.law_memory import with_memory
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.contact_interface import components
 from stickslip.solvers.system.system import System
@@ -75,7 +75,7 @@ class BubbleRows:
 
     def friction(self, cone: AdmissibleSet, old: State, new: State) -> dict[str, tuple[Array, float]]:
         """What friction between nodes adds in a substep, by contact that it adds something to."""
-        cone, found = with_slip(cone.at(new.time), new.slid), dict[str, tuple[Array, float]]()
+        cone, found = with_memory(cone.at(new.time), new.memory), dict[str, tuple[Array, float]]()
         for place, between in zip(cone.places, self._between, strict=True):
             c, t = place.rows, new.p[place.tangential].reshape(-1, place.components)
             if between is not None:

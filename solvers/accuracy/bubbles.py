@@ -14,11 +14,10 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import EXACT, Array
+from stickslip.geometry.arrays import EXACT, Array, inverse_and_determinant, inverses
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, Sparse, UflForm, Vec
-from stickslip.geometry.small_matrices import inverse_and_determinant, inverses
 from stickslip.solvers.accuracy.finer_loads import beyond
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.forms import WeakForms

@@ -17,11 +17,9 @@ from dataclasses import replace
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.bulging import Bulging
-from stickslip.geometry.facets import normals_of
+from stickslip.geometry.arrays import Array, Ints, inverse_and_determinant
+from stickslip.geometry.curved_facets import Bulging, normals_of
 from stickslip.geometry.protocols import UflForm, Vec
-from stickslip.geometry.small_matrices import inverse_and_determinant
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.bubbles import inner_forces
 from stickslip.solvers.effects import active

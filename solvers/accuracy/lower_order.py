@@ -20,8 +20,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from stickslip.geometry.arrays import LAST_DIGITS
-from stickslip.geometry.corner_mesh import CornerMesh
 from stickslip.geometry.errors import StickslipError
+from stickslip.geometry.nested_mesh import CornerMesh
 from stickslip.solvers.accuracy.mesh_error import at_points, without_limit
 from stickslip.solvers.accuracy.next_order import AT_THE_EDGE
 from stickslip.solvers.accuracy.other_mesh import OtherMeshRun, on_other_mesh, sides_of

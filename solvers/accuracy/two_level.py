@@ -30,12 +30,13 @@ from stickslip.solvers.accuracy.finer_loads import FinerLoads
 from stickslip.solvers.accuracy.followed_bolts import BoltsByForce, FollowedBolts
 from stickslip.solvers.accuracy.left_out import LeftOut
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Solution, Status, ignore
 from stickslip.solvers.methods.method import Solve
-from stickslip.solvers.newton.solution import Solution, Status, ignore
 from stickslip.solvers.results.recovered_stress import InCell
-from stickslip.solvers.stepping.sliding import carried_over
+from stickslip.solvers.stepping.pairs import carried_over
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Stepper
+from stickslip.solvers.stepping.substep import SubstepSolver
 from stickslip.solvers.stepping.update import Surplus, displacement, new_state
 from stickslip.solvers.system.system import System
 
@@ -97,7 +98,7 @@ class MeshCorrection:
         self._known: tuple[System, BubbleRows] | None = None
         self._by_force = BoltsByForce(system)
 
-    def __call__(self, stepper: Stepper, old: State, new: State, problem: SurfaceProblem) -> State | None:
+    def __call__(self, stepper: SubstepSolver, old: State, new: State, problem: SurfaceProblem) -> State | None:
         """The state with bubbles after a substep from `old` to `new`; None: it was not found; collective.
 
         The substep itself is solved, whatever fails here.
@@ -133,7 +134,7 @@ class MeshCorrection:
         """No bubbles."""
         return self._bubbles.zero()
 
-    def _followed(self, stepper: Stepper, old: State, new: State, problem: SurfaceProblem) -> State | None:
+    def _followed(self, stepper: SubstepSolver, old: State, new: State, problem: SurfaceProblem) -> State | None:
         before = old.refined or (None if old.p.any() or old.w.any() else old)
         if before is None:
             return None  # an earlier substep was not followed
@@ -216,7 +217,7 @@ class MeshCorrection:
 class _Substep:
     """One substep with bubbles."""
 
-    stepper: Stepper
+    stepper: SubstepSolver
     bubbles: Bubbles
     rows: BubbleRows
     left_out: LeftOut | None

@@ -1,22 +1,249 @@
-"""The block system of a scene: F' and B, C of all contacts, assembled by dolfinx, as one nest and for Uzawa."""
+"""The block system of a scene: F' and B, C of all contacts, for Uzawa's iteration, and as one nest for Newton's method.
+
+The inner problem of Uzawa's iteration, F(u) = f - B^T p with F(u) = K u + j_n(u), is solved by Newton's method; F' is K
+plus the derivative that UFL takes of the form j_n (`ufl.derivative`). Without compliance F is linear. In semismooth
+Newton's systems a KSP solves the nest of an active set: rows of open points and of slip are in place of those of B and
+-C; all others are those of the source, (5.3).
+
+Source: Pop (1999), (1.3), and (2.1), b(u, v) = a(u, v) + j_n(u, v); Chen, SIAM J. Numer. Anal. 35 (1998).
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from petsc4py import PETSc
+from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import HALF_DIGITS, LAST_DIGITS, Array, Ints
+from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Mat, Sparse, Vec
-from stickslip.solvers.classical.contact_matrices import Multipliers, assemble_B, assemble_C
-from stickslip.solvers.classical.inner_problem import InnerProblem
-from stickslip.solvers.classical.nest import nested
-from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.classical.block_matrices import (
+    Multipliers,
+    assemble_B,
+    assemble_C,
+    backward_error,
+    nested,
+    solve,
+)
+from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
+from stickslip.solvers.fem.contact_forms import ComplianceForms
+from stickslip.solvers.fem.point_laws import PointLaw
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.interface.sparse import SparseSurface
-from stickslip.solvers.linear.inner_solver import Allowed
+from stickslip.solvers.interface.sparse import PREFIX, SparseSurface
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.linear.petsc_solver import NOISE, Allowed, InnerSolver, PetscOptions, direct, failure
+from stickslip.solvers.newton.active_set import ActiveSet
+from stickslip.solvers.parallel.replicated import distributed
+from stickslip.solvers.system.nodal_contact import FormOfPart, relative_to_obstacle
 from stickslip.solvers.system.system import System
+
+NEWTON_STEPS = 100
+HALVINGS = 30
+OVERSHOOT = 0.9  # largest slope of the energy at the end of a step, relative to that at its start, of opposite sign
+SLOW = 0.1  # factor by which ||delta|| falls in an iteration; if less, F' is assembled and factorised anew
+INEXACT = 0.1  # of the first residual of a linear solve in Newton's method, where inner solves are iterative
+
+
+@dataclass(frozen=True)
+class CompliantFace:
+    """One contact with compliance: its law at the contact points, and its form j_n if one form over the mesh has it."""
+
+    place: ContactBlock
+    law: PointLaw
+    nominal: Compliance
+    form: FormOfPart | None  # None: between bodies, and where contact slides
+
+    def penetration(self, problem: SurfaceProblem, u_c: Array) -> Array:
+        """u_n - g (m_n,) [m] at the contact points, u_c (c,) [m] the displacement of the contact dofs."""
+        at = self.place.normal
+        found: Array = problem.relative_displacement(u_c)[at] - problem.gap[at]
+        return found
+
+
+class InnerProblem:
+    """F(u) = K u + j_n(u) on the free displacements q, and the solver of its linear systems."""
+
+    def __init__(self, system: System, surface: SparseSurface) -> None:
+        """Compile j_n and its derivative; collective."""
+        self.system, self.surface, self.K = system, surface, surface.volume.K
+        self.contact, self.counters = surface.volume.contact, system.counters
+        self.faces: tuple[CompliantFace, ...] | None = None
+        self._solver: InnerSolver | None = None
+        self._stale = self._fresh = True
+        self._stiffest, self._moved = self.K.getDiagonal().norm(PETSc.NormType.INFINITY), 0.0
+        self.renewals = 0  # number of times that F' was assembled and prepared
+
+    def begin(self, problem: SurfaceProblem) -> None:
+        """Set the data of a step: prescribed motions and obstacles at its time; collective."""
+        self.problem, time = problem, problem.cone.time
+        if self.faces is None:
+            self.faces = tuple(self._face(place) for place in problem.cone.places if place.rows.normal.at_quadrature)
+        u_s = self.system.prescribed(time)
+        self._moved = u_s.norm()
+        for face in self.faces:
+            if face.form is not None:
+                relative_to_obstacle(self.system, face.place.rows.name, u_s, time).copy(face.form.shift)
+        self._stale = True  # so that a resumed run, which has no factor, goes on with the same bits
+
+    @property
+    def linear(self) -> bool:
+        return not self.faces
+
+    @property
+    def solver(self) -> InnerSolver:
+        """Of F' as last prepared; of K where F is linear."""
+        if self.linear:
+            return self.surface.volume.solver
+        assert self._solver is not None
+        return self._solver
+
+    def solve(self, rhs: Vec, q: Vec, allowed: Allowed | None) -> None:
+        """Improve q until F(q) = rhs to ||delta|| <= `allowed`, exactly without it; collective.
+
+        Raises:
+            SolverError: Newton's method, or a linear solve in it, does not converge.
+        """
+        if self.linear:
+            self.solver.solve(rhs, q, allowed)
+            return
+        self._press_on(rhs, q)
+        if self._stale:
+            self._renew(q)
+        first, before = 0.0, np.inf
+        for k in range(NEWTON_STEPS):
+            delta = rhs - self.F(q)
+            dq, slope = self._newton(delta)
+            if slope > (SLOW * before) ** 2 and k and not self._fresh:
+                self._renew(q)
+                dq, slope = self._newton(delta)
+            self._fresh = False
+            size = float(np.sqrt(max(slope, 0.0)))
+            first = first or size
+            # relative accuracy of the displacement, in energy norm, that rounding allows
+            rounding = LAST_DIGITS * max(first, float(np.sqrt(max((self.K * q).dot(q), 0.0))))
+            if size <= max(allowed(first) if allowed else 0.0, rounding) or delta.norm() <= self.rounding(q):
+                return
+            q.axpy(self._length(rhs, q, dq, slope), dq)
+            before = size
+        raise SolverError(
+            "the inner Newton iteration for F(u) = K u + j_n(u) does not converge: try method = condensed-newton"
+        )
+
+    def rounding(self, q: Vec) -> float:
+        """Norm [N] below which a residual at q [m] is rounding of F(u)."""
+        return NOISE * self._stiffest * float(np.hypot(q.norm(), self._moved))
+
+    def F(self, q: Vec) -> Vec:
+        """F(q) = K q + j_n(q) over the free displacements [N]; collective."""
+        total = self.K * q
+        u_c = self.contact.read(q)
+        force, between = np.zeros(len(u_c)), False
+        for face in self.faces or ():
+            if face.form is not None:
+                face.form.at(q)
+                face.form.add_forces(total)
+                continue
+            p = np.zeros(len(self.problem.gap))
+            p[face.place.normal] = face.law.pressure(face.penetration(self.problem, u_c))
+            force, between = force + self.surface.forces(p), True
+        return total + self.on_contact(force) if between else total
+
+    def tangent(self, q: Vec) -> Mat:
+        """F'(q) = K + dj_n/du (free, free) [N/m]; collective."""
+        J, u_c = self.K.copy(), self.contact.read(q)
+        for face in self.faces or ():
+            if face.form is not None:
+                face.form.at(q)
+                face.form.add_tangent(J)
+            else:
+                k = face.law.stiffness(face.penetration(self.problem, u_c))
+                J.axpy(1.0, self._springs(face, k), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        return J
+
+    def with_springs(self, k: Array) -> Mat:
+        """K + N^T W k N (free, free) [N/m] with springs k (rows,) [Pa/m] at the points of compliant faces."""
+        J = self.K.copy() if self.faces else self.K
+        for face in self.faces or ():
+            J.axpy(1.0, self._springs(face, k[face.place.normal]), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        return J
+
+    def on_contact(self, forces: Array) -> Vec:
+        """Forces (c,) [N] at the contact dofs over the free displacements."""
+        found = self.K.createVecRight()
+        self.contact.write(found, forces)
+        return found
+
+    def tractions(self, p: Array, u_c: Array) -> Array:
+        """p (rows,) [Pa] with the pressures of compliant faces replaced by those at u_c (c,) [m]."""
+        found = p.copy()
+        for face in self.faces or ():
+            found[face.place.normal] = face.law.pressure(face.penetration(self.problem, u_c))
+        return found
+
+    def _face(self, place: ContactBlock) -> CompliantFace:
+        system, law = self.system, place.rows.normal
+        assert isinstance(law, Compliance)
+        contact, form = system.problem.pairs[place.rows.name].contact, None
+        if place.rows.master is None and not contact.sliding:
+            forms = ComplianceForms(system.weak, contact, law)
+            work, tangent = system.weak.compile(forms.work), system.weak.compile(forms.tangent)
+            form = FormOfPart(forms.relative, system.T, system.vector(), work, tangent)
+        self.counters.forms += 2
+        return CompliantFace(place, PointLaw(law, len(place.rows.W_n)), law, form)
+
+    def _newton(self, delta: Vec) -> tuple[Vec, float]:
+        """Newton's step V^-1 delta, and delta . V^-1 delta [J], with V the tangent as last prepared."""
+        dq = delta.duplicate()
+        self.solver.solve(delta, dq, (lambda start: INEXACT * start) if self.solver.iterative else None)
+        return dq, float(delta.dot(dq))
+
+    def _renew(self, q: Vec) -> None:
+        """Assemble and prepare F' at q; collective."""
+        J = self.tangent(q)
+        if self._solver is None:
+            self._solver = self.surface.volume.inner_solver(J)
+        else:
+            self._solver.renew(J)
+        self._stiffest = J.getDiagonal().norm(PETSc.NormType.INFINITY)  # springs too: u_n - g has the rounding of u
+        self._stale, self._fresh, self.renewals = False, True, self.renewals + 1
+
+    def _press_on(self, rhs: Vec, q: Vec) -> None:
+        """Press a floating body that nothing touches yet onto its compliant faces, as if all their points were closed.
+
+        Its F' is singular. Springs from the gap have the stiffness of the law at the scale of tractions of the step.
+        """
+        u_c = self.contact.read(q)
+        faces = self.faces or ()
+        if not self.surface.floating or any(np.any(face.penetration(self.problem, u_c) > 0) for face in faces):
+            return
+        k, p_ref = np.zeros(len(self.problem.gap)), max(self.problem.p_ref, np.finfo(float).tiny)
+        for face in faces:
+            p = np.full(len(face.place.rows.W_n), p_ref)
+            k[face.place.normal] = p / face.nominal.penetration(p)  # secant
+        apart = self.problem.relative_displacement(u_c) - self.problem.gap
+        force, dq = self.on_contact(self.surface.forces(k * apart)), q.duplicate()
+        InnerSolver(self.with_springs(k), PREFIX, self.counters).solve(rhs - self.K * q - force, dq)
+        q += dq
+
+    def _springs(self, face: CompliantFace, k: Array) -> Mat:
+        """N^T W k N (free, free) [N/m] of springs k (m_n,) [Pa/m] at the points of a face."""
+        N, W = self.surface.N[face.place.normal], self.surface.W[face.place.normal]
+        local = (N.T @ sparse.diags(W * k) @ N).tocoo()
+        dofs, free = self.contact.rows, self.K.createVecRight()
+        entries = local.data, (dofs[local.row], dofs[local.col])
+        return distributed(sparse.csr_matrix(entries, shape=(free.getSize(), free.getSize())), free, free)
+
+    def _length(self, rhs: Vec, q: Vec, dq: Vec, slope: float) -> float:
+        """Length in (0, 1] of the step, along which the convex energy falls; slope: minus that at its start [J]."""
+        length = 1.0
+        for _ in range(HALVINGS):
+            if (rhs - self.F(q + length * dq)).dot(dq) >= -OVERSHOOT * slope:
+                break
+            length /= 2
+        return length
 
 
 class BlockSystem:
@@ -121,3 +348,91 @@ class BlockSystem:
         found = self.system.T.createVecRight()
         self.inner.solver.solve(self.forces(p), found)
         return np.asarray(self.surface.N @ self.inner.contact.read(found))
+
+
+class NestedSystem:
+    """Solves the linearised laws together with the bodies on the free displacements; `q` is the last answer."""
+
+    def __init__(self, blocks: BlockSystem, q: Vec, options: PetscOptions, rtol: float) -> None:
+        """
+        Args:
+            blocks: begun for the step.
+            q: free displacements [m], in place.
+            options: of PETSc, by the user.
+            rtol: tolerance of the step.
+        """
+        self.blocks, self.q, self.options = blocks, q, options
+        # backward error, and relative force out of balance, above which the linear system counts as singular
+        self.enough = min(HALF_DIGITS, rtol)
+        self.u_c: Array | None = None  # of the last answer, the same object as it returned
+        self.direct = True  # whether all solves were by a factor
+
+    def __call__(self, laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
+        """Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m]; collective. It does not use `u_c`.
+
+        Raises:
+            LinAlgError: the active set leaves a rigid mode free.
+            SolverError: the KSP did not converge.
+        """
+        blocks, problem, surface = self.blocks, laws.problem, laws.problem.surface
+        multipliers = blocks.multipliers
+        m = multipliers.rows
+        on = np.zeros(len(surface.W), bool)
+        on[m] = True
+        faces = np.flatnonzero(~on)  # compliant rows: p = rhs + k w
+        A_p, k = laws.A_p[m], laws.k
+        through = A_p[:, faces] @ sparse.diags(k[faces])
+        A_w = laws.A_w[m] + _in_columns(through, faces, len(surface.W))
+        right = laws.rhs[m] - A_p[:, faces] @ laws.rhs[faces] - A_w @ problem.offset
+        soft = k[m] > 0
+        # rows of B where points are closed, and of -C where they are open or stick elastically: symmetric but for slip
+        scale = surface.W[m] * np.where(soft, -1 / np.where(soft, k[m], 1.0), 1 / problem.gamma[m])
+        scale *= np.where(~soft & laws.given[m], -1.0, 1.0)
+        V = blocks.inner.with_springs(np.where(on, 0.0, k))
+        L = blocks.on_free(sparse.diags(scale) @ A_w @ surface.N)
+        M = multipliers.matrix(sparse.diags(scale) @ A_p[:, m], multipliers.like)
+        nest = nested(V, blocks.B_T, L, M)
+        resting = np.where(on, 0.0, laws.rhs + k * problem.offset)  # p of compliant faces at u = 0
+        f, g = problem.load.f_q - blocks.inner.on_contact(surface.forces(resting)), multipliers.like.duplicate()
+        multipliers.at.write(g, scale * right)
+        x, y = self.q, multipliers.like.duplicate()
+        self._solve(nest, (f, g), (x, y))
+        self.u_c = u_c = blocks.inner.contact.read(x)
+        p = np.where(on, 0.0, laws.rhs + k * problem.relative_displacement(u_c))
+        p[m] = multipliers.at.read(y)
+        given = laws.given & on
+        p[given] = 0.0  # exact zeros: the diagonal of A_p is 1 there
+        p[given] = (laws.rhs - laws.A_p @ p)[given]
+        self._check_balance(laws, p)
+        return p, u_c
+
+    def _solve(self, nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec]) -> None:
+        counters = self.blocks.surface.counters
+        try:
+            ksp = solve(nest, right, found, self.options)
+        except PETSc.Error as error:
+            raise SolverError(f"the KSP of the block system cannot be set up: PETSc error {error.ierr}") from None
+        counters.factorisations += 1
+        counters.volume_solves += 1
+        if backward_error(nest, right, found) <= self.enough:
+            self.direct = self.direct and direct(ksp)
+            counters.linear_iterations += 0 if direct(ksp) else ksp.getIterationNumber()
+        elif direct(ksp):
+            raise np.linalg.LinAlgError("the block system is singular: some rigid motion is not held")
+        else:
+            raise SolverError(f"the block system is not solved to {self.enough:g}: {failure(ksp)}; try -ksp_rtol")
+
+    def _check_balance(self, laws: ActiveSet, p: Array) -> None:
+        """Raise if the tractions p (rows,) [Pa] do not balance the load of a floating body."""
+        surface, load = laws.problem.surface, laws.problem.load.resultant
+        held = surface.R.T @ surface.forces(p)
+        if np.abs(load - held).sum() > HALF_DIGITS * (np.abs(load).sum() + np.abs(surface.forces(p)).sum()):
+            raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
+
+
+def _in_columns(block: Sparse, columns: Ints, count: int) -> Sparse:
+    """The matrix (m, count) with the columns of `block` at the given places, zero elsewhere."""
+    entries = block.tocoo()
+    shape = block.shape[0], count
+    found: Sparse = sparse.csr_matrix((entries.data, (entries.row, columns[entries.col])), shape=shape)
+    return found

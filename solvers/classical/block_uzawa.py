@@ -7,36 +7,86 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Vec
-from stickslip.solvers.classical.block_system import BlockSystem
-from stickslip.solvers.classical.gram import GramMetric
-from stickslip.solvers.classical.gram_uzawa import GramKeys
-from stickslip.solvers.classical.inner_tolerance import InnerKeys
-from stickslip.solvers.classical.nest import PREFIX, SPLITS
-from stickslip.solvers.classical.nested_system import NestedSystem
-from stickslip.solvers.classical.outer_iteration import FixedStep, Outer, Solved, projected
+from stickslip.solvers.classical.block_matrices import PREFIX, SPLITS
+from stickslip.solvers.classical.block_system import BlockSystem, NestedSystem
+from stickslip.solvers.classical.gram_uzawa import DenseMetric, GramKeys, GramMetric, inverse_root
+from stickslip.solvers.classical.uzawa import FixedStep, InnerKeys, Outer, Solved, projected
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import uncondensed
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.linear.eigenvalues import largest_eigenvalue, smallest_eigenvalue
-from stickslip.solvers.linear.petsc_options import PetscOptions
-from stickslip.solvers.methods.applicability import Applicability
-from stickslip.solvers.methods.method import Before, Method, Ready, Refusal, Setup, Solve
-from stickslip.solvers.metrics.dense import DenseMetric, inverse_root
+from stickslip.solvers.iteration import Convergence, OnStep, Solution, Status, ignore
+from stickslip.solvers.linear.petsc_solver import PetscOptions
+from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Refusal, Setup, Solve
 from stickslip.solvers.newton.semismooth import SemismoothNewton
-from stickslip.solvers.newton.solution import Convergence, OnStep, Solution, Status, ignore
 from stickslip.solvers.newton.surface_model import nearest_in_cone
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.scene.problem import Problem
+
+TOLERANCE = 1e-3  # relative change of the Rayleigh quotient, four iterations in a row, at which it stops
+MOST = 60  # iterations
+LANCZOS = 1e-4  # relative error of the smallest eigenvalue
+VECTORS = 40  # that Lanczos' method keeps
+
+
+@dataclass(frozen=True)
+class Eigenvalue:
+    """An eigenvalue and its direction."""
+
+    quotient: float  # Rayleigh quotient: not above the largest eigenvalue
+    error: float  # norm of its residual: some eigenvalue is not farther from it
+    direction: Array  # (n,) unit
+
+    @property
+    def value(self) -> float:
+        """The largest eigenvalue with its error added, so that a step size that divides by it is rather too small."""
+        return self.quotient + self.error
+
+
+def largest_eigenvalue(apply: Callable[[Array], Array], start: Array) -> Eigenvalue:
+    """The largest eigenvalue of an operator on vectors (n,), from a start (n,) that is not normal to its direction.
+
+    >>> found = largest_eigenvalue(lambda x: np.array([1.0, 3.0]) * x, np.ones(2))
+    >>> round(found.quotient, 3)
+    3.0
+    """
+    if not len(start):
+        return Eigenvalue(1.0, 0.0, start)
+    x, value, error, small = start / np.linalg.norm(start), 0.0, 0.0, 0
+    for k in range(1, MOST + 1):
+        y = apply(x)
+        before, value = value, float(x @ y)
+        small = small + 1 if abs(value - before) <= TOLERANCE * abs(value) else 0
+        error = float(np.linalg.norm(y - value * x))
+        if not value or small == 4 or k == MOST:
+            break
+        x = y / np.linalg.norm(y)
+    return Eigenvalue(value, error, x)
+
+
+def smallest_eigenvalue(apply: Callable[[Array], Array], start: Array) -> float:
+    """The smallest eigenvalue of an operator on vectors (n,), by Lanczos' method: small ones are crowded here.
+
+    >>> round(smallest_eigenvalue(lambda x: np.arange(1.0, 61.0) * x, np.ones(60)), 3)
+    1.0
+    """
+    size = len(start)
+    if size <= VECTORS:
+        return float(np.linalg.eigvalsh(np.column_stack([apply(unit) for unit in np.eye(size)]))[0])
+    operator = LinearOperator((size, size), matvec=apply, dtype=float)
+    (found,) = eigsh(operator, k=1, which="SA", v0=start, tol=LANCZOS, ncv=VECTORS, return_eigenvectors=False)
+    return float(found)
+
 
 log = logging.getLogger(__name__)
 ENOUGH = 8  # iterations of which the second half tells a rate

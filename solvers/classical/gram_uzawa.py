@@ -1,22 +1,307 @@
-"""Uzawa with the published preconditioner: step and projection in the metric of a Gram matrix."""
+"""Uzawa with the published preconditioner: step and projection in the metric of a Gram matrix of H1.
+
+The matrix is factorised, completely, or incompletely: A = P P^T - S, S the entries dropped outside a pattern or below a
+tolerance.
+
+Source: Pop (1999), (5.6) and (5.7).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, ClassVar
 
-from stickslip.geometry.arrays import Array
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+from scipy.linalg import eigh, eigvalsh
+from scipy.sparse.csgraph import dijkstra
+
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import EXACT, Array, Bools, Ints
+from stickslip.geometry.errors import MachineError
 from stickslip.geometry.keys import Key
-from stickslip.solvers.classical.gram import GramMetric
-from stickslip.solvers.classical.outer_iteration import Outer, Relaxation, Solved
+from stickslip.geometry.protocols import Mat, Sparse
+from stickslip.geometry.surfaces.surface import consistent_mass, surface_stiffness
+from stickslip.solvers.classical.uzawa import Outer, Relaxation, Solved
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.interface.factorised import FactorisedVolume
+from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.methods.applicability import Applicability
-from stickslip.solvers.methods.method import Keys, Method, Ready, Refusal, SameEveryStep, Setup
-from stickslip.solvers.newton.solution import OnStep, Solution, ignore
+from stickslip.solvers.iteration import OnStep, Solution, ignore
+from stickslip.solvers.methods.method import Applicability, Keys, Method, Ready, Refusal, SameEveryStep, Setup
 from stickslip.solvers.newton.surface_model import nearest_in_cone
+from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.gram import Gram
 from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.system.stiffness import Stiffness
+from stickslip.solvers.system.system import System
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DenseMetric:
+    """Q / alpha in place of the Delassus operator; implements `newton.surface_system.Metric`."""
+
+    surface: DelassusOperator
+    Q: Array  # (rows, rows), p^T Q p for tractions p
+    carrying: Bools  # (rows,) rows that may carry a traction
+    root: Array  # T with T T^T = Q^-1 on these rows, see `inverse_root`
+    alpha: float  # step of Uzawa's method
+
+    @cached_property
+    def matrix(self) -> Array:
+        """W^-1 Q / alpha (rows, rows) [m/Pa]."""
+        return np.asarray(self.Q / (self.alpha * self.surface.W[:, None]))
+
+    @cached_property
+    def diagonal(self) -> Array:
+        """That of `matrix` (rows,) [m/Pa]."""
+        return np.diag(self.matrix)
+
+    def __call__(self, p: Array) -> Array:
+        """Relative displacement (rows,) [m] by this metric from tractions (rows,) [Pa]."""
+        return np.asarray(self.matrix @ p)
+
+    def inverse(self, w: Array) -> Array:
+        """Tractions alpha Q^-1 W w (rows,) [Pa] from relative displacement w (rows,) [m]."""
+        found = np.zeros_like(w)
+        found[self.carrying] = self.alpha * self.root @ (self.root.T @ (self.surface.W * w)[self.carrying])
+        return found
+
+
+def inverse_root(Q: Array) -> Array:
+    """T (rows, r) with T T^T = Q^-1 (the pseudo-inverse), r the rank of Q (rows, rows).
+
+    Q is singular where a compliant face has more points than nodes: tractions without nodal forces have norm zero.
+    """
+    values, vectors = eigh(Q)
+    kept = values > EXACT * values.max(initial=0.0)  # of the largest eigenvalue; a smaller one is zero
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+
+
+FIRST_SHIFT = 1e-3  # of the diagonal, after a pivot that is not positive
+SHIFTS = 12  # each twice the one before
+
+
+@dataclass(frozen=True)
+class IncompleteFactor:
+    """The lower triangular factor P, in the order of A."""
+
+    P: Sparse  # (n, n) csc
+    shift: float  # added to A's diagonal, relative to it, so that all pivots are positive
+
+    def trailing(self, count: int) -> Array:
+        """P_cc P_cc^T of the last `count` unknowns (count, count): for a complete factor, A's Schur complement."""
+        P_cc = self.P[-count:, -count:].toarray() if count else np.zeros((0, 0))
+        return np.asarray(P_cc @ P_cc.T)
+
+
+def incomplete_cholesky(A: Array | Sparse, drop: float | None = None) -> IncompleteFactor:
+    """Factorise column by column, each from those to its left (left-looking).
+
+    Where a pivot is not positive, A's diagonal is raised until all are.
+
+    Args:
+        A: (n, n) symmetric, positive definite; the zeros of a dense matrix are not in its pattern.
+        drop: entries of at most `drop` times the norm of A's column are left out; 0 drops no entry and gives the
+            complete factor. None drops the entries outside A's own pattern, IC(0).
+
+    Source: Meijerink & van der Vorst, Math. Comp. 31 (1977); the shift: Manteuffel, Math. Comp. 34 (1980).
+
+    Raises:
+        MachineError: some pivot stays negative however the diagonal is raised: A is not positive definite.
+
+    >>> A = sparse.csr_matrix(np.array([[4.0, 2.0, 0.0], [2.0, 5.0, 2.0], [0.0, 2.0, 5.0]]))
+    >>> incomplete_cholesky(A).P.toarray()  # tridiagonal: there is no fill to drop
+    array([[2., 0., 0.],
+           [1., 2., 0.],
+           [0., 1., 2.]])
+    """
+    lower = sparse.tril(A, format="csc")
+    lower.sort_indices()
+    shift = 0.0
+    for _ in range(SHIFTS):
+        P = _factor(lower, drop, 1 + shift)
+        if P is not None:
+            return IncompleteFactor(P, shift)
+        shift = 2 * shift or FIRST_SHIFT
+    raise MachineError("incomplete Cholesky: a pivot stays negative; the Gram matrix is not positive definite")
+
+
+def _factor(lower: Sparse, drop: float | None, raised: float) -> Sparse | None:
+    """P (n, n) of A with its diagonal times `raised`; None if a pivot is not positive."""
+    n = lower.shape[0]
+    least = 0.0 if drop is None else drop * np.sqrt(np.asarray(lower.multiply(lower).sum(axis=0)).ravel())
+    least = np.broadcast_to(least, n)
+    left: list[list[int]] = [[] for _ in range(n)]  # columns of P with an entry in that row
+    rows: list[NDArray[np.int32]] = []
+    values: list[Array] = []
+    column = np.zeros(n)  # work space, zero between the columns
+    for j in range(n):
+        own = lower.indices[lower.indptr[j] : lower.indptr[j + 1]]
+        column[own] = lower.data[lower.indptr[j] : lower.indptr[j + 1]]
+        column[j] *= raised
+        reached = [own]
+        for k in left[j]:
+            at = int(np.searchsorted(rows[k], j))
+            below = rows[k][at:]
+            column[below] -= values[k][at] * values[k][at:]
+            reached.append(below)
+        if not column[j] > 0:
+            return None
+        found = np.unique(np.concatenate(reached))
+        kept = own if drop is None else found[(np.abs(column[found]) > least[j]) | (found == j)]
+        rows.append(kept)
+        values.append(column[kept] / np.sqrt(column[j]))
+        for i in kept[1:].tolist():
+            left[i].append(j)
+        column[found] = 0.0
+    pointer = np.cumsum([0, *(len(each) for each in rows)])
+    factor: Sparse = sparse.csc_matrix(
+        (np.concatenate([[], *values]), np.concatenate([lower.indices[:0], *rows]), pointer), lower.shape
+    )
+    return factor
+
+
+class GramMetric:
+    """The metric Q of a scene, assembled once for all steps; `on` gives it on the rows of a surface problem."""
+
+    def __init__(self, system: System, gram: Gram) -> None:
+        """Assemble and factorise the Gram matrix; collective.
+
+        Args:
+            system: the assembled scene.
+            gram: which Gram matrix, and how it is factorised.
+        """
+        self.gram, self.length = gram, gram.length or system.extent
+        self._compliance = None if gram.space == "multiplier" else np.linalg.inv(volume_block(system, gram))
+        self._last: dict[tuple[DelassusOperator, float], DenseMetric] = {}
+
+    def on(self, problem: SurfaceProblem, relaxation: float) -> DenseMetric:
+        """Q / alpha with alpha = relaxation / lambda_max(Q^-1 B K_B^-1 B^T)."""
+        surface, carrying = problem.surface, problem.cone.carrying
+        key = surface, relaxation
+        if key not in self._last:
+            self._last.clear()  # those of other contact pairs are not needed again
+            Q = self.on_tractions(surface, problem.cone)
+            root = inverse_root(Q[np.ix_(carrying, carrying)])
+            largest = self._spectrum(surface, carrying, root).max(initial=0.0) or 1.0
+            self._last[key] = DenseMetric(
+                surface=surface, Q=Q, carrying=carrying, root=root, alpha=relaxation / float(largest)
+            )
+        return self._last[key]
+
+    def on_tractions(self, surface: DelassusOperator, cone: AdmissibleSet) -> Array:
+        """Q (rows, rows) of p^T Q p for tractions p: the published matrix if it belongs to tractions, else W Q W."""
+        if self._compliance is None:
+            Q = multiplier_gram(cone, self.length).toarray()
+            Q = Q if self.gram.factor == "complete" else incomplete_cholesky(Q, drop_of(self.gram)).trailing(len(Q))
+        else:
+            Q = surface.N @ self._compliance @ surface.N.T
+        return np.asarray(surface.W[:, None] * Q * surface.W if self.gram.unknown == "forces" else Q)
+
+    def spectrum(self, surface: DelassusOperator, cone: AdmissibleSet) -> Array:
+        """Eigenvalues of Q^-1 B K_B^-1 B^T, the preconditioned Delassus operator, on the rows that carry tractions.
+
+        Returns:
+            (rows,) increasing; of as many as Q has rank.
+        """
+        on = cone.carrying
+        return self._spectrum(surface, on, inverse_root(self.on_tractions(surface, cone)[np.ix_(on, on)]))
+
+    def _spectrum(self, surface: DelassusOperator, on: Bools, root: Array) -> Array:
+        B = surface.N[on].T.multiply(surface.W[on]) @ root  # forces on the contact dofs (c, r)
+        return np.asarray(eigvalsh(B.T @ (condensed(surface).flexibility @ B)))
+
+
+def drop_of(gram: Gram) -> float | None:
+    """The tolerance `drop` of `incomplete_cholesky`."""
+    return {"complete": 0.0, "drop": gram.drop, "ic0": None}[gram.factor]
+
+
+def volume_block(system: System, gram: Gram) -> Array:
+    """Q^-1 on forces (c, c): P_cc P_cc^T of the Gram matrix of displacements, contact dofs last; collective.
+
+    For the complete factor that is the Schur complement, an operator of order 1 like the inverse of the Delassus
+    operator B K_B^-1 B^T: the reading of the source that can be independent of the mesh size h.
+    """
+    matrix, contact = volume_gram(system, gram.length or system.extent), system.interface.dofs
+    if gram.factor == "complete" and len(contact):
+        return np.asarray(FactorisedVolume(matrix, contact, Counters()).S)
+    whole, _ = contact_last(matrix, contact)
+    return incomplete_cholesky(whole, drop_of(gram)).trailing(len(contact))
+
+
+def volume_gram(system: System, length: float) -> Mat:
+    """H1 Gram matrix of the basis of free displacements; collective.
+
+    Args:
+        system: the assembled scene.
+        length: [m], weighs the L2 part by 1 / length².
+    """
+    weak = system.weak
+    gram = dx.assemble_matrix(weak.compile(weak.gram(length)))
+    return Stiffness.of(gram, system.T, system.constraints).free
+
+
+def contact_last(matrix: Mat, contact: Ints) -> tuple[Sparse, Ints]:
+    """A distributed matrix as a whole on every rank, reordered so that the contact dofs come last.
+
+    The order is by distance from the contact dofs, counted in entries of the matrix, the farthest first: an incomplete
+    factor then has the smallest error at the contact dofs.
+
+    Args:
+        matrix: (n, n).
+        contact: numbers (c,) of the contact dofs.
+
+    Returns:
+        The reordered matrix (n, n), and the order (n,).
+    """
+    every = PETSc.IS().createStride(matrix.size[0], step=1, comm=PETSc.COMM_SELF)
+    (whole,) = matrix.createSubMatrices([every], [every])
+    indptr, indices, data = whole.getValuesCSR()
+    A: Sparse = sparse.csr_matrix((data, indices, indptr), shape=whole.getSize())
+    if not len(contact):
+        return A, np.arange(A.shape[0])
+    away = dijkstra(abs(A), directed=False, indices=contact, unweighted=True, min_only=True)
+    away[contact] = -1.0
+    order = np.argsort(-away, kind="stable")
+    return A[order][:, order], order
+
+
+def multiplier_gram(cone: AdmissibleSet, length: float) -> Sparse:
+    """H1 Gram matrix (rows, rows) of the traces of the displacement basis at the multiplier nodes.
+
+    The dual basis of the multipliers is discontinuous and not in H1: the displacement basis at its nodes is used.
+
+    Args:
+        cone: the contacts.
+        length: [m], weighs the L2 part by 1 / length².
+    """
+    normal = [_side_gram(c, c.psi.multiply(1 / _positive(c.node_weights)[:, None]).T, length) for c in cone.contacts]
+    tangential = [
+        sparse.kron(_side_gram(c, c.share_t, length), sparse.eye(c.free.shape[1])) for c in cone.contacts
+    ]  # fmt: skip
+    gram: Sparse = sparse.block_diag([*normal, *tangential], format="csr")
+    return gram
+
+
+def _side_gram(c: ContactRows, share: Sparse, length: float) -> Sparse:
+    """Gram matrix (m, m) of one contact's points; `share` (m, n) are the nodes that each stands for."""
+    side = c.surface
+    product = surface_stiffness(side) + consistent_mass(side) / length**2
+    basis = share @ side.forces_transform
+    gram: Sparse = basis @ product @ basis.T
+    return gram
+
+
+def _positive(weights: Array) -> Array:
+    return np.where(weights > 0, weights, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.classical.inner_tolerance import InnerKeys, negligible
-from stickslip.solvers.classical.outer_iteration import FixedStep, Outer, Solved
+from stickslip.solvers.classical.uzawa import FixedStep, InnerKeys, Outer, Solved, negligible
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.methods.applicability import Applicability
-from stickslip.solvers.methods.method import Ready, Setup, Stateless
-from stickslip.solvers.newton.solution import OnStep, Solution, ignore
+from stickslip.solvers.iteration import OnStep, Solution, ignore
+from stickslip.solvers.methods.method import Applicability, Ready, Setup, Stateless
 
 
 @dataclass(frozen=True, kw_only=True)

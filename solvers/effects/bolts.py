@@ -12,7 +12,7 @@ from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.errors import SceneError, require, require_known
 from stickslip.geometry.keys import Key
-from stickslip.geometry.obstacles.rotation import unit
+from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.fem.terms import InitialStrain
 from stickslip.solvers.scene.loads import Link

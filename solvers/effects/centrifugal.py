@@ -11,7 +11,7 @@ import numpy as np
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
-from stickslip.geometry.obstacles.rotation import unit
+from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.terms import LoadTerm

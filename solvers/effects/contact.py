@@ -41,7 +41,7 @@ class _Friction(_Law):
 
 
 def _more(law: FrictionLaw) -> str:
-    again = ", each step again until mu is that of its slip" if law.remembers else ""
+    again = f", each step again until mu is that of its {law.remembers}" if law.remembers else ""
     return again + (", measured along its directions" if law.orthotropic else "")
 
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from stickslip.geometry.amplitude import Amplitude, check
-from stickslip.geometry.components import LIST
 from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import Key
+from stickslip.geometry.keys import LIST, Key
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.terms import LoadTerm

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from stickslip.geometry.amplitude import Amplitude, check
-from stickslip.geometry.components import TABLE
 from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import Key
+from stickslip.geometry.keys import TABLE, Key
 from stickslip.geometry.obstacles.obstacle import AXES, Axis
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.scene.loads import Coupling

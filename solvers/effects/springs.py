@@ -12,10 +12,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
-from stickslip.geometry.components import LIST
 from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import Key
-from stickslip.geometry.obstacles.rotation import unit
+from stickslip.geometry.keys import LIST, Key
+from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.scene.loads import End, Link
 from stickslip.solvers.scene.scene import EffectTable, Scene

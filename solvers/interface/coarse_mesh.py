@@ -17,9 +17,8 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.protocols import Sparse
-from stickslip.geometry.surfaces.forms import lumped_mass
 from stickslip.geometry.surfaces.search import pair
-from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.surfaces.surface import Surface, lumped_mass
 from stickslip.solvers.interface.prepare import prepare_surface, prepare_volume
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.system.sides import contact_sides

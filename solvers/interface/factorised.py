@@ -19,7 +19,7 @@ from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.protocols import KSP, Mat, Vec
 from stickslip.solvers.linear.block_diagonal import BlockDiagonal, joined
-from stickslip.solvers.linear.petsc_library import call, petsc_library
+from stickslip.solvers.linear.petsc_solver import call, petsc_library
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import Replicated
 

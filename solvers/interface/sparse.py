@@ -12,9 +12,8 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Mat, Sparse, Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load, T
-from stickslip.solvers.linear.inner_solver import InnerSolver
 from stickslip.solvers.linear.multigrid import multigrid
-from stickslip.solvers.linear.petsc_options import PetscOptions
+from stickslip.solvers.linear.petsc_solver import InnerSolver, PetscOptions
 from stickslip.solvers.parallel.replicated import Replicated, on_all_ranks
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.system.floating_modes import FloatingMotions, near_nullspace

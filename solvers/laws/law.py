@@ -90,7 +90,7 @@ class FrictionLaw(Choice):
     continuous: ClassVar[str] = (
         ""  # if the bound jumps where surfaces part, so that there may be no solution: a law with one
     )
-    remembers: ClassVar[bool] = False  # whether it depends on the slip of a point so far, see `at_slip`
+    remembers: ClassVar[str] = ""  # what of the slip of a point it depends on, in words; empty: nothing; see `memory`
     orthotropic: ClassVar[bool] = False  # whether tangential rows are measured along its `directions`
     k_T: Annotated[float | None, Key("Pa/m", "tangential stiffness before slip; absent: rigid")] = None
 
@@ -121,8 +121,22 @@ class FrictionLaw(Choice):
             SceneError: it has none of the law's directions.
         """
 
-    def at_slip(self, slid: Array) -> FrictionLaw:
-        """The law of points that have slipped by `slid` (m_t,) [m] since t = 0; what `remembers` has no other bound."""
+    def memory(self, points: int) -> Array:
+        """What it remembers of points at rest (m_t,); it is kept from step to step and in checkpoints."""
+        return np.zeros(points)
+
+    def after(self, memory: Array, slip: Array, step: float) -> Array:
+        """The memory (m_t,) at the end of a substep.
+
+        Args:
+            memory: at its start.
+            slip: by which the points have slipped in it (m_t,) [m], >= 0; of points that do not touch 0.
+            step: its length [s]; 0: values jump at t = 0.
+        """
+        return memory
+
+    def at(self, memory: Array) -> FrictionLaw:
+        """The law of points with a memory (m_t,) at the end of a substep; what `remembers` has no other bound."""
         return self
 
     def of_point(self, point: int) -> FrictionLaw:

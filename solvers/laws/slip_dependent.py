@@ -24,7 +24,7 @@ class BySlip(FrictionLaw):
     Source: Ida, J. Geophys. Res. 77 (1972), of slip weakening; Andrews, J. Geophys. Res. 81 (1976), of the path.
     """
 
-    remembers: ClassVar[bool] = True
+    remembers: ClassVar[str] = "slip"
 
     @property
     def table(self) -> MuTable:
@@ -34,10 +34,13 @@ class BySlip(FrictionLaw):
     def resists(self) -> bool:
         return any(mu > 0 for _, mu in self.table)
 
-    def at_slip(self, slid: Array) -> FrictionLaw:
-        """Coulomb's law with the mu of points that have slipped by `slid` (m_t,) [m]."""
-        most = mu_table.largest_from(self.table, slid)
-        return CoulombByPoint(mu=mu_table.read(self.table, slid), most=most, k_T=self.k_T)
+    def after(self, memory: Array, slip: Array, step: float) -> Array:
+        return memory + slip
+
+    def at(self, memory: Array) -> FrictionLaw:
+        """Coulomb's law with the mu of points whose path of slip is as long as `memory` (m_t,) [m]."""
+        most = mu_table.largest_from(self.table, memory)
+        return CoulombByPoint(mu=mu_table.read(self.table, memory), most=most, k_T=self.k_T)
 
     @property
     def weakening(self) -> float:

@@ -1,1 +1,1 @@
-"""Linear solvers that know nothing of contact: conjugate gradients, multigrid, Cholesky factors, GMRES."""
+"""Linear solvers that know nothing of contact: conjugate gradients, multigrid, Cholesky factors."""

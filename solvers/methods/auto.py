@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from stickslip.solvers.methods.applicability import Applicability
-from stickslip.solvers.methods.method import Method, Ready, Setup
+from stickslip.solvers.methods.method import Applicability, Method, Ready, Setup
 
 
 @dataclass(frozen=True, kw_only=True)

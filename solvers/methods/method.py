@@ -1,7 +1,8 @@
-"""The contract of a method: its name, what it works with, its keys of [solver], and its preparation for a run.
+"""The contract of a method: its name, the scenes it can solve, its keys of [solver], and its preparation for a run.
 
-A new method is one new file in this folder, with a class that derives from `Method` and has a NAME. The registry finds
-it; the keys of [solver], the table in docs, SCENE.md, refusals and the chain of `auto` are read from its class.
+A new method is one new file in this folder or in `classical`, with a class that derives from `Method` and has a NAME.
+The registry finds it; the keys of [solver], the table in docs, SCENE.md, refusals and the chain of `auto` are read from
+its class.
 """
 
 from __future__ import annotations
@@ -20,13 +21,45 @@ from stickslip.solvers.interface.discrete import GivenSurface
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import Form
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.methods.applicability import Applicability
-from stickslip.solvers.newton.solution import OnStep, Solution, ignore
-from stickslip.solvers.newton.surface_system import Flexibility
+from stickslip.solvers.iteration import OnStep, Solution, ignore
+from stickslip.solvers.newton.surface_model import Flexibility
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.settings import Solver
 from stickslip.solvers.system.system import System
+
+RIGID = "rigid"  # the operator of a rigid obstacle
+
+
+@dataclass(frozen=True, kw_only=True)
+class Applicability:
+    """What a method supports.
+
+    Every method works in every model, with cells of every kind and order, with pairs that are searched again, and on
+    any number of ranks.
+    """
+
+    floating: bool  # bodies that only contact and friction hold, and obstacles that a force moves
+    driven: bool = True  # the latter, if the former
+    bedded: bool = False  # floating bodies, if compliant contact alone resists their rigid modes
+    normal: tuple[str, ...] | None = None  # names of the supported normal laws; None: all
+    friction: tuple[str, ...] | None = None  # names of the supported friction laws; None: all
+    k_T: bool = True  # tangential stiffness before slip
+    operators: tuple[str, ...] | None = None  # supported contact operators: RIGID, and those between bodies; None: all
+    matrix_free: bool = True  # bodies in matrix-free form: iterative volume solves
+    condensed: bool = True  # bodies in condensed form: a dense stiffness of the contact dofs; in neither form: sparse
+    contends: bool = True  # whether a cost study that may choose the method tries this one
+
+    def knows(self, what: str, name: str) -> bool:
+        """Whether the method supports a law or an operator.
+
+        Args:
+            what: `normal`, `friction` or `operators`.
+            name: name of the law or of the operator.
+        """
+        known: tuple[str, ...] | None = getattr(self, what)
+        return known is None or name in known
+
 
 Solve = Callable[[SurfaceProblem, Array, OnStep], Solution]  # from the tractions (rows,) [Pa] of the last step
 Refusal = tuple[str, object, str]  # a key of [solver], its value, and the reason with what to use instead

@@ -15,13 +15,10 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.discrete import LEAST, GivenSurface
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.methods.applicability import Applicability
-from stickslip.solvers.methods.method import Method, Ready, SameEveryStep, Setup, Solve, Turn
-from stickslip.solvers.metrics.secants import Secants
-from stickslip.solvers.metrics.surface_metric import SurfaceMetric, surface_metric
-from stickslip.solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
-from stickslip.solvers.newton.surface_model import nearest_in_cone
-from stickslip.solvers.newton.surface_system import Flexibility
+from stickslip.solvers.iteration import OnStep, Solution, Stall, Status, Step, ignore
+from stickslip.solvers.methods.method import Applicability, Method, Ready, SameEveryStep, Setup, Solve, Turn
+from stickslip.solvers.metrics import Secants, SurfaceMetric, surface_metric
+from stickslip.solvers.newton.surface_model import Flexibility, nearest_in_cone
 from stickslip.solvers.parallel.serialise import Plain
 
 STALL_WINDOW = 50  # iterations in which the smallest residual must halve

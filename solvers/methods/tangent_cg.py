@@ -9,24 +9,18 @@ from typing import ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array, Bools, Ints, products
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Vec
-from stickslip.geometry.small_matrices import products
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.linear.chebyshev import chebyshev
-from stickslip.solvers.methods.applicability import Applicability
-from stickslip.solvers.methods.method import Before, Method, Ready, Setup, Solve, Turn
-from stickslip.solvers.newton.solution import Correction, OnStep, Solution, Stall, Status, Step, ending, ignore
+from stickslip.solvers.iteration import Correction, OnStep, Solution, Stall, Status, Step, ending, ignore
+from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Setup, Solve, Turn
 from stickslip.solvers.parallel.serialise import Own, Plain
-from stickslip.solvers.tangent.coarse import CoarseMotions
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
-from stickslip.solvers.tangent.faces import CompliantFaces
-from stickslip.solvers.tangent.laws import ContactPoints, Tangent
-from stickslip.solvers.tangent.loads import LoadScale
-from stickslip.solvers.tangent.operator import TangentOperator
+from stickslip.solvers.tangent.laws import CompliantFaces, ContactPoints, Tangent
+from stickslip.solvers.tangent.operator import CoarseMotions, LoadScale, TangentOperator, chebyshev
 
 SWEEPS = 2  # over the contact points alone, before each iteration
 SMOOTHING = 6  # at the contact, before and after a multigrid cycle: with four, points that slip take up to a sixth more

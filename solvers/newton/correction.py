@@ -15,13 +15,12 @@ import numpy as np
 from stickslip.geometry.arrays import EXACT, LAST_DIGITS, Array
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.metrics.secants import Secants
+from stickslip.solvers.iteration import Correction, Solution
+from stickslip.solvers.metrics import Secants
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.semismooth import SemismoothNewton
-from stickslip.solvers.newton.solution import Correction, Solution
-from stickslip.solvers.newton.surface_model import nearest_in_cone
-from stickslip.solvers.newton.surface_system import Flexibility
+from stickslip.solvers.newton.surface_model import Flexibility, nearest_in_cone
 
 ENOUGH = 0.01  # part of the first residual, or of the correction, that may be left in what serves as the exact solution
 NEWTON_STEPS = 12  # from the final iterate, whose active set is nearly right; then all starts are tried

@@ -15,28 +15,31 @@ bounded, and that p = 0 is the only one for s >= 1, if D is large enough; the pa
 s = 0. It has finitely many kinks if no two come at once (start and D are perturbed for that), perhaps very many.
 
 Past s = 0 the second path goes on, and may come back: each time it crosses s = 0 it is at a solution. Their number is
-odd. Solutions on closed paths of their own are not found.
+odd. Solutions on closed paths of their own are not found. Below some coefficient of friction the solution of the
+discrete problem is unique; above it there may be an odd number of them, or a continuum, and all of them are right.
+Nothing in the quasi-static model says which one a body takes.
 
 Source: Katzenelson, Bell Syst. Tech. J. 44 (1965); Lemke, Management Sci. 11 (1965); Eaves, Math. Program. Study 7
-(1978), of paths of piecewise-linear maps.
+(1978), of paths of piecewise-linear maps. Several solutions: Klarbring, Ing.-Arch. 60 (1990), of one node; Hild, Q. J.
+Mech. Appl. Math. 57 (2004), of discrete problems.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import CLOSE, EXACT, Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array, Bools, Ints
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.iteration import Solution
 from stickslip.solvers.laws.friction import Stick
-from stickslip.solvers.newton.solution import Solution
-from stickslip.solvers.newton.starts import Start, closed
+from stickslip.solvers.newton.attempts import Start, closed
 
 OPEN, CLOSED = 0, 1  # states of normal rows
 DEAD, STICK, FORWARD, BACKWARD = 2, 3, 4, 5  # states of tangential rows; dead: the friction bound is zero or less
@@ -318,3 +321,42 @@ class _Path:
         problem, surface = self.map.problem, condensed(self.map.problem.surface)
         u_c = surface.flexibility @ (problem.load.f_c - surface.forces(p)) + surface.R @ b
         return Start.at(problem, p, u_c)
+
+
+ENOUGH = 1.0  # coefficient of friction above which others are looked for; one node of steel has others above 1.5
+MOST = 200  # rows up to which they are looked for; on 160 rows it takes 0.1 s a step, on 640 rows 6 s
+FOLLOWED = 2000  # on the path that is followed
+
+
+def others(
+    problem: SurfaceProblem, p: Array, keeps: Callable[[Array, Array], bool] = lambda p, w: True
+) -> Iterator[Array]:
+    """Tractions (rows,) [Pa] of solutions that differ from p, on the path from all open; none where it does not apply.
+
+    It finds no others of floating bodies, of curved laws, in 3D, off this path, or where there are many rows.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] that solve it.
+        keeps: whether tractions (rows,) [Pa] and relative displacement (rows,) [m] have the laws of the problem.
+    """
+    if len(p) > MOST or problem.surface.floating or _most_friction(problem) <= ENOUGH or not applies(problem):
+        return
+    known = [p]
+    for found in path_from_open(problem, FOLLOWED):
+        w = problem.relative_displacement(found.u_c)
+        # natural residual of another solution: it is the end of a path, not iterated
+        if problem.natural_residual(found.p, w) > CLOSE or not keeps(found.p, w):
+            continue
+        size = max(problem.scale(found.p), problem.scale(p))
+        # of the largest traction: solutions that differ by less are one
+        if all(np.abs(found.p - one).max(initial=0.0) > SLIGHT * size for one in known):
+            known.append(found.p)
+            yield found.p
+
+
+def _most_friction(problem: SurfaceProblem) -> float:
+    """The largest coefficient of friction of the step [-]."""
+    cone = problem.cone
+    most = [place.rows.friction.lines(place.rows.normal, cone.time, cone.end)[2] for place in cone.with_friction()]  # type: ignore[union-attr]
+    return max((float(np.max(mu, initial=0.0)) for mu in most), default=0.0)

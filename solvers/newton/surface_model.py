@@ -1,20 +1,193 @@
-"""A model of the contact problem with an approximate Delassus operator, solved on the surface by semismooth Newton."""
+"""A model of the contact problem with an approximate Delassus operator, solved on the surface by semismooth Newton.
+
+Its linear systems are solved densely where there are few contact rows, else by GMRES.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import HALF_DIGITS, Array
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.limit_analysis import balancing_tractions
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Status
+from stickslip.solvers.linear.gmres import gmres
+from stickslip.solvers.metrics import Secants, SurfaceMetric
 from stickslip.solvers.newton.active_set import ActiveSet
-from stickslip.solvers.newton.attempts import Attempts
-from stickslip.solvers.newton.solution import Status
-from stickslip.solvers.newton.starts import Start, again
-from stickslip.solvers.newton.surface_system import Metric, SurfaceSystem
+from stickslip.solvers.newton.attempts import Attempts, Start, again
+
+DENSE = 200  # largest number of contact rows for a dense factorisation
+FAILED = 0.5  # of the first residual: if GMRES leaves more, it failed
+
+
+class Metric(Protocol):
+    """An approximate Delassus operator W^-1 Q: the metric in which a step of Uzawa's method projects."""
+
+    @property
+    def matrix(self) -> Array: ...  # (rows, rows) [m/Pa]
+
+    @property
+    def diagonal(self) -> Array: ...  # (rows,) [m/Pa], approximately that of `matrix`
+
+    def __call__(self, p: Array) -> Array: ...  # tractions (rows,) [Pa] to relative displacement (rows,) [m]
+
+    def inverse(self, w: Array) -> Array: ...  # (rows,) [m] to (rows,) [Pa], approximately: preconditions GMRES
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flexibility:
+    """The approximate Delassus operator G = N F N^T W, F the secant approximation of K_B^-1 on the contact dofs."""
+
+    surface: DelassusOperator
+    F: Secants
+    metric: SurfaceMetric
+
+    def __call__(self, p: Array) -> Array:
+        """Relative displacement (rows,) [m] of tractions (rows,) [Pa]."""
+        return np.asarray(self.surface.N @ self.F(self.surface.forces(p)))
+
+    @cached_property
+    def matrix(self) -> Array:
+        """G (rows, rows) [m/Pa]."""
+        return np.asarray(self.surface.N @ self.F(self.surface.N.T.toarray() * self.surface.W))
+
+    @cached_property
+    def _share(self) -> Sparse:
+        """(rows, c): share of each contact dof in a row's relative displacement, in proportion to its compliance."""
+        N = self.surface.N[:, : self.metric.size]
+        give = N.multiply(N) @ self.metric.compliance
+        part = np.divide(1.0, give, out=np.zeros_like(give), where=give > 0)  # held dofs alone: no compliance
+        share: Sparse = sparse.diags(part) @ N @ sparse.diags(self.metric.compliance)
+        return share
+
+    def inverse(self, w: Array) -> Array:
+        """Tractions (rows,) [Pa] that cause about w (rows,) [m]: for nodal rows spectrally equivalent to G^-1."""
+        return np.asarray(self._share @ self.metric.stiffness(self._share.T @ w) / self.surface.W)
+
+    @cached_property
+    def diagonal(self) -> Array:
+        """Approximate diagonal of G (rows,) [m/Pa]."""
+        N = self.surface.N[:, : self.metric.size]
+        return np.asarray(N.multiply(N) @ self.metric.diagonal * self.surface.W)
+
+
+class SurfaceSystem:
+    """A_p p + A_w (w_0 - G p + N R b) = rhs on the rows that carry traction, and R^T B^T p = R^T f: a saddle point."""
+
+    def __init__(self, laws: ActiveSet, gamma: Array, flexibility: Metric, w_0: Array) -> None:
+        """
+        Args:
+            laws: the active set, A_p, A_w and rhs.
+            gamma: (rows,) [Pa/m], see `linearise`.
+            flexibility: G.
+            w_0: relative displacement (rows,) [m] of the model at p = 0, b = 0.
+        """
+        self.problem, self.flexibility = laws.problem, flexibility
+        surface = self.problem.surface
+        self.rows = np.flatnonzero(laws.held | laws.slip | (laws.k > 0))
+        self.held = laws.held[self.rows]  # their A_p is zero, or that of a small proximal term
+        k = laws.k[self.rows]
+        scale = np.where(
+            k > 0, gamma[self.rows] / np.where(k > 0, k, 1.0), 1.0
+        )  # so that springs are weighted as held rows are
+        self.A_p = (sparse.diags(scale) @ laws.A_p[self.rows])[:, self.rows].tocsr()
+        self.A_w = (sparse.diags(scale) @ laws.A_w[self.rows]).tocsr()
+        rhs = scale * laws.rhs[self.rows]
+        NR = surface.N @ surface.R
+        self.C = np.asarray(self.A_w @ NR)  # (m, r)
+        self.H = NR[self.rows].T * surface.W[self.rows]  # (r, m)
+        self.right = np.concatenate([rhs - self.A_w @ w_0, self.problem.load.resultant])
+
+    def solve(self, p: Array, b: Array, leave: float) -> tuple[Array, Array]:
+        """Solve for tractions (rows,) [Pa] and rigid motions (r,) [m].
+
+        Args:
+            p, b: start of GMRES.
+            leave: 2-norm of the residual [Pa] at which it stops.
+
+        Raises:
+            LinAlgError: the active set leaves a rigid mode free.
+        """
+        m = len(self.rows)
+        found = self._dense() if len(p) <= DENSE else self._iterate(np.concatenate([p[self.rows], b]), leave)
+        full = np.zeros(len(p))
+        full[self.rows] = found[:m]
+        surface, load = self.problem.surface, self.problem.load.resultant
+        forces = surface.forces(full)
+        # relative force out of balance above which the linear system counts as singular
+        if np.abs(load - surface.R.T @ forces).sum() > HALF_DIGITS * (np.abs(forces).sum() + np.abs(load).sum()):
+            raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
+        return full, found[m:]
+
+    def _dense(self) -> Array:
+        nothing = np.zeros((len(self.H), len(self.H)))
+        inner = self.A_p.toarray() - self.A_w @ self.flexibility.matrix[:, self.rows]
+        return np.asarray(np.linalg.solve(np.block([[inner, self.C], [self.H, nothing]]), self.right))
+
+    def _iterate(self, x: Array, leave: float) -> Array:
+        m = len(self.rows)
+        approximate = self._preconditioner()
+        out_of_balance = np.concatenate([np.zeros(m), self.right[m:] - self.H @ x[:m]])
+        if len(self.H):
+            x = x + approximate(out_of_balance)  # from here on every iterate balances the loads
+        began = float(np.linalg.norm(self.right - self._apply(x)))
+        x, left = gmres(self._apply, self.right, x, approximate, leave)
+        if left > max(leave, FAILED * began):
+            raise np.linalg.LinAlgError("GMRES does not converge: some rigid motion is hardly held")
+        return x
+
+    def _apply(self, x: Array) -> Array:
+        m = len(self.rows)
+        p = np.zeros(len(self.problem.gap))
+        p[self.rows] = x[:m]
+        carried = self.A_p @ x[:m] - self.A_w @ self.flexibility(p) + self.C @ x[m:]
+        return np.concatenate([carried, self.H @ x[:m]])
+
+    def _preconditioner(self) -> Callable[[Array], Array]:
+        """Block preconditioner: held rows by the inverse metric, then the others with G's diagonal.
+
+        Rigid motions are eliminated exactly, by the Schur complement on them.
+        """
+        m, flexibility = len(self.rows), self.flexibility
+        pure = self.held
+        mixed = np.flatnonzero(~pure)
+        scale = self.A_w[:, self.rows].diagonal()
+        local = (self.A_p - self.A_w[:, self.rows] @ sparse.diags(flexibility.diagonal[self.rows]))[mixed]
+        try:
+            others = splu(sparse.csc_matrix(local[:, mixed])) if len(mixed) else None
+        except RuntimeError as error:  # SuperLU: exactly singular
+            raise np.linalg.LinAlgError(str(error)) from None
+        follow = self.A_p[mixed]
+
+        def inner(r: Array) -> Array:
+            w = np.zeros(len(self.problem.gap))
+            w[self.rows[pure]] = -r[pure] / scale[pure]
+            p = np.where(pure, flexibility.inverse(w)[self.rows], 0.0)
+            if others is not None:
+                p[mixed] = others.solve(r[mixed] - follow @ p)
+            return p
+
+        if not len(self.H):
+            return inner
+        moved = np.column_stack([inner(column) for column in self.C.T])
+        schur = self.H @ moved
+
+        def balanced(r: Array) -> Array:
+            p = inner(r[:m])
+            b = np.linalg.solve(schur, self.H @ p - r[m:])
+            return np.concatenate([p - moved @ b, b])
+
+        return balanced
+
 
 MOST = 1000  # Newton iterations
 FIRM = (1e-3, 1e-5)  # weights of the proximal term of damped attempts [-]

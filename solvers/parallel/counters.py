@@ -1,12 +1,114 @@
-"""Counters of work, incremented where the work is done, with the clock of the run."""
+"""Counters of work, incremented where the work is done, and the clock of a run.
+
+One phase of the clock is on at a time, so that the seconds of all phases add up to the whole. A phase that begins
+within another one stops that, and gives it back the clock at its end: no second counts twice.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, fields, replace
 
-from stickslip.solvers.parallel.clock import Clock
+PHASES = {  # what a row of the clock may be of, and what that is
+    "imports": "loading libraries, and reading the scene",
+    "mesh": "gmsh, and distributing the mesh",
+    "assemble": "forms, stiffness, loads, contact rows",
+    "prepare": "factor or multigrid of the bodies, and what the method prepares",
+    "iterate": "all steps, failed ones included",
+    "error": "estimates of errors",
+    "audit": "reading the steps' files back, and holding them against equilibrium and the contact laws",
+    "output": "reading results off the steps, and writing files",
+    "linear_reference": "one linear solve of the same mesh, by each solver",
+    "other": "what is between these",
+}
+OTHER = "other"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """What a phase has taken so far, or a part of it."""
+
+    phase: str  # of `PHASES`
+    part: str  # empty: what of the phase is in no part that has a name
+    seconds: float
+    calls: int  # how often it began
+    volume_solves: int  # applications of K_B^-1 meanwhile, those for estimates of errors too
+
+
+class Clock:
+    """Wall time and volume solves by phase, of this rank: a collective phase waits for the slowest one.
+
+    >>> clock = Clock()
+    >>> with clock.phase("iterate"), clock.part("tangent"):
+    ...     pass
+    >>> [(row.phase, row.part, row.calls) for row in clock.rows()]
+    [('iterate', '', 1), ('iterate', 'tangent', 1), ('other', '', 0)]
+    """
+
+    def __init__(self, solves: Callable[[], int] = lambda: 0, now: Callable[[], float] = time.perf_counter) -> None:
+        """
+        Args:
+            solves: number of volume solves so far.
+            now: the time [s].
+        """
+        self._solves, self._now = solves, now
+        self._spent: dict[tuple[str, str], tuple[float, int, int]] = {}
+        self._on = [(OTHER, "")]
+        self._since, self._before = now(), solves()
+
+    @contextmanager
+    def phase(self, phase: str, part: str = "") -> Iterator[None]:
+        """Context that counts for a phase, or for a part of it."""
+        assert phase in PHASES, phase
+        self._stop()
+        seconds, calls, solves = self._spent.get((phase, part), (0.0, 0, 0))
+        self._spent[phase, part] = seconds, calls + 1, solves
+        self._on.append((phase, part))
+        try:
+            yield
+        finally:
+            self._stop()
+            self._on.pop()
+
+    def part(self, part: str) -> AbstractContextManager[None]:
+        """Context that counts for a part of the phase that is on."""
+        return self.phase(self._on[-1][0], part)
+
+    def rows(self) -> tuple[Row, ...]:
+        """What has been spent until now, in the order of `PHASES`; of a phase, what is in no part first."""
+        self._stop()
+        order = list(PHASES)
+        return tuple(
+            Row(phase=phase, part=part, seconds=seconds, calls=calls, volume_solves=solves)
+            for (phase, part), (seconds, calls, solves) in sorted(
+                self._spent.items(), key=lambda item: (order.index(item[0][0]), bool(item[0][1]))
+            )
+        )
+
+    def seconds(self, phase: str) -> float:
+        """Of a phase with all its parts [s]."""
+        self._stop()
+        return sum(seconds for (own, _), (seconds, *_) in self._spent.items() if own == phase)
+
+    def add(self, earlier: Sequence[Row]) -> None:
+        """Add what an earlier process has spent."""
+        for row in earlier:
+            seconds, calls, solves = self._spent.get((row.phase, row.part), (0.0, 0, 0))
+            spent = seconds + row.seconds, calls + row.calls, solves + row.volume_solves
+            self._spent[row.phase, row.part] = spent
+
+    def leave_out(self, solves: int) -> None:
+        """Volume solves that were just added to the number so far are those of an earlier process."""
+        self._before += solves
+
+    def _stop(self) -> None:
+        """Give what was spent since the last stop to the phase that is on."""
+        now, count = self._now(), self._solves()
+        seconds, calls, solves = self._spent.get(self._on[-1], (0.0, 0, 0))
+        self._spent[self._on[-1]] = seconds + now - self._since, calls, solves + count - self._before
+        self._since, self._before = now, count
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""What every rank has: chosen entries of a distributed vector (a PETSc scatter), and values that all agree on."""
+"""What every rank has: chosen entries of a distributed vector, values that all agree on, matrices to distribute."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.protocols import Comm, Vec
+from stickslip.geometry.protocols import Comm, Mat, Sparse, Vec
 
 T = TypeVar("T")
 
@@ -64,3 +64,20 @@ class Replicated:
     def add(self, vector: Vec, values: Array) -> None:
         """Add `values` (m,) to the entries. Each rank adds to those it owns; repeated rows add up."""
         np.add.at(vector.array, self.local, np.asarray(values)[self.mine])
+
+
+def distributed(whole: Sparse, rows: Vec, columns: Vec) -> Mat:
+    """The PETSc matrix; each rank keeps its own rows.
+
+    Args:
+        whole: (m, n).
+        rows: a vector with the layout of the rows.
+        columns: a vector with the layout of the columns.
+    """
+    low, high = rows.getOwnershipRange()
+    own = whole.tocsr()[low:high]
+    sizes = (rows.getLocalSize(), rows.getSize()), (columns.getLocalSize(), columns.getSize())
+    csr = own.indptr, own.indices.astype(PETSc.IntType), own.data
+    matrix: Mat = PETSc.Mat().createAIJ(sizes, csr=csr, comm=columns.comm)
+    matrix.assemble()
+    return matrix

@@ -434,7 +434,7 @@ class Auditor:
         assert rows.friction is not None
         slid, now = record.slid.get(rows.name, np.zeros(len(rows.W_t))), (record.time, self.cone.end)
         own = bound(rows.friction, rows.normal, p_n, rows.average, *now, slid)
-        return own if own is not None else rows.friction.at_slip(slid).limit(p_n, rows.average, rows.normal, *now)
+        return own if own is not None else rows.friction.at(slid).limit(p_n, rows.average, rows.normal, *now)
 
     def _along_traction(self, place: ContactBlock, record: Record) -> Array:
         """The same in the directions of the tangential tractions, zero without friction."""

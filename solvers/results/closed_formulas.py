@@ -13,10 +13,9 @@ import numpy as np
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import TINY, Array
 from stickslip.geometry.obstacles.cone import Cone
-from stickslip.geometry.obstacles.cylinder import Cylinder
 from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.geometry.obstacles.sphere import Sphere
+from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.capped_coulomb import CappedCoulomb

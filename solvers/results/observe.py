@@ -37,7 +37,7 @@ from stickslip.solvers.results.step_result import (
     von_mises,
 )
 from stickslip.solvers.scene.timeline import Place
-from stickslip.solvers.stepping.slip_dependence import with_slip
+from stickslip.solvers.stepping.law_memory import with_memory
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 from stickslip.solvers.system.system import System
@@ -211,8 +211,8 @@ class Observer:
             reference=accepted.problem.gap,
             driven=state.driven,
             shortened=state.initial[[bolt.index for bolt in system.initial.tightened]],
-            searched=accepted.stepper.searched,
-            slid=state.slid,
+            searched=state.searched,
+            slid=state.memory,
             weakening=accepted.weakening,
             p_ref=accepted.problem.p_ref,
             u_ref=accepted.problem.u_ref,
@@ -314,7 +314,7 @@ class Observer:
             u_n = u_n + np.einsum("nd,nd->n", c.frames[:, 0], state.surplus_motion[c.name])
         pressure, multiplier, gap = c.node_pressure(p_n), c.node_traction(t), c.node_gap - u_n
         slip, increment = state.slip[c.name], state.slip[c.name] - accepted.substep_start.slip[c.name]
-        cone, bound = with_slip(stepper.cone.at(state.time), state.slid), np.zeros_like(pressure)
+        cone, bound = with_memory(stepper.cone.at(state.time), state.memory), np.zeros_like(pressure)
         if c.friction is not None:  # at the points that carry the multipliers, then distributed to nodes
             bound = cone.bound_at_nodes(cone.places[index], state.p)
         lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)

@@ -21,9 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import TINY, Array, Ints
+from stickslip.geometry.arrays import Array, Ints, inverse_and_determinant
 from stickslip.geometry.protocols import Vec
-from stickslip.geometry.small_matrices import inverse_and_determinant
 from stickslip.solvers.scene.material import Elastic, Material
 from stickslip.solvers.scene.orthotropic import DOUBLED, Orthotropic
 from stickslip.solvers.system.system import System
@@ -160,7 +159,7 @@ class RecoveredStress:
             for sums, component in zip(total, (*(weight * stress), weight), strict=True):
                 sums += np.bincount(part.nodes.ravel(), component.ravel(), len(sums))
         total = dx.sums_at_nodes(self._space, total)
-        return np.asarray(total[:6] / np.maximum(total[6], TINY))
+        return np.asarray(total[:6] / np.maximum(total[6], np.finfo(float).tiny))
 
     def _stress(self, body: Elastic, places: _Places, nodes: Ints, displacement: Array) -> Array:
         """Stress xx, yy, zz, xy, yz, xz (6, q, c) [Pa] of a displacement."""

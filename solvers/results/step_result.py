@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stickslip.geometry.arrays import AnyArray, Array, Ints
 from stickslip.geometry.protocols import DataFrame
-from stickslip.solvers.newton.solution import Convergence
+from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.results.error_parts import ErrorParts, Value
 from stickslip.solvers.scene.quantities import CONTACT_NUMBERS
 from stickslip.solvers.stepping.history import HistoryTuple

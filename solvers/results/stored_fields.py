@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import EPS, AnyArray, Array
-from stickslip.geometry.small_matrices import inverses
+from stickslip.geometry.arrays import AnyArray, Array, inverses
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.own_axes import stress_by_compliance
 from stickslip.solvers.scene.material import Material
@@ -17,7 +16,7 @@ from stickslip.solvers.scene.orthotropic import Orthotropic
 from stickslip.solvers.system.system import System
 
 OPEN = 0  # of `ContactState.status`
-ROUNDING = 1e3 * EPS  # of the stress that motions as large as u make over a cell
+ROUNDING = 1e3 * float(np.finfo(float).eps)  # of the stress that motions as large as u make over a cell
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,10 +10,9 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.components import LIST, TABLE
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.expression import Varying, check_varying
-from stickslip.geometry.keys import Key, Noun
+from stickslip.geometry.keys import LIST, TABLE, Key, Noun
 from stickslip.solvers.scene.timeline import Place
 
 End = str | tuple[float, ...]  # of a link: a side, as body.side, or a point [m], at which a mesh vertex lies

@@ -18,9 +18,8 @@ from typing import Annotated
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array
-from stickslip.geometry.components import LIST
 from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import Key
+from stickslip.geometry.keys import LIST, Key
 from stickslip.geometry.shape import Model
 from stickslip.solvers.scene.material import LEAST, Elastic
 

@@ -12,10 +12,9 @@ import numpy as np
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
-from stickslip.geometry.components import completed
 from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, require, require_known, shortened
 from stickslip.geometry.expression import CONSTANTS, Expression, Varying
-from stickslip.geometry.keys import Key, Noun
+from stickslip.geometry.keys import Key, Noun, completed
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request
 from stickslip.geometry.units import Units

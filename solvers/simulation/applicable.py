@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.method_registry import METHODS, Solver, method_of
-from stickslip.solvers.methods.applicability import RIGID, Applicability
-from stickslip.solvers.methods.method import Method, Refusal, keys_of
+from stickslip.solvers.methods.method import RIGID, Applicability, Method, Refusal, keys_of
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.problem import Problem
 

@@ -33,7 +33,6 @@ class Checkpoint:
     state: Plain  # of `State`, without its rows
     refined: Plain  # likewise of the state with bubbles, if it is followed
     surplus: Plain  # its bubbles, by node of order 2
-    searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
     reached: Reached  # methods that were tried and left, and the one in use
     counters: Counters  # work so far
     coarse: Counters | None  # work on the coarse mesh that helps the method, if there is one
@@ -60,7 +59,6 @@ class Checkpoints:
             state=plain(accepted.state),
             refined=refined and plain(refined),
             surplus=refined and refined.surplus and self._bubbles_of(refined.surplus),
-            searched=accepted.stepper.searched,
             reached=chain.reached,
             counters=replace(self.stepper.system.counters),
             coarse=replace(chain.coarse.counters) if chain.coarse else None,
@@ -90,7 +88,8 @@ class Checkpoints:
             The state that the next step starts from, and whether `learnt` could be used: not on other ranks.
         """
         system, chain = self.stepper.system, self.stepper.chain
-        rows = system.searched(checkpoint.searched).contacts if checkpoint.searched else system.contacts
+        searched = checkpoint.state["searched"]
+        rows = system.searched(searched).contacts if searched else system.contacts
         given = {ROWS: rows, **dict.fromkeys((*FOR_RESULTS, *APART))}
         state: State = deserialise(State, checkpoint.state, self._vector, **given)
         if checkpoint.refined is not None and self.stepper.companion:

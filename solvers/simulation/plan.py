@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING
 from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.user_files.containment import walls
+from stickslip.geometry.user_files.child_process import walls
 from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.contact.rigid_obstacle import seen_from

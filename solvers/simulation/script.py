@@ -12,13 +12,14 @@ from typing import Any, TypeGuard
 from stickslip.geometry.amplitude import Amplitude, value_at
 from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.errors import SceneError, nearest, prefixed, require
+from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.scene import Scene, over, with_values
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.solvers.stepping.other_laws import with_laws
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 
@@ -110,7 +111,7 @@ class Script:
         times = self._times_to_hit(scene, float(to))
         stepper, state = self._stepper, self._state
         if scene.contacts != self._scene.contacts:
-            stepper, state = with_laws(stepper, scene.contacts, state)
+            stepper, state = _with_laws(stepper, scene.contacts, state)
         system = stepper.system
         with system.course.following(scene.timeline()):
             for time in times:
@@ -219,6 +220,33 @@ class Script:
                     require(_is_number(value), key, _in_words(value), "expected a number")
                     found[known[table, name][part]] = float(value)
         return found
+
+
+def _with_laws(stepper: Stepper, contacts: Mapping[str, Contact], state: State) -> tuple[Stepper, State]:
+    """A stepper of the same bodies with other parameters of contact laws and other gap offsets, and a state for it.
+
+    Args:
+        contacts: by name, those that change; the kinds of their laws stay.
+        state: to go on from. Its rows stay those of its own pairs: sliding contacts were searched since.
+    """
+    system, problem = stepper.system, stepper.system.problem
+
+    def changed(rows: tuple[ContactRows, ...]) -> tuple[ContactRows, ...]:
+        found = []
+        for c in rows:
+            contact = contacts.get(c.name, problem.pairs[c.name].contact)
+            nearer = contact.gap_offset - problem.pairs[c.name].contact.gap_offset
+            found.append(replace(c, friction=contact.tangential, gap=c.gap + nearer, node_gap=c.node_gap + nearer))
+        return tuple(found)
+
+    pairs = {name: replace(pair, contact=contacts.get(name, pair.contact)) for name, pair in problem.pairs.items()}
+    own = changed(system.contacts)
+    other = Stepper(replace(system, problem=replace(problem, pairs=pairs), contacts=own), stepper.chain)
+    if other.volume is stepper.volume:
+        other.surface.adopt(stepper.surface)
+    other.companion = stepper.companion
+    rows = own if state.rows is system.contacts else changed(state.rows)
+    return other, replace(state, rows=rows, refined=state.refined and replace(state.refined, rows=rows))
 
 
 def _reach(

@@ -6,15 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
+from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Comm
-from stickslip.geometry.size_field import SizeField
 from stickslip.solvers.accuracy.errors import joined, with_errors
 from stickslip.solvers.accuracy.lower_order import LowerOrderRun
 from stickslip.solvers.accuracy.nested_run import NestedRun
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.accuracy.two_level import MeshCorrection
-from stickslip.solvers.parallel.clock import Clock
-from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.counters import Clock, Counters
 from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.error_parts import Errors
 from stickslip.solvers.results.observe import Observer, mesh_data

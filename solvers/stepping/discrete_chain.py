@@ -15,8 +15,8 @@ from scipy import sparse
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, nearest
 from stickslip.solvers.interface.discrete import DiscreteProblem, GivenSurface
+from stickslip.solvers.iteration import Solution, Status, ignore
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.newton.solution import Solution, Status, ignore
 
 AUTO = "auto"
 REST, BEST = "from r = 0", "from the best reactions so far"

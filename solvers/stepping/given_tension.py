@@ -1,4 +1,4 @@
-"""Bolts whose tension is given, in one solution: their shortenings are unknowns, eliminated from condensed bodies.
+"""Bolts whose tension is given: steps are solved again with better lengths, or once with shortenings as unknowns.
 
 With the forces G (dofs, b) of unit shortenings a, and C (b, b) the energies of their strains, the tensions are
 F = C a - G^T u. On the contact dofs, with H = G_c - K_ci K_ii^-1 G_i and M = C - G_i^T K_ii^-1 G_i,
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -20,10 +21,12 @@ from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Ints
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.iteration import OnStep, Solution, Status
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.semismooth import SemismoothNewton
-from stickslip.solvers.newton.solution import OnStep, Solution, Status
 from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.substep import Attempt, Substep, SubstepSolver
 from stickslip.solvers.stepping.tightening import Tightening
 from stickslip.solvers.stepping.update import displacement
 from stickslip.solvers.system.system import System
@@ -31,37 +34,58 @@ from stickslip.solvers.system.system import System
 log = logging.getLogger(__name__)
 
 
-class StepsWithBolts:
-    """Solves steps together with the shortenings at which the tensions of bolts are right."""
+class BoltsAndSprings:
+    """Solves steps again until bolts and springs have their forces, and where it can together with their lengths."""
 
     def __init__(self, system: System) -> None:
         self._system = system
+        self._lengths: Tightening | None = None  # in the present step
         self._known: dict[bytes, GivenTensions] = {}  # by the places of the bolts
 
-    def solve(
-        self,
-        tightening: Tightening,
-        problem: SurfaceProblem,
-        u_s: Vec,
-        start: State,
-        p: Array,
-        on_step: OnStep,
-    ) -> Solution | None:
+    def active(self) -> bool:
+        """Whether a bolt is tightened by force, or a spring acts in one way."""
+        return bool(self._system.initial.tightened)
+
+    def around(self, inner: Substep) -> Substep:
+        def tightened(start: State, target: float) -> Attempt:
+            lengths = self._lengths = Tightening(self._system, start, target)
+            for tries in count(1):
+                attempt = inner(start, target)
+                if attempt.state is None:
+                    held = attempt.good and attempt.good.state and lengths.holds(attempt.good.state)
+                    return attempt if held else replace(attempt, good=None)  # lengths that were only tried
+                if lengths.done(attempt.state):
+                    return attempt
+                if tries >= lengths.most or lengths.lost:
+                    return replace(attempt, state=None, why=f"{lengths.names}: {lengths.unfound}", when=target)
+            raise AssertionError
+
+        return tightened
+
+    def at_once(
+        self, solver: SubstepSolver, problem: SurfaceProblem, u_s: Vec, state: State, p: Array, on_step: OnStep
+    ) -> tuple[Solution, SurfaceProblem] | None:
         """Solve a step, and set the shortenings that are found; None: not this way; collective.
 
-        That is Newton's way with condensed bodies where no law depends on slip, at a step's end, in its first try.
+        That is Newton's way with condensed bodies where no law remembers slip, at a step's end, in its first try.
 
         Args:
-            tightening: bolts of the step, with the shortenings a_0.
-            problem: with these.
+            solver: with the method in use.
+            problem: with the shortenings a_0.
             u_s: prescribed displacement of all dofs [m].
-            start: state that the step starts from.
+            state: that the step starts from.
             p: tractions (rows,) [Pa] that the iteration starts from.
             on_step: called with each iteration.
+
+        Returns:
+            The solution, and the problem with the shortenings that are found.
         """
-        free, surface = np.flatnonzero(tightening.free), problem.surface
-        ends = problem.cone.time == tightening.target and tightening.tried is None
-        ours = len(free) and not tightening.springs.any() and not start.slid
+        lengths, surface = self._lengths, problem.surface
+        if lengths is None or solver.chain.stage.method != CondensedNewton.NAME:
+            return None
+        free = np.flatnonzero(lengths.free)
+        ends = problem.cone.time == lengths.target and lengths.tried is None
+        ours = len(free) and not lengths.springs.any() and not state.memory
         if not (ends and ours and isinstance(surface, CondensedSurface)):
             return None
         settings = self._system.problem.solver
@@ -69,21 +93,21 @@ class StepsWithBolts:
             rtol=settings.tolerance, max_it=settings.max_iterations, linear=condensed_system.solve
         )
         try:
-            given = self._given(surface, tightening.places[free])
+            given = self._given(surface, lengths.places[free])
             q = given.volume.expand(problem.load.f_q, np.zeros(len(given.volume.contact.rows)))
-            _, strained = displacement(self._system, tightening.target, q, u_s)
-            missing = (tightening.wanted - tightening.tension_at(strained))[free]
+            _, strained = displacement(self._system, lengths.target, q, u_s)
+            missing = (lengths.wanted - lengths.tension_at(strained))[free]
             found = newton(given.posed(problem, missing), p, on_step)
         except np.linalg.LinAlgError as error:
-            log.info("t = %g: shortenings are found by trying: %s", tightening.target, error)
+            log.info("t = %g: shortenings are found by trying: %s", lengths.target, error)
             return None
         if found.status is not Status.CONVERGED or problem.natural_residual(found.p, found.w) > settings.tolerance:
-            log.info("t = %g: shortenings are found by trying: %s", tightening.target, found.status.value)
+            log.info("t = %g: shortenings are found by trying: %s", lengths.target, found.status.value)
             return None
-        shorter = np.zeros(len(tightening.free))
+        shorter = np.zeros(len(lengths.free))
         shorter[free] = given.shortenings(missing, found.u_c)
-        tightening.shorten(shorter)
-        return found
+        lengths.shorten(shorter)
+        return found, solver.posed(state, lengths.target)[0]
 
     def _given(self, surface: CondensedSurface, places: Ints) -> GivenTensions:
         system, key = self._system, places.tobytes()

@@ -1,11 +1,16 @@
-"""The record of one iteration."""
+"""The record of the iterations of a step."""
 
 from __future__ import annotations
 
+import logging
+import time as clock
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from stickslip.solvers.newton.solution import Step
+from stickslip.solvers.iteration import OnStep, Step
+
+log = logging.getLogger(__name__)
 
 
 class HistoryTuple(NamedTuple):
@@ -43,7 +48,32 @@ class HistoryRow:
         )
 
 
-def count_iterations(history: list[HistoryRow]) -> int:
+OnIteration = Callable[[HistoryRow], None]  # called after each iteration of each attempt, on every rank
+
+
+def count_iterations(history: Sequence[HistoryRow]) -> int:
     """Iterations of all attempts together; the first row of an attempt, and of a smoothing level, is its start."""
     rows = [(row.time, row.method, row.step.iteration) for row in history]
     return sum(row[2] > 0 and row != before for before, row in zip([None, *rows], rows, strict=False))
+
+
+class History:
+    """Iterations of all attempts at one step, in the order in which they were made."""
+
+    def __init__(self, on_iteration: OnIteration = lambda row: None) -> None:
+        """Begin with none; `on_iteration` is called with each one."""
+        self.rows: list[HistoryRow] = []
+        self._on_iteration = on_iteration
+
+    def attempt(self, end: float, method: str, own: list[Step]) -> OnStep:
+        """A callback that records an attempt by a method at a substep that ends at a time [s], in `own` too."""
+        began = clock.perf_counter()
+
+        def record(step: Step) -> None:
+            own.append(step)
+            row = HistoryRow(time=end, step=step, seconds=clock.perf_counter() - began, method=method)
+            self.rows.append(row)
+            log.info("t = %g  iteration %d  residual %.2e", row.time, step.iteration, step.residual)
+            self._on_iteration(row)
+
+        return record

@@ -16,16 +16,17 @@ from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
 from stickslip.solvers.interface.prepare import Volume, condensed_dofs, prepare_volume
 from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.method import Ready, Setup, Solve
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
 from stickslip.solvers.methods.tangent_cg import OnTangent
-from stickslip.solvers.metrics.surface_metric import SurfaceMetric, surface_metric
-from stickslip.solvers.newton.solution import Solution, Status
-from stickslip.solvers.newton.surface_system import Flexibility
+from stickslip.solvers.metrics import SurfaceMetric, surface_metric
+from stickslip.solvers.newton.surface_model import Flexibility
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.stepping.choice import Choice, Stage, choose, fits
+from stickslip.solvers.stepping.history import History
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.system import System
 
@@ -64,6 +65,8 @@ class MethodChain:
 
     Attributes:
         repeats: whether steps are solved to estimate an error alone, see `repeating`.
+        history: iterations of the present step.
+        cut_first: whether a substep that fails is cut before another method is tried, see `begin`.
         unsettled: times [s] at which the pairs of sliding contacts still changed when the searches ran out.
     """
 
@@ -86,6 +89,8 @@ class MethodChain:
         self._unable: set[Stage] = set()  # that cannot be prepared
         self._metric: SurfaceMetric | None = None  # for methods that have none
         self.repeats = False
+        self.history = History()
+        self.cut_first = False
 
     @property
     def stage(self) -> Stage:
@@ -103,9 +108,14 @@ class MethodChain:
         """The position, to continue from later."""
         return Reached(self.choice, self.first, tuple(self.switches), self._whole, tuple(self.unsettled))
 
-    def begin(self) -> None:
-        """Begin a substep: with the first method that has the present form of the bodies."""
-        self.at = self.first
+    def begin(self, cut_first: bool = False) -> None:
+        """Begin a substep: with the first method that has the present form of the bodies.
+
+        Args:
+            cut_first: whether a shorter substep can follow one that fails: on the condensed form it then does so before
+                another method is tried. Newton's chain is long: that helps it more.
+        """
+        self.at, self.cut_first = self.first, cut_first
 
     def release(self) -> None:
         """Free what the methods hold, and multigrid of the bodies; no step can be solved after that; collective."""

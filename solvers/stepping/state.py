@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.geometry.arrays import EXACT, ROUNDING, Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.newton.solution import Correction
+from stickslip.solvers.iteration import Correction
 
 
 @dataclass(frozen=True)
@@ -123,9 +123,10 @@ class State:
     motion: Mapping[str, Array]  # (n_all, d) displacement of each contact's obstacle [m]; 0 in the initial state
     driven: Array  # (o,) displacement of the obstacles that forces drive, by `Problem.driven` [m]
     slip: Mapping[str, Array]  # (n, d) slip since t = 0 at the slave nodes of each contact [m]
-    slid: Mapping[str, Array]  # (m_t,) length of the path of slip [m] of the points of laws that depend on it
+    memory: Mapping[str, Array]  # (m_t,) what laws that remember slip do of each point, see `FrictionLaw.memory`
     forces: Mapping[str, Array]  # (n_all, d) nodal forces B^T p of each contact [N], by the rows that they come from
     rows: tuple[ContactRows, ...]  # contact rows that p and w refer to
+    searched: Mapping[str, Array]  # (n_all, d) relative motion that the pairs of sliding contacts were searched at [m]
     energy: Energy  # [J]
     previous: Previous | None = None  # None: the initial state, or one whose trend tells nothing of the next step
     control: StepControl = StepControl()

@@ -74,11 +74,6 @@ class Tightening:
         kinds = {bolts: not bool(self.springs.all()), springs: bool(self.springs.any())}
         return " / ".join(text for text, there in kinds.items() if there)
 
-    @classmethod
-    def of(cls, system: System, start: State, target: float) -> Tightening | None:
-        """None: no bolt is tightened by force, and no spring acts in one way."""
-        return cls(system, start, target) if system.initial.tightened else None
-
     def tension(self, state: State) -> Array:
         """Of each (b,) [N]; of a spring the force in the way in which it acts."""
         return np.asarray(-state.initial_work[self.places])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.stepping.slip_dependence import lengthened, no_slip
+from stickslip.solvers.stepping.law_memory import LawMemory, no_memory
 from stickslip.solvers.stepping.state import Energy, State
 from stickslip.solvers.system.system import System
 
@@ -89,9 +89,10 @@ def at_rest(system: System, cone: AdmissibleSet) -> State:
         motion=motion,
         driven=driven,
         slip=slip,
-        slid=no_slip(cone),
+        memory=no_memory(cone),
         forces=forces,
         rows=rows,
+        searched={},
         energy=energy,
     )
 
@@ -205,8 +206,9 @@ def new_state(
         motion=motion,
         driven=driven,
         slip=slip,
-        slid=lengthened(old.slid, problem, p, w),
+        memory=LawMemory(replace(cone, contacts=contacts), old.memory, time - old.time).after(problem, p, w),
         forces=forces,
         rows=contacts,
+        searched=old.searched,
         energy=energy,
     )

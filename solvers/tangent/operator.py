@@ -3,26 +3,135 @@
 What contact does to them in a step are changes at the slave nodes alone, whose columns are stored. So an iteration
 takes one product with K_B and one multigrid cycle, however often contact is looked at; multigrid is set up again only
 where other nodes are to be held.
+
+Coarse motions are added to it where hardly a point sticks: the sides of each contact slide on each other as rigid, and
+the bodies behind them follow. Multigrid of bodies whose contact nodes are held does not see these motions; for a body
+that floats they are its rigid motions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import CLOSE, Array, Ints, inverses, products
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import PC, Mat, Vec
 from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.released import return_memory
+from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.system.floating_modes import near_nullspace
 from stickslip.solvers.system.system import System
-from stickslip.solvers.tangent.columns import Columns
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
+
+
+def chebyshev(low: float, high: float, count: int) -> Iterator[tuple[float, float]]:
+    """Factors of each sweep: of the last correction, and of the preconditioned residual; their sum is the next one.
+
+    Errors are small over an interval of eigenvalues, without scalar products.
+
+    Args:
+        low, high: interval of eigenvalues of the preconditioned operator.
+        count: number of sweeps.
+
+    Source: Saad, Iterative Methods for Sparse Linear Systems, 2nd ed. (2003), algorithm 12.1.
+
+    >>> list(chebyshev(1.0, 1.0 + 1e-9, 2))[0]
+    (0.0, 0.9999999995)
+    """
+    middle, half = (high + low) / 2, (high - low) / 2
+    rho = half / middle
+    yield 0.0, 1 / middle
+    for _ in range(count - 1):
+        before, rho = rho, 1 / (2 * middle / half - rho)
+        yield before * rho, 2 * rho / half
+
+
+POWER = 10  # iterations for the largest eigenvalue, which they miss by less than a tenth in the tests
+
+
+class Columns:
+    """Columns of K = T^T K_B T at some nodes, with those of its rows that have entries there.
+
+    Vectors over these nodes are this rank's entries (k,), of all nodes its part (owned,).
+
+    Attributes:
+        at: positions (k,) of the nodes' coordinates in this rank's part of a vector, by node.
+        near: positions of the entries of K v, of a v that is zero but there, that can be other than zero, by node.
+        diagonal: blocks (k / d, d, d) of K.
+    """
+
+    def __init__(self, K_B: Mat, T: Mat, at: Ints) -> None:
+        """Take them from the stiffness; collective.
+
+        Args:
+            K_B: (free, free).
+            T: (free, free) the coordinates; those at these nodes move no others.
+            at: positions (k,) of these nodes' coordinates.
+        """
+        self.at, self.dim = at, K_B.block_size
+        (low, high), comm = K_B.getOwnershipRange(), K_B.comm
+        here = PETSc.IS().createGeneral((at + low).astype(PETSc.IntType), comm=comm)
+        every = PETSc.IS().createGeneral(np.arange(low, high, dtype=PETSc.IntType), comm=comm)
+        rows = K_B.createSubMatrix(here, every).matMult(T)  # K_B is symmetric: its rows are found sooner than columns
+        columns = T.createSubMatrix(here, here).transposeMatMult(rows).transpose(PETSc.Mat())
+        nodes = np.unique(np.flatnonzero(np.diff(columns.getValuesCSR()[0])) // self.dim)
+        self.near = (nodes[:, None] * self.dim + np.arange(self.dim)).ravel()
+        near = PETSc.IS().createGeneral((self.near + low).astype(PETSc.IntType), comm=comm)
+        self._columns = columns.createSubMatrix(near, None)
+        self._block = columns.createSubMatrix(here, None)
+        columns.destroy()
+        self.diagonal = self._diagonal()
+        self._motion, self._there = self._block.createVecs()
+        self._near = self._columns.createVecLeft()
+
+    def product(self, x: Array) -> Array:
+        """K v at `near`, of a v that is x (k,) at these nodes, and zero elsewhere."""
+        self._motion.array[:] = x
+        self._columns.mult(self._motion, self._near)
+        return self._near.array_r.copy()
+
+    def block(self, x: Array) -> Array:
+        """The same at these nodes alone (k,)."""
+        self._motion.array[:] = x
+        self._block.mult(self._motion, self._there)
+        return self._there.array_r.copy()
+
+    def whole(self, x: Array, count: int) -> Array:
+        """The vector (count,) that is x (k,) at these nodes, and zero elsewhere."""
+        found = np.zeros(count)
+        found[self.at] = x
+        return found
+
+    def move(self, x: Array, v: Array, K_v: Array) -> None:
+        """Add a motion x (k,) of these nodes to v (owned,), and what it does to K v; in place."""
+        v[self.at] += x
+        K_v[self.near] += self.product(x)
+
+    def largest_eigenvalue(self) -> float:
+        """Of these columns' block, times the inverses of the nodes' own blocks: about it, not above it; collective."""
+        comm, inverse, value = self._block.comm.tompi4py(), inverses(self.diagonal), 0.0
+        x = np.random.default_rng(comm.rank).normal(size=len(self.at))
+        for _ in range(POWER):
+            y = self.block(x)
+            above, below = comm.allreduce(np.array([x @ y, x @ products(self.diagonal, x)]))
+            value = above / below if below else 1.0
+            x = products(inverse, y) / value
+        return float(value)
+
+    def _diagonal(self) -> Array:
+        pointer, columns, values = self._block.getValuesCSR()
+        low, dim = self._block.getOwnershipRange()[0], self.dim
+        row = np.repeat(np.arange(len(pointer) - 1), np.diff(pointer))
+        own = (columns - low) // dim == row // dim
+        found = np.zeros((len(self.at) // dim, dim, dim))
+        found[row[own] // dim, row[own] % dim, (columns[own] - low) % dim] = values[own]
+        return found
+
 
 PREFIX = "tangent_"  # of PETSc's options
 HIGHEST = 1.2  # times the largest eigenvalue that is found: what power iteration and contact add in all tests
@@ -240,3 +349,90 @@ def _cleared(K: Mat, held: Ints) -> Mat:
     """K with these rows and columns zero but for the diagonal, in place."""
     K.zeroRowsColumns(held, diag=float(K.getDiagonal().sum() / K.getSize()[0]))
     return K
+
+
+CYCLES = 3  # of conjugate gradients for each motion
+
+
+class CoarseMotions:
+    """The k motions D (k, owned), orthonormal at the slave nodes, and K D."""
+
+    def __init__(self, system: System, operator: TangentOperator, pressing: Ints) -> None:
+        """Extend the motions of the sides into the bodies; collective.
+
+        Args:
+            pressing: numbers of the coordinates that rigid pressures hold.
+        """
+        self.operator = operator
+        self.slides = ~np.isin(operator.at + operator.K_B.getOwnershipRange()[0], pressing)
+        found = [self._extended(side) for side in self._sides(system)]
+        self.D = np.array([d for d, _ in found])
+        self.K_D = np.array([K_d for _, K_d in found])
+
+    def _sides(self, system: System) -> list[Array]:
+        """Relative rigid motions (m d,) at this rank's slave nodes, as far as they slide."""
+        operator, motions = self.operator, near_nullspace(system)
+        low, high = operator.K_B.getOwnershipRange()
+        found = []
+        for c in system.contacts:
+            numbers = np.unique(system.constraints.numbers(c.surface.nodes).ravel())
+            own = numbers[(numbers >= low) & (numbers < high)] - low
+            of_side = np.zeros_like(motions)
+            of_side[own] = motions[own]
+            jumps = np.array([operator.jump(column) * self.slides for column in of_side.T])
+            sizes, mixed = np.linalg.eigh(operator.comm.allreduce(jumps @ jumps.T))
+            keep = sizes > CLOSE * sizes.max(initial=0.0)  # relative; motions that differ by less are one
+            found += list((mixed[:, keep] / np.sqrt(sizes[keep])).T @ jumps)
+        return found
+
+    def _extended(self, side: Array) -> tuple[Array, Array]:
+        """The motion of a side with that of the bodies behind it, and K times it: a few conjugate gradients."""
+        operator = self.operator
+        x, K_x, d, K_d = np.zeros((4, operator.count))
+        operator.slaves.move(side, x, K_x)
+        before = 0.0
+        for _ in range(CYCLES):
+            z = operator.cycle(-K_x)
+            energy = -operator.dot(K_x, z)
+            if not energy > 0:
+                break
+            d = z + (energy / before if before else 0.0) * d
+            K_d, before = operator.product(d), energy
+            step = energy / operator.dot(d, K_d)
+            x, K_x = x + step * d, K_x + step * K_d
+        return x, K_x
+
+
+LOADS = 4  # that are kept
+
+
+class LoadScale:
+    """The last few loads: forces (owned,), and about the displacement (c,) of the contact dofs under them alone."""
+
+    def __init__(
+        self, operator: TangentOperator, contact: Replicated, loads: Sequence[tuple[Array, Array]] = ()
+    ) -> None:
+        """
+        Args:
+            contact: reads the contact dofs of a vector.
+            loads: that are known.
+        """
+        self.operator, self.contact, self.loads = operator, contact, list(loads)
+
+    def __call__(self, f: Vec) -> Array:
+        """About the displacement (c,) [m] of the contact dofs under forces f alone; collective.
+
+        It costs a multigrid cycle, but for loads that are sums of earlier ones.
+        """
+        dot, share, left = self.operator.dot, np.zeros(len(self.loads)), f.array_r
+        if self.loads:
+            F = np.array([known for known, _ in self.loads])
+            products = self.operator.comm.allreduce(F @ np.vstack([F, f.array_r]).T)
+            share = np.linalg.lstsq(products[:, :-1], products[:, -1], rcond=CLOSE**2)[0]
+            left = f.array_r - share @ F
+        if dot(left, left) <= CLOSE**2 * dot(f.array_r, f.array_r):
+            nothing = np.zeros(len(self.contact.rows))
+            return np.asarray(sum((k * u for k, (_, u) in zip(share, self.loads, strict=True)), nothing))
+        u_c = self.contact.read(self.operator.guess(f))
+        self.loads = [*self.loads, (f.array_r.copy(), u_c)][-LOADS:]
+        return u_c

@@ -153,7 +153,7 @@ LOWERED = """
 import json
 import numpy as np
 from mpi4py import MPI
-from stickslip.geometry.size_field import SizeField
+from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.workflows.accuracy.level import Level
 from stickslip.workflows.accuracy.rounds import _lowered
 comm, found = MPI.COMM_WORLD, []

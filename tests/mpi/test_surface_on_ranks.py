@@ -95,8 +95,8 @@ import json
 import numpy as np
 from mpi4py import MPI
 import stickslip
-from stickslip.solvers.parallel import shares
-shares.LEAST = 0
+from stickslip.solvers import metrics
+metrics.SHARED = 0
 simulation = stickslip.prepare(stickslip.read("cube", WORDS))
 steps = [*simulation.steps()]
 found = [value for step in steps for value in (step.energy.stored, step.contacts["base"].tangential_force)]

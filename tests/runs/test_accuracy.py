@@ -9,7 +9,7 @@ from jsonschema import Draft202012Validator
 
 from shared.cases import slow
 from shared.command import Call, result
-from stickslip.geometry.mesh.msh_file import write_msh
+from stickslip.geometry.mesh.mesh import write_msh
 from stickslip.workflows.pictures.report_page import page
 from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.run.result_schema import result_schema

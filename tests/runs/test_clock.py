@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from shared.histories import SMALL, Stop
-from stickslip.solvers.parallel.clock import PHASES
+from stickslip.solvers.parallel.counters import PHASES
 from stickslip.workflows.commands import start
 from stickslip.workflows.formats.profile import profile_lines
 from stickslip.workflows.pictures.report_page import page

@@ -12,6 +12,8 @@ from shared.command import BUILT, COARSE, READY_NAMES, Call, result, table
 from shared.disks import make_full
 from shared.histories import SMALL
 from stickslip import VERSION
+from stickslip.workflows import commands as rooms
+from stickslip.workflows.commands.cli import FIRST, commands
 from stickslip.workflows.scene_file.read import READY, read
 
 # --- what it says about itself
@@ -26,6 +28,13 @@ def test_help_names_what_is_built_and_each_command_explains_itself(call: Call) -
         code, out, err = call(name, "--help")
         assert (code, err) == (0, "")
         assert ("--resume" in out) == (name in ("run", "cost", "verify"))
+
+
+def test_a_command_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A function with the name of its file; it is listed behind the usual ones."""
+    (tmp_path / "greeted.py").write_text("def greeted() -> None:\n    pass\n\n\ndef other() -> None:\n    pass\n")
+    monkeypatch.setattr(rooms, "__path__", [*rooms.__path__, str(tmp_path)])
+    assert list(commands()) == [*FIRST.split(), "greeted"]
 
 
 @pytest.mark.parametrize("name", sorted(BUILT))

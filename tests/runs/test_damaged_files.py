@@ -12,8 +12,8 @@ from mpi4py import MPI
 
 from shared.drawn import FACES, GEO, PY, draw, scene_data
 from stickslip.geometry.errors import GeometryError, SceneError
+from stickslip.geometry.mesh.cell_quality import worst_quality
 from stickslip.geometry.mesh.mesh import build_mesh
-from stickslip.geometry.mesh.quality import worst_quality
 from stickslip.geometry.user_files import reader
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.commands.cli import guarded
@@ -63,7 +63,7 @@ def mesh_or_line(scene: Scene) -> str:
     except (SceneError, GeometryError) as error:
         return str(error)
     assert np.isfinite(mesh.box()).all()
-    assert worst_quality(mesh) > 0
+    assert worst_quality(mesh.domain, mesh.degree) > 0
     return ""
 
 

@@ -14,7 +14,7 @@ import stickslip.workflows.run.run
 from shared.command import COARSE, Call, result, table
 from shared.processes import running
 from stickslip.geometry.errors import SolverError, StickslipError
-from stickslip.geometry.user_files.child import child_environment
+from stickslip.geometry.user_files.child_process import child_environment
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.workflows.commands.cli import app, guarded
 from stickslip.workflows.formats.steps import write_step

@@ -149,7 +149,7 @@ def test_an_error_leaves_nothing(call: Call, folder: Path, files: list[str], mon
     def fails(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("stickslip.workflows.commands.fclib.write_solved", fails)
+    monkeypatch.setattr("stickslip.workflows.commands._fclib.write_solved", fails)
     assert call("fclib", *files, "-o", "out")[0] == 130
     assert sorted(path.name for path in folder.iterdir()) == files
 

@@ -152,7 +152,7 @@ def test_blocks_with_next_to_no_friction_rest_until_they_are_tilted() -> None:
 
 def test_points_that_stick_and_lift_may_have_no_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     """With Coulomb's law and mu = 1e4, 1e6 a point slips whose pressure falls as 1/mu while its friction stays."""
-    monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 1)
+    monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 1)
     words = ["geometry.mesh_size=0.2", "contacts.base.friction={law='stick'}", "steps.end=6.0", "steps.count=6"]
     words += ["solver.method=condensed-newton"]  # alone: those that take over need ten times as long to give up
     with pytest.raises(StepError, match=r"jumps where the surfaces part: there may be no solution; coulomb has one"):

@@ -16,7 +16,7 @@ from stickslip.geometry.user_files.user_file import DEBIAN
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.system.system import assemble
-from stickslip.workflows.commands.mesh import announce
+from stickslip.workflows.commands._mesh import announce
 from stickslip.workflows.lab.verification.hard.tables import toml
 from stickslip.workflows.run.mesh_report import elements_across, look
 from stickslip.workflows.run.run import run

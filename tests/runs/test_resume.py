@@ -18,9 +18,9 @@ import pytest
 from shared.command import Call, result
 from shared.histories import LEARNS, PUSHED, SMALL, Stop, assert_same, names_in, rows
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Solution
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
-from stickslip.solvers.newton.solution import Solution
 from stickslip.workflows.formats.hdf5 import write_arrays
 from stickslip.workflows.formats.own_files import MARKER
 from stickslip.workflows.formats.regular import read_regular
@@ -146,7 +146,7 @@ def test_what_a_method_of_single_steps_has_learnt_is_known_after_a_resume(
         return solve(replace(self, max_it=1) if problem.cone.time in fails else self, problem, *rest)
 
     monkeypatch.setattr(CondensedNewton, "__call__", some)
-    monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 0)  # the step is not cut first
+    monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 0)  # the step is not cut first
     scene = read("cube", [*CUBE, "output.error=false"])
     run(scene, tmp_path / "whole")
     run(scene, tmp_path / "out", Watch(on_step=Stop(1)))

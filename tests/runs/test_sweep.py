@@ -14,7 +14,7 @@ import pytest
 from shared.command import COARSE, Call, assert_one_line, result, table
 from shared.histories import Stop
 from stickslip.geometry.errors import SceneError
-from stickslip.geometry.user_files.child import Ended
+from stickslip.geometry.user_files.child_process import Ended
 from stickslip.workflows.run.result import scene_hash
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch

@@ -12,7 +12,7 @@ from stickslip.geometry.errors import SceneError
 from stickslip.geometry.keys import Key
 from stickslip.solvers.contact.operators import OPERATORS
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
-from stickslip.solvers.methods.applicability import RIGID
+from stickslip.solvers.methods.method import RIGID
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan

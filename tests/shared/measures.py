@@ -1,6 +1,6 @@
 """Closed forms of the areas, lengths and volumes of the builders' shapes."""
 
-from math import pi
+from math import cos, pi, radians, tan
 from typing import Any
 
 from stickslip.geometry.builders.assembly import Assembly, Part
@@ -17,6 +17,7 @@ def measures(shape: Any, dim: int) -> dict[str, float]:
         "half_ball": half_ball,
         "half_space": half_space,
         "ring": ring,
+        "wedge": wedge,
         "sector": sector,
     }[kind(shape)](shape, dim)
 
@@ -40,6 +41,13 @@ def cuboid(shape: Any, dim: int) -> dict[str, float]:
     kept = [side for side in sides if dim == 3 or side not in ("front", "back")]
     body = kind(shape)
     return {body: length * width * height} | {f"{body}.{side}": sides[side] for side in kept}
+
+
+def wedge(shape: Any, dim: int) -> dict[str, float]:
+    angle, low, height = radians(shape.half_angle), shape.bottom_width, shape.height
+    top = low + 2 * height * tan(angle)
+    walls = dict.fromkeys(("wedge.left", "wedge.right"), height / cos(angle))
+    return {"wedge": height * (low + top) / 2, "wedge.bottom": low, "wedge.top": top} | walls
 
 
 def half_disc(shape: Any, dim: int) -> dict[str, float]:

@@ -5,7 +5,7 @@ import sys
 import time
 from pathlib import Path
 
-from stickslip.geometry.user_files.child import end_with
+from stickslip.geometry.user_files.child_process import end_with
 
 if __name__ == "__main__":
     end_with(int(sys.argv[2]))

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose
 
 from stickslip.geometry.errors import SceneError
-from stickslip.geometry.size_field import SizeField, adapted, volumes
+from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
 from stickslip.solvers.results.error_parts import ErrorParts, Quantity
 from stickslip.solvers.results.quantities import names_of
 from stickslip.solvers.scene.quantities import STRESSES

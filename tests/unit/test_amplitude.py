@@ -1,11 +1,15 @@
 """Values in time: a bare number is ramped from zero, a table is piecewise linear."""
 
+from pathlib import Path
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stickslip.geometry.amplitude import check, listed_times, turns, value_at
+from stickslip.geometry.amplitude import Amplitude, check, listed_times, turns, value_at
 from stickslip.geometry.errors import SceneError
+from stickslip.solvers.scene.loads import Load
 
 
 def test_a_bare_number_is_ramped_from_zero_and_held_after_the_end() -> None:
@@ -55,3 +59,53 @@ def test_a_straight_line_in_many_pieces_has_no_turn_inside() -> None:
     assert turns(bent, end=1000.0) == (0.0, line[-1][0], 1001 / 3, 1002 / 3)
     assert turns(((0.0, 5.0), (1.0, 5.0)), end=1.0) == ()  # it jumps there, and then it stays
     assert turns(0.0, end=2.0) == ()
+
+
+def column(folder: Path, text: str, column: str = "p") -> Amplitude:
+    """Pressure of a load that is read from a CSV file with this text."""
+    (folder / "p.csv").write_text(text, encoding="utf-8")
+    keys: Any = {"csv": folder / "p.csv", "time": "t", "column": column}
+    pressure = Load(boundary="block.top", pressure=keys).pressure
+    assert pressure is not None
+    assert not isinstance(pressure, str)
+    return pressure
+
+
+def test_a_column_of_a_csv_file_is_the_table_written_out(tmp_path: Path) -> None:
+    text = '\ufefft, "p" ,q\r\n0,1e3,high\r\n\r\n 0.5 ,-2.5,\r\n1e1,0\r\n'
+    assert column(tmp_path, text) == ((0.0, 1000.0), (0.5, -2.5), (10.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "said"),
+    [
+        ("", "p", "time = t: p.csv has no such column"),
+        ("t,p\n", "p", "has no rows"),
+        ("t,p\n0,1\n", "P", r"column = P: p.csv has no such column; did you mean p\?"),
+        ("t,p,p\n0,1,2\n", "p", "several columns of this name"),
+        ("t,p\n0,1\n1,one\n", "p", 'p.csv, line 3: "one" in column p is no finite number'),
+        ("t,p\n0,1\n1,nan\n", "p", 'line 3: "nan" in column p'),
+        ("t,p\n0,1\ninf,1\n", "p", 'line 3: "inf" in column t'),
+        ("t,p\n0,1\n1\n", "p", 'line 3: "" in column p'),
+        ("t,p\n0,1\n2,1\n2,3\n", "p", "line 4: times must increase, from 0 or later; found 2"),
+        ("t,p\n-1,1\n", "p", "line 2: times must increase, from 0 or later; found -1"),
+    ],
+)
+def test_a_wrong_csv_file_is_refused_with_one_line(text: str, name: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=said) as caught:
+        column(tmp_path, text, name)
+    assert str(caught.value).startswith("pressure.")
+    assert len(caught.value.lines) == 1
+
+
+def test_what_is_no_csv_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_bytes(b"t,p\n\xff\xfe")
+    for keys, said in (
+        ({"csv": tmp_path / "p.csv"}, "not a text file in UTF-8"),
+        ({"csv": tmp_path}, "no such file"),
+        ({"csv": 3}, "expected a text"),
+        ({"csv": "p.csv", "colum": "p"}, r"colum: unknown key; did you mean column\?"),
+    ):
+        wrong: Any = {"time": "t", "column": "p"} | keys
+        with pytest.raises(SceneError, match=said):
+            Load(boundary="block.top", pressure=wrong)

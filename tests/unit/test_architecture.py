@@ -31,10 +31,10 @@ EXAMPLES = {  # heading: room, and what the file imports
     "Method": (
         "solvers/methods",
         [
-            "stickslip.solvers.methods.applicability: Applicability",
+            "stickslip.solvers.methods.method: Applicability",
             "stickslip.solvers.methods.method: Stateless",
-            "stickslip.solvers.classical.outer_iteration: FixedStep, Outer, Solved",
-            "stickslip.solvers.newton.solution: ignore",
+            "stickslip.solvers.classical.uzawa: FixedStep, Outer, Solved",
+            "stickslip.solvers.iteration: ignore",
         ],
     ),
     "Writer": ("workflows/writers", ["stickslip.workflows.writers.writer: Writer"]),

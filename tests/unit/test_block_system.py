@@ -16,7 +16,7 @@ from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical.block_system import BlockSystem
 from stickslip.solvers.classical.block_uzawa import OnBlocks
 from stickslip.solvers.interface.prepare import condensed, uncondensed
-from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.iteration import Status
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
@@ -156,7 +156,7 @@ def test_alpha_below_two_over_lambda_1_converges() -> None:
 
 
 def test_alpha_above_two_over_lambda_1_diverges(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 0)
+    monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 0)
     with pytest.raises(StepError) as failed:
         next(iter(prepare(glued(1.01 * 2 / exact_lambda_1())).steps()))
     residuals = [row.step.residual for row in failed.value.history if row.time == 1.0]

@@ -16,11 +16,11 @@ from shared.cases import every_nth
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import OnStep, Solution, Status
 from stickslip.solvers.methods.method import Solve
-from stickslip.solvers.newton.solution import OnStep, Solution, Status
 from stickslip.solvers.results.quantities import values
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.stepping.given_tension import StepsWithBolts
+from stickslip.solvers.stepping.given_tension import BoltsAndSprings
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import StepError
@@ -142,7 +142,7 @@ def test_tensions_are_as_exact_in_every_unit_of_force(
 ) -> None:
     """A slack bolt beside a tight one is as exact as that, not to a part of itself or of 1 N."""
     force, idle = forces
-    monkeypatch.setattr(StepsWithBolts, "solve", lambda *words: None)
+    monkeypatch.setattr(BoltsAndSprings, "at_once", lambda *words: None)
     stiff = {"stiffness": K * unit}
     made = joint(
         bolt={"force": [[1.0, force * unit]]} | stiff,
@@ -235,7 +235,7 @@ def test_the_tension_is_found_with_the_step(
         return numbers, sum("tension of bolts" in record.message for record in caplog.records)
 
     at_once, few = solved()
-    monkeypatch.setattr(StepsWithBolts, "solve", lambda *words: None)
+    monkeypatch.setattr(BoltsAndSprings, "at_once", lambda *words: None)
     by_trying, many = solved()
     assert few == len(at_once) == 4 < many
     assert_allclose(at_once, by_trying, rtol=1e-7, atol=1e-9)
@@ -298,7 +298,7 @@ def test_a_given_tension_is_found_though_the_bodies_are_condensed_anew() -> None
     few = len(chain.volume.contact.rows)
     lost = Solution(p=before.p, w=before.w, u_c=np.zeros(0), status=Status.STALLED, residual=1.0, history=())
     assert chain.advance(simulation.system, 1.0, lost)
-    stepper._follow()
+    stepper.follow()
     assert len(chain.volume.contact.rows) > few
     accepted = stepper.reach(accepted.state, 2.0, lambda row: None)
     assert_allclose(-accepted.state.initial_work, 3.0, rtol=1e-6)
@@ -309,7 +309,7 @@ def test_a_step_that_fails_has_all_tries_and_no_state_with_another_tension(
     begins: float, good: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """While the tension is sought, and the third try fails on its way; and once the bolt is held."""
-    monkeypatch.setattr(StepsWithBolts, "solve", lambda *words: None)
+    monkeypatch.setattr(BoltsAndSprings, "at_once", lambda *words: None)
     base = {"joint": {"surface": "upper.bottom", "against": "lower.top", "gap_offset": 1e-6}}
     force = {"force": [[1.0, 3.0]], "held_from": 1.0}
     tables = {"steps": {"end": 2.0, "count": 2}, "solver": {"method": "condensed-newton"}}

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from stickslip.solvers.linear.chebyshev import chebyshev
+from stickslip.solvers.tangent.operator import chebyshev
 
 
 def test_errors_are_those_of_the_polynomial() -> None:

@@ -19,7 +19,7 @@ from shared.processes import is_there, running, wait_for
 from stickslip.geometry.errors import GeometryError, MachineError, StickslipError
 from stickslip.geometry.memory import ended_for_memory, is_full
 from stickslip.geometry.user_files import reader
-from stickslip.geometry.user_files.child import child_environment, run_child
+from stickslip.geometry.user_files.child_process import child_environment, run_child
 from stickslip.geometry.user_files.meshing import MeshOptions
 from stickslip.geometry.user_files.reader import Question, ask
 
@@ -189,7 +189,7 @@ def test_memory_that_is_taken_is_seen() -> None:
 
 HOLD = """
 import sys, threading
-from stickslip.geometry.user_files.child import run_child
+from stickslip.geometry.user_files.child_process import run_child
 run_child("shared.sleeper", [sys.argv[1]], None, 3600.0)
 """
 

@@ -1,7 +1,6 @@
 """The clock of a run, on a time of our own."""
 
-from stickslip.solvers.parallel.clock import Clock, Row
-from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.counters import Clock, Counters, Row
 
 
 class Hands:

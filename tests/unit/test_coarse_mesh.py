@@ -14,7 +14,7 @@ from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
-from stickslip.solvers.metrics.surface_metric import surface_metric
+from stickslip.solvers.metrics import surface_metric
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.system.system import System

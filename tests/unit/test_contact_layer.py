@@ -12,7 +12,7 @@ from scipy.linalg import eigh, null_space
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.interface.schur_complement import CondensedSurface
-from stickslip.solvers.metrics.surface_metric import ContactLayer
+from stickslip.solvers.metrics import ContactLayer
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.system.system import System

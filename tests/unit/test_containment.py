@@ -17,8 +17,7 @@ from shared.drawn import GEO, PY, scene_data
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.user_files import open_file
-from stickslip.geometry.user_files.child import child_environment
-from stickslip.geometry.user_files.containment import walls
+from stickslip.geometry.user_files.child_process import child_environment, walls
 from stickslip.geometry.user_files.reader import AnswerReader
 from stickslip.solvers.simulation import plan
 from stickslip.solvers.simulation.plan import warnings
@@ -114,7 +113,7 @@ def test_a_script_under_another_name_starts_nothing(name: str, folder: Path) -> 
 DEEDS = """
 import json, os, signal, socket, sys, threading
 from pathlib import Path
-from stickslip.geometry.user_files import containment
+from stickslip.geometry.user_files import child_process as containment
 if sys.argv[1] == "seccomp":
     containment._landlock_version = lambda: 0
 if sys.argv[1] == "Landlock":
@@ -189,7 +188,7 @@ def test_each_wall_is_enough_alone(wall: str, tmp_path: Path) -> None:
 WINDOW = """
 import os, sys
 from pathlib import Path
-from stickslip.geometry.user_files.containment import restrict_files
+from stickslip.geometry.user_files.child_process import restrict_files
 restrict_files((Path("own"),))
 Path("own/made").write_text("x")
 for act in (lambda: Path("made").write_text("x"), lambda: os.execv("/usr/bin/touch", ["touch", "made"])):

@@ -12,12 +12,12 @@ from stickslip.geometry.arrays import EXACT, LAST_DIGITS, Array
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.newton import correction, surface_system
-from stickslip.solvers.newton.solution import Correction, Solution, Status
-from stickslip.solvers.newton.surface_system import Flexibility
+from stickslip.solvers.iteration import Correction, Solution, Status
+from stickslip.solvers.newton import correction, surface_model
+from stickslip.solvers.newton.surface_model import Flexibility
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.stepping import stepper
+from stickslip.solvers.stepping import certificate
 from stickslip.solvers.stepping.state import State
 
 SceneOf = Callable[..., Scene]
@@ -72,7 +72,7 @@ def test_so_it_is_of_a_floating_body(
     dense: bool, scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not dense:
-        monkeypatch.setattr(surface_system, "DENSE", 0)
+        monkeypatch.setattr(surface_model, "DENSE", 0)
     (exact,) = states(simulation_of(scene_of(**PULLED, solver={"tolerance": 1e-13})))
     solver = {"method": "surface-uzawa", "surface": "matrix-free", "tolerance": 1e-2}
     (rough,) = states(simulation_of(scene_of(**PULLED, solver=solver)))
@@ -100,11 +100,11 @@ def test_so_it_is_where_mu_depends_on_slip(method: str, scene_of: SceneOf, simul
     exact = states(simulation_of(scene_of(**scene, solver={"tolerance": 1e-13})))
     rough = states(simulation_of(scene_of(**scene, solver={"method": method, "tolerance": 1e-2})))
     for a, b in zip(exact[1:], rough[1:], strict=True):
-        wrong, short = np.abs(a.p - b.p).max(), np.abs(a.slid["base"] - b.slid["base"]).max()
+        wrong, short = np.abs(a.p - b.p).max(), np.abs(a.memory["base"] - b.memory["base"]).max()
         assert wrong > 1e-5 * np.abs(a.p).max()
-        assert short > 1e-5 * a.slid["base"].max()
+        assert short > 1e-5 * a.memory["base"].max()
         assert_allclose(b.p + left(b).p, a.p, atol=0.03 * wrong)
-        assert_allclose(b.slid["base"] + left(b).slid["base"], a.slid["base"], atol=0.03 * short)
+        assert_allclose(b.memory["base"] + left(b).memory["base"], a.memory["base"], atol=0.03 * short)
         assert left(b).size > 0
 
 
@@ -117,7 +117,7 @@ def test_an_exact_solution_that_is_not_found_in_a_turn_leaves_the_error_unknown(
         asked.append(problem)
         return found, 1.0 if len(asked) == 1 else np.nan
 
-    monkeypatch.setattr(stepper, "by_schur_complement", lost_at_last)
+    monkeypatch.setattr(certificate, "by_schur_complement", lost_at_last)
     scene = scene_of(**DRAGGED | {"contacts": {"base": WEAKENING}}, solver={"tolerance": 1e-2})
     assert np.isnan(left(states(simulation_of(scene))[1]).size)
     assert len(asked) >= 2

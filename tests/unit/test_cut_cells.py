@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.size_field import USUAL, SizeField, volumes
-from stickslip.geometry.user_files.cut_cells import cut_to_sizes
+from stickslip.geometry.mesh_sizes import USUAL, SizeField, volumes
+from stickslip.geometry.user_files.meshing import cut_to_sizes
 from stickslip.geometry.user_files.raw_mesh import LOCAL_FACETS, RawMesh, check_neighbours
 
 

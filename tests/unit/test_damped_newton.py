@@ -14,13 +14,24 @@ from shared.problems import surface_problem
 from stickslip.geometry.arrays import CLOSE, EXACT, Array
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.newton import attempts, condensed_system, given_system
+from stickslip.solvers.iteration import Solution, Status, Step
+from stickslip.solvers.methods.condensed_newton import CondensedNewton, solve_given
+from stickslip.solvers.newton import attempts, condensed_system
 from stickslip.solvers.newton.active_set import ActiveSet, linearise
-from stickslip.solvers.newton.attempts import ATTEMPT, Attempts
-from stickslip.solvers.newton.line_search import DECREASE, HALVINGS, MEMORY, LineSearch
-from stickslip.solvers.newton.solution import Solution, Status, Step
-from stickslip.solvers.newton.starts import Start, again, closed, first_starts, other_starts
+from stickslip.solvers.newton.attempts import (
+    ATTEMPT,
+    CLOSE,
+    DECREASE,
+    HALVINGS,
+    MEMORY,
+    Attempts,
+    LineSearch,
+    Start,
+    again,
+    closed,
+    first_starts,
+    other_starts,
+)
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict, read
 
@@ -279,7 +290,7 @@ def test_trial_tractions_that_hold_no_body_are_halved_towards_those_that_do(floa
 @pytest.mark.parametrize("proximal", [1e-3, 0.1])
 def test_a_damped_attempt_arrives_too(proximal: float, seed: int) -> None:
     problem = given(seed)
-    bodies = Bodies(problem, given_system.solve)
+    bodies = Bodies(problem, solve_given)
     attempt = Attempts(problem, bodies, 1e-10, 200)
     far = np.full(len(problem.gap), 10.0)  # residuals above 1
     attempt(Start.at(problem, far, problem.contact_displacement(far)), proximal)

@@ -10,10 +10,10 @@ from scipy import sparse
 
 from shared.discrete import ONE, random_problem
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.classical.coloured_sweeps import colours
+from stickslip.solvers.classical.nsgs import colours
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem, project_cone, residual
+from stickslip.solvers.iteration import Status
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.newton.solution import Status
 from stickslip.solvers.stepping.discrete_chain import refuse_unusable, solve, usable
 
 METHODS_USED = ("auto", "condensed-newton", "surface-uzawa", "uzawa", "nsgs")

@@ -46,9 +46,9 @@ def problem_of(
         )
         seen: list[SurfaceProblem] = []
         monkeypatch.setattr(
-            "stickslip.solvers.stepping.stepper.unbalanced_motion", lambda problem: seen.append(problem) or np.ones(1)
+            "stickslip.solvers.stepping.substep.unbalanced_motion", lambda problem: seen.append(problem) or np.ones(1)
         )
-        monkeypatch.setattr("stickslip.solvers.stepping.stepper.describe_motion", lambda system, motion, dofs: "")
+        monkeypatch.setattr("stickslip.solvers.stepping.halving.describe_motion", lambda system, motion, dofs: "")
         stepper = simulation_of(scene).stepper
         with pytest.raises(NoEquilibriumError, match="cannot balance"):
             stepper.reach(stepper.start(), 1.0, lambda row: None)

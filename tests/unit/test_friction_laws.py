@@ -69,7 +69,7 @@ def test_laws_by_slip_are_coulombs_with_the_mu_of_each_point() -> None:
         (StaticKinetic(mu_s=0.3, mu_k=0.2, slip_length=1.0, k_T=4.0), [0.3, 0.25, 0.2, 0.2]),
         (SlipDependent(mu=((0.5, 0.1), (1.0, 0.4), (3.0, 0.2)), k_T=4.0), [0.1, 0.1, 0.4, 0.2]),
     ):
-        found = law.at_slip(slid)
+        found = law.at(slid)
         assert isinstance(found, CoulombByPoint)
         assert_allclose(found.mu, mu, rtol=1e-15)
         assert found.of_point(1) == Coulomb(mu=mu[1], k_T=4.0)
@@ -77,7 +77,7 @@ def test_laws_by_slip_are_coulombs_with_the_mu_of_each_point() -> None:
         assert law.resists()
         assert_allclose(law.weakening, 0.1)
     assert not StaticKinetic(mu_s=0.0, mu_k=0.0, slip_length=1.0).resists()
-    assert Coulomb(mu=0.3).at_slip(slid) == Coulomb(mu=0.3)
+    assert Coulomb(mu=0.3).at(slid) == Coulomb(mu=0.3)
 
 
 def test_directions_are_orthogonal_as_long_as_mu_and_along_the_axis() -> None:

@@ -11,12 +11,17 @@ from scipy import sparse
 
 from shared.cases import slow
 from stickslip.geometry.errors import MachineError, SceneError
-from stickslip.solvers.classical.gram import GramMetric, contact_last, volume_block, volume_gram
-from stickslip.solvers.classical.gram_uzawa import GramIteration
-from stickslip.solvers.classical.incomplete_cholesky import incomplete_cholesky
+from stickslip.solvers.classical.gram_uzawa import (
+    GramIteration,
+    GramMetric,
+    contact_last,
+    incomplete_cholesky,
+    volume_block,
+    volume_gram,
+)
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Solution
 from stickslip.solvers.laws.compliance import Compliance
-from stickslip.solvers.newton.solution import Solution
 from stickslip.solvers.scene.gram import Gram
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan

@@ -15,7 +15,7 @@ from stickslip.solvers.interface.problem import LEAST, NOTHING, SurfaceProblem
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import linearise
-from stickslip.solvers.newton.starts import Start, closed, first_starts
+from stickslip.solvers.newton.attempts import Start, closed, first_starts
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation

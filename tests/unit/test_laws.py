@@ -207,7 +207,7 @@ def test_no_bound_from_above_is_below_what_mu_becomes_by_slip() -> None:
     """A proof that nothing balances the loads must hold for the mu that points have once they slip."""
     law = SlipDependent(mu=((0.0, 0.1), (1e-3, 0.5), (2e-3, 0.3)))
     for slid, most in ((0.0, 0.5), (1.5e-3, 0.4), (1.0, 0.3)):
-        assert law.at_slip(np.array([slid])).lines(Unilateral(), 1.0, 1.0)[2] == pytest.approx(most)
+        assert law.at(np.array([slid])).lines(Unilateral(), 1.0, 1.0)[2] == pytest.approx(most)
     assert Coulomb(mu=0.3, k_T=0.5).softness == 2.0
     assert Compliance(c_n=0.5).c_n == 0.5
 

@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 from shared.cases import slow
-from stickslip.geometry.corner_mesh import CornerMesh
 from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.nested_mesh import CornerMesh
 from stickslip.solvers.accuracy.other_mesh import sides_of
 from stickslip.solvers.results.error_parts import Quantity
 from stickslip.solvers.results.numbers import quantities

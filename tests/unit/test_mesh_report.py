@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from stickslip.geometry.mesh.cell_quality import worst_quality
 from stickslip.geometry.mesh.mesh import build_mesh
-from stickslip.geometry.mesh.quality import worst_quality
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.run.mesh_report import can_touch
 
@@ -26,14 +26,17 @@ def test_quality_of_squares_cubes_and_their_halves(
     dim: int, cells: str, order: int, expected: float, scene_of: Callable[..., Scene]
 ) -> None:
     scene = scene_of(dim, {"cells": cells, "order": order})
-    assert worst_quality(build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF)) == pytest.approx(expected)
+    mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF)
+    assert worst_quality(mesh.domain, mesh.degree) == pytest.approx(expected)
 
 
 def test_a_flattened_cell_has_a_poor_quality(scene_of: Callable[..., Scene]) -> None:
     scene = scene_of(2, {"cells": "tensor"})
     mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF)
     mesh.domain.geometry.x[:, 1] *= 0.1
-    assert worst_quality(mesh) == pytest.approx(2 * 0.1 / (1 + 0.1**2))  # a rectangle of sides 1 and 0.1
+    assert worst_quality(mesh.domain, mesh.degree) == pytest.approx(
+        2 * 0.1 / (1 + 0.1**2)
+    )  # a rectangle of sides 1 and 0.1
 
 
 def test_prescribed_motion_closes_gaps_up_to_its_size(scene_of: Callable[..., Scene]) -> None:

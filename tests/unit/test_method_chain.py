@@ -11,12 +11,12 @@ from numpy.testing import assert_allclose
 
 from stickslip.geometry.errors import MachineError, SolverError
 from stickslip.solvers.interface.coarse_mesh import CoarseMesh
+from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.linear.conjugate_gradients import MOST_ITERATIONS
 from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.method import Ready
 from stickslip.solvers.methods.surface_uzawa import PATIENCE, LearningIteration
-from stickslip.solvers.newton.solution import Solution, Status
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Size, Stage, chosen
@@ -92,7 +92,7 @@ def test_a_switch_on_the_same_bodies_lasts_for_one_step(
         return whole(replace(self, max_it=1) if len(calls) == 1 else self, *arguments)
 
     monkeypatch.setattr(CondensedNewton, "__call__", fails_once)
-    monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 0)  # the step is not cut first
+    monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 0)  # the step is not cut first
     simulation = simulation_of(pressed(scene_of))
     found = list(simulation.steps())
     assert_allclose([step.contacts["base"].force for step in found], expected, rtol=0, atol=1e-7)
@@ -123,7 +123,7 @@ def test_sweeps_are_the_last_resort_in_space(
     hasten(monkeypatch)
     whole = CondensedNewton.__call__
     monkeypatch.setattr(CondensedNewton, "__call__", lambda self, *rest: whole(replace(self, max_it=1), *rest))
-    monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 0)
+    monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 0)
     simulation = simulation_of(scene)
     assert_allclose(forces(simulation), expected, rtol=0, atol=1e-8)
     assert [switch.after for switch in simulation.stepper.chain.switches] == [str(stage) for stage in DENSE[1:]]

@@ -32,7 +32,7 @@ from typing import Annotated, ClassVar
 
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
-from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.method import Applicability
 from stickslip.solvers.methods.method import Ready, Setup, Turn
 from stickslip.solvers.classical.uzawa import Uzawa
 

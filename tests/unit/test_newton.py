@@ -15,10 +15,10 @@ from shared.problems import surface_problem
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.iteration import Status
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton.active_set import ActiveSet, linearise
 from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, solve
-from stickslip.solvers.newton.solution import Status
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.prepared import prepare

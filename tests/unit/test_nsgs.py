@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 from shared.cases import slow
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical.nsgs import NSGS, Sweeps, in_disc
+from stickslip.solvers.iteration import Status
 from stickslip.solvers.methods.method import Setup
-from stickslip.solvers.newton.solution import Status
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation

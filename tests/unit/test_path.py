@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton import path
-from stickslip.solvers.newton.solution import Solution, Status
-from stickslip.solvers.newton.starts import Start, closed
+from stickslip.solvers.newton.attempts import Start, closed
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict

@@ -16,8 +16,8 @@ from stickslip.solvers.classical import perturbed_lagrangian as module
 from stickslip.solvers.classical.contact_element import OPEN, SLIP, STICK, ContactElements, held_from, penalties
 from stickslip.solvers.classical.perturbed_lagrangian import Newton, least_energy, newton_step, residual
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Status, ignore
 from stickslip.solvers.method_registry import Solver
-from stickslip.solvers.newton.solution import Status, ignore
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan

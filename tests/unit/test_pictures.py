@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from shared.cases import every_nth, often, slow
 from shared.images import colours
 from stickslip.geometry.errors import MachineError
+from stickslip.geometry.obstacles.obstacle import Rotation
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.geometry.obstacles.rotation import Rotation
 from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Quantity
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
 from stickslip.solvers.stepping.state import Energy

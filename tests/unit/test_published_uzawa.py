@@ -14,9 +14,9 @@ from scipy.sparse.linalg import splu
 from shared.cases import every_nth, often, slow
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical.inexact_uzawa import InexactUzawa
-from stickslip.solvers.classical.inner_tolerance import InnerTolerance
+from stickslip.solvers.classical.uzawa import InnerTolerance
 from stickslip.solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
-from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.iteration import Status
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan

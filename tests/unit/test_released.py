@@ -8,7 +8,7 @@ import pytest
 
 from shared.cases import slow
 from shared.ranks import mpirun
-from stickslip.geometry.user_files.child import child_environment
+from stickslip.geometry.user_files.child_process import child_environment
 from stickslip.solvers.method_registry import METHODS
 
 RUNS = """

@@ -13,8 +13,8 @@ from shared.problems import surface_problem
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.iteration import Status
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.newton.solution import Status
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.analysis.saddle_points import (

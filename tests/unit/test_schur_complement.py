@@ -13,9 +13,9 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface import schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface, RowStiffness
+from stickslip.solvers.iteration import OnStep, Solution, Status, ignore
 from stickslip.solvers.linear.block_diagonal import BlockDiagonal
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.newton.solution import OnStep, Solution, Status, ignore
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
-from stickslip.solvers.newton import path, several
-from stickslip.solvers.newton.starts import Start
+from stickslip.solvers.newton import path
+from stickslip.solvers.newton.attempts import Start
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import Accepted
@@ -77,7 +77,7 @@ def problem_of(
 def test_the_most_friction_is_that_of_the_laws(
     friction: dict[str, Any] | None, normal: Any, most: float, problem_of: Callable[..., SurfaceProblem]
 ) -> None:
-    assert several._most_friction(problem_of(friction, normal)) == pytest.approx(most)
+    assert path._most_friction(problem_of(friction, normal)) == pytest.approx(most)
 
 
 def test_points_that_have_slipped_hide_no_others(reached: Callable[..., Accepted]) -> None:
@@ -86,7 +86,7 @@ def test_points_that_have_slipped_hide_no_others(reached: Callable[..., Accepted
     (contact,) = accepted.problem.cone.contacts
     assert isinstance(contact.friction, CoulombByPoint)
     assert_allclose(np.unique(contact.friction.mu), [0.9, 2.0])
-    assert several._most_friction(accepted.problem) == pytest.approx(2.0)
+    assert path._most_friction(accepted.problem) == pytest.approx(2.0)
     assert accepted.state.p.max() > 0.01
     assert_array_equal(accepted.others, [np.zeros_like(accepted.state.p)])
 
@@ -95,7 +95,7 @@ def test_points_that_have_slipped_hide_no_others(reached: Callable[..., Accepted
     ("friction", "tables", "looked_for"),
     [
         (MUCH, DRIVEN, True),
-        ({"law": "coulomb", "mu": several.ENOUGH}, DRIVEN, False),
+        ({"law": "coulomb", "mu": path.ENOUGH}, DRIVEN, False),
         (None, DRIVEN, False),
         ({"law": "stick"}, DRIVEN, False),
         ({"law": "tresca", "bound": 0.1}, DRIVEN, False),
@@ -110,8 +110,8 @@ def test_others_are_looked_for_where_there_may_be_some(
 ) -> None:  # fmt: skip
     problem, asked = problem_of(friction, tables=tables), list[int]()
     monkeypatch.setattr(path, "path_from_open", lambda of, kinks: asked.append(kinks) or iter(()))
-    assert not list(several.others(problem, np.zeros(len(problem.gap))))
-    assert asked == ([several.KINKS] if looked_for else [])
+    assert not list(path.others(problem, np.zeros(len(problem.gap))))
+    assert asked == ([path.FOLLOWED] if looked_for else [])
 
 
 @pytest.mark.parametrize("size", [1e-6, 1.0])
@@ -137,7 +137,7 @@ def test_each_solution_is_said_once(
 
     monkeypatch.setattr(path, "path_from_open", starts)
     monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: next(residuals))
-    found = list(several.others(problem, p))
+    found = list(path.others(problem, p))
     assert_array_equal(found, [other, -p, p * (1 - 2 * SLIGHT), 0 * p])
 
 
@@ -151,8 +151,8 @@ def test_solutions_are_apart_by_a_part_of_the_larger_one(
     end = Start(p=one, u_c=np.zeros(problem.surface.size), p_hat=one)
     monkeypatch.setattr(path, "path_from_open", lambda of, kinks: iter([end]))
     monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: 0.0)
-    assert len(list(several.others(problem, zero))) == 1
-    assert not list(several.others(problem, one))
+    assert len(list(path.others(problem, zero))) == 1
+    assert not list(path.others(problem, one))
 
 
 def test_tractions_that_are_rounding_are_no_other_solution(
@@ -163,13 +163,13 @@ def test_tractions_that_are_rounding_are_no_other_solution(
     end = Start(p=0 * touching, u_c=np.zeros(problem.surface.size), p_hat=0 * touching)
     monkeypatch.setattr(path, "path_from_open", lambda of, kinks: iter([end]))
     monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: 0.0)
-    assert not list(several.others(problem, touching))
+    assert not list(path.others(problem, touching))
 
 
 def test_others_have_the_friction_of_their_own_slip(reached: Callable[..., Accepted]) -> None:
     """Three answers with mu = 3 everywhere: open, stick, and one that slips, which has not 3 then."""
     accepted = reached(3.0, 0.1, 0.01, LIFTED, 1)
     assert not accepted.state.p.any()
-    frozen = list(several.others(accepted.problem, accepted.state.p))
+    frozen = list(path.others(accepted.problem, accepted.state.p))
     assert len(frozen) == 2
     assert_array_equal(accepted.others, frozen[1:])

@@ -9,11 +9,11 @@ from numpy.testing import assert_allclose
 
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.newton import condensed_system, path, simpler_laws
+from stickslip.solvers.newton import condensed_system, path, semismooth
 from stickslip.solvers.newton.semismooth import SemismoothNewton
-from stickslip.solvers.newton.solution import Solution, Status
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 
@@ -53,10 +53,10 @@ def test_simpler_laws_lead_to_the_solution(
     problem = problem_of(2.0, friction, floating=floating)
     exact = newton(problem, np.zeros(len(problem.gap)))
     assert exact.status is Status.CONVERGED
-    ends = list(simpler_laws.ends(problem, np.zeros(len(problem.gap)), newton))
+    ends = list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), newton))
     off = [np.abs(end.p - exact.p).max() / exact.p.max() for end in ends]
     assert len(ends) >= 3
-    assert off[0] < 10 * simpler_laws.NEAR
+    assert off[0] < 10 * semismooth.NEAR
     assert off[-1] < 1e-9
 
 
@@ -64,7 +64,7 @@ def test_the_problem_of_tangents_is_piecewise_linear(problem_of: Callable[..., S
     problem = problem_of()
     n = problem.surface.normal_rows
     p = np.where(np.arange(len(problem.gap)) < n, 0.3, 0.1)
-    simpler = simpler_laws.simplified(problem, p, 1e-3)
+    simpler = semismooth.simplified(problem, p, 1e-3)
     assert not path.applies(problem)
     assert path.applies(simpler)
     assert (simpler.cone.time, simpler.cone.end) == (problem.cone.time, problem.cone.end) == (1.0, 1.0)
@@ -79,7 +79,7 @@ def test_open_points_have_tangents_at_the_floor(problem_of: Callable[..., Surfac
     problem = problem_of()
     p = np.zeros(len(problem.gap))
     p[0] = 0.5
-    (contact,) = simpler_laws.simplified(problem, p, 1e-2).cone.contacts
+    (contact,) = semismooth.simplified(problem, p, 1e-2).cone.contacts
     slope = 2 * np.sqrt(40.0 * np.array([0.5, 0.005]))  # of c d^2 at p: 2 sqrt(c p)
     assert_allclose(contact.normal.k[:2], slope, rtol=1e-12)  # type: ignore[attr-defined]
 
@@ -101,16 +101,16 @@ def test_what_has_simpler_laws(
     m_n: float, friction: dict[str, Any] | None, expected: bool, problem_of: Callable[..., SurfaceProblem]
 ) -> None:
     problem = problem_of(m_n, friction)
-    assert simpler_laws.applies(problem) is expected
+    assert semismooth.has_simpler_laws(problem) is expected
     if not expected:
-        assert not list(simpler_laws.ends(problem, np.zeros(len(problem.gap)), newton))
+        assert not list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), newton))
 
 
 def test_bounds_are_those_at_the_last_pressures(problem_of: Callable[..., SurfaceProblem]) -> None:
     problem = problem_of(2.0, CAPPED)
     n = problem.surface.normal_rows
     p = np.where(np.arange(len(problem.gap)) < n, 0.3, 0.0)
-    simpler = simpler_laws.simplified(problem, p, 1e-3)
+    simpler = semismooth.simplified(problem, p, 1e-3)
     (place,), (before,) = simpler.cone.places, problem.cone.places
     assert_allclose(simpler.cone.bound(place, p[:n]), 0.06)
     assert_allclose(simpler.cone.bound(place, p[:n] / 3), 0.02)
@@ -120,13 +120,13 @@ def test_bounds_are_those_at_the_last_pressures(problem_of: Callable[..., Surfac
 def test_no_end_where_the_simpler_problem_is_not_solved(problem_of: Callable[..., SurfaceProblem]) -> None:
     problem = problem_of()
     lost = CondensedNewton(max_it=0)
-    assert not list(simpler_laws.ends(problem, np.zeros(len(problem.gap)), lost))
+    assert not list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), lost))
 
 
 def test_a_tangent_is_a_spring_that_only_presses() -> None:
     """Its resolvent solves p + gamma p / k = p_hat where that is positive."""
     k, gamma, p_hat = np.array([2.0, 3.0, 4.0]), np.array([1.0, 5.0, 0.5]), np.array([-1.0, 0.3, 2.0])
-    law = simpler_laws.Tangent(k=k)
+    law = semismooth.Tangent(k=k)
     p = law.resolvent(p_hat, gamma)
     assert_allclose(p + gamma * law.penetration(p), [0.0, 0.3, 2.0])
     assert_allclose(law.penetration(p), p / k)
@@ -138,7 +138,7 @@ def test_a_bound_of_the_same_power_as_the_pressure_becomes_coulombs(
 ) -> None:
     """c_T d^2 is (c_T / c_n) p; under a tangent the bound would be another one."""
     problem = problem_of(2.0, {"law": "compliance", "c_T": 12.0, "m_T": 2.0, "k_T": 4.0})
-    (contact,) = simpler_laws.simplified(problem, np.ones(len(problem.gap)), 1e-3).cone.contacts
+    (contact,) = semismooth.simplified(problem, np.ones(len(problem.gap)), 1e-3).cone.contacts
     assert isinstance(contact.friction, CoulombByPoint)
     assert_allclose(contact.friction.mu, 12.0 / 40.0, rtol=1e-12)
     assert contact.friction.k_T == 4.0
@@ -146,8 +146,8 @@ def test_a_bound_of_the_same_power_as_the_pressure_becomes_coulombs(
 
 def test_floors_fall_to_the_last(problem_of: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch) -> None:
     problem, seen = problem_of(), list[float]()
-    simplified = simpler_laws.simplified
-    monkeypatch.setattr(simpler_laws, "simplified", lambda *of: seen.append(of[-1]) or simplified(*of))
-    list(simpler_laws.ends(problem, np.zeros(len(problem.gap)), newton))
-    assert len(seen) == simpler_laws.MOST
-    assert seen == [*simpler_laws.FLOOR, *[simpler_laws.FLOOR[-1]] * (len(seen) - len(simpler_laws.FLOOR))]
+    simplified = semismooth.simplified
+    monkeypatch.setattr(semismooth, "simplified", lambda *of: seen.append(of[-1]) or simplified(*of))
+    list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), newton))
+    assert len(seen) == semismooth.MOST
+    assert seen == [*semismooth.FLOOR, *[semismooth.FLOOR[-1]] * (len(seen) - len(semismooth.FLOOR))]

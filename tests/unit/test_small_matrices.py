@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stickslip.geometry.small_matrices import inverse_and_determinant, inverses
+from stickslip.geometry.arrays import inverse_and_determinant, inverses
 
 
 @pytest.mark.parametrize("order", [2, 3])

@@ -15,14 +15,16 @@ from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, SolverError
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.newton.solution import OnStep, Solution, Status
+from stickslip.solvers.iteration import OnStep, Solution, Status
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
-from stickslip.solvers.stepping import failure
+from stickslip.solvers.stepping import halving
 from stickslip.solvers.stepping.method_chain import MethodChain
+from stickslip.solvers.stepping.pairs import PairSearch
 from stickslip.solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
 from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
+from stickslip.solvers.stepping.substep import SubstepSolver
 from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.scene_file.read import read
 
@@ -253,7 +255,7 @@ def test_the_worst_contact_is_the_one_that_is_off(
     p[span.start + 1] -= 10 * reached.problem.p_ref
     nothing = np.zeros(stepper.surface.size)
     wrong = Solution(p, reached.state.w, nothing, Status.STALLED, 10.0, ())
-    told = failure.largest_residual(reached.problem, wrong)
+    told = halving.largest_residual(reached.problem, wrong)
     measured = {"normal": place.rows.N_n, "tangential": place.rows.N_t}[part][1].toarray()
     node = np.argmax(np.abs(measured)) // 2  # whose displacement the row is
     x, y = place.rows.surface.points[node]
@@ -264,12 +266,12 @@ def test_a_step_without_a_residual_says_so(scene_of: SceneOf, simulation_of: Sim
     (reached,) = march(simulation_of(sheared(scene_of)), 1.0)
     nothing = np.zeros(reached.stepper.surface.size)
     broken = Solution(reached.state.p, reached.state.w, nothing, Status.BROKEN, np.inf, ())
-    told = failure.explain(reached.problem, broken, 1e-8, 0.25)
+    told = halving.explain(reached.problem, broken, 1e-8, 0.25)
     assert told == f"no residual in a step of 0.25 s after 0 iterations; {Status.BROKEN.value}"
-    assert failure.explain(None, broken, 1e-8, 0.25) == told
+    assert halving.explain(None, broken, 1e-8, 0.25) == told
     rest = f"in a step of 0.25 s after 0 iterations; {Status.BROKEN.value}"
     # the tractions are those of the step before: they tell of no contact
-    told = failure.explain(reached.problem, replace(broken, residual=0.1), 1e-8, 0.25)
+    told = halving.explain(reached.problem, replace(broken, residual=0.1), 1e-8, 0.25)
     assert told == f"residual 1.0e-01, not 1e-08, {rest}"
 
 
@@ -403,10 +405,10 @@ def test_sides_that_move_apart_end_the_step(
     top = {"boundary": "block.top", "displacement": {"x": 0.0, "y": -0.05}}
     simulation = simulation_of(scene_of(contacts={"base": base}, supports={"top": top}))
 
-    def gone(self: Stepper, searched: Mapping[str, Array]) -> Stepper:
+    def gone(self: PairSearch, searched: Mapping[str, Array]) -> SubstepSolver:
         raise SceneError("contacts.base: nothing of block.bottom faces foundation")
 
-    monkeypatch.setattr(Stepper, "_with_pairs", gone)
+    monkeypatch.setattr(PairSearch, "found", gone)
     with pytest.raises(StepError, match="the sides of a sliding contact have moved apart"):
         next(simulation.steps())
 
@@ -440,7 +442,7 @@ def test_pairs_that_never_settle_are_warned_of(monkeypatch: pytest.MonkeyPatch) 
     coarse = ["geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.4", "steps.count=2"]
     simulation = prepare(read("sliding", coarse))
     assert not any("pairs" in doubt for doubt in doubts(simulation, [*simulation.steps()]))
-    monkeypatch.setattr("stickslip.solvers.stepping.stepper.pairs_hold", lambda *arguments: False)
+    monkeypatch.setattr("stickslip.solvers.stepping.pairs.pairs_hold", lambda *arguments: False)
     times = [step.time for step in simulation.steps()]
     said = f"the pairs of a sliding contact change from search to search at t = {times[0]:g} and 1 other times"
     assert any(said in doubt for doubt in doubts(simulation, []))

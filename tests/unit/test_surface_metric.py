@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import eigh
 
-from stickslip.geometry.surfaces.forms import lumped_mass, surface_stiffness
+from stickslip.geometry.surfaces.surface import lumped_mass, surface_stiffness
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.interface.schur_complement import CondensedSurface
-from stickslip.solvers.linear.inverse_root import InverseRoot, poles
-from stickslip.solvers.metrics.secants import Secants
-from stickslip.solvers.metrics.surface_metric import surface_metric
+from stickslip.solvers.linear.cholesky import InverseRoot, poles
+from stickslip.solvers.metrics import Secants, surface_metric
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.system.system import System

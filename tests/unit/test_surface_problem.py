@@ -13,8 +13,8 @@ from petsc4py import PETSc
 
 from shared.problems import surface_problem, times
 from stickslip.solvers.interface.problem import LAST_DIGITS, LEAST, PART, SurfaceProblem
+from stickslip.solvers.iteration import Solution
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.newton.solution import Solution
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict

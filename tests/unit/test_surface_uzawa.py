@@ -9,16 +9,16 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-import stickslip.solvers.newton.surface_system as surface_system
 from shared.cases import often, slow
 from shared.problems import surface_problem
 from stickslip.solvers.interface import schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.iteration import Status
 from stickslip.solvers.linear.gmres import gmres
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
-from stickslip.solvers.metrics.surface_metric import surface_metric
-from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.metrics import surface_metric
+from stickslip.solvers.newton import surface_model
 from stickslip.solvers.newton.surface_model import nearest_in_cone
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
@@ -166,7 +166,7 @@ def test_a_side_that_is_partly_supported(
     surface: str, scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Rows at an edge that is held measure nothing that gives; neither GMRES nor the metric stumbles over them."""
-    monkeypatch.setattr(surface_system, "DENSE", 0)
+    monkeypatch.setattr(surface_model, "DENSE", 0)
     scene = pressed(scene_of, 3, 4, 0.3)
     still = {"left": {"boundary": "block.left", "displacement": dict.fromkeys("xyz", 0.0)}}
     held = scene_of(3, supports=still)
@@ -181,7 +181,7 @@ def test_gmres_and_a_dense_matrix_give_the_same(
 ) -> None:
     answers = []
     for dense in (0, 10_000):
-        monkeypatch.setattr(surface_system, "DENSE", dense)
+        monkeypatch.setattr(surface_model, "DENSE", dense)
         answers.append(solved(simulation_of(pressed(scene_of, dim, 6, 0.3, tolerance=1e-11))))
     assert not np.array_equal(answers[0][1].p, answers[1][1].p)
     same_forces(*answers, tolerance=1e-9)
@@ -245,7 +245,7 @@ def test_a_residual_that_is_no_number_is_never_the_best(
     problem = surface_problem(simulation)
     method, p = LearningIteration(metric=surface_metric(simulation.system)), np.zeros(problem.cone.size)
     F = method._F(problem.surface)
-    flexibility = surface_system.Flexibility(surface=problem.surface, F=F, metric=method.metric)
+    flexibility = surface_model.Flexibility(surface=problem.surface, F=F, metric=method.metric)
     w = problem.offset + problem.surface.N @ problem.load.free
     measure, asked = SurfaceProblem.natural_residual, []
 
@@ -276,11 +276,11 @@ def test_a_singular_block_of_springs_is_said_as_that(
     def singular(A: object) -> None:
         raise RuntimeError("Factor is exactly singular")
 
-    monkeypatch.setattr(surface_system, "DENSE", 0)
+    monkeypatch.setattr(surface_model, "DENSE", 0)
     simulation = simulation_of(pressed(scene_of, 2, 4, 0.3))
     stepper = simulation.stepper
     problem = stepper.reach(stepper.reach(stepper.start(), 1.0, print).state, 2.0, print).problem  # it slips
-    monkeypatch.setattr(surface_system, "splu", singular)
+    monkeypatch.setattr(surface_model, "splu", singular)
     method = LearningIteration(metric=surface_metric(simulation.system), hurried=True)
     solution = method(problem, np.zeros(problem.cone.size))
     assert solution.status in (Status.STALLED, Status.NO_HOLD)  # not a traceback

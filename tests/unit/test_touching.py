@@ -12,8 +12,7 @@ from numpy.testing import assert_allclose
 from shared.assemblies import outline_of, pinned, stacked
 from shared.cases import slow
 from stickslip.geometry.errors import GeometryError
-from stickslip.geometry.user_files.outline import Facets
-from stickslip.geometry.user_files.simple_forms import fit
+from stickslip.geometry.user_files.outline import Facets, fit
 from stickslip.geometry.user_files.touching import Pair, Side, joined, touching
 from stickslip.workflows.scene_file.proposal import proposed_law, slaves
 

@@ -10,11 +10,9 @@ import pytest
 import stickslip.solvers.contact.pairing as pairing
 from shared.audited import record_of, stored_by
 from shared.cases import slow
-from stickslip.geometry.obstacles.cylinder import Cylinder
 from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.geometry.obstacles.round import Round
-from stickslip.geometry.obstacles.sphere import Sphere
+from stickslip.geometry.obstacles.round import Cylinder, Round, Sphere
 from stickslip.solvers.contact.rigid_obstacle import rigid_coupling
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.laws.bilateral import Bilateral
@@ -166,7 +164,7 @@ def test_both_formulas_of_a_bound_agree(friction: FrictionLaw, normal: Any) -> N
     )
     slid = np.array([0.0, 0.2, 1.0, 7.0])
     found = closed_formulas.bound(friction, normal, p, average, 0.7, 2.0, slid)
-    np.testing.assert_allclose(found, friction.at_slip(slid).limit(p, average, normal, 0.7, 2.0))
+    np.testing.assert_allclose(found, friction.at(slid).limit(p, average, normal, 0.7, 2.0))
 
 
 def test_both_formulas_of_a_penetration_agree() -> None:

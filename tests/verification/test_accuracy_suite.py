@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from stickslip.geometry.errors import SceneError
-from stickslip.workflows.lab.commands.accuracy import accuracy
 from stickslip.workflows.lab.verification.accuracy.answer import MESH, TIME, TOTAL, Answer, solve
 from stickslip.workflows.lab.verification.accuracy.judge import Case, Share, compare, endless
 from stickslip.workflows.lab.verification.accuracy.page import line, passed, write_page
 from stickslip.workflows.lab.verification.accuracy.problems import PROBLEMS
+from stickslip.workflows.lab.verification.accuracy.run import accuracy
 from stickslip.workflows.lab.verification.accuracy.suite import Study, in_steps
 
 NAME = "contacts.base.normal_force"

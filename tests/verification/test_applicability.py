@@ -10,8 +10,8 @@ from shared.cells import FORMS, MODELS, REFERENCE, Cell, largest, reference, ref
 from stickslip.solvers.contact.operators import OPERATORS
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.methods.applicability import RIGID
-from stickslip.solvers.stepping import stepper as stepping
+from stickslip.solvers.methods.method import RIGID
+from stickslip.solvers.stepping import halving as stepping
 from stickslip.workflows.lab.verification.cases.agreement import Answer
 
 TOLERANCE = 1e-9

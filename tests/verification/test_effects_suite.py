@@ -12,9 +12,9 @@ from stickslip.solvers import effects as registry
 from stickslip.solvers.laws import FrictionLaw
 from stickslip.solvers.simulation.resolve import plan_rows
 from stickslip.solvers.simulation.simulation import prepare
-from stickslip.workflows.lab.commands.effects import effects
 from stickslip.workflows.lab.verification.effects.page import Found, faults, write_page
 from stickslip.workflows.lab.verification.effects.parts import EFFECTS, LAWS, SCENES
+from stickslip.workflows.lab.verification.effects.run import effects
 from stickslip.workflows.lab.verification.effects.suite import (
     ROOT,
     Absent,

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from stickslip.geometry.errors import MachineError, SceneError
-from stickslip.workflows.commands import hard as command
-from stickslip.workflows.lab.commands.hard import hard
+from stickslip.workflows.lab.verification.hard import run as command
 from stickslip.workflows.lab.verification.hard import suite
 from stickslip.workflows.lab.verification.hard.judge import Outcome, Verdict, judge
 from stickslip.workflows.lab.verification.hard.page import BAD, again, table, write_page
+from stickslip.workflows.lab.verification.hard.run import hard
 from stickslip.workflows.lab.verification.hard.suite import NAMES, Row, Task, performed, results, tasks
 from stickslip.workflows.lab.verification.hard.tables import overrides, ready, scene_of
 from stickslip.workflows.lab.verification.hard.variations import FIXED, Scale, variation, varied

@@ -13,11 +13,11 @@ import pytest
 
 from stickslip.geometry.errors import MachineError, SolverError
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.lab.commands.hard import _line, _lines, _rows
 from stickslip.workflows.lab.verification.hard import judge as judging
 from stickslip.workflows.lab.verification.hard import suite
 from stickslip.workflows.lab.verification.hard.judge import AGREEMENT, Outcome, Solved, Verdict, apart, judge
 from stickslip.workflows.lab.verification.hard.page import confirmed, twins
+from stickslip.workflows.lab.verification.hard.run import _line, _lines, _rows
 from stickslip.workflows.lab.verification.hard.suite import Row, Task, Worker
 from stickslip.workflows.scene_file.read import read
 

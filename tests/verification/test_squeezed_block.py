@@ -139,7 +139,7 @@ def test_what_only_elasticity_limits_is_not_called_solved(
     scene: Any, method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Platens that are held where they are would press as hard as need be on rigid bodies: no proof, but no answer."""
-    monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 1)
+    monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 1)
     found = scene(2, 1.001 * LIMIT, "displacement")
     steps = prepare(replace(found, solver=replace(found.solver, method=method))).steps()
     with pytest.raises(StepError, match="rigid bodies could rest under these loads") as caught:

@@ -3,10 +3,9 @@
 import pytest
 
 from stickslip.geometry.errors import SceneError, SolverError
-from stickslip.workflows.commands import verify as module
-from stickslip.workflows.lab.commands.verify import verify
+from stickslip.workflows.lab.verification import registry as module
 from stickslip.workflows.lab.verification.check import Check, failures
-from stickslip.workflows.lab.verification.registry import Case
+from stickslip.workflows.lab.verification.registry import Case, verify
 
 
 def right(method: str) -> list[Check]:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import Array, Bools
-from stickslip.geometry.size_field import SizeField
+from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.step_result import OPEN, StepResult
 from stickslip.solvers.simulation.simulation import Simulation

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.geometry.errors import FolderError, MachineError
-from stickslip.geometry.size_field import SizeField
+from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.accuracy.level import Level
 from stickslip.workflows.accuracy.round import Round

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from stickslip.geometry.errors import prefixed
-from stickslip.geometry.size_field import SizeField
+from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Seconds
 from stickslip.workflows.accuracy.standing import Standing

@@ -20,8 +20,8 @@ import numpy as np
 from stickslip.geometry.arrays import EXACT, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.memory import available, peak
+from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
 from stickslip.geometry.protocols import Comm
-from stickslip.geometry.size_field import SizeField, adapted, volumes
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.accuracy.next_order import AT_THE_EDGE
 from stickslip.solvers.accuracy.two_level import MeshCorrection

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from stickslip.geometry.size_field import SizeField
+from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.bodies import Bodies
 from stickslip.workflows.accuracy.rounds import Rounds

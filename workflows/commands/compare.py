@@ -1,36 +1,41 @@
-"""stickslip compare: two results side by side, on the terminal or as a page."""
+"""`stickslip compare`: two results side by side, on the terminal or as a page."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from rich.table import Table
+import typer
 
 from stickslip.geometry.errors import SceneError
 from stickslip.workflows.commands.process import speaks
-from stickslip.workflows.formats.aside import write_aside
-from stickslip.workflows.pictures.report_compare import compare, compare_page, unlike
-from stickslip.workflows.run.load import found
-from stickslip.workflows.run.terminal import console, print_table
 
 WIDE = 160  # letters
 
 
-def compare_folders(a: Path, b: Path, page: Path | None) -> None:
-    """Print the tables; with `page` write them there as well.
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="A", help="results of a run")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="results of another one")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.html", help="write them as a page too")
+    ] = None,
+) -> None:
+    """Lay the results of two runs side by side: what was asked differently, numbers with ±, prices."""
+    from rich.table import Table
 
-    Raises:
-        FolderError: there are no results to compare.
-        SceneError: a folder stands where the page is to be.
-    """
-    if page is not None and page.is_dir():
-        raise SceneError(f"{page}: is a folder; name a file for the page with -o")
+    from stickslip.workflows.formats.aside import write_aside
+    from stickslip.workflows.pictures import report_compare
+    from stickslip.workflows.run.load import found
+    from stickslip.workflows.run.terminal import console, print_table
+
+    if output is not None and output.is_dir():
+        raise SceneError(f"{output}: is a folder; name a file for the page with -o")
     first, second = found(a), found(b)
     out = console(WIDE, quiet=not speaks())
     out.print(f"A: {a}, {first.title}\nB: {b}, {second.title}")
-    if said := unlike(first, second):
+    if said := report_compare.unlike(first, second):
         out.print(said, soft_wrap=True)
-    for one in compare(first, second):
+    for one in report_compare.compare(first, second):
         table = Table(title=one.title, title_justify="left")
         for place, name in enumerate(one.head):
             table.add_column(name, justify="right" if place and len(one.head) > 3 else "left")
@@ -40,6 +45,6 @@ def compare_folders(a: Path, b: Path, page: Path | None) -> None:
             print_table(table, out)
         else:
             out.print(table)  # words are folded
-    if page is not None and speaks():
-        write_aside(page, compare_page(first, second).encode(), own=False)
-        out.print(f"wrote {page}")
+    if output is not None and speaks():
+        write_aside(output, report_compare.compare_page(first, second).encode(), own=False)
+        out.print(f"wrote {output}")

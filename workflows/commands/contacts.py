@@ -1,149 +1,34 @@
-"""`stickslip contacts` and `new --from`: pairs of faces that touch, listed, drawn, and as a scene."""
+"""`stickslip contacts`: list and draw the pairs of faces of an assembly that touch."""
 
 from __future__ import annotations
 
-import re
-import shutil
 from pathlib import Path
+from typing import Annotated
 
-import numpy as np
-from mpi4py import MPI
-from rich.table import Table
+import typer
 
-from stickslip.geometry.arrays import SLIGHT
-from stickslip.geometry.errors import FolderError, SceneError
-from stickslip.geometry.user_files.open_file import kind_of
-from stickslip.geometry.user_files.parts import FACET_WORD
-from stickslip.geometry.user_files.touching import joined
-from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.workflows.commands.new import refuse_name, write_new
-from stickslip.workflows.formats.aside import disk_errors
-from stickslip.workflows.formats.own_files import is_marked, listed, mark, move_own, remove_own
-from stickslip.workflows.run.collective import raise_together
-from stickslip.workflows.run.terminal import console, print_table
-from stickslip.workflows.scene_file.proposal import (
-    Assembly,
-    assembly,
-    from_geometry,
-    proposed_law,
-    scene_text,
-    side_names,
-)
-from stickslip.workflows.scene_file.read import find, named, read_geometry
-
-PICTURE = re.compile(r"\d+_\w+\.png")
+UnitOption = Annotated[
+    str | None,
+    typer.Option("--unit", metavar="UNIT", help="of the geometry file: mm, in, ... [STEP: mm; else the scene's]"),
+]
+UnitsOption = Annotated[
+    str | None, typer.Option("--units", metavar="UNITS", help="of the scene, such as mm-N-MPa [SI]")
+]
+WithinOption = Annotated[
+    float | None, typer.Option("--within", metavar="LENGTH", help="largest gap of a pair [.001 of the assembly's size]")
+]
 
 
-def list_contacts(source: str, unit: str | None, units: str | None, within: float | None, folder: Path | None) -> None:
-    """Print the pairs of a geometry file, or of a scene's, and draw each in a folder; collective.
+def contacts(
+    source: Annotated[str, typer.Argument(metavar="FILE", help="a geometry file, or a scene with one")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="for a picture of each pair [NAME_contacts]")
+    ] = None,
+    unit: UnitOption = None,
+    units: UnitsOption = None,
+    within: WithinOption = None,
+) -> None:
+    """List and draw the pairs of faces of an assembly that touch, or lie close to each other."""
+    from stickslip.workflows.commands._contacts import list_contacts
 
-    Raises:
-        FolderError: the folder exists, and has not been made here.
-    """
-    raise_together(MPI.COMM_WORLD, lambda: _list(source, unit, units, within, folder))
-
-
-def write_scene(path: Path, unit: str | None, units: str | None, within: float | None, target: Path) -> None:
-    """Write a scene for a geometry file; collective.
-
-    Raises:
-        SceneError: the target exists already, or does not end in .toml.
-        MachineError: it cannot be written.
-    """
-    raise_together(MPI.COMM_WORLD, lambda: _write(path, unit, units, within, target))
-
-
-def stem(path: Path) -> str:
-    """Name of a geometry file without its ending.
-
-    >>> stem(Path("a/pump.v2.step.gz"))
-    'pump.v2'
-    """
-    return Path(path.name.removesuffix(".gz")).stem
-
-
-def found_in(source: str, unit: str | None, units: str | None, within: float | None) -> Assembly:
-    """The pairs of a geometry file, or of a scene's file."""
-    if within is not None and not 0 <= within < np.inf:
-        raise SceneError(f"--within {within}: must be a number that is not negative")
-    path = Path(source)
-    if kind_of(path) is not None:
-        return assembly(path, unit, within, units or "SI")
-    if unit is not None:
-        raise SceneError(f"--unit {unit}: a scene has its own, geometry.length_unit")
-    if units is not None:
-        raise SceneError(f"--units {units}: a scene has its own, units")
-    model, geometry, of = read_geometry(source)
-    if not isinstance(geometry, UserFile):
-        raise SceneError(
-            f"{source}: a builder's bodies touch at the sides that the docs name; expected a geometry file"
-        )
-    with named(source):
-        return from_geometry(find(source), geometry, model, of, within)
-
-
-def _list(source: str, unit: str | None, units: str | None, within: float | None, folder: Path | None) -> None:
-    folder = folder or Path(f"{stem(Path(source))}_contacts")
-    if folder.exists() and not (is_marked(folder) and all(map(PICTURE.fullmatch, listed(folder)))):
-        raise FolderError(f"{folder}: exists already, and not from here; choose another folder with -o")
-    found, out = found_in(source, unit, units, within), console(160)
-    names, word = side_names(found), FACET_WORD[found.dim]
-    out.print(f"{len(found.outline.bodies)} bodies, {len(found.pairs)} pairs of sides that touch or nearly do")
-    for (one, other), faces in joined(found.outline).items():
-        out.print(f"{one} and {other} are joined at {word} {', '.join(map(str, faces))}: no contact can open there")
-    table = Table()
-    for head in ("pair", "kind", "side", f"{word}s", "against", f"{word}s"):
-        table.add_column(head)
-    for head in ("area [m²]" if found.dim == 3 else "length [m]", "gap [m]", "overlap [m]"):
-        table.add_column(found.units.label(head), justify="right")
-    table.add_column("proposed")
-    for k, pair in enumerate(found.pairs, start=1):
-        row = [str(k), pair.kind]
-        for side in (pair.one, pair.other):
-            row += [names[side], ", ".join(map(str, side.numbers))]
-        low, high = (pair.fit, pair.fit) if pair.exact else pair.gap
-        gap = f"{max(0.0, low):.3g}" + (f" to {high:.3g}" if high > max(0.0, low) else "")
-        # accuracy of a gap relative to it, from which on it is said
-        if not pair.exact and pair.accuracy > SLIGHT * max(-low, high):
-            gap += f" ± {pair.accuracy:.1g}"
-        table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposed_law(pair, found)[0])
-    if found.pairs:
-        print_table(table, out)
-        _draw(found, folder)
-        out.print(f"drawn in {folder}/")
-
-
-def _draw(found: Assembly, folder: Path) -> None:
-    """Draw each pair, and put the pictures in place of earlier ones when all are there; only here VTK is imported."""
-    from stickslip.workflows.pictures.pairs import draw_pair
-
-    names = side_names(found)
-    aside = folder.with_name(f".{folder.name}.part")
-    with disk_errors(folder):
-        shutil.rmtree(aside, ignore_errors=True)  # of a run that was killed
-        aside.mkdir()
-        mark(aside)
-        try:
-            for k, pair in enumerate(found.pairs, start=1):
-                sides = names[pair.one], names[pair.other]
-                draw_pair(aside / f"{k:02d}_{pair.one.body}_{pair.other.body}.png", found.outline, pair, sides)
-        except BaseException:
-            shutil.rmtree(aside, ignore_errors=True)
-            raise
-        for name in set(listed(folder)) - set(listed(aside)):
-            remove_own(folder, below=name)
-        move_own(aside, folder)
-
-
-def _write(path: Path, unit: str | None, units: str | None, within: float | None, target: Path) -> None:
-    if kind_of(path) is None:
-        raise SceneError(f"--from {path}: expected a geometry file: .step, .stp, .brep, .geo, .msh or .py")
-    refuse_name(target)
-    if target.exists():
-        raise SceneError(f"{target}: exists already; choose another name")
-    found = found_in(str(path), unit, units, within)
-    text = scene_text(found, target, units or "SI")
-    write_new(target, text)
-    out = console(160)
-    out.print(f"wrote {target}: {len(found.outline.bodies)} bodies, {len(found.pairs)} contacts")
-    out.print(f"change what holds and loads it, then solve it with: stickslip run {target}", soft_wrap=True)
+    list_contacts(source, unit, units, within, output)

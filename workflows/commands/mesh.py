@@ -1,125 +1,37 @@
-"""`stickslip mesh`: look at a scene's geometry and mesh, name its faces, edit it, write it."""
+"""`stickslip mesh`: look at a scene's geometry and mesh, without solving."""
 
 from __future__ import annotations
 
-import sys
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from mpi4py import MPI
-from rich.console import Console
-from rich.table import Table
+import typer
 
-from stickslip.geometry.errors import GeometryError, SceneError
-from stickslip.geometry.mesh.msh_file import write_msh
-from stickslip.geometry.shape import Model, Request, Shape
-from stickslip.geometry.units import SI, Units
-from stickslip.geometry.user_files.outline import Facets
-from stickslip.geometry.user_files.touching import touching
-from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.geometry.user_files.window import open_window
-from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.run.collective import raise_together
-from stickslip.workflows.run.mesh_report import look
-from stickslip.workflows.run.terminal import console, print_mesh, print_table
-
-ANNOUNCED = 10.0  # [s] of gmsh
+from stickslip.workflows.commands.options import SceneArgument, SetOption
+from stickslip.workflows.commands.process import speaks
 
 
-def announce(scene: Scene) -> None:
-    """Say on stderr how long gmsh takes, if that is long."""
-    request = scene.request()
-    seconds = scene.geometry.meshing_time(request)
-    if seconds > ANNOUNCED:
-        count = scene.geometry.cell_count(request)
-        print(f"gmsh makes about {count:.1g} cells, in up to {seconds / 60:.1f} minutes ...", file=sys.stderr)
+def mesh(
+    scene: SceneArgument,
+    override: SetOption = None,
+    gui: Annotated[bool, typer.Option("--gui", help="open the geometry in gmsh's window")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="bodies, sides, and numbered faces in a picture")] = False,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE.msh", help="write the mesh")] = None,
+) -> None:
+    """Mesh a scene and judge its mesh, without solving."""
+    from stickslip.workflows.commands._mesh import announce, edit, list_entities, report
+    from stickslip.workflows.scene_file.read import find, named, read, read_geometry
 
-
-def report(scene: Scene, target: Path | None) -> None:
-    """Mesh the scene, print the mesh report, and write the mesh if there is a target; collective.
-
-    Raises:
-        SceneError: `target` does not end in .msh, or is the file that the scene reads.
-        MachineError: the file cannot be written.
-    """
-    if target is not None and target.suffix != ".msh":
-        raise SceneError(f"-o {target}: expected a file that ends in .msh")
-    read = Path(scene.geometry.file) if isinstance(scene.geometry, UserFile) else None
-    if target is not None and read is not None and target.exists() and target.samefile(read):
-        raise SceneError(f"-o {target}: is the file that the scene reads; choose another name")
-    out = _console()
-    print_mesh(look(scene)[0], out)
-    if target is not None:
-        raise_together(MPI.COMM_WORLD, lambda: write_msh(scene.geometry, scene.request(), target))
-        of = scene.labels
-        out.print(f"wrote {target}, in {'metres' if of.length == 'm' else of.length}")
-
-
-def edit(geometry: Shape, model: Model) -> None:
-    """Open gmsh's window on rank 0; collective."""
-    raise_together(MPI.COMM_WORLD, lambda: open_window(geometry, Request(model=model)))
-
-
-def list_entities(geometry: Shape, model: Model, units: Units, picture: Path) -> None:
-    """List bodies, sides, and every face or edge of a user's file, in a table and in a picture; collective."""
-    raise_together(MPI.COMM_WORLD, lambda: _list(geometry, 3 if model == "3d" else 2, units, picture, _console()))
-
-
-def _console() -> Console:
-    return console(160, quiet=MPI.COMM_WORLD.rank > 0)
-
-
-def _list(geometry: Shape, dim: int, units: Units, picture: Path, out: Console) -> None:
-    if isinstance(geometry, UserFile):
-        geometry = _without_wrong_names(geometry, dim, out)
-    for body, sides in geometry.bodies(dim).items():
-        out.print(f"body {body}: sides {', '.join(f'{body}.{side}' for side in sides) or '-'}")
-    if not isinstance(geometry, UserFile):
-        out.print("a builder's sides have names only; numbers are those of CAD files")
-        return
-    outline, word = geometry.outline(dim), "face" if dim == 3 else "edge"
-    meets: dict[int, list[str]] = {}
-    for pair in touching(outline, dim):
-        for side, partner in ((pair.one, pair.other), (pair.other, pair.one)):
-            for number in side.numbers:
-                meets.setdefault(number, []).append(partner.body)
-    table = Table()
-    size = "area [m²]" if dim == 3 else "length [m]"
-    for head in (word, "body", "side", "touches", "name in the file", size, "centre [m]", "box [m]"):
-        table.add_column(units.label(head))
-    for facets in outline.entities:
-        number, partners = facets.number, dict.fromkeys(meets.get(facets.number, ["-"]))
-        words = (", ".join(facets.bodies) or "-", outline.side_of.get(number, "-"), ", ".join(partners))
-        table.add_row(str(number), *words, facets.name or "-", *_measures(facets))
-    print_table(table, out)
-    draw_picture(picture, outline.entities, Path(geometry.file).name, units)
-    out.print(f"drawn in {picture}")
-
-
-def _without_wrong_names(geometry: UserFile, dim: int, out: Console) -> UserFile:
-    """The file without `geometry.names` if these are wrong, with a warning: the user lists numbers to correct them."""
-    try:
-        geometry.outline(dim)
-    except GeometryError as error:
-        if not geometry.names:
-            raise
-        out.print(f"warning: {error}; listed without geometry.names", soft_wrap=True)
-        return replace(geometry, names={})
-    return geometry
-
-
-def _measures(facets: Facets) -> tuple[str, str, str]:
-    low, high = facets.box
-    return f"{facets.size:.4g}", _vector(facets.centre), f"{_vector(low)} to {_vector(high)}"
-
-
-def _vector(x: Any) -> str:
-    return ", ".join(f"{value + 0.0:.4g}" for value in x.round(12))
-
-
-def draw_picture(picture: Path, entities: tuple[Facets, ...], title: str, units: Units = SI) -> None:
-    """Draw the numbered faces or edges; only this function imports VTK."""
-    from stickslip.workflows.pictures.numbered import draw_numbers
-
-    draw_numbers(picture, entities, title, units)
+    if listed or gui:
+        model, geometry, units = read_geometry(scene, override or ())
+        with named(scene, override or ()):
+            if listed:
+                list_entities(geometry, model, units, Path(f"{find(scene).stem}_faces.png"))
+            if gui:
+                edit(geometry, model)
+    if output is not None or not (listed or gui):
+        loaded = read(scene, override or ())
+        if speaks():
+            announce(loaded)
+        with named(scene, override or ()):
+            report(loaded, output)

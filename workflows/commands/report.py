@@ -1,24 +1,29 @@
-"""stickslip report: pages of results that are there."""
+"""`stickslip report`: a page of results that are there."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from stickslip.geometry.errors import SceneError
 from stickslip.workflows.commands.process import speaks
-from stickslip.workflows.pictures.report_page import NAME, write_report
-from stickslip.workflows.run.load import found
 
 
-def report(folder: Path, path: Path | None) -> Path:
-    """Write the page of a results folder, by default into it; that of a run without an end is found as well.
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="results of a run")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.html", help="[FOLDER/report.html]")
+    ] = None,
+) -> None:
+    """Make a page of a run's results: numbers, pictures, cost, audit, the bodies in 3D; it opens without a network."""
+    from stickslip.workflows.pictures.report_page import NAME, write_report
+    from stickslip.workflows.run.load import found
 
-    Raises:
-        FolderError: there are no results.
-        SceneError: a folder stands where the page is to be.
-    """
-    results = found(folder)
-    path = path or results.folder / NAME
-    if path.is_dir():
-        raise SceneError(f"{path}: is a folder; name a file for the page with -o")
-    return write_report(results, path) if speaks() else path
+    results = found(folder)  # that of a run without an end is found as well
+    page = output or results.folder / NAME
+    if page.is_dir():
+        raise SceneError(f"{page}: is a folder; name a file for the page with -o")
+    if speaks():
+        typer.echo(f"wrote {write_report(results, page)}")

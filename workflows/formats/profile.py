@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from stickslip.solvers.parallel.clock import PHASES, Row
+from stickslip.solvers.parallel.counters import PHASES, Row
 
 HEAD = ("phase", "seconds", "share", "calls", "volume solves")
 REFERENCE = "linear_reference"

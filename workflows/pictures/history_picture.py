@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import ROUNDING, Array
-from stickslip.geometry.builders.sides import modelled
+from stickslip.geometry.builders.builder import modelled
 from stickslip.geometry.keys import Key
 from stickslip.geometry.obstacles.obstacle import AXES
 from stickslip.solvers.results.step_result import SLIP, STICK

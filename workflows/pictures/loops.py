@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 
 from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array
-from stickslip.geometry.obstacles.rotation import unit
+from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.pictures.sheet import COLOURS, INK, PALE, Sheet, frame
 

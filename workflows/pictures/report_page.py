@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 
-from stickslip.geometry.builders.sides import modelled
+from stickslip.geometry.builders.builder import modelled
 from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import SI
 from stickslip.workflows.formats.aside import write_aside

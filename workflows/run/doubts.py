@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints
-from stickslip.geometry.small_matrices import inverse_and_determinant
+from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, inverse_and_determinant
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.resolution import elements_touched, unresolved
 from stickslip.solvers.contact.rows import ContactRows

@@ -13,9 +13,9 @@ from scipy.sparse.csgraph import dijkstra
 
 from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
 from stickslip.geometry.arrays import ROUNDING, Bools
+from stickslip.geometry.mesh.cell_quality import worst_quality
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh.nodes import Nodes
-from stickslip.geometry.mesh.quality import worst_quality
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.geometry.units import Units
 from stickslip.solvers.accuracy.resolution import faced
@@ -124,7 +124,7 @@ def report_mesh(scene: Scene, mesh: Mesh, nodes: int, contacts: Sequence[Contact
     return MeshReport(
         cells=int(mesh.domain.topology.index_map(mesh.dim).size_global),
         nodes=nodes,
-        worst_quality=worst_quality(mesh),
+        worst_quality=worst_quality(mesh.domain, mesh.degree),
         contacts={c.name: _report_contact(scene, c, size) for c in contacts},
         plane=scene.model.startswith("plane"),
         units=scene.units,

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from stickslip.solvers.parallel.clock import Clock
+from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.stepping.history import HistoryTuple
 from stickslip.workflows.formats.own_files import claim

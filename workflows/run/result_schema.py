@@ -13,7 +13,7 @@ from typing_extensions import TypedDict, is_typeddict
 
 from stickslip.geometry.keys import Key
 from stickslip.geometry.units import SI, Units
-from stickslip.solvers.newton.solution import Convergence
+from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.results.audit import Audit
 from stickslip.solvers.results.linear_reference import LinearReference
 from stickslip.solvers.stepping.method_chain import Switch

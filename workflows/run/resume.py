@@ -12,7 +12,7 @@ from typing import Any
 from stickslip import VERSION
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.geometry.errors import DamagedError, FolderError, MachineError
-from stickslip.solvers.parallel.clock import Row
+from stickslip.solvers.parallel.counters import Row
 from stickslip.solvers.parallel.serialise import broadcast, deserialise
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene

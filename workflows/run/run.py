@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from stickslip.geometry.errors import MachineError, SceneError
-from stickslip.geometry.size_field import SizeField
-from stickslip.solvers.parallel.clock import Row
-from stickslip.solvers.parallel.counters import Counters
+from stickslip.geometry.mesh_sizes import SizeField
+from stickslip.solvers.parallel.counters import Counters, Row
 from stickslip.solvers.parallel.serialise import serialise
 from stickslip.solvers.results.error_parts import Errors
 from stickslip.solvers.results.linear_reference import LinearReference, linear_reference

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterator, Mapping
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from stickslip.workflows.scene_file.read import to_dict
 
 # keys of a scene that do not change the answer of a mesh: title, labels, output, references, the limit of iterations
 DECIDES_NOTHING = ("title", "units", "output", "exact", "accuracy", "solver.max_iterations")
+
+WRITTEN_OUT = 6  # rows of a list that a refusal has room for
 
 
 def identity(scene: Scene, without: Collection[str]) -> dict[str, Any]:
@@ -50,9 +53,12 @@ def refuse_changes(before: Mapping[str, Any], now: Mapping[str, Any], target: Pa
 
 
 def _changes(before: Any, now: Any, at: tuple[str, ...]) -> Iterator[tuple[str, Any, Any]]:
-    """Keys whose values differ, and both values; None where a key is absent."""
+    """Keys whose values differ, and both values, None where a key is absent; of long lists the rows that differ."""
     if isinstance(before, Mapping) and isinstance(now, Mapping):
         for key in dict.fromkeys([*before, *now]):
             yield from _changes(before.get(key), now.get(key), (*at, key))
+    elif isinstance(before, list) and isinstance(now, list) and max(len(before), len(now)) > WRITTEN_OUT:
+        rows = enumerate(zip_longest(before, now))
+        yield from ((f"{'.'.join(at)}, row {row}", *pair) for row, pair in rows if pair[0] != pair[1])
     elif before != now:
         yield ".".join(at), before, now

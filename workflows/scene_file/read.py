@@ -185,7 +185,7 @@ def kinds_of_keys() -> dict[str, Any]:
 
 
 def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:
-    """Validate parsed TOML; `folder` is where a relative `geometry.file` begins, by default the working folder.
+    """Validate parsed TOML; `folder` is where relative paths of files begin, by default the working folder.
 
     Raises:
         SceneError: of each mistake key, what was found, what is expected, the nearest valid name.
@@ -223,10 +223,10 @@ def _from_dict(data: Mapping[str, Any], folder: Path) -> Scene:
                 raise SceneError(f"{key}: unknown key; {nearest(key, known | set(sections))}")
             if key == "geometry":
                 kinds[key], value = _geometry(value, folder)
-            values[key] = _output(value) if key == "output" else parse(kinds[key], value, (key,))
+            values[key] = _output(value) if key == "output" else parse(kinds[key], _beside(folder, value), (key,))
     for key in [key for key in data if key in sections]:
         with mistakes:
-            values["sections"][key] = parse(sections[key], data[key], (key,))
+            values["sections"][key] = parse(sections[key], _beside(folder, data[key]), (key,))
     for key in [key for key in REQUIRED if key not in core]:
         with mistakes:
             raise SceneError(f"{key}: missing, every scene needs it")
@@ -252,6 +252,16 @@ def _geometry(table: Any, folder: Path) -> tuple[Any, Any]:
         key = min(free)
         raise SceneError(f"geometry.{key}: unknown key; {nearest(key, known)}")
     return UserFile, {**table, "file": str(path.absolute()) if isinstance(table["file"], str) else table["file"]}
+
+
+def _beside(folder: Path, value: Any) -> Any:
+    """The value of a key with the paths of CSV files beginning in a folder."""
+    if isinstance(value, list):
+        return [_beside(folder, item) for item in value]
+    if not isinstance(value, Mapping):
+        return value
+    table = {key: _beside(folder, item) for key, item in value.items()}
+    return {**table, "csv": str(folder / table["csv"])} if isinstance(table.get("csv"), str) else table
 
 
 def _output(table: Any) -> Output:
@@ -296,7 +306,7 @@ def with_keys(scene: Scene, values: Mapping[str, Any], folder: Path | None = Non
     """The scene with other values of keys, dotted as in `--set`; it is judged when all are put.
 
     Args:
-        folder: where a relative `geometry.file` begins, by default the working folder.
+        folder: where relative paths of files begin, by default the working folder.
 
     Raises:
         SceneError: an unknown key, or a value that it refuses.

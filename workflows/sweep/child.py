@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from stickslip.geometry.errors import StickslipError
-from stickslip.geometry.user_files.child import end_with
+from stickslip.geometry.user_files.child_process import end_with
 from stickslip.solvers.simulation.bodies import Bodies
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.regular import read_json

@@ -23,7 +23,7 @@ from typing import Any
 
 from stickslip.geometry.errors import FolderError, SceneError
 from stickslip.geometry.protocols import DataFrame
-from stickslip.geometry.user_files.child import run_child
+from stickslip.geometry.user_files.child_process import run_child
 from stickslip.solvers.results.step_result import data_frame
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import disk_errors, write_aside

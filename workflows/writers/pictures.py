@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from stickslip.geometry.builders.sides import modelled
+from stickslip.geometry.builders.builder import modelled
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.writers.writer import Ended, Turn, Writer

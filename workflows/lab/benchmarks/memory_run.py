@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from stickslip.geometry.memory import peak
-from stickslip.solvers.parallel.clock import Clock
+from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.simulation.memory import Counts, Demand
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Size

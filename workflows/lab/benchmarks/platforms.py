@@ -20,7 +20,7 @@ import numpy as np
 
 import stickslip
 from stickslip.geometry.dolfinx_versions import DOLFINX
-from stickslip.geometry.mesh.msh_file import write_msh
+from stickslip.geometry.mesh.mesh import write_msh
 
 PLANE = ["block", "cylinders", "shrink_fit", "two_blocks", "stack", "axisymmetric", "half_disc"]
 SCENES = [*PLANE, "cube", "half_ball", "sphere"]

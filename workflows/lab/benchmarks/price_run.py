@@ -19,8 +19,7 @@ from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.memory import peak
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.linear.multigrid import HYPRE
-from stickslip.solvers.parallel.clock import Clock
-from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.counters import Clock, Counters
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from stickslip.geometry.memory import peak
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
@@ -28,7 +29,6 @@ from stickslip.geometry.mesh.mesh import build_mesh, mesh_shape
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.parallel.petsc_log import begin_log, logged
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import planned
@@ -38,6 +38,36 @@ from stickslip.solvers.system.system import assemble, contact_rows
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.workflows.lab.benchmarks.scaling_messages import counted
 from stickslip.workflows.scene_file.read import read
+
+
+@dataclass(frozen=True)
+class Event:
+    """One event of PETSc so far on this rank, what it called included; two of them can be subtracted."""
+
+    calls: float
+    seconds: float  # wall time [s]
+    messages: float
+    bytes: float  # of the messages
+
+    def __sub__(self, earlier: Event) -> Event:
+        return Event(
+            self.calls - earlier.calls,
+            self.seconds - earlier.seconds,
+            self.messages - earlier.messages,
+            self.bytes - earlier.bytes,
+        )
+
+
+def begin_log() -> None:
+    """Start PETSc's log; events before this call are not in it."""
+    PETSc.Log.begin()
+
+
+def logged(name: str) -> Event:
+    """The event of that name, such as MatMult, in the current stage."""
+    found = PETSc.Log.Event(name).getPerfInfo()
+    return Event(*(float(found[key]) for key in ("count", "time", "numMessages", "messageLength")))
+
 
 EVENTS = ("MatMult", "PCApply", "VecScatterBegin")
 PARTS = {  # of an iteration, by the functions whose time they are, what these call included

@@ -1,87 +1,51 @@
-"""`stickslip verify`: solve the verification problems with every method, and hold computed against expected figures."""
+"""`stickslip verify`: verification problems, and the suites hard, accuracy and effects."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated
 
-from rich.console import Console
-from rich.table import Table
+import typer
 
-from stickslip.geometry.errors import SceneError, StickslipError, nearest
-from stickslip.workflows.lab.verification.check import Check
-from stickslip.workflows.lab.verification.registry import CASES
-
-Row = tuple[str, str, Check]  # case, method, result
+from stickslip.geometry.errors import SceneError
 
 
-def verify(names: Sequence[str], every_row: bool = False) -> bool:
-    """Run the named problems, or all if no name is given, and print a line of each, and its figures that fail.
+def verify(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="cases [all]; or the suite: hard, accuracy, effects")
+    ] = None,
+    rows: Annotated[bool, typer.Option("--rows", help="print all figures, not only those that fail")] = False,
+    number: Annotated[int, typer.Option("--number", help="hard: number of variations")] = 2000,
+    seed: Annotated[int, typer.Option("--seed", help="hard: of their order and random numbers")] = 0,
+    scenes: Annotated[
+        str, typer.Option("--scenes", metavar="NAME,NAME", help="suites: these scenes (effects) only [all]")
+    ] = "",
+    jobs: Annotated[int, typer.Option("--jobs", help="suites: number of processes")] = 1,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="suites: write NAME.md, .png, .jsonl there")
+    ] = None,
+    again: Annotated[
+        bool, typer.Option("--again", help="hard: of the run in DIR, judge again only what was not solved")
+    ] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="hard: go on with the run in DIR that was ended")] = False,
+) -> None:
+    """Compare figures with closed forms and published values; or run a suite: hard, accuracy, effects."""
+    from stickslip.workflows.lab.verification import registry
+    from stickslip.workflows.lab.verification.accuracy.run import accuracy
+    from stickslip.workflows.lab.verification.effects.run import effects
+    from stickslip.workflows.lab.verification.hard.run import hard
 
-    Args:
-        every_row: print all figures.
-
-    Returns:
-        Whether every check passed.
-
-    Raises:
-        SceneError: a verification problem of that name does not exist.
-    """
-    for name in names:
-        if name not in CASES:
-            raise SceneError(f"{name}: no such verification problem; {nearest(name, CASES)}")
-    console = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 160)
-    total, failed = 0, 0
-    for name in dict.fromkeys(names or CASES):
-        rows = list(solve(name))
-        wrong = [row for row in rows if not row[2].passed]
-        console.print(line(name, len(rows), len(wrong)), soft_wrap=True)
-        if shown := rows if every_row else wrong:
-            console.print(table(shown, CASES[name].about))
-        total += len(rows)
-        failed += len(wrong)
-    console.print(f"{failed} of {total} checks failed" if failed else f"all {total} checks passed")
-    return failed == 0
-
-
-def line(name: str, count: int, failed: int) -> str:
-    """What is said of a problem.
-
-    >>> line("zeros", 9, 2)
-    'zeros              2 of 9 FAILED  no force, friction, increment, bound or touch: nothing changes'
-    """
-    said = f"{failed} of {count} FAILED" if failed else f"{count} passed"
-    return f"{name:<{max(map(len, CASES))}}  {said:>14}  {CASES[name].about}"
-
-
-def solve(name: str) -> Iterator[Row]:
-    """The checks of one problem with its methods; a method that raises an error yields one failed check with it."""
-    for method in CASES[name].methods:
-        try:
-            for check in CASES[name].checks(method):
-                yield name, method, check
-        except StickslipError as error:
-            yield name, method, Check(f"not solved: {error}", float("nan"), 0.0, 0.0, relative=False)
-
-
-def table(rows: Sequence[Row], about: str) -> Table:
-    """Rows as a rich table."""
-    drawn = Table(title=about, title_justify="left")
-    for heading in ("case", "quantity", "method"):
-        drawn.add_column(heading, overflow="fold")
-    for heading in ("computed", "reference", "deviation", "allowed", "pass"):
-        drawn.add_column(heading, justify="right", no_wrap=True)
-    for name, method, check in rows:
-        kind = "rel" if check.relative else "abs"
-        drawn.add_row(
-            name,
-            check.name,
-            method,
-            f"{check.computed:.9g}",
-            f"{check.reference:.9g}",
-            f"{check.deviation:.1e} {kind}",
-            f"{check.tolerance:.1e}",
-            "yes" if check.passed else "NO",
-            style=None if check.passed else "bold red",
-        )
-    return drawn
+    only = [name for name in scenes.split(",") if name]
+    for suite in ("hard", "accuracy", "effects"):
+        if suite in (names or []) and names != [suite]:
+            raise SceneError(f"verify {suite}: takes no other name beside it")
+    if names == ["hard"]:
+        passed = hard(only, number, seed, jobs, output, again, resume)
+    elif names == ["accuracy"]:
+        passed = accuracy(only, jobs, output)
+    elif names == ["effects"]:
+        passed = effects(only, output)
+    else:
+        passed = registry.verify(names or [], rows)
+    if not passed:
+        raise typer.Exit(1)

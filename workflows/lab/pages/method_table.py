@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.method import Applicability
 
 PAGE = Path(__file__).absolute().parents[4] / "docs" / "theory" / "methods.md"
 COLUMNS = ("normal laws", "friction", "operators", "bodies", "`solver.surface`")

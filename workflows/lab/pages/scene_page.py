@@ -11,8 +11,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.builders import Builder
-from stickslip.geometry.components import Components
-from stickslip.geometry.keys import ByKeys, Choice, Key, Noun
+from stickslip.geometry.keys import ByKeys, Choice, Components, Key, Noun
 from stickslip.geometry.user_files.user_file import Box, UserFile
 from stickslip.solvers.effects import EFFECTS
 from stickslip.solvers.scene.scene import Scene
@@ -25,8 +24,10 @@ HEAD = """# Scene file, version 1
 
 Generated from the dataclasses; do not edit. Every table and key that a scene may hold; unknown ones are refused.
 A *value in time* is a number, reached at `steps.end` from 0 at t = 0, or a table `[[time, value], ...]`: piecewise
-linear, constant after the last, 0 at t = 0 unless listed. Units are those that `units` names, SI without it; no
-number is converted, and the tables here say that of the SI. Plane models: forces and areas per metre of thickness.
+linear, constant after the last, 0 at t = 0 unless listed; or `{ csv = "pressure.csv", time = "t", column = "p" }`: such
+a table from two columns of a CSV file, relative to the scene file, whose first line names the columns. Units are those
+that `units` names, SI without it; no number is converted, and the tables here say that of the SI. Plane models: forces
+and areas per metre of thickness.
 
 An *expression* is a formula in quotes, such as `"-0.2*E*sin(pi*x/2)"`: numbers, `+ - * / **`, parentheses; `x`, `y`,
 `z` [m] of the undeformed body, `t` [s], `pi`, `E` [Pa] and `nu` of the body, or its constants by axis; `sin cos tan exp

@@ -18,8 +18,7 @@ from scipy import sparse
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.mesh.mesh import build_mesh
-from stickslip.solvers.classical.gram import GramMetric, contact_last, drop_of, volume_gram
-from stickslip.solvers.classical.incomplete_cholesky import incomplete_cholesky
+from stickslip.solvers.classical.gram_uzawa import GramMetric, contact_last, drop_of, incomplete_cholesky, volume_gram
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.prepare import prepare_surface

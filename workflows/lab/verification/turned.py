@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.expression import Varying
-from stickslip.geometry.obstacles.obstacle import AXES, Obstacle
+from stickslip.geometry.obstacles.obstacle import AXES, Obstacle, unit
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.geometry.obstacles.rotation import unit
 from stickslip.solvers.scene.loads import Direction
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.system.system import System

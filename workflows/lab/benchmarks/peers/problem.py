@@ -11,7 +11,7 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, value_at
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.mesh.msh_file import write_msh
+from stickslip.geometry.mesh.mesh import write_msh
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.scene.material import Material
 from stickslip.workflows.lab.benchmarks.price_run import Case

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Stick

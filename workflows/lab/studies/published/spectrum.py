@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.schur_complement import CondensedSurface
-from stickslip.solvers.metrics.surface_metric import surface_metric
+from stickslip.solvers.metrics import surface_metric
 from stickslip.workflows.lab.studies import gram
 from stickslip.workflows.lab.studies.published.finding import Row
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stickslip.geometry.builders.two_blocks import TwoBlocks
+from stickslip.geometry.builders.blocks import TwoBlocks
 from stickslip.solvers.effects.bolts import Bolt
 from stickslip.solvers.effects.remote_points import RemotePoint
 from stickslip.solvers.scene.contact import Contact

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.cylinders import Cylinders
+from stickslip.geometry.builders.domes import Cylinders
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.results.step_result import ContactState
 from stickslip.solvers.scene.contact import Contact

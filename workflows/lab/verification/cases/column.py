@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.method_registry import METHODS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.effects.elastic_support import ElasticSupport
 from stickslip.solvers.scene.contact import Contact

@@ -14,13 +14,11 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
-from stickslip.geometry.builders.half_ball import HalfBall
-from stickslip.geometry.builders.half_disc import HalfDisc
+from stickslip.geometry.builders.domes import HalfBall, HalfDisc
 from stickslip.geometry.builders.half_space import HalfSpace
 from stickslip.geometry.obstacles import Obstacle
-from stickslip.geometry.obstacles.cylinder import Cylinder
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.geometry.obstacles.sphere import Sphere
+from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.shape import Model
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.scene.contact import Contact

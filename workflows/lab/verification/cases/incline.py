@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.effects.gravity import Gravity

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.method_registry import METHODS

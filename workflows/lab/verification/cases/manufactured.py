@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.fem.terms import LoadTerm
 from stickslip.solvers.laws.compliance import Compliance

@@ -9,10 +9,9 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.blocks import TwoBlocks
 from stickslip.geometry.builders.builder import Builder
-from stickslip.geometry.builders.cylinders import Cylinders
-from stickslip.geometry.builders.spheres import Spheres
-from stickslip.geometry.builders.two_blocks import TwoBlocks
+from stickslip.geometry.builders.domes import Cylinders, Spheres
 from stickslip.geometry.shape import Model
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.results.step_result import StepResult

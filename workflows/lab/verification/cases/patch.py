@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.two_blocks import TwoBlocks
+from stickslip.geometry.builders.blocks import TwoBlocks
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.contact import Contact

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb

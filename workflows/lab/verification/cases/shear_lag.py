@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.friction import Coulomb, Tresca

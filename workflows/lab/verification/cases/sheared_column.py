@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.effects.periodic import Periodic
 from stickslip.solvers.laws.compliance import Compliance

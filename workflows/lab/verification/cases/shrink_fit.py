@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.rings import Rings
+from stickslip.geometry.builders.ring import Rings
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.unilateral import Unilateral
 from stickslip.solvers.scene.contact import Contact

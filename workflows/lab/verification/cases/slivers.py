@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.results.step_result import StepResult

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.builders.ring import Ring
 from stickslip.geometry.shape import Model
 from stickslip.solvers.effects.centrifugal import Centrifugal

@@ -10,7 +10,7 @@ from dataclasses import fields
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude
-from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.laws.friction import Coulomb, Tresca
 from stickslip.solvers.laws.law import FrictionLaw

@@ -79,7 +79,7 @@ EFFECTS: Mapping[str, Part] = {
     "friction": Part(base="tilted, 3D", calls=touching(3, friction=COULOMB), serves=("solvers/laws/friction.py",)),
     "quasistatic": Part(base="held, 2D", calls=STEPS),
     "multibody": Part(calls=TWO_BLOCKS, serves=("solvers/contact/mortar.py", "solvers/contact/node_to_facet.py")),
-    "sliding": Part(calls=SLIDING, serves=("solvers/stepping/sliding.py",)),
+    "sliding": Part(calls=SLIDING, serves=("solvers/stepping/pairs.py",)),
     "gravity": Part(calls={"gravity": {"acceleration": [0.0, -9.81]}}),
     "body_force": Part(calls={"body_force": {"block": {"force": ["sin(pi*x)", 0.0]}}}),
     "centrifugal": Part(calls={"centrifugal": {"speed": 1.0}}),
@@ -127,12 +127,12 @@ EFFECTS: Mapping[str, Part] = {
                 }
             }
         },
-        serves=("solvers/scene/orthotropic.py", "solvers/metrics/half_plane.py"),
+        serves=("solvers/scene/orthotropic.py", "solvers/metrics.py"),
     ),
 }  # fmt: skip
 
 NEEDS: Tables = {"compliance": {"normal": SOFT}}  # laws that need more of the contact
-WEAKENS = ("solvers/laws/slip_dependent.py", "solvers/stepping/slip_dependence.py")
+WEAKENS = ("solvers/laws/slip_dependent.py", "solvers/stepping/law_memory.py")
 LAWS: Mapping[str, Part] = {
     law: Part(
         base=f"rubbing, {dim}D",

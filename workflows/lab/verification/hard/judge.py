@@ -13,8 +13,8 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import GeometryError, SceneError, StickslipError
 from stickslip.solvers.interface.limit_analysis import Balance
+from stickslip.solvers.iteration import Status
 from stickslip.solvers.method_registry import Solver
-from stickslip.solvers.newton.solution import Status
 from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.results.stored_fields import Record

@@ -1,0 +1,208 @@
+"""Facets that stand for a curved surface: their normals, quadratic ones, and how far the surface bulges out of them.
+
+Between two nodes at a distance L, with the unit tangents t_a and t_b of a curve, its middle lies L/8 (t_a - t_b) beside
+that of the chord, and 2/3 of it is the mean along the chord. With the unit normals n_a and n_b of a surface an edge
+e bulges by (n_b - n_a) . e / 8 along their mean; a facet with curved edges bulges by a third of their sum in the mean.
+
+Tangents and normals are those of the CAD kernel; where it has none, those of the facets around a node.
+
+Source: of curves Hermite's cubic; of surfaces Vlachos, Peters, Boyd & Mitchell, Proc. I3D (2001).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stickslip.geometry.arrays import ROUNDING, Array, Ints
+from stickslip.geometry.protocols import Gmsh
+
+
+def normals_of(c: Array) -> Array:
+    """Normals (f, 3) of facets with corners (f, k, 3), as long as their area; of edges in the plane z = 0."""
+    if c.shape[1] == 2:
+        along = c[:, 1] - c[:, 0]
+        return np.stack([along[:, 1], -along[:, 0], 0 * along[:, 2]], axis=1)
+    if c.shape[1] == 3:
+        return np.asarray(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]) / 2)
+    return np.asarray(np.cross(c[:, 2] - c[:, 0], c[:, 3] - c[:, 1]) / 2)
+
+
+def edge_middles(corners: Array) -> Array:
+    """Middles (f, 3, 3) of the edges of triangles (f, 3, 3), opposite each corner; (f, 1, 3) of edges (f, 2, 3)."""
+    if corners.shape[1] == 2:
+        return np.asarray(corners.mean(axis=1, keepdims=True))
+    return np.asarray((corners[:, [1, 2, 0]] + corners[:, [2, 0, 1]]) / 2)
+
+
+def curved(corners: Array, bulge: Array, at: Array) -> tuple[Array, Array]:
+    """Points (p, 3) and unit normals (p, 3) of quadratic facets, one each.
+
+    Args:
+        corners: (p, k, 3), of edges or triangles.
+        bulge: (p, e, 3) from the middle of each edge, opposite corner i, to the facet; zero: it is straight.
+        at: barycentric coordinates (p, k).
+    """
+    if corners.shape[1] == 2:
+        points = np.einsum("pk,pkd->pd", at, corners) + 4 * (at[:, :1] * at[:, 1:]) * bulge[:, 0]
+        along = corners[:, 1] - corners[:, 0] + 4 * (at[:, :1] - at[:, 1:]) * bulge[:, 0]
+        normals = np.stack([along[:, 1], -along[:, 0], 0 * along[:, 2]], axis=1)
+    else:
+        following, last = np.roll(at, -1, axis=1), np.roll(at, -2, axis=1)
+        points = np.einsum("pk,pkd->pd", at, corners) + 4 * np.einsum("pk,pkd->pd", following * last, bulge)
+        by = [corners[:, i] + 4 * (at[:, [j]] * bulge[:, k] + at[:, [k]] * bulge[:, j])
+              for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))]  # fmt: skip
+        normals = np.cross(by[1] - by[0], by[2] - by[0])
+    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+FLAT = ("Line", "Plane")  # entities as gmsh calls them
+CORNERS = {1: 2, 2: 3, 3: 4}  # of gmsh's lines, triangles and quadrilaterals of order 1
+AROUND = {2: ((0, 1), (1, 2), (2, 0)), 3: ((0, 1), (1, 2), (2, 3), (3, 0))}  # edges of facets in 3D
+ALIKE = 0.5  # cosine between a kernel's direction and that of the facets; where it is less, the kernel's has no meaning
+
+
+@dataclass(frozen=True)
+class Bulging:
+    """Facets on curved surfaces; in 3D also edges on curved lines. Nodes are those of the gmsh model, from 0."""
+
+    facets: Ints  # (f, k) their corners, sorted; in 3D -1 before those of triangles, k = 4
+    out: Array  # (f, d) [m] mean of where the surface lies, minus that of the facet
+    edges: Ints  # (e, 2) their ends, sorted
+    beside: Array  # (e, d) [m] mean of where the line lies, minus that of the edge
+
+    @staticmethod
+    def none(dim: int) -> Bulging:
+        """Nothing is curved."""
+        corners = 2 if dim == 2 else 4
+        return Bulging(
+            np.zeros((0, corners), np.int64), np.zeros((0, dim)), np.zeros((0, 2), np.int64), np.zeros((0, dim))
+        )
+
+    def among(self, nodes: Ints) -> Bulging:
+        """What has only some nodes (n,), in increasing order, numbered by their places there."""
+        facets, out = _renumbered(self.facets, self.out, nodes)
+        return Bulging(facets, out, *_renumbered(self.edges, self.beside, nodes))
+
+    def times(self, unit: float) -> Bulging:
+        """Lengths in another unit."""
+        return replace(self, out=unit * self.out, beside=unit * self.beside)
+
+    def __bool__(self) -> bool:
+        return len(self.facets) > 0
+
+
+def find_bulging(gmsh: Gmsh, dim: int, unit: float) -> Bulging:
+    """Bulging facets and edges of the mesh of the current gmsh model, of order 1; none of a higher order.
+
+    Args:
+        unit: length of the gmsh model's unit [m].
+    """
+    none, entities = Bulging.none(dim), [entity for d in range(1, dim) for entity in gmsh.model.getEntities(d)]
+    curved = [(d, tag) for d, tag in entities if _may_bulge(gmsh, d, tag)]
+    if not curved:
+        return none
+    points = _points(gmsh)
+    curves = [_of_curve(gmsh, tag, points) for d, tag in curved if d == 1]
+    surfaces = [_of_surface(gmsh, tag, points) for d, tag in curved if d == 2]
+    edges, beside = (np.concatenate(x) for x in zip((none.edges, np.zeros((0, 3))), *curves, strict=True))
+    if dim == 2:
+        return Bulging(edges, unit * beside[:, :2], none.edges, none.beside)
+    facets, out = (np.concatenate(x) for x in zip((none.facets, np.zeros((0, 3))), *surfaces, strict=True))
+    return Bulging(facets, unit * out, edges, unit * beside)
+
+
+def _renumbered(rows: Ints, values: Array, nodes: Ints) -> tuple[Ints, Array]:
+    """Rows (m, k) of node numbers as places among `nodes`, and their values, without those that have others."""
+    place = np.searchsorted(nodes, rows).clip(0, len(nodes) - 1)
+    kept = ((nodes[place] == rows) | (rows < 0)).all(axis=1)
+    return np.where(rows < 0, -1, place)[kept], values[kept]
+
+
+def _may_bulge(gmsh: Gmsh, dim: int, tag: int) -> bool:
+    kinds = gmsh.model.mesh.getElements(dim, tag)[0]
+    return len(kinds) > 0 and set(kinds) <= set(CORNERS) and gmsh.model.getType(dim, tag) not in FLAT
+
+
+def _of_curve(gmsh: Gmsh, tag: int, points: Array) -> tuple[Ints, Array]:
+    """Edges (e, 2) on a curve, and how far it is beside them in the mean (e, 3), in the gmsh model's unit."""
+    ends = np.asarray(gmsh.model.mesh.getElements(1, tag)[2][0], np.int64).reshape(-1, 2) - 1
+    nodes, at = np.unique(ends, return_inverse=True)
+    at, x = at.reshape(ends.shape), points[nodes]
+    along = x[at[:, 1]] - x[at[:, 0]]
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    mean = _unit(_sums(at, np.repeat((along / length)[:, None], 2, axis=1), len(nodes)))
+    tangents = _of_kernel(gmsh, 1, tag, nodes, mean)[at]
+    tangents *= np.sign(np.einsum("eki,ei->ek", tangents, along))[:, :, None]
+    return _kept(np.sort(ends, axis=1), length / 12 * (tangents[:, 0] - tangents[:, 1]), length)
+
+
+def _of_surface(gmsh: Gmsh, tag: int, points: Array) -> tuple[Ints, Array]:
+    """Facets (f, 4) on a surface, and how far it is out of them in the mean (f, 3), in the gmsh model's unit."""
+    kinds, _, flat = gmsh.model.mesh.getElements(2, tag)
+    of_kind = [np.asarray(n, np.int64).reshape(-1, CORNERS[int(k)]) - 1 for k, n in zip(kinds, flat, strict=True)]
+    nodes = np.unique(np.concatenate([corners.ravel() for corners in of_kind]))
+    x = points[nodes]
+    places = [np.searchsorted(nodes, corners) for corners in of_kind]
+    around = np.zeros_like(x)
+    for at in places:
+        around += _sums(at, np.repeat(normals_of(x[at])[:, None], at.shape[1], axis=1), len(nodes))
+    normals = _of_kernel(gmsh, 2, tag, nodes, _unit(around))
+    found = []
+    for kind, corners, at in zip(kinds, of_kind, places, strict=True):
+        out = np.zeros((len(at), 3))
+        for i, j in AROUND[int(kind)]:
+            a, b = at[:, i], at[:, j]
+            turned = np.einsum("fi,fi->f", normals[b] - normals[a], x[b] - x[a])
+            out += turned[:, None] / 16 * (normals[a] + normals[b]) / 3
+        rows = np.pad(np.sort(corners, axis=1), ((0, 0), (4 - corners.shape[1], 0)), constant_values=-1)
+        size = np.linalg.norm(x[at[:, 1]] - x[at[:, 0]], axis=1, keepdims=True)
+        found.append(_kept(rows, out, size))
+    rows, out = (np.concatenate(each) for each in zip(*found, strict=True))
+    return rows, out
+
+
+def _points(gmsh: Gmsh) -> Array:
+    """Coordinates of all nodes (n, 3), in the gmsh model's unit."""
+    tags, flat, _ = gmsh.model.mesh.getNodes()
+    numbers = np.asarray(tags, np.int64) - 1
+    found = np.full((int(numbers.max()) + 1, 3), np.nan)
+    found[numbers] = np.reshape(flat, (-1, 3))
+    return found
+
+
+def _of_kernel(gmsh: Gmsh, dim: int, tag: int, nodes: Ints, mean: Array) -> Array:
+    """Unit tangents or normals (n, 3) of the CAD kernel at nodes, as the means (n, 3) point; or these."""
+    if gmsh.model.getType(dim, tag).startswith("Discrete"):
+        return mean
+    tags, _, where = gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True, returnParametricCoord=True)
+    numbers = np.asarray(tags, np.int64) - 1
+    if not np.isin(nodes, numbers).all():  # a mesh that was put there by itself
+        return mean
+    order = np.argsort(numbers, kind="stable")
+    parameters = np.reshape(where, (len(numbers), dim))[order[np.searchsorted(numbers, nodes, sorter=order)]]
+    flat = list(parameters.ravel())
+    directions = gmsh.model.getNormal(tag, flat) if dim == 2 else gmsh.model.getDerivative(1, tag, flat)
+    found = _unit(np.reshape(directions, (-1, 3)))
+    cosine = np.einsum("ni,ni->n", found, mean)
+    sound = np.isfinite(cosine) & (np.abs(cosine) > ALIKE)
+    return np.asarray(np.where(sound[:, None], np.sign(cosine)[:, None] * found, mean))
+
+
+def _unit(vectors: Array) -> Array:
+    """The same vectors (n, 3) with length 1; NaN without one."""
+    with np.errstate(all="ignore"):
+        return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+def _sums(at: Ints, values: Array, count: int) -> Array:
+    """Sums (count, 3) of values (m, k, 3) at the places `at` (m, k)."""
+    flat = values.reshape(-1, 3)
+    return np.stack([np.bincount(at.ravel(), column, count) for column in flat.T], axis=1)
+
+
+def _kept(rows: Ints, out: Array, size: Array) -> tuple[Ints, Array]:
+    """Those that bulge; size: (m, 1) a length of each."""
+    large = np.linalg.norm(out, axis=1) > ROUNDING * size[:, 0]  # of the length: less is rounding
+    return rows[large], out[large]

@@ -1,1 +1,0 @@
-"""Metrics of the contact surface: approximations of the bodies' flexibility, with secant updates."""

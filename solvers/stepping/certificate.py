@@ -1,0 +1,71 @@
+"""What is known of an accepted substep beside its solution: the error of the iteration, and other solutions."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from stickslip.geometry.errors import SolverError
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Correction, Solution
+from stickslip.solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.substep import Attempt, SubstepSolver
+
+PAIRS = 0.5  # of an error, what pairs that are searched elsewhere add to the next step; measured: .02 to .15
+log = logging.getLogger(__name__)
+
+
+def certified(attempt: Attempt) -> Attempt:
+    """An accepted substep with the correction of its state, see `State.correction`; collective."""
+    new = attempt.state
+    assert new is not None
+    try:
+        with attempt.solver.system.counters.clock.part("certificate"):
+            left = _correction(attempt, new)
+    except (SolverError, np.linalg.LinAlgError) as error:  # the step is solved all the same
+        log.warning("t = %g: the error of the iteration is unknown: %s", new.time, error)
+        left = replace(attempt.begin.correction or Correction.none(len(new.w)), size=np.nan)
+    return replace(attempt, state=replace(new, correction=left))
+
+
+def with_others(attempt: Attempt) -> Attempt:
+    """An accepted substep with other solutions of the same problem, if some are found."""
+    problem, solution = attempt.problem, attempt.solution
+    assert problem is not None
+    memory = attempt.solver.memory(attempt.begin, problem.cone.time)
+    return replace(attempt, solution=replace(solution, others=memory.others(problem, solution.p)))
+
+
+def _correction(attempt: Attempt, new: State) -> Correction:
+    """From what the method found to the exact solution of the same substep and of all before; collective."""
+    solver, problem, found, old = attempt.solver, attempt.problem, attempt.solution, attempt.begin
+    assert problem is not None
+    before = old.correction or Correction.none(len(new.w))
+    if not len(new.w) or problem.p_ref == 0:
+        return replace(Correction.none(len(new.w)), memory=before.memory)
+    if found.correct is not None:  # an estimate of the method's own, with mu as it ended
+        left = found.correct(before)
+    else:
+        if solver.chain.stage.surface != "condensed":
+            found = replace(found, w=new.w)  # of the displacement that was recovered
+        memory = solver.memory(old, new.time)
+        start = {name: known + before.memory.get(name, 0.0) for name, known in old.memory.items()}
+        nearer, size, exact = replace(memory, start=start).exact(
+            exact_problem(problem, before), found, lambda problem, found: _exact(solver, problem, found)
+        )
+        ahead = {name: known - new.memory[name] for name, known in exact.items()}
+        left = Correction(nearer.p - found.p, nearer.w - found.w, size, ahead)
+    return replace(left, size=left.size + PAIRS * before.size) if new.searched else left
+
+
+def _exact(solver: SubstepSolver, problem: SurfaceProblem, found: Solution) -> tuple[Solution, float]:
+    """The exact solution of a surface problem from one that is near, and their distance [J^(1/2)]; collective."""
+    chain = solver.chain
+    if chain.stage.surface == "condensed":
+        return by_schur_complement(problem, found)
+    # the uncondensed form solves floating bodies on springs: that is no response of theirs
+    most = 0 if chain.stage.surface == "sparse" and solver.surface.floating else SOLVES
+    return by_flexibility(problem, chain.flexibility(solver.system, solver.surface), found, most)

@@ -1,0 +1,218 @@
+"""A step that fails is cut into substeps, each from the last good state; if the smallest fails, a line says why.
+
+The line names the largest contact residual, how the iteration ended, and what to try; where it is proved that nothing
+balances the loads, the motion that nothing resists.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stickslip.geometry.arrays import ROUNDING, Array, Ints
+from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.fem.constraints import AXES
+from stickslip.solvers.interface.limit_analysis import decide
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Solution, Status
+from stickslip.solvers.stepping.method_chain import MethodChain
+from stickslip.solvers.stepping.state import HALVINGS, ROUNDING, State
+from stickslip.solvers.stepping.substep import Attempt, Substep
+from stickslip.solvers.system.system import System
+
+EASY = 0.5  # of the iterations allowed; a substep that takes more is not easy
+Observe = Callable[[Attempt], Attempt]  # what is known of an accepted substep is added to it; collective
+log = logging.getLogger(__name__)
+
+
+class Halving:
+    """Solves a step in one substep if that succeeds, otherwise in several; each that is accepted is observed.
+
+    A substep of 1/2^HALVINGS of the step is the smallest; where the chain only repeats none is cut or observed.
+    """
+
+    def __init__(self, system: System, chain: MethodChain, observers: Sequence[Observe]) -> None:
+        self.system, self.chain, self.observers = system, chain, observers
+
+    def active(self) -> bool:
+        """Always."""
+        return True
+
+    def around(self, inner: Substep) -> Substep:
+        return lambda start, target: _March(self, inner, start, target)()
+
+
+class _March:
+    """The substeps of one step."""
+
+    def __init__(self, halving: Halving, inner: Substep, start: State, target: float) -> None:
+        self._system, self._chain, self._observers = halving.system, halving.chain, halving.observers
+        self._inner, self._state, self._target, self._control = inner, start, target, start.control
+        self._step = target - start.time
+        self._smallest = self._step if self._chain.repeats else self._step / 2**HALVINGS
+        self._good: Attempt | None = None  # up to the present state
+        self._unbalanced: tuple[float, str] | None = None  # earliest time that is proved to have no equilibrium
+        self._failed: SurfaceProblem | None = None  # from the present state
+        self._stuck = False  # whether a shorter step would be the same problem again
+
+    def __call__(self) -> Attempt:
+        while self._good is None or self._state.time < self._target:
+            remaining = self._target - self._state.time
+            size = self._control.next_size(remaining, self._smallest)
+            end = self._target if size == remaining else self._state.time + size
+            self._chain.begin(cut_first=not self._stuck and not self._least(size))
+            attempt = self._inner(self._state, end)
+            if attempt.state is not None:
+                self._good = self._accepted(attempt, attempt.state, size)
+            elif (given_up := self._cut(attempt, size, end)) is not None:
+                return given_up
+        return self._good
+
+    def _least(self, size: float) -> bool:
+        """Whether a size [s] is the smallest one."""
+        return size <= self._smallest * (1 + ROUNDING)
+
+    def _accepted(self, attempt: Attempt, new: State, size: float) -> Attempt:
+        """Go on from the end of a substep; collective."""
+        for observe in self._observers if not self._chain.repeats else ():
+            attempt = observe(attempt)
+        before, solution = self._good, attempt.solution
+        if before is not None:
+            others, weakening = before.solution.others, max(before.solution.weakening, solution.weakening)
+            solution = replace(solution, others=solution.others or others, weakening=weakening)
+        easy = solution.iterations <= EASY * self._system.problem.solver.max_iterations
+        self._control = self._control.after_success(size, self._step, easy)
+        begin, self._state = self._state, replace(attempt.state or new, control=self._control)
+        self._failed, self._stuck = None, False
+        if self._state.searched:
+            self._unbalanced = None  # it was proved for other pairs
+        return replace(
+            attempt,
+            begin=begin,
+            state=self._state,
+            solution=solution,
+            substeps=1 + (before.substeps if before else 0),
+            rows=len(self._chain.history.rows),
+            volume_solves=self._system.counters.volume_solves,
+        )
+
+    def _cut(self, attempt: Attempt, size: float, end: float) -> Attempt | None:
+        """Go on with shorter substeps after one that failed; the attempt at the step if none is left; collective."""
+        solution, problem, state = attempt.solution, attempt.problem, self._state
+        system, chain = attempt.solver.system, self._chain
+        if attempt.impossible:
+            moves = describe_motion(system, solution.u_c, chain.volume.contact.rows)
+            self._unbalanced = end, f"{solution.status.value}: {moves}"
+        # from rest, under loads in proportion to time, a shorter step is the same problem again
+        at_rest = not (state.p.any() or state.w.any() or state.memory)  # slip that changes the law is not scaled
+        scaled = at_rest and self._failed is not None and problem is not None and problem.is_scaled(self._failed)
+        known = self._stuck or chain.exhausted or attempt.impossible
+        self._failed = problem
+        if scaled and not known:
+            self._stuck = True  # once more, now by all methods
+            return None
+        if not scaled and not self._least(size):
+            self._control = self._control.after_failure(size, self._smallest)
+            log.warning("t = %g: %s; the step is cut to %.3g s", end, solution.status.value, self._control.size)
+            return None
+        found = f"the last equilibrium that was found is at t = {state.time:g}"
+        if self._unbalanced is not None:
+            when, why = self._unbalanced
+            proof = replace(solution, status=Status.NO_EQUILIBRIUM)
+            return replace(attempt, solution=proof, good=self._good, when=when, why=f"{why}; {found}")
+        why = explain(problem, solution, system.problem.solver.tolerance, size)
+        why += f"; {found}" if attempt.solver.surface.floating else ""
+        return replace(attempt, good=self._good, when=end, why=why)
+
+
+def describe_motion(system: System, motion: Array, dofs: Ints) -> str:
+    """A rigid motion in words, by the body or driven obstacle that moves farthest: "bodies.block moves along x".
+
+    Args:
+        system: whose bodies and obstacles move.
+        motion: displacement (c,) [m] of the contact dofs that the surface problem has, then of the driven obstacles.
+        dofs: numbers of these contact dofs: without friction those of normal motions alone.
+    """
+    return max(_motions(system, motion, dofs), key=lambda found: found[0])[1]
+
+
+def _motions(system: System, motion: Array, dofs: Ints) -> Iterator[tuple[float, str]]:
+    """Distance [m] that each body and driven obstacle moves, and the sentence about it."""
+    own, driven = np.split(motion, [len(dofs)])
+    known = np.isin(system.interface.dofs, dofs)
+    for (name, axis), size in zip(system.obstacles.driven, driven, strict=True):
+        yield abs(float(size)), f"obstacles.{name} moves along {_sign(size)}{'xyz'[axis]}"
+    for c in system.contacts:
+        moved = (system.interface.trace(c)[:, known] @ own).reshape(c.points.shape)
+        sides = np.split(moved, [len(c.surface.points)])
+        for body, u in zip(system.problem.pairs[c.name].bodies, sides, strict=False):
+            yield float(np.linalg.norm(u, axis=1).max()), f"bodies.{body} {_verb(u)}"
+
+
+def _verb(u: Array) -> str:
+    """What a rigid body does: "turns", or "moves along -x"; u: displacement (m, d) of one of its sides [m]."""
+    mean = u.mean(axis=0)
+    if np.linalg.norm(u - mean, axis=1).max() > np.linalg.norm(mean):
+        return "turns"
+    axis = max(AXES, key=lambda name: abs(mean[AXES[name]]) if AXES[name] < len(mean) else -1.0)
+    return f"moves along {_sign(mean[AXES[axis]])}{axis}"
+
+
+def _sign(size: float) -> str:
+    return "-" if size < 0 else ""
+
+
+def explain(problem: SurfaceProblem | None, solution: Solution, tolerance: float, size: float) -> str:
+    """Why the smallest substep failed, in one line.
+
+    Args:
+        problem: what was to be solved; None: it could not be set up.
+        solution: how the iteration ended.
+        tolerance: `solver.tolerance`, that the residual does not meet [-].
+        size: size of the substep [s].
+    """
+    rigid_bodies = ""
+    if problem is not None and problem.surface.floating:
+        rigid_bodies = f" ({decide(problem).value})"
+    residual = "no residual"
+    if np.isfinite(solution.residual):
+        broken = solution.status is Status.BROKEN  # its tractions are those of the substep before
+        where = "" if broken or problem is None else largest_residual(problem, solution)
+        residual = f"{where}residual {solution.residual:.1e}, not {tolerance:g},"
+    ending = f"after {solution.iterations} iterations; {solution.status.value}{rigid_bodies}"
+    return f"{residual} in a step of {size:.3g} s {ending}{_jumps(problem)}"
+
+
+def _jumps(problem: SurfaceProblem | None) -> str:
+    """What to know of friction bounds that jump where the surfaces part."""
+    for place in problem.cone.with_friction() if problem is not None else ():
+        friction = place.rows.friction
+        if place.rows.normal.sides == 1 and friction is not None and friction.continuous:
+            return (
+                f"; the friction bound of contacts.{place.rows.name} jumps where the surfaces part: there may be no "
+                f"solution; {friction.continuous} has one"
+            )
+    return ""
+
+
+def largest_residual(problem: SurfaceProblem, solution: Solution) -> str:
+    """Where the residual is largest: "contacts.base at (1, 0): normal "; empty if the problem has no tractions."""
+    if not len(solution.p) or problem.p_ref == 0:
+        return ""
+    row = int(np.argmax(np.abs(problem.defect(solution.p, solution.w))))
+    for place in problem.cone.places:
+        for part, span in (("normal", place.normal), ("tangential", place.tangential)):
+            if span.start <= row < span.stop:
+                point = ", ".join(f"{x:.4g}" for x in _point(place, part, row - span.start))
+                return f"contacts.{place.rows.name} at ({point}): {part} "
+    raise AssertionError("a row of no contact")
+
+
+def _point(place: ContactBlock, part: str, row: int) -> Array:
+    """The slave node (d,) [m] that has the largest weight in a row of the block."""
+    rows = place.rows
+    share = rows.psi[:, row] if part == "normal" else rows.share_t[row // place.components].T
+    return np.asarray(rows.surface.points[int(np.argmax(np.abs(share.toarray().ravel())))])

@@ -1,0 +1,153 @@
+"""Laws that remember slip: a substep is solved with the mu of each point, until mu is that of its own slip.
+
+With mu fixed the substep is one of Coulomb's law. From the mu at its start, slip and mu are found by turns. Where
+bodies unload by more than friction weakens, these turns approach the one solution. Where friction weakens faster, there
+may be several: slip then grows from turn to turn, up to the first solution, which is the nearest to the state before.
+
+Source: Rice & Ruina, J. Appl. Mech. 50 (1983), of the stiffness that slip weakening needs; Irons & Tuck, Int. J.
+Numer. Meth. Engng 1 (1969), of the step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stickslip.geometry.arrays import CLOSE, EXACT, Array
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Solution, Status
+from stickslip.solvers.laws.law import touching
+from stickslip.solvers.newton import path
+from stickslip.solvers.newton.correction import ENOUGH
+
+TURNS = 200  # of slip and mu; near the edge of stability they are slow
+CLEAR = 100.0  # times the tolerance; differences of less may be what the method has left
+SHORTEST, LONGEST = 1e-3, 10.0  # steps, in units of the change of slip in a turn
+Memory = Mapping[str, Array]  # by contact whose law remembers slip, what it does of each point (m_t,)
+Solving = Callable[[SurfaceProblem, Array], tuple[Solution, SurfaceProblem]]  # from tractions (rows,) [Pa]
+Exact = Callable[[SurfaceProblem, Solution], tuple[Solution, float]]  # from a near solution, and their distance
+
+
+def no_memory(cone: AdmissibleSet) -> dict[str, Array]:
+    """What laws remember at rest."""
+    laws = ((c, c.friction) for c in cone.contacts)
+    return {c.name: law.memory(len(c.W_t)) for c, law in laws if law is not None and law.remembers}
+
+
+def with_memory(cone: AdmissibleSet, memory: Memory) -> AdmissibleSet:
+    """The admissible set of points that remember so much."""
+    if not memory:
+        return cone
+    contacts = [
+        replace(c, friction=c.friction.at(memory[c.name])) if c.name in memory and c.friction else c
+        for c in cone.contacts
+    ]
+    return replace(cone, contacts=tuple(contacts))
+
+
+@dataclass(frozen=True)
+class LawMemory:
+    """What laws remember in one substep; the loop around the method that solves it with the mu of its own slip."""
+
+    cone: AdmissibleSet  # with laws that remember
+    start: Memory  # at its start
+    step: float  # its length [s]
+    tolerance: float = 0.0  # difference of a friction bound from that of the slip found, relative to tractions [-]
+
+    def after(self, problem: SurfaceProblem, p: Array, w: Array) -> dict[str, Array]:
+        """Memory at the end: points that touch there have slipped by |w - gap - t / k_T|.
+
+        Args:
+            problem: of the substep.
+            p: tractions (rows,) [Pa].
+            w: relative displacement (rows,) [m].
+        """
+        if not self.start:
+            return {}
+        moved, slips = w - problem.gap - problem.cone.give(p), dict[str, Array]()
+        for rows, place in ((place.rows, place) for place in self.cone.places if place.rows.name in self.start):
+            length = np.linalg.norm(moved[place.tangential].reshape(rows.free.shape) * rows.free, axis=1)
+            slips[rows.name] = np.where(touching(p[place.normal], rows.average, rows.normal), length, 0.0)
+        return self._moved(slips)
+
+    def _moved(self, slips: Mapping[str, Array]) -> dict[str, Array]:
+        """Memory after lengths of slip (m_t,) [m] in the substep, by contact."""
+        laws = {c.name: c.friction for c in self.cone.contacts if c.friction is not None}
+        return {name: laws[name].after(known, slips[name], self.step) for name, known in self.start.items()}
+
+    def around(self, solve: Solving) -> Solving:
+        """Solve a problem with the mu of the slip in its own solution; the problem is returned as it is then."""
+        return lambda problem, p: self._by_turns(problem, p, solve) if self.start else solve(problem, p)
+
+    def _by_turns(self, problem: SurfaceProblem, start: Array, solve: Solving) -> tuple[Solution, SurfaceProblem]:
+        solution, problem = solve(problem, start)
+        least = self._moved({name: np.zeros_like(known) for name, known in self.start.items()})
+        known, gap, omega, off, worst = self.start, None, 1.0, 0.0, 0.0
+        for _ in range(TURNS):
+            if solution.status is not Status.CONVERGED:
+                return solution, problem
+            found = self.after(problem, solution.p, solution.w)
+            before, gap = gap, np.concatenate([found[name] - known[name] for name in known])
+            if before is not None and before.any():
+                ratio = 1 - (1 - float(gap @ before) / float(before @ before)) / omega  # of turns without the step
+                if omega == 1.0 and off > CLEAR * self.tolerance:
+                    worst = max(worst, ratio)
+                omega = min(max(1 / (1 - ratio), SHORTEST), LONGEST) if ratio < 1 else 1.0
+            off = self._apart(problem, solution.p, found)
+            if off <= self.tolerance:
+                return replace(solution, weakening=worst), problem
+            known = {name: np.maximum(known[name] + omega * (found[name] - known[name]), least[name]) for name in known}
+            solution, problem = solve(replace(problem, cone=with_memory(self.cone, known)), solution.p)
+        return replace(solution, status=Status.MAX_IT), problem
+
+    def exact(self, problem: SurfaceProblem, found: Solution, exact: Exact) -> tuple[Solution, float, dict[str, Array]]:
+        """The exact solution, with the mu of its own slip, from what a method found.
+
+        Args:
+            problem: with the mu that the method ended with.
+            found: what the method returned.
+            exact: the exact solution of a problem, and their distance [J^(1/2)]; nan: not found.
+
+        Returns:
+            The solution, an upper estimate of its distance from `found` in the energy norm [J^(1/2)], which is nan
+            where it was not found, and its memory at the end.
+        """
+        at, size = exact(problem, found)
+        if not self.start or np.isnan(size):
+            return at, size, self.after(problem, at.p, at.w)
+
+        def solve(turned: SurfaceProblem, p: Array) -> tuple[Solution, SurfaceProblem]:
+            nonlocal at, size
+            if turned is not problem:
+                at, farther = exact(turned, at)
+                size += farther
+            return at if np.isfinite(size) else replace(at, status=Status.BROKEN), turned
+
+        off = self._apart(problem, at.p, self.after(problem, at.p, at.w))
+        nearer = replace(self, tolerance=max(ENOUGH * off, EXACT))
+        ended, turned = nearer.around(solve)(problem, at.p)
+        return at, size if ended.status is found.status else np.nan, self.after(turned, at.p, at.w)
+
+    def others(self, problem: SurfaceProblem, p: Array) -> tuple[Array, ...]:
+        """Tractions (rows,) [Pa] of other solutions, with the mu of the slip in each of them.
+
+        Args:
+            problem: with the mu that p was found with.
+            p: tractions (rows,) [Pa] that solve it.
+        """
+
+        def keeps(p: Array, w: Array) -> bool:
+            return self._apart(problem, p, self.after(problem, p, w)) <= CLOSE
+
+        return tuple(path.others(problem, p, keeps) if self.start else path.others(problem, p))
+
+    def _apart(self, problem: SurfaceProblem, p: Array, memory: Memory) -> float:
+        """Largest difference of its friction bounds at p (rows,) [Pa] from those with a memory, relative to p [-]."""
+        own, other = problem.cone, with_memory(self.cone, memory)
+        pairs = zip(own.with_friction(), other.with_friction(), strict=True)
+        apart = (own.bound(a, p[a.normal]) - other.bound(b, p[b.normal]) for a, b in pairs)
+        largest = max((float(np.abs(each[np.isfinite(each)]).max(initial=0.0)) for each in apart), default=0.0)
+        return largest / (problem.scale(p) or 1.0)  # zero: nothing is loaded

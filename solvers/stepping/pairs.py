@@ -1,0 +1,143 @@
+"""Sliding contacts: a substep takes the pairs of where it starts; if points slide far, those of where it ends.
+
+A state is carried over to the contact rows of other pairs.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import GeometryError, SceneError
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.iteration import Status
+from stickslip.solvers.stepping.law_memory import Memory
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.substep import Attempt, Substep, SubstepSolver, unsolved
+from stickslip.solvers.stepping.update import flat_rows
+from stickslip.solvers.system.system import System
+
+SEARCHES = 6  # of the pairs, in one substep
+SLID = 0.05  # part of the smallest facet; if a point slides farther, the pairs are searched again
+log = logging.getLogger(__name__)
+
+
+class PairSearch:
+    """Solves a substep with the pairs of where it starts, and again with those of where it ends if points slide far.
+
+    `present` solves with the pairs that are tried; where no contact slides, with those that are known.
+    """
+
+    def __init__(self, solver: SubstepSolver) -> None:
+        """`solver` solves with the pairs of the bodies at rest."""
+        self._solver, self.present = solver, solver
+        pairs = solver.system.problem.pairs
+        self._names = [c.name for c in solver.system.contacts if pairs[c.name].contact.sliding]
+
+    def active(self) -> bool:
+        """Whether a contact slides."""
+        return bool(self._names)
+
+    def around(self, inner: Substep) -> Substep:
+        def searching(state: State, end: float) -> Attempt:
+            first = self._solver
+            first.follow_bodies()  # the solvers of other pairs share what it stores
+            searched = relative_positions(first.system, state, self._names)
+            for _ in range(SEARCHES):
+                try:
+                    self.present = self.found(searched)
+                except (SceneError, GeometryError) as error:
+                    log.warning("t = %g: %s", end, error)
+                    apart = unsolved(state, first.surface.size, Status.APART, [])
+                    return Attempt(solver=first, begin=state, solution=apart)
+                system = self.present.system
+                attempt = inner(replace(carried_over(state, system), searched=searched), end)
+                if attempt.state is None:
+                    return attempt
+                now = relative_positions(system, attempt.state, self._names)
+                if pairs_hold(system, searched, now):
+                    return attempt
+                searched = now
+            log.warning("t = %g: pairs still change after %d searches; the last ones are kept", end, SEARCHES)
+            first.chain.unsettled.append(end)
+            return attempt
+
+        return searching
+
+    def found(self, searched: Mapping[str, Array]) -> SubstepSolver:
+        """A solver for the same bodies, with the pairs that are found at these `relative_positions`; collective."""
+        other = SubstepSolver(self._solver.system.searched(searched), self._solver.chain)
+        other.surface.adopt(self._solver.surface)
+        return other
+
+
+def relative_positions(system: System, state: State, names: Iterable[str]) -> dict[str, Array]:
+    """Where the surfaces of some contacts are: what the search for pairs starts from; collective.
+
+    Returns:
+        By contact, displacement (n_all, d) [m] of the nodes of both sides, minus that of a rigid obstacle.
+    """
+    pairs = zip(system.contacts, system.interface.displacement(state.u), strict=True)
+    return {c.name: v - state.motion[c.name] for c, v in pairs if c.name in names}
+
+
+def carried_over(state: State, system: System) -> State:
+    """The same state, its tractions and relative displacement by the contact rows of `system`; collective.
+
+    Tractions are averaged to the slave nodes and turned with the local frames there.
+    """
+    places = AdmissibleSet(state.rows, state.time, 1.0).places
+
+    def by_new_rows(p: Array) -> Array:
+        normal, tangential = [np.zeros(0)], []
+        for old, place, c in zip(state.rows, places, system.contacts, strict=True):
+            p_n, t = p[place.normal], p[place.tangential].reshape(-1, place.components)
+            normal.append(c.normal_of_nodes(old.node_pressure(p_n)))
+            tangential.append(c.tangential_of_nodes(old.node_traction(t)).ravel())
+        return np.concatenate([*normal, *tangential])
+
+    positions = relative_positions(system, state, [c.name for c in system.contacts])
+    w = flat_rows(system.contacts, [positions[c.name] for c in system.contacts])
+    previous = state.previous and replace(state.previous, p=by_new_rows(state.previous.p))
+
+    def memory_by_new_rows(memory: Memory) -> dict[str, Array]:
+        pairs = zip(state.rows, system.contacts, strict=True)
+        return {c.name: c.tangential_mean(old.share_t.T @ memory[c.name]) for old, c in pairs if c.name in memory}
+
+    left = state.correction and replace(
+        state.correction,
+        p=by_new_rows(state.correction.p),
+        w=by_new_rows(state.correction.w),
+        memory=memory_by_new_rows(state.correction.memory),
+    )
+    return replace(
+        state,
+        p=by_new_rows(state.p),
+        w=w,
+        previous=previous,
+        rows=system.contacts,
+        correction=left,
+        memory=memory_by_new_rows(state.memory),
+    )
+
+
+def pairs_hold(system: System, searched: Mapping[str, Array], now: Mapping[str, Array]) -> bool:
+    """Whether no point has slid far since the pairs were searched.
+
+    Args:
+        system: its contact rows are those of the pairs.
+        searched: by sliding contact, `relative_positions` (n_all, d) [m] that the pairs were searched at.
+        now: the present ones.
+    """
+    for c in system.contacts:
+        if c.name in searched:
+            slid = np.linalg.norm(c.node_motion(now[c.name] - searched[c.name])[1][c.node_weights > 0], axis=1)
+            corners = c.surface.points[c.surface.facets]
+            smallest = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).min())
+            if slid.max(initial=0.0) > SLID * smallest:
+                return False
+    return True

@@ -1,0 +1,84 @@
+"""What `stickslip sweep` does: a line for each member as it ends, and a table of all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.table import Table
+
+from stickslip.geometry.errors import SceneError, shortened
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.commands.process import speaks
+from stickslip.workflows.formats.regular import read_json
+from stickslip.workflows.run.folder import RESULT, place_of
+from stickslip.workflows.run.resume import FINISHED
+from stickslip.workflows.run.terminal import console, contact_cells, contact_numbers, print_table
+from stickslip.workflows.scene_file.read import value_of
+from stickslip.workflows.sweep.members import said, short
+from stickslip.workflows.sweep.sweep import Solved, Sweep, sweep
+
+WIDEST = 24  # letters of a value in the table
+PROBLEM = {"doubtful": 1}  # exit codes, other than 3
+
+
+def sweep_scene(scene: Scene, words: Sequence[str], files: Path, folder: Path, jobs: int, quiet: bool) -> int:
+    """Solve the members, and say how they end; the exit code, 0 if all are solved.
+
+    Args:
+        files: the scene file's folder.
+
+    Raises:
+        SceneError: a key or a value is wrong.
+    """
+
+    def tell(number: int, count: int, solved: Solved) -> None:
+        if speaks() and not quiet:
+            typer.echo(f"{number:>{len(str(count))}}/{count}  {solved}")
+
+    done = sweep(scene, _parsed(words), folder, jobs, tell, files)
+    if not speaks():
+        return 0
+    off = [one for one in done.solved if one.status != "converged"]
+    if not quiet:
+        _print(done, scene)
+        typer.echo(f"{done.path}: a row for each of {len(done.solved)} members")
+    if off:
+        names = ", ".join(one.member.name for one in off[:5]) + (", ..." if len(off) > 5 else "")
+        typer.echo(
+            f"stickslip: {len(off)} of {len(done.solved)} members are not solved, or doubtful: {names}", err=True
+        )
+    return max((PROBLEM.get(one.status, 3) for one in off), default=0)
+
+
+def _print(done: Sweep, scene: Scene) -> None:
+    """The keys that are swept, and the main numbers of each contact in the last step of what is solved."""
+    if not done.solved:  # other ranks
+        return
+    table, numbers = Table(), contact_numbers(scene.model, scene.labels)
+    del numbers["max_penetration"]
+    keys = short(list(done.solved[0].member.values))
+    for head in (*keys.values(), "contact", *numbers.values()):
+        table.add_column(head, justify="left" if head == "contact" else "right")
+    for one in done.solved:
+        content = read_json(place_of(one.folder) / RESULT) if one.status in FINISHED else {}
+        steps = content.get("steps") or [{}]
+        values = [shortened(said(value), WIDEST) for value in one.member.values.values()]
+        for name, contact in (steps[-1].get("contacts") or {"-": None}).items():
+            table.add_row(*values, name, *contact_cells(contact, numbers))
+    print_table(table, console(160))
+
+
+def _parsed(words: Sequence[str]) -> dict[str, Any]:
+    """Values by key, from KEY=[VALUE, VALUE]."""
+    found = dict[str, Any]()
+    for word in words:
+        key, equals, text = word.partition("=")
+        if not equals or not key.strip():
+            raise SceneError(f"sweep {shortened(word)}: expected KEY=[VALUE, VALUE], as solver.tolerance=[1e-6, 1e-8]")
+        if key.strip() in found:
+            raise SceneError(f"sweep {shortened(word)}: the key stands there twice")
+        found[key.strip()] = value_of(text, f"sweep {shortened(word)}")
+    return found

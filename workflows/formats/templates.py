@@ -1,0 +1,34 @@
+"""Pages are filled from templates of jinja2, which stand beside the code that fills them."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
+
+FOLDER = Path(__file__).parents[1]  # workflows/, below which templates have their names
+
+
+def render(template: str, **values: object) -> str:
+    """Return the text of a template, named by its place below workflows/, with its values put in.
+
+    In a template whose name ends in .html values are escaped; a value that is `Markup` is not.
+
+    Raises:
+        UndefinedError: the template asks for a value that is not given.
+    """
+    return _environment().get_template(template).render(values)
+
+
+@cache
+def _environment() -> Environment:
+    """Return what finds templates; a line that holds a statement alone leaves nothing."""
+    return Environment(
+        loader=FileSystemLoader(FOLDER, followlinks=True),
+        undefined=StrictUndefined,
+        autoescape=select_autoescape(["html"]),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
