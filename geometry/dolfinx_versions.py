@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial, reduce
 from importlib.metadata import distribution
 from importlib.util import find_spec
@@ -322,33 +322,43 @@ class CellExpression:
         return np.asarray(values).reshape(len(cells), *self._shape)
 
 
-def find_cell(domain: DolfinxMesh, degree: int, point: Array, slack: float) -> tuple[int, Array] | None:
+def find_cell(domain: DolfinxMesh, point: Array, size: float) -> tuple[int, Array] | None:
     """Find the owned cell that contains a point.
 
     Args:
-        degree: of the geometry.
         point: (d,) [m].
-        slack: distance by which the point may miss the cell [m].
+        size: of the whole mesh [m].
 
     Returns:
         Local number of the cell and values of its basis at the point (k,); None if this rank owns no such cell. Of
         several cells it is the first one of the gmsh model, so that the result does not depend on the ranks.
     """
-    dim = domain.topology.dim
-    owned = domain.topology.index_map(dim).size_local
-    cells, nodes = cell_nodes(domain)[:owned], domain.geometry.x[:, :dim]
+    topology, dim = domain.topology, domain.topology.dim
+    cells, nodes = cell_nodes(domain)[: topology.index_map(dim).size_local], domain.geometry.x[:, :dim]
+    found = cells_at(topology.cell_type.name, nodes, cells, point, size)
+    return min(found, key=lambda entry: int(topology.original_cell_index[entry[0]]), default=None)
+
+
+def cells_at(shape: str, nodes: Array, cells: Ints, point: Array, size: float) -> Iterator[tuple[int, Array]]:
+    """Cells that contain a point, in their order, each with the values of its basis there (k,).
+
+    Args:
+        shape: of the cells.
+        nodes: (n, d) [m].
+        cells: (c, k) rows of `nodes`, in dolfinx's order of a cell's nodes.
+        point: (d,) [m]; it may miss a cell by rounding.
+        size: of the whole mesh [m].
+    """
+    degree, slack = degree_of(shape, cells.shape[1]), ROUNDING * size
     low, high = (reduce(extreme, (nodes[column] for column in cells.T)) for extreme in (np.minimum, np.maximum))
     reach = slack + (0.1 * (high - low) if degree > 1 else 0.0)  # curved edges bulge out of the box of their nodes
-    near = np.all((low - reach <= point) & (high + reach >= point), axis=1)
-    found = []
-    for cell in np.flatnonzero(near):
+    for cell in np.flatnonzero(np.all((low - reach <= point) & (high + reach >= point), axis=1)):
         x = nodes[cells[cell]]
-        local = _pull_back(domain.topology.cell_type.name, degree, x, point)
-        basis = reference_basis(domain.topology.cell_type.name, degree, local[None])[0][0]
-        corners = reference_basis(domain.topology.cell_type.name, 1, local[None])[0][0]
+        local = _pull_back(shape, degree, x, point)
+        basis = reference_basis(shape, degree, local[None])[0][0]
+        corners = reference_basis(shape, 1, local[None])[0][0]
         if np.linalg.norm(basis @ x - point) <= slack and corners.min() >= -ROUNDING:
-            found.append((int(domain.topology.original_cell_index[cell]), int(cell), basis))
-    return min(found, key=lambda entry: entry[0])[1:] if found else None
+            yield int(cell), basis
 
 
 def _pull_back(shape: str, degree: int, nodes: Array, point: Array) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import count
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,7 +20,7 @@ from stickslip.solvers.contact.admissible_set import ContactBlock, project_disc
 from stickslip.solvers.interface.discrete import DiscreteProblem, GivenSurface
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import OnStep, Solution, Stall, Status, Step, ending, ignore
+from stickslip.solvers.iteration import Driver, Iterate, OnStep, Solution, Stall, ignore
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.methods.method import Applicability, Method, Ready, SameEveryStep, Setup, Solve, Turn
 
@@ -47,21 +48,17 @@ def sweep_until_solved(
         on_step: called with each look.
         looks: whether to look after k sweeps; at the last one it always looks.
     """
-    history: list[Step] = []
-    status, stalled = None, Stall(window, 0.5)
-    for k in range(max_it + 1):
-        if looks(k) or k == max_it:
-            p = tractions()
-            u_c = problem.contact_displacement(p)
-            w = problem.relative_displacement(u_c)
-            residual = problem.natural_residual(p, w)
-            history.append(Step(k, residual, problem.volume_solves))
-            on_step(history[-1])
-            if status := ending(residual, rtol, stalled(k, residual)):
-                break
-        if k < max_it:
+
+    def iterates() -> Iterator[Iterate]:
+        for k in count():
+            if looks(k) or k == max_it:
+                p = tractions()
+                u_c = problem.contact_displacement(p)
+                w = problem.relative_displacement(u_c)
+                yield Iterate(k, problem.natural_residual(p, w), p, w, u_c)
             sweep()
-    return Solution(p, w, u_c, status or Status.MAX_IT, residual, tuple(history))
+
+    return Driver(problem.surface.counters, rtol, max_it, on_step).run(iterates(), Stall(window))
 
 
 PLATEAU = 20000  # sweeps in which the smallest residual must halve; plateaus of 2000 were seen

@@ -426,7 +426,7 @@ def _locate(mesh: Mesh, point: Array, name: str) -> tuple[int, Array] | None:
     Of several cells it is the first one of the gmsh model.
     """
     size = float(np.max(np.diff(mesh.box(), axis=0)))
-    found = dx.find_cell(mesh.domain, mesh.degree, point, ROUNDING * size)
+    found = dx.find_cell(mesh.domain, point, size)
     mine = (int(mesh.domain.topology.original_cell_index[found[0]]), mesh.comm.rank) if found else (np.inf, -1)
     best = min(mesh.comm.allgather(mine))
     if best[1] < 0:

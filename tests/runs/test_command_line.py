@@ -34,7 +34,7 @@ def test_a_command_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     """A function with the name of its file; it is listed behind the usual ones."""
     (tmp_path / "greeted.py").write_text("def greeted() -> None:\n    pass\n\n\ndef other() -> None:\n    pass\n")
     monkeypatch.setattr(rooms, "__path__", [*rooms.__path__, str(tmp_path)])
-    assert list(commands()) == [*FIRST.split(), "greeted"]
+    assert list(commands()) == [*FIRST.split(), "extract", "greeted"]
 
 
 @pytest.mark.parametrize("name", sorted(BUILT))
@@ -51,7 +51,7 @@ def test_every_command_of_the_help_has_its_code(name: str, call: Call) -> None:
         "new": ["block"],
     }
     code, _, err = call(name, *words.get(name, []))
-    refused = dict.fromkeys(("contacts", "cost", "sweep", "fclib", "report", "compare"), (2,))
+    refused = dict.fromkeys(("contacts", "cost", "sweep", "fclib", "report", "compare", "extract"), (2,))
     assert code in {"verify": (1, 2), **refused}.get(name, (0,))
     assert "Traceback" not in err
 

@@ -8,27 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from stickslip.workflows.commands.cli import commands
 from stickslip.workflows.scene_file.read import READY
 
 Spoken = tuple[int, str, str]
 Call = Callable[..., Spoken]
 Start = Callable[..., subprocess.CompletedProcess[str]]
 LIMIT = 60  # s; a process that does not end by itself
-BUILT = {
-    "run",
-    "report",
-    "compare",
-    "plan",
-    "mesh",
-    "contacts",
-    "cost",
-    "sweep",
-    "verify",
-    "fclib",
-    "scenes",
-    "schema",
-    "new",
-}
+BUILT = set(commands())
 READY_NAMES = sorted(path.stem for path in READY.glob("*.toml"))
 COARSE = [
     "--set=geometry.mesh_size=1.0",

@@ -40,7 +40,7 @@ LIMITS = {  # what the house may weigh; a limit is lowered when the house got li
     ("product", "gross"): 54_000,
     ("product", "small"): 260,
     ("outside tests", "constants"): 1150,
-    ("tests", "gross"): 43_500,
+    ("tests", "gross"): 43_700,
 }
 IMPORTS, DOCSTRINGS = 0.14, 0.24  # lines per net line outside tests: no more imports, no fewer docstrings
 UFL = ("elastic_energy", "smoothed_laws", "contact_forms", "point_laws", "mean_dilatation", "forms", "own_axes")

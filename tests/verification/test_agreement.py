@@ -14,22 +14,14 @@ from stickslip.workflows.lab.verification.cases.agreement import ALL, REFERENCE,
 from stickslip.workflows.lab.verification.check import failures
 
 UZAWA = ("uzawa", "inexact-uzawa", "nonlinear-uzawa", "gram-uzawa")
-QUICK = "surface-uzawa"  # on every scene; the others on the cube
 OTHERS = [(name, method) for name in SCENES for method in ALL if method != REFERENCE]
 PAIRS = [pair for pair in OTHERS if agreement_case.fits(*pair)]
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_part_of_the_surface_sticks(name: str) -> None:
-    assert not failures(agreement_case.mixed(name))
-
-
-@pytest.mark.parametrize(
-    ("name", "method"),
-    [pytest.param(*pair, marks=[] if pair[0] == "cube" or pair[1] == QUICK else pytest.mark.slow) for pair in PAIRS],
-)
-def test_methods_agree(name: str, method: str) -> None:
-    assert not failures(agreement_case.compared(name, method))
+@pytest.mark.parametrize("method", agreement_case.SLOW)
+def test_slow_methods_agree_on_the_cube(method: str) -> None:
+    """On all scenes they and the others are compared by test_cases."""
+    assert not failures(agreement_case.compared("cube", method))
 
 
 def test_only_what_the_table_refuses_is_left_out() -> None:

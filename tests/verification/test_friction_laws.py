@@ -23,14 +23,6 @@ from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.scene_file.read import from_dict
 
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("surface-uzawa", "nsgs")]
-METHODS = ["condensed-newton", "uzawa", *SLOW]
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_columns_on_every_law_follow_their_closed_forms(method: str) -> None:
-    assert not failures(case.checks(method))
-
 
 def test_checks_notice_another_bound_fall_or_ellipse(monkeypatch: pytest.MonkeyPatch) -> None:
     law, bound = case.BOUNDED[0]

@@ -74,6 +74,17 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
     return header, rows
 
 
+def csv_text(rows: Iterable[Row]) -> str:
+    """Lines of a table.
+
+    >>> csv_text([["time", "note"], [0.5, "a, b"]])
+    'time,note\\n0.5,"a, b"\\n'
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
 def python_numbers(numbers: Iterable[object]) -> list[object]:
     """numpy's numbers as Python's, whose repr is the shortest that reads back the same."""
     return [n.item() if isinstance(n, np.generic) else n for n in numbers]
@@ -82,6 +93,4 @@ def python_numbers(numbers: Iterable[object]) -> list[object]:
 def _append(path: Path, header: Sequence[str], rows: Iterable[Row]) -> None:
     with disk_errors(path), path.open("ab") as file:
         first = [header] if file.tell() == 0 else []
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([*first, *rows])
-        file.write(text.getvalue().encode())
+        file.write(csv_text([*first, *rows]).encode())

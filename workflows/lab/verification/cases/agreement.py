@@ -24,6 +24,7 @@ from stickslip.workflows.lab.verification.check import Check, within
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read
 
+SLOW = ("inexact-uzawa", "nonlinear-uzawa")  # methods that take more than some seconds
 REFERENCE = "condensed-newton"  # what the other methods are compared with
 ALL = tuple(method for method in METHODS if method != "auto")
 TOLERANCE = 1e-11  # of the residual
