@@ -23,6 +23,7 @@ The first four factors are fitted to problems of `stickslip verify accuracy`, on
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -33,12 +34,19 @@ from stickslip.solvers.accuracy.by_chance import by_chance
 from stickslip.solvers.accuracy.peaks import grows, grows_in
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
-from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import OPEN, STICK, ContactState, Numbers, StepResult
+from stickslip.solvers.results.step_result import (
+    OPEN,
+    STICK,
+    ContactState,
+    ErrorParts,
+    Numbers,
+    Quantity,
+    StepResult,
+    quantities,
+)
 from stickslip.solvers.scene.problem import Problem
-from stickslip.solvers.scene.quantities import STRESSES
+from stickslip.solvers.scene.record import STRESSES, Value
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted
 
@@ -89,7 +97,7 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
         # of the bodies' size: shorter slips are none
         errors |= without_limit(c, result.contacts[c.name], LAST_DIGITS * accepted.stepper.system.extent)
     errors |= {Quantity("probes", name, "stress"): ErrorParts(converges=False) for name in _at_corners(observe, result)}
-    return corrected, errors | at_points(accepted.stepper.system.problem)
+    return corrected, errors | at_points(accepted.stepper.system.problem, found)
 
 
 def _rims(observe: Observer, accepted: Accepted, numbers: Numbers) -> dict[Quantity, float]:
@@ -105,10 +113,10 @@ def _rims(observe: Observer, accepted: Accepted, numbers: Numbers) -> dict[Quant
     return found
 
 
-def at_points(problem: Problem) -> dict[Quantity, ErrorParts]:
+def at_points(problem: Problem, found: Iterable[Quantity]) -> dict[Quantity, ErrorParts]:
     """No error of springs that pull at a point: it gives way the more, the finer the mesh is, which no mesh ends."""
-    alone = [link.name for link in problem.links if any(not isinstance(end, str) for end, _ in link.ends.values())]
-    return {Quantity("springs", name, "force"): ErrorParts() for name in alone}
+    alone = {link.key for link in problem.links if any(not isinstance(end, str) for end, _ in link.ends.values())}
+    return {key: ErrorParts() for key in found if f"{key.kind}.{key.name}" in alone}
 
 
 def without_limit(c: ContactRows, contact: ContactState, rounding: float) -> dict[Quantity, ErrorParts]:

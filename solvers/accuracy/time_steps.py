@@ -44,11 +44,10 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Ints
-from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
-from stickslip.solvers.results.numbers import ENERGIES, quantities
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import OPEN, StepResult
+from stickslip.solvers.results.step_result import OPEN, ErrorParts, Errors, Quantity, StepResult, quantities
 from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.record import Value
 from stickslip.solvers.scene.timeline import Timeline
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.stepper import StepError, Stepper
@@ -443,8 +442,9 @@ def _works(run: Solved, errors: Array, columns: _Columns, jump: float) -> dict[s
         errors: signed, of all numbers (n, k).
         jump: time remainder [J] of an infinitely short first step.
     """
-    values = {name: run.rows[:, columns.energy(name)] for name in ENERGIES}
-    off = {name: errors[:, columns.energy(name)] for name in ENERGIES}
+    terms = [key.quantity for key in columns.keys if key.kind == "energy"]
+    values = {name: run.rows[:, columns.energy(name)] for name in terms}
+    off = {name: errors[:, columns.energy(name)] for name in terms}
     remainder = values["contact"] - values["compliance"] - values["dissipated"]
     contact = remainder - jump + off["compliance"] + off["dissipated"]
     return {"contact": contact, "external": contact + off["stored"]}

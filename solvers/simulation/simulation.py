@@ -15,16 +15,15 @@ from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.parallel.counters import Clock, Counters
 from stickslip.solvers.parallel.released import return_memory
-from stickslip.solvers.results.error_parts import Errors
 from stickslip.solvers.results.observe import Observer, mesh_data
-from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.solvers.results.step_result import Errors, MeshData, StepResult
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.bodies import Bodies
-from stickslip.solvers.simulation.loose_parts import refuse_loose_parts
 from stickslip.solvers.simulation.memory import Counts, Demand, affordable, memory_of, spare
 from stickslip.solvers.simulation.plan import planned
 from stickslip.solvers.simulation.script import Script
+from stickslip.solvers.simulation.unresisted_modes import refuse_loose_parts
 from stickslip.solvers.stepping.choice import Size, choose
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain, Reached
@@ -259,8 +258,8 @@ def prepare(
         refuse_loose_parts(system)
         choice = reached.choice if reached else choose(system)
         counts = Counts.of(mesh)
-        demand = memory_of(scene, counts, Size.of(problem, mesh, system.constraints, system.contacts), choice)
-        with_error, short = affordable(scene, demand, spare(system.mesh.comm), bool(scene.accuracy.goals))
+        demand = memory_of(scene.output, counts, Size.of(problem, mesh, system.constraints, system.contacts), choice)
+        with_error, short = affordable(scene.output, demand, spare(system.mesh.comm), bool(scene.accuracy.goals))
         scene = replace(scene, output=replace(scene.output, error=with_error))
         system.assembled()  # too
     with counters.clock.phase("prepare"):

@@ -11,36 +11,7 @@ from stickslip.geometry.arrays import EXACT, ROUNDING, Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.iteration import Correction
-
-
-@dataclass(frozen=True)
-class Energy:
-    """Works and energies, totals since t = 0 [J].
-
-    In plane models they are per metre of thickness, in axisymmetric ones of the full circle. The balance is
-    external = stored + contact, and contact = compliance + dissipated + time_remainder.
-    """
-
-    external: float  # work that loads, supports and moving obstacles do on the bodies [J]
-    stored: float  # elastic energy of the bodies [J]
-    contact: float  # work that the bodies do on the contacts [J]
-    compliance: float  # energy stored in the contact laws: normal compliance, and tangential by k_T [J]
-    dissipation: Array  # (contacts,) by friction, in the scene's order of contacts, >= 0 [J]; end-of-step rule
-
-    @property
-    def dissipated(self) -> float:
-        """Dissipation of all contacts together [J]."""
-        return float(self.dissipation.sum())
-
-    @property
-    def time_remainder(self) -> float:
-        """Work of the contacts that is neither stored in their laws nor dissipated [J]: the error of time stepping.
-
-        It vanishes with the first power of the step size. The work of closing an initial interference is part of it,
-        and does not vanish.
-        """
-        return self.contact - self.compliance - self.dissipated
-
+from stickslip.solvers.scene.record import Energy
 
 FAR = 100.0  # times the last substep; an extrapolation farther ahead would amplify what its iteration left
 HALVINGS = 8  # a step is cut down to 1/256 before it is given up

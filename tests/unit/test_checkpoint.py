@@ -126,7 +126,7 @@ def test_results_come_back_whole(tmp_path: Path) -> None:
 def test_a_step_of_another_version_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_step(tmp_path, 1, result_of(mesh_of("triangle")))
     with_more = make_dataclass("StepResult", [("news", float)])
-    monkeypatch.setattr("stickslip.workflows.formats.steps.StepResult", with_more)
+    monkeypatch.setattr("stickslip.solvers.results.step_result.StepResult", with_more)
     with pytest.raises(MachineError, match=r"000001\.h5: not a step of this version"):
         read_checkpoint(path)
 

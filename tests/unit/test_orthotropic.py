@@ -17,8 +17,7 @@ from stickslip.geometry.errors import SceneError
 from stickslip.geometry.shape import Model
 from stickslip.solvers.fem.own_axes import stress_by_compliance
 from stickslip.solvers.results.audit import Auditor
-from stickslip.solvers.results.error_parts import Quantity
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import Quantity, StepResult
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.orthotropic import Orthotropic
 from stickslip.solvers.scene.scene import Scene

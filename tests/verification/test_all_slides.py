@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.solvers.results.error_parts import Quantity
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import Quantity, StepResult
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.simulation.simulation import prepare as estimating
 from stickslip.workflows.lab.verification.prepared import prepare

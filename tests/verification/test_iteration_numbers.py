@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stickslip.solvers.results.error_parts import Quantity, Value
-from stickslip.solvers.results.numbers import quantities
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import Quantity, StepResult, quantities
+from stickslip.solvers.scene.record import Value
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.scene_file.read import read
 

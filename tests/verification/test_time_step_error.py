@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from shared.histories import PUSHED
-from stickslip.solvers.results.error_parts import Quantity
-from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.step_result import Quantity, quantities
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.scene_file.read import read

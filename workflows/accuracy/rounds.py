@@ -25,8 +25,7 @@ from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.accuracy.next_order import AT_THE_EDGE
 from stickslip.solvers.accuracy.two_level import MeshCorrection
-from stickslip.solvers.results.error_parts import Errors
-from stickslip.solvers.results.step_result import OPEN, StepResult
+from stickslip.solvers.results.step_result import OPEN, Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy
 from stickslip.solvers.simulation.simulation import Simulation

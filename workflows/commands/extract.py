@@ -22,7 +22,7 @@ def extract(
     import numpy as np
 
     from stickslip.geometry.dolfinx_versions import cells_at
-    from stickslip.solvers.scene.quantities import STRESSES
+    from stickslip.solvers.scene.record import STRESSES
     from stickslip.workflows.formats.aside import write_aside
     from stickslip.workflows.formats.csv_tables import csv_text
     from stickslip.workflows.run.load import load

@@ -17,8 +17,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.errors import GeometryError, SceneError, SolverError, prefixed
-from stickslip.solvers.results.error_parts import Errors, Quantity
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import Errors, Quantity, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.simulation import prepare

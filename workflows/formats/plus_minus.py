@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE
-from stickslip.solvers.results.error_parts import PARTS, ErrorParts
+from stickslip.solvers.results.step_result import PARTS, ErrorParts
 
 MOST_PLACES = 6  # behind the point
 PLAIN = 1e5  # smaller numbers have no exponent

@@ -8,7 +8,7 @@ from html import escape
 from typing import Any
 
 from stickslip.geometry.errors import FolderError
-from stickslip.solvers.results.error_parts import ErrorParts
+from stickslip.solvers.results.step_result import ErrorParts
 from stickslip.workflows.formats.plus_minus import missing, of_parts, parts_of, plus_minus, stated
 from stickslip.workflows.pictures.report_page import ENERGIES, NUMBERS, PHASES, as_written, bare_page, table
 from stickslip.workflows.pictures.report_results import Results

@@ -16,7 +16,7 @@ import numpy as np
 from stickslip.geometry.arrays import AnyArray
 from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import Units
-from stickslip.solvers.scene.quantities import CONTACT_NUMBERS
+from stickslip.solvers.scene.record import CONTACT_NUMBERS
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE
 from stickslip.workflows.formats.own_files import own_files

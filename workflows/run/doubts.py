@@ -12,8 +12,7 @@ from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints,
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.resolution import elements_touched, unresolved
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.results.error_parts import Errors, Quantity
-from stickslip.solvers.results.step_result import OPEN, ContactState, MeshData, StepResult
+from stickslip.solvers.results.step_result import OPEN, ContactState, Errors, MeshData, Quantity, StepResult
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.simulation.simulation import Simulation
 

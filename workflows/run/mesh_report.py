@@ -227,7 +227,7 @@ def look(scene: Scene) -> tuple[MeshReport, Choice, Demand]:
     report = report_mesh(scene, mesh, nodes.total, contacts)
     size = Size.of(problem, mesh, constraints, contacts)
     choice = chosen(size, scene.solver, least_available(mesh.comm))
-    return report, choice, memory_of(scene, Counts.of(mesh), size, choice)
+    return report, choice, memory_of(scene.output, Counts.of(mesh), size, choice)
 
 
 def count(scene: Scene) -> dict[str, Any]:

@@ -15,9 +15,8 @@ from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.solvers.parallel.counters import Counters, Row
 from stickslip.solvers.parallel.serialise import serialise
-from stickslip.solvers.results.error_parts import Errors
 from stickslip.solvers.results.linear_reference import LinearReference, linear_reference
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.bodies import Bodies
 from stickslip.solvers.simulation.checkpoint import Checkpoints

@@ -15,8 +15,7 @@ from rich.table import Table
 
 from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.units import Units
-from stickslip.solvers.results.error_parts import PARTS, ErrorParts
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import PARTS, ErrorParts, StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow

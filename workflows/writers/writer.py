@@ -13,8 +13,7 @@ from typing import Any, ClassVar, TypeVar
 from stickslip.geometry.errors import nearest, require
 from stickslip.geometry.keys import Noun
 from stickslip.geometry.protocols import Comm
-from stickslip.solvers.results.error_parts import Errors
-from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.solvers.results.step_result import Errors, MeshData, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.simulation import Simulation
