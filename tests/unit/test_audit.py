@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from shared.audited import record_of, stored_by
 from shared.cases import every_nth
 from shared.problems import SceneOf, SimulationOf, SystemOf
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EPS, ROUNDING, SLIGHT, Array
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.build import MultiplierNodes
@@ -848,7 +848,7 @@ def test_scales_are_those_of_the_largest_tractions(scene_of: SceneOf, simulation
     u = audit.system.vector()
     largest = float(np.abs(record.p).max())
     tiny = replace(record, p=1e-5 * record.p)
-    for each, p_top in ((tiny, 1e-5 * largest), (record, largest), (tiny, module.PAST * largest)):
+    for each, p_top in ((tiny, 1e-5 * largest), (record, largest), (tiny, SLIGHT * largest)):
         scales = audit._scales(each, audit._inner(u))
         assert scales.p == pytest.approx(p_top)
         give = audit._give(place.rows, each.p[place.normal])
@@ -866,7 +866,7 @@ def test_tractions_are_not_smaller_than_the_rounding_of_all_forces(
     u = audit.system.vector()
     u.array[:] = record.displacement[audit.system.nodes.input].ravel()
     inner, load = audit._inner(u), audit.system.load(1.0)
-    noise = module.ROUNDED * (np.abs(inner.array).sum() + np.abs(load.array).sum())  # on a side of 2 m
+    noise = ROUNDING * (np.abs(inner.array).sum() + np.abs(load.array).sum())  # on a side of 2 m
     noise += module.EPS * audit._largest_stiffness * np.abs([*u.array, *audit._motion(place.rows, record).flat]).max()
     assert audit._scales(replace(record, p=0 * record.p), inner).p == pytest.approx(noise / 2.0, rel=1e-9)
 
@@ -998,7 +998,7 @@ def test_forces_of_a_body_that_moves_as_a_whole_are_rounding_up_to_a_limit(
     u, one = audit.system.vector(), audit.system.vector()
     one.array[len(one.array) // 2] = 1.0
     u.set(0.3)
-    limit = module.ROUNDING * module.EPS * audit._largest_stiffness * float(np.abs(u.array).sum())
+    limit = module.SUMMED * EPS * audit._largest_stiffness * float(np.abs(u.array).sum())
     u += one * (part * limit / audit._inner(one).norm(0))
     found = audit._equilibrium(still, u, audit._inner(u), scales)
     assert (found != (0.0, 0.0)) is judged_at_all
