@@ -20,10 +20,8 @@ from stickslip.geometry.protocols import Comm, Sparse
 from stickslip.geometry.surfaces.surface import Surface, lumped_mass, surface_stiffness
 from stickslip.solvers.linear.cholesky import InverseRoot, SparseCholesky
 from stickslip.solvers.parallel.serialise import Plain
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.orthotropic import Orthotropic
-from stickslip.solvers.system.sides import contact_sides
-from stickslip.solvers.system.system import System
+from stickslip.solvers.scene.material import Material, Orthotropic
+from stickslip.solvers.system.system import System, contact_sides
 
 DIRECTIONS = 64  # of the trapezoidal rule over half a turn, which converges geometrically
 NORMALS = 8  # normals of which the mean is taken

@@ -21,7 +21,7 @@ from stickslip.geometry.protocols import Function, Sparse, UflForm, Vec
 from stickslip.solvers.accuracy.finer_loads import beyond
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.forms import WeakForms
-from stickslip.solvers.fem.ground_springs import GroundSprings
+from stickslip.solvers.fem.springs import GroundSprings
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.recovered_stress import InCell

@@ -29,8 +29,7 @@ from stickslip.solvers.classical.block_matrices import (
     solve,
 )
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
-from stickslip.solvers.fem.contact_forms import ComplianceForms
-from stickslip.solvers.fem.point_laws import PointLaw
+from stickslip.solvers.fem.contact_forms import ComplianceForms, PointLaw
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.sparse import PREFIX, SparseSurface
 from stickslip.solvers.laws.compliance import Compliance

@@ -22,7 +22,7 @@ from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Mat, Vec
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.fem.smoothed_laws import SmoothedContact, Widths
+from stickslip.solvers.fem.contact_forms import SmoothedContact, Widths
 from stickslip.solvers.interface.factorised import METIS
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.problem import SurfaceProblem

@@ -23,8 +23,8 @@ from stickslip.geometry.arrays import Array, Bools, Ints, cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Comm, Mat
-from stickslip.solvers.fem.links import Links
 from stickslip.solvers.fem.remote_points import RemotePoint, RemotePoints
+from stickslip.solvers.fem.springs import Links
 from stickslip.solvers.scene.timeline import Course, Drive, Place
 
 AXES = {"x": 0, "y": 1, "z": 2}

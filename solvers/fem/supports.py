@@ -17,8 +17,8 @@ from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import FunctionSpace
 from stickslip.geometry.surfaces.surface import gather_surface, own_nodes
 from stickslip.solvers.fem.constraints import AXES, AXIS, Components, Constraints, Periodic, Sprung
-from stickslip.solvers.fem.links import find_links, vertex_at
 from stickslip.solvers.fem.remote_points import RemotePoints, RigidRow, find_remote_points
+from stickslip.solvers.fem.springs import find_links, vertex_at
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Course, Drive, Place
 

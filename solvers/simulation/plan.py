@@ -12,7 +12,7 @@ from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.user_files.child_process import walls
 from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.solvers.contact.rigid_obstacle import seen_from
+from stickslip.solvers.contact.coupling import seen_from
 from stickslip.solvers.effects import active
 from stickslip.solvers.method_registry import METHODS, Solver, method_of
 from stickslip.solvers.methods.method import RIGID, Applicability, Method, Refusal, keys_of

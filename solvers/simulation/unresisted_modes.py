@@ -15,7 +15,7 @@ from scipy.linalg import null_space
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.joints import is_rigid
-from stickslip.solvers.contact.rigid_obstacle import seen_from
+from stickslip.solvers.contact.coupling import seen_from
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.constraints import AXES
 from stickslip.solvers.fem.rigid_fields import rigid_fields, rigid_names

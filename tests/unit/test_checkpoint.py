@@ -20,7 +20,7 @@ from stickslip.solvers.parallel.serialise import deserialise, serialise
 from stickslip.solvers.simulation.checkpoint import APART, FOR_RESULTS, ROWS, Checkpoints
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.state import State
-from stickslip.workflows.formats.own_files import mark
+from stickslip.workflows.formats.marker import mark
 from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
 from stickslip.workflows.formats.steps import read_checkpoint, write_step
 from stickslip.workflows.run.learnt import LearntFiles, is_kept

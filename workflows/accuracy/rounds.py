@@ -34,7 +34,7 @@ from stickslip.workflows.accuracy.kept import KeptRounds
 from stickslip.workflows.accuracy.level import ITERATION, SMALLEST, Level, Move, next_move
 from stickslip.workflows.accuracy.round import Round
 from stickslip.workflows.accuracy.standing import Standing, percent, standings
-from stickslip.workflows.formats.own_files import certify, is_certified
+from stickslip.workflows.formats.marker import certify, is_certified
 from stickslip.workflows.formats.regular import read_json
 from stickslip.workflows.formats.steps import read_step, step_files
 from stickslip.workflows.run.collective import from_rank_0, raise_together

@@ -18,7 +18,7 @@ from stickslip.geometry.user_files.parts import FACET_WORD
 from stickslip.geometry.user_files.touching import joined
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.workflows.formats.aside import disk_errors, write_aside
-from stickslip.workflows.formats.own_files import is_marked, listed, mark, move_own, remove_own
+from stickslip.workflows.formats.marker import is_marked, mark, marker_of
 from stickslip.workflows.run.collective import raise_together
 from stickslip.workflows.run.terminal import console, print_table
 from stickslip.workflows.scene_file.proposal import (
@@ -85,7 +85,7 @@ def found_in(source: str, unit: str | None, units: str | None, within: float | N
 
 def _list(source: str, unit: str | None, units: str | None, within: float | None, folder: Path | None) -> None:
     folder = folder or Path(f"{stem(Path(source))}_contacts")
-    if folder.exists() and not (is_marked(folder) and all(map(PICTURE.fullmatch, listed(folder)))):
+    if folder.exists() and not (is_marked(folder) and all(map(PICTURE.fullmatch, marker_of(folder).names))):
         raise FolderError(f"{folder}: exists already, and not from here; choose another folder with -o")
     found, out = found_in(source, unit, units, within), console(160)
     names, word = side_names(found), FACET_WORD[found.dim]
@@ -122,7 +122,6 @@ def _draw(found: Assembly, folder: Path) -> None:
     with disk_errors(folder):
         shutil.rmtree(aside, ignore_errors=True)  # of a run that was killed
         aside.mkdir()
-        mark(aside)
         try:
             for k, pair in enumerate(found.pairs, start=1):
                 sides = names[pair.one], names[pair.other]
@@ -130,9 +129,14 @@ def _draw(found: Assembly, folder: Path) -> None:
         except BaseException:
             shutil.rmtree(aside, ignore_errors=True)
             raise
-        for name in set(listed(folder)) - set(listed(aside)):
-            remove_own(folder, below=name)
-        move_own(aside, folder)
+        folder.mkdir(exist_ok=True)
+        drawn = sorted(path.name for path in aside.iterdir())
+        for name in {*marker_of(folder).names} - {*drawn}:
+            (folder / name).unlink(missing_ok=True)
+        mark(folder, names=drawn)
+        for name in drawn:
+            (aside / name).replace(folder / name)
+        aside.rmdir()
 
 
 def _write(path: Path, unit: str | None, units: str | None, within: float | None, target: Path) -> None:
@@ -169,4 +173,4 @@ def write_new(path: Path, text: str) -> None:
     for wrong, error in ((os.path.lexists(path), errno.EEXIST), (not path.parent.exists(), errno.ENOENT)):
         if wrong:
             raise SceneError(f"{path}: cannot be written: {os.strerror(error)}")
-    write_aside(path, text.encode(), own=False)
+    write_aside(path, text.encode())

@@ -54,7 +54,7 @@ def extract(
     header = ["time", *axes, *(f"displacement_{axis}" for axis in axes), *(f"stress_{ij}" for ij in STRESSES)]
     text = csv_text([header, *([float(number) for number in row] for row in rows)])
     if speaks() and output is not None:
-        write_aside(output, text.encode(), own=False)
+        write_aside(output, text.encode())
         typer.echo(f"wrote {output}")
     elif speaks():
         typer.echo(text, nl=False)

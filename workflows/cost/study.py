@@ -24,6 +24,11 @@ class Study:
     runs: tuple[Run, ...]  # converged
     tolerance: float  # the tightest
 
+    @property
+    def picture(self) -> str:
+        """Name of its picture."""
+        return f"cost_{self.truth.name.replace('.', '_')}.png"
+
     @cached_property
     def errors(self) -> Mapping[Rung, float]:
         """Relative error of every run."""

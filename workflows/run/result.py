@@ -148,9 +148,9 @@ def write_result(folder: Path, content: dict[str, Any]) -> None:
     write_json(folder / "result.json", content)
 
 
-def write_json(path: Path, content: dict[str, Any], own: bool = True) -> None:
+def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write a JSON file whole; see `write_aside`."""
-    write_aside(path, f"{json_text(content)}\n".encode(), own=own)
+    write_aside(path, f"{json_text(content)}\n".encode())
 
 
 def json_text(content: dict[str, Any]) -> str:

@@ -26,7 +26,6 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import disk_errors, make_folder
 from stickslip.workflows.formats.fclib import LocalProblem, write_local
-from stickslip.workflows.formats.own_files import own_files
 from stickslip.workflows.writers.writer import Job, Keys, Turn, Writer, keys_of
 
 FOLDER, KEY = "fclib", "output.fclib"
@@ -113,16 +112,18 @@ class FclibFiles(Writer):
         make_folder(self.job.folder / FOLDER)
         write_local(self._path(index), problem, info, {"u": u, "r": r})
 
+    def names(self) -> Sequence[str]:
+        return [f"{FOLDER}/"]
+
     def resume(self, steps: Sequence[StepResult]) -> None:
         for index, result in enumerate(steps, start=1):
             if not self._path(index).exists():
                 self.step(index, result)
         folder = self.job.folder / FOLDER
         wanted = {self._path(index) for index in range(1, len(steps) + 1)}
-        own = own_files(self.job.folder)
         with disk_errors(folder):
-            for path in folder.glob("*.hdf5"):
-                if path not in wanted and path in own:
+            for path in folder.glob(f"{'[0-9]' * 6}.hdf5"):
+                if path not in wanted:
                     path.unlink()
 
     def _path(self, index: int) -> Path:
