@@ -356,7 +356,7 @@ def _keys_at(kind: Any, data: Any, path: Sequence[str]) -> dict[str, Any]:
         kind = tags[data[kind.tag]] if len(tags) > 1 else kind.kinds[0]
     if isinstance(kind, type) and issubclass(kind, ByKeys) and ByKeys in kind.__bases__:
         kind = kind.kind_of(data)
-    if not is_dataclass(kind):
+    if not (isinstance(kind, type) and issubclass(kind, Noun) and is_dataclass(kind)):
         return {}
     hints = get_type_hints(kind, include_extras=True)
     names = {f.name.rstrip("_"): hints[f.name] for f in fields(kind)} | dict(kind.added())
