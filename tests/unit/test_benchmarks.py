@@ -26,15 +26,17 @@ from stickslip.solvers.results import linear_reference as module
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.steps_csv import read_steps_table
-from stickslip.workflows.lab.benchmarks import auto, discrete, history, platforms, price, price_page, price_run
+from stickslip.workflows.lab.benchmarks import auto, discrete, history, platforms, price, price_run
 from stickslip.workflows.lab.benchmarks.auto import Case, Run
-from stickslip.workflows.lab.benchmarks.peers import page, programs
+from stickslip.workflows.lab.benchmarks.peers import programs
 from stickslip.workflows.lab.benchmarks.peers.ours import OURS
 from stickslip.workflows.lab.benchmarks.peers.problem import write_problem
 from stickslip.workflows.lab.benchmarks.price_run import REFERENCE
 from stickslip.workflows.lab.benchmarks.price_run import Case as Peer
 from stickslip.workflows.lab.benchmarks.price_run import Case as Price
-from stickslip.workflows.lab.benchmarks.scaling import PAGE
+from stickslip.workflows.lab.benchmarks.scaling import LEAST, MOST, PAGE
+from stickslip.workflows.lab.benchmarks.scaling import page as scaling_page
+from stickslip.workflows.lab.benchmarks.scaling import ratios as scaling_ratios
 from stickslip.workflows.lab.benchmarks.scaling_model import (
     EACH,
     ONCE,
@@ -49,9 +51,6 @@ from stickslip.workflows.lab.benchmarks.scaling_model import (
     seconds_of,
     size_of,
 )
-from stickslip.workflows.lab.benchmarks.scaling_page import LEAST, MOST
-from stickslip.workflows.lab.benchmarks.scaling_page import page as scaling_page
-from stickslip.workflows.lab.benchmarks.scaling_page import ratios as scaling_ratios
 from stickslip.workflows.lab.benchmarks.scaling_run import Case as Scaling
 from stickslip.workflows.lab.benchmarks.work_precision import Point, draw, points
 from stickslip.workflows.pictures.performance_profile import ratios
@@ -181,7 +180,7 @@ def test_a_price_is_the_median_of_ratios_taken_side_by_side(monkeypatch: pytest.
     assert found["repeated"] == len(SECONDS)  # 0.9 + 0.6 + 0.8 s fill two
     assert found["price"] == pytest.approx(median(s / r for s, r in SECONDS))
     assert found["further_price"] == pytest.approx(0.1 * found["price"])
-    row = price_page._row(found, [found])
+    row = price._row(found, [found])
     assert (row["price"], row["reference"]) == (found["price"], 0.1)
 
 
@@ -213,13 +212,13 @@ def test_growth_is_the_slope_of_counts_that_are_powers_of_n() -> None:
     kind = {"method": "uzawa", "surface": "auto", "tolerance": 1e-8, "price": 1.0}
     rows = [kind | {"n": n, "volume_solves": 3 * n**1.5} for n in (8, 16, 64)]
     stopped = kind | {"n": 128, "price": None, "volume_solves": 7}
-    assert price_page.growth([*rows, stopped]) == {("uzawa", "auto", 1e-8): pytest.approx(1.5)}
-    assert price_page.growth(rows[:1]) == {}
+    assert price.growth([*rows, stopped]) == {("uzawa", "auto", 1e-8): pytest.approx(1.5)}
+    assert price.growth(rows[:1]) == {}
 
 
 def test_a_page_of_which_nothing_was_measured_is_a_page(tmp_path: Path) -> None:
     stopped = {"case": vars(Price(3, 64)), "status": "not run: 900 s expected"}
-    page = price_page.write_page(tmp_path, [stopped])
+    page = price.write_page(tmp_path, [stopped])
     assert "not run: 900 s expected" in page.read_text()
     assert (tmp_path / "price.png").stat().st_size > 1000
 
@@ -271,7 +270,7 @@ def test_a_peer_that_is_missing_is_said_to_be_so(tmp_path: Path, monkeypatch: py
     ours, *others = programs.measured(tmp_path, 3, [2], 1.0)
     assert (ours["name"], ours["status"]) == (OURS, "converged")
     assert [run["status"] for run in others] == ["not installed: Debian: nothing", "not installed: is ours too"]
-    assert "not installed: Debian: nothing" in page.section(3, [ours, *others])
+    assert "not installed: Debian: nothing" in price.section(3, [ours, *others])
 
 
 def test_a_peer_that_would_take_too_long_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -292,13 +291,13 @@ def test_a_row_has_the_price_in_our_unit_and_the_errors_of_the_forces(tmp_path: 
     ours = common | {"name": OURS, "seconds": 1.0, "unit": 0.5, "steps": [step, step]}
     wrong = step | {"normal_force": 2.02, "tangential_force": 0.49, "iterations": 6}
     peer = common | {"name": "GetFEM", "seconds": 6.0, "steps": [step, wrong]}
-    found = page.row(peer, [ours, peer])
+    found = price.row(peer, [ours, peer])
     assert (found["price"], found["iterations"]) == (12.0, 10)
     assert found["error of N"] == pytest.approx(0.01)
     assert found["error of T"] == pytest.approx(-0.02)
-    text = price_page.write_page(tmp_path, [], [ours, peer]).read_text()
+    text = price.write_page(tmp_path, [], [ours, peer]).read_text()
     assert "<td>GetFEM<td>1<td>9<td>12<td>6<td>10<td>0.50<td>1.0e-02<td>-2.0e-02" in text
-    assert "Peers on the same meshes" not in price_page.write_page(tmp_path, []).read_text()
+    assert "Peers on the same meshes" not in price.write_page(tmp_path, []).read_text()
 
 
 COSTS = {name: np.array([1e-6, 1e-5, 1e-3]) for name in PHASES}

@@ -324,6 +324,18 @@ def test_numpys_numbers_lists_and_whole_numbers_are_what_they_mean() -> None:
     assert isinstance(s.Material(E=1, nu=0.3).E, float)
 
 
+def test_tables_of_effects_are_given_and_replaced_like_all_others() -> None:
+    spring = s.Spring(at="block.top", stiffness=(1.0, 1.0))
+    found = scene(bodies={"block": s.Material(E=1.0, nu=0.3, density=1.0)}, springs={"s": spring})
+    heavy: s.Scene = replace(found, gravity=s.Gravity(acceleration=(0.0, -9.81)))  # type: ignore[call-arg]
+    assert (heavy.springs, heavy.bolts, heavy.gravity.acceleration) == ({"s": spring}, {}, (0.0, -9.81))
+    assert heavy == replace(found, sections=heavy.sections)
+    assert replace(heavy, gravity=None) == found  # type: ignore[call-arg]
+    assert replace(heavy, springs={}).sections.keys() == {"gravity"}  # type: ignore[call-arg]
+    with pytest.raises(AttributeError, match="no attribute 'gravty'"):
+        _ = found.gravty
+
+
 def test_a_law_of_ones_own_is_accepted() -> None:
     @dataclass(frozen=True, kw_only=True)
     class Own(Coulomb):
@@ -342,6 +354,9 @@ ODD = {
     "long value": f"model={'x' * 100_000}",
     "lone surrogate": "title=\udcff",
     "row": "supports.top.displacement.y=[[0,0],[1]]",
+    "effect": (lambda: scene(gravity=9.81), "^gravity = 9.81: expected a Gravity$"),
+    "misspelt effect": (lambda: scene(gravty=None), r"^gravty: unknown key; did you mean gravity\?$"),
+    "effect's table": (lambda: scene(springs={"s": 1.0}), "^springs.s = 1.0: expected a Spring$"),
 }
 
 
