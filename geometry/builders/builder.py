@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import GeometryError, SceneError, require
 from stickslip.geometry.keys import Choice, Key
 from stickslip.geometry.mesh_sizes import filled
@@ -200,7 +200,7 @@ def outer(gmsh: Gmsh, box: Array, places: Places, rest: str | None = None) -> di
         reach = np.reshape(gmsh.model.getBoundingBox(dim - 1, tag), (2, 3))
         for name, (axis, end) in places.items():
             at = box[end, axis]
-            if np.all(np.abs(reach[:, axis] - at) < 1e-6 * (1 + abs(at))):  # gmsh enlarges bounding boxes by 1e-7
+            if np.all(np.abs(reach[:, axis] - at) < CLOSE * (1 + abs(at))):  # gmsh enlarges bounding boxes by 1e-7
                 found[name].append(int(tag))
                 break
         else:

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array
 from stickslip.geometry.builders.assembly import Assembly, BodyRow, CellKeys, Part
 from stickslip.geometry.builders.builder import (
     ONLY_PLANE,
@@ -28,7 +28,6 @@ from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request
 
 ANGLE = "in degrees: 360, or 90: a quarter with sides x_axis and y_axis"
-THINNEST = 1e-6  # of the radius: the kernel takes both circles of a thinner one for the same
 RADIAL = {"x_axis": (1, 0), "y_axis": (0, 0)}  # further sides of a quarter, see `Places`
 
 
@@ -51,7 +50,8 @@ class Ring(Builder):
         inner = self.inner_radius
         require(inner < self.outer_radius, "inner_radius", inner, "must be smaller than outer_radius")
         thin = f"too near to outer_radius = {self.outer_radius:g}: the ring must be a millionth of it thick"
-        require(inner <= (1 - THINNEST) * self.outer_radius, "inner_radius", inner, thin)
+        # the kernel takes both circles of a thinner one for the same
+        require(inner <= (1 - CLOSE) * self.outer_radius, "inner_radius", inner, thin)
 
     @property
     def radii(self) -> dict[str, float]:
@@ -88,7 +88,7 @@ class Ring(Builder):
             found |= {"x_axis": [spokes[0]], "y_axis": [spokes[1]]}
         name_groups(gmsh, 2, "ring", found)
         fine, across = touched(request) & {*self.radii}, self.outer_radius - self.inner_radius
-        along = max(2, int(np.ceil(self._along(fine, np.pi / 2) * (1 - 1e-9))))
+        along = max(2, int(np.ceil(self._along(fine, np.pi / 2) * (1 - ROUNDING))))
         for curve in (*circles[0], *circles[1]):
             gmsh.model.mesh.setTransfiniteCurve(curve, along + 1)
         steps, ratio = max(1, round(across / self.mesh_size)), 1.0
@@ -168,7 +168,7 @@ class Sector(Builder):
         names = {"left": [left], "right": [right], "inside": inside, "outside": outside}
         name_groups(gmsh, 2, "sector", names)
         along, across = self._counts()
-        steps = max(1, int(np.ceil(along * (1 - 1e-9)))), max(1, round(across))
+        steps = max(1, int(np.ceil(along * (1 - ROUNDING)))), max(1, round(across))
         for curves, count in zip(((*inside, *outside), (left, right)), steps, strict=True):
             for curve in curves:
                 gmsh.model.mesh.setTransfiniteCurve(curve, count + 1)

@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
+from stickslip.geometry.arrays import ROUNDING
 from stickslip.geometry.builders.builder import ONLY_PLANE, PLANE, Builder, Sides, directions, name_groups, touched
 from stickslip.geometry.builders.cuboid import transfinite
 from stickslip.geometry.errors import require
@@ -93,7 +94,7 @@ class Wedge(Builder):
         """
         size = self.fine_size if contact else self.mesh_size
         if contact or not any(ends) or self.fine_size == self.mesh_size:
-            return max(1, int(np.ceil(length / size * (1 - 1e-9)))), "Progression", 1.0
+            return max(1, int(np.ceil(length / size * (1 - ROUNDING)))), "Progression", 1.0
         count, ratio = graded(length, self.fine_size, self.mesh_size, sum(ends))
         law = "Bump" if all(ends) and ratio != 1 else "Progression"
         return count, law, ratio if ends[0] else 1 / ratio

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, inverse_and_determinant, inverses
+from stickslip.geometry.arrays import EXACT, Array, inverse_and_determinant, inverses
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, Sparse, UflForm, Vec
@@ -197,7 +197,7 @@ class Bubbles:
         steps = [self.relaxed(change) for change in changes]
         products = np.array([[a.dot(b) for b in steps] for a in changes])
         right = np.array([-step.dot(r) for step in steps])
-        return [float(c) for c in np.linalg.lstsq(products, right, rcond=1e-12)[0]]
+        return [float(c) for c in np.linalg.lstsq(products, right, rcond=EXACT)[0]]
 
     @cached_property
     def _copies(self) -> Array:

@@ -21,7 +21,7 @@ from scipy.linalg import eigh, eigvalsh
 from scipy.sparse.csgraph import dijkstra
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import EXACT, Array, Bools, Ints
 from stickslip.geometry.errors import MachineError, require
 from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.protocols import Mat, Sparse
@@ -65,9 +65,6 @@ class Gram(Noun):
         require(self.length is None or self.length > 0, "length", self.length, "must be positive")
 
 
-RANK = 1e-13  # of the largest eigenvalue; a smaller one is zero
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DenseMetric:
     """Q / alpha in place of the Delassus operator; implements `newton.surface_system.Metric`."""
@@ -105,7 +102,7 @@ def inverse_root(Q: Array) -> Array:
     Q is singular where a compliant face has more points than nodes: tractions without nodal forces have norm zero.
     """
     values, vectors = eigh(Q)
-    kept = values > RANK * values.max(initial=0.0)
+    kept = values > EXACT * values.max(initial=0.0)  # of the largest eigenvalue; a smaller one is zero
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, Array, Bools, Ints
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.protocols import Sparse
@@ -107,9 +107,6 @@ def midway_normals(own: Array, other: Array, gap: Array) -> tuple[Array, Array]:
     return normals, gap * np.einsum("md,md->m", own, normals)
 
 
-UNIT = 1e-6  # by which a normal may be longer or shorter than 1
-
-
 def rigid_coupling(surface: Surface, obstacle: Obstacle) -> Coupling:
     """Coupling of a surface with a shape that is given by a formula and has no mesh."""
     gap, normals = seen_from(obstacle, surface.points)
@@ -133,7 +130,8 @@ def seen_from(obstacle: Obstacle, points: Array) -> tuple[Array, Array]:
     """
     gap, normals = obstacle.signed_gap(points), obstacle.normals(points)
     long = np.linalg.norm(normals, axis=1)
-    wrong = np.flatnonzero(~np.isfinite(gap) | ~(np.abs(long - 1) < UNIT))
+    # by which a normal may be longer or shorter than 1
+    wrong = np.flatnonzero(~np.isfinite(gap) | ~(np.abs(long - 1) < CLOSE))
     if len(wrong):
         k, kind = wrong[0], type(obstacle).__name__
         place = ", ".join(f"{x:g}" for x in points[k])

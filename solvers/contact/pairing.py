@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import build_rows
@@ -27,7 +27,6 @@ OPERATORS: Mapping[str, Operator] = {
 
 
 REACH = 0.2  # of the sides' extent: as far as contact is searched for where the scene does not say
-SLACK = 1 + 1e-6  # a gap may be as wide as the reach to rounding
 
 
 def pair_up(
@@ -59,7 +58,8 @@ def pair_up(
         assert known.master is not None
         # of the start, and the same for a scene that is turned as a whole
         reach = known.contact.search_distance or REACH * _spread(sides[known.slave], sides[known.master])
-        couplings[name] = known.contact, OPERATORS[known.contact.operator or "mortar"](slave, master, reach * SLACK)
+        operator = OPERATORS[known.contact.operator or "mortar"]
+        couplings[name] = known.contact, operator(slave, master, reach * (1 + CLOSE))  # as wide a gap to rounding
         if not np.any(couplings[name][1].weights > 0):
             raise SceneError(
                 f"contacts.{name}: nothing of {known.slave} faces {known.master} within {reach:g} "

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import CLOSE, Array, Ints
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
@@ -201,7 +201,7 @@ def vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, A
     )
     nearest, number, x, found = min(offers, key=lambda offer: offer[0])
     low, high = mesh.box()
-    if nearest > 1e-6 * float(np.max(high - low)):
+    if nearest > CLOSE * float(np.max(high - low)):
         at = ", ".join(f"{c:.6g}" for c in x)
         raise SceneError(f"{key} = {point.tolist()}: no mesh vertex there; the nearest is ({at})")
     return np.array([number]), np.array([x]), np.array([found])

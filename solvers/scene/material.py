@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import LIST, ByKeys, Key
 from stickslip.geometry.shape import Model
@@ -122,7 +122,6 @@ class Material(Elastic, kind="isotropic"):
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # components of a symmetric tensor as a vector of six
 DOUBLED = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # shear strains in that vector are 2 eps_ij
-PARALLEL = 1e-6  # sine of the angle below which two axes are parallel
 PULL = "contraction along {1} by the elongation along {0}, under a pull along {0}"
 
 
@@ -204,7 +203,11 @@ class Orthotropic(Elastic, kind="orthotropic"):
         rest = second - (second @ first) * first
         given = list(self.axis_2) if self.axis_2 is not None else "absent, so y"
         require(
-            float(np.linalg.norm(rest)) > PARALLEL, "axis_2", given, "is parallel to axis_1; give another direction"
+            # sine of the angle below which two axes are parallel
+            float(np.linalg.norm(rest)) > CLOSE,
+            "axis_2",
+            given,
+            "is parallel to axis_1; give another direction",
         )
         second = rest / np.linalg.norm(rest)
         return np.array([first, second, np.cross(first, second)])
