@@ -156,6 +156,9 @@ class Solution:
         return self.history[-1].iteration if self.history else 0
 
 
+QUICK, USUAL, PATIENT = 20, 50, 500  # windows of stalls, by the number of iterations that methods need
+ROUNDING = 1e-14  # relative: no solve makes a residual or an error smaller
+EXACT = 1e-12  # relative: what rounding may leave of a result that is zero
 SAME = 1e-10  # relative change up to which two iterates are the same
 When = Callable[[int, float], bool]  # number and residual of an iterate: whether something is the case there
 

@@ -18,6 +18,7 @@ from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Comm, Sparse
 from stickslip.geometry.surfaces.surface import Surface, lumped_mass, surface_stiffness
+from stickslip.solvers.iteration import EXACT
 from stickslip.solvers.linear.cholesky import InverseRoot, SparseCholesky
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.scene.material import Material
@@ -235,7 +236,6 @@ class Shares:
 
 
 KEPT = 100  # pairs
-EXACT = 1e-12  # least part of a pair's work that must be independent of the others, if volume solves are exact
 NOISE = 3.0  # that part must also exceed the asymmetry of measured work this many times
 
 

@@ -24,6 +24,7 @@ from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.protocols import KSP, Mat, Sparse, Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.iteration import EXACT
 from stickslip.solvers.linear.petsc_solver import PetscOptions, direct, mumps_options
 from stickslip.solvers.parallel.replicated import Replicated, distributed
 from stickslip.solvers.system.nodal_contact import NodalContact, traction_fields
@@ -125,7 +126,6 @@ def assemble_C(system: System, cone: AdmissibleSet, multipliers: Multipliers) ->
     return multipliers.matrix(sparse.diags(diagonal[multipliers.rows], format="csr"), multipliers.like)
 
 
-RTOL = 1e-12  # relative residual at which an iterative solve of the nest stops
 PREFIX = "block_"  # of PETSc's options; solver.petsc_options are without it
 SPLITS = ("", "fieldsplit_u_", "fieldsplit_lambda_")  # prefixes, after that one, of the nest's solvers
 
@@ -155,7 +155,7 @@ def solve(nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec], options: Pe
     pc = ksp.getPC()
     pc.setType("lu")
     pc.setFactorSolverType("mumps")
-    ksp.setTolerances(rtol=RTOL)
+    ksp.setTolerances(rtol=EXACT)
     splits, _ = nest.getNestISs()
     with options.in_force(mumps_options(PREFIX)):
         ksp.setFromOptions()

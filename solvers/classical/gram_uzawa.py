@@ -33,7 +33,7 @@ from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import OnStep, Solution, ignore
+from stickslip.solvers.iteration import ROUNDING, OnStep, Solution, ignore
 from stickslip.solvers.methods.method import Applicability, Keys, Method, Ready, Refusal, SameEveryStep, Setup
 from stickslip.solvers.newton.surface_model import nearest_in_cone
 from stickslip.solvers.parallel.counters import Counters
@@ -41,8 +41,6 @@ from stickslip.solvers.scene.gram import Gram
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.system.stiffness import Stiffness
 from stickslip.solvers.system.system import System
-
-RANK = 1e-13  # of the largest eigenvalue; a smaller one is zero
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -82,7 +80,7 @@ def inverse_root(Q: Array) -> Array:
     Q is singular where a compliant face has more points than nodes: tractions without nodal forces have norm zero.
     """
     values, vectors = eigh(Q)
-    kept = values > RANK * values.max(initial=0.0)
+    kept = values > 10 * ROUNDING * values.max(initial=0.0)
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 
 
@@ -365,8 +363,8 @@ class GramIteration(SameEveryStep):
 
     metric: GramMetric
     relaxation: float = 1.5  # [-]
-    rtol: float = 1e-8
-    max_it: int = 10000
+    rtol: float = Method.rtol
+    max_it: int = Method.max_it
 
     def renewed(self, setup: Setup) -> Ready:
         return self  # the metric is of the bodies, `on` that of the rows

@@ -15,9 +15,9 @@ from stickslip.geometry.keys import Key
 from stickslip.solvers.classical.contact_element import STICK, Answer, ContactElements, held_from, penalties
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Correction, Driver, Iterate, OnStep, Solution, Status, ignore
+from stickslip.solvers.iteration import ROUNDING, Correction, Driver, Iterate, OnStep, Solution, Status, ignore
 from stickslip.solvers.methods.method import Applicability, Method, Ready, SameEveryStep, Setup
-from stickslip.solvers.newton.correction import ENOUGH, MARGIN, ROUNDING, elastic_norm, exact_problem
+from stickslip.solvers.newton.correction import ENOUGH, MARGIN, elastic_norm, exact_problem
 from stickslip.solvers.system.system import System
 
 FACTOR = 10.0  # from one level of ω to the next

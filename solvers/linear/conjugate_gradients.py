@@ -18,6 +18,7 @@ from mpi4py import MPI
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Comm, Mat, Vec
+from stickslip.solvers.iteration import ROUNDING
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.serialise import Own, Plain
 
@@ -224,7 +225,6 @@ class ResidualCriterion:
         return False
 
 
-ROUNDING = 1e-14  # of the solution, in energy norm: no criterion asks for less
 MOST_ITERATIONS = 1000  # of one solve; with multigrid 10 to 25 are usual
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Vec
+from stickslip.solvers.iteration import ROUNDING
 from stickslip.solvers.parallel.serialise import Own, Plain
 
 KEPT = 8  # vectors; loads that turn steadily through more directions gain nothing from it
-ROUNDING = 1e-13  # remainder of a vector that lies in the span, relative to the vector
 
 
 class MemoisedMap:
@@ -38,7 +38,7 @@ class MemoisedMap:
                 rest.axpy(-part, direction)
                 image += part * its_image
         length = rest.norm()
-        if length > ROUNDING * size:
+        if length > 10 * ROUNDING * size:
             rest.scale(1 / length)
             its_image = self._apply(rest)
             image += length * its_image

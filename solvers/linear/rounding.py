@@ -13,8 +13,8 @@ from petsc4py import PETSc
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Mat
+from stickslip.solvers.iteration import ROUNDING
 
-ROUNDED = 1e-14  # of the diagonal
 WORTH = 0.1  # share of the entries that pays for another matrix
 LOOKED_AT = 300  # rows of each rank that tell the share
 CHUNK = 5000  # rows at a time: memory
@@ -26,7 +26,7 @@ def without_rounding(K: Mat) -> Mat:
     They are added to the entries of their node, so that a body that moves as a whole feels no more forces than before;
     but columns get other sums.
     """
-    size = ROUNDED * np.abs(K.getDiagonal().array_r)
+    size = ROUNDING * np.abs(K.getDiagonal().array_r)
     if _share(K, size) < WORTH:
         return K
     dim, low = K.block_size, K.getOwnershipRange()[0]

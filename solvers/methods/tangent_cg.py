@@ -17,7 +17,18 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Correction, Driver, Iterate, OnStep, Solution, Stall, Status, ignore
+from stickslip.solvers.iteration import (
+    EXACT,
+    USUAL,
+    Correction,
+    Driver,
+    Iterate,
+    OnStep,
+    Solution,
+    Stall,
+    Status,
+    ignore,
+)
 from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Setup, Solve, Turn
 from stickslip.solvers.parallel.serialise import Own, Plain
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
@@ -29,8 +40,6 @@ SMOOTHING = 6  # at the contact, before and after a multigrid cycle: with four, 
 LOWEST = 1 / 20  # eigenvalue that they solve for, relative to the highest
 SHORTEST = 1e-3  # step that is halved no more
 PATIENCE = 150  # iterations of a step, if another form of the bodies can take over
-STALL_WINDOW = 40  # iterations in which the error must halve; usual are 7 to 20 in all
-ROUNDING = 1e-12  # of the energy: a growth that counts as none
 LEAST = 1e-3  # of the displacement at the start: smaller ones are measured against it, for a full release leaves none
 FASTEST, SLOWEST = 0.2, 0.9  # limits of the contraction of an iteration that is counted on
 UNKNOWN = 0.75  # contraction that is counted on before one is seen
@@ -224,9 +233,7 @@ class Iteration:
     def solve(self, on_step: OnStep) -> Solution:
         """Iterate until the error that is expected is small enough; collective."""
         driver = Driver(self.operator.counters, 0.0, self.ready.method.max_it, on_step)
-        found = driver.run(
-            self._iterates(), Stall(STALL_WINDOW), slow=lambda k, error: self.ready.hurried and k == PATIENCE
-        )
+        found = driver.run(self._iterates(), Stall(USUAL), slow=lambda k, error: self.ready.hurried and k == PATIENCE)
         return self._solution(found)
 
     def _iterates(self) -> Iterator[Iterate]:
@@ -405,7 +412,7 @@ class Iteration:
         beside = self.points.project(tangent, v, v + step * c[operator.at]) - v - step * c[operator.at]
         moved, K_moved = step * c, step * K_c
         operator.slaves.move(beside, moved, K_moved)
-        allowed = ROUNDING * abs(operator.dot(self.v, self.f) + operator.dot(self.v, self.g)) / 2
+        allowed = EXACT * abs(operator.dot(self.v, self.f) + operator.dot(self.v, self.g)) / 2
         return moved, K_moved, self._growth(tangent, moved, K_moved) <= allowed
 
     def _galerkin(self, D: list[Array], AD: list[Array], r: Array) -> Array:
@@ -413,7 +420,7 @@ class Iteration:
         found = self.operator.comm.allreduce(np.array([[d @ x for x in (*AD, r)] for d in D]))
         G, rhs = found[:, :-1], found[:, -1]
         scale = 1 / np.sqrt(np.where(np.diag(G) > 0, np.diag(G), 1.0))
-        return np.asarray(scale * np.linalg.lstsq(G * scale[:, None] * scale, rhs * scale, rcond=1e-12)[0])
+        return np.asarray(scale * np.linalg.lstsq(G * scale[:, None] * scale, rhs * scale, rcond=EXACT)[0])
 
     def _growth(self, tangent: Tangent, moved: Array, K_moved: Array) -> float:
         """Growth of the energy [J] by a motion, friction bounds frozen; collective."""

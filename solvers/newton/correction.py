@@ -15,15 +15,13 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Correction, Solution
+from stickslip.solvers.iteration import EXACT, ROUNDING, Correction, Solution
 from stickslip.solvers.metrics import Secants
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.newton.surface_model import Flexibility, nearest_in_cone
 
-ROUNDING = 1e-14  # natural residual that no correction makes smaller
-FLOOR = 1e-12  # rounding of a displacement, relative, in the energy norm; two exact solutions differ by less
 ENOUGH = 0.01  # part of the first residual, or of the correction, that may be left in what serves as the exact solution
 NEWTON_STEPS = 12  # from the final iterate, whose active set is nearly right; then all starts are tried
 MAX_IT = 300
@@ -74,7 +72,7 @@ def _newton(problem: SurfaceProblem, found: Solution, goal: float) -> tuple[Arra
     Newton's iterate is exact if its residual is small, or if it repeats itself: the residual alone may end in rounding.
     """
     p, u_c, gamma = found.p, found.u_c, problem.gamma
-    negligible = FLOOR * elastic_norm(problem, u_c)
+    negligible = EXACT * elastic_norm(problem, u_c)
     for _ in range(NEWTON_STEPS):
         before, p_hat = u_c, p + gamma * (problem.relative_displacement(u_c) - problem.gap)
         try:

@@ -41,8 +41,7 @@ from stickslip.solvers.iteration import Solution
 from stickslip.solvers.laws.friction import Stick
 from stickslip.solvers.newton.attempts import Start, closed
 
-OPEN, CLOSED = 0, 1  # states of normal rows
-DEAD, STICK, FORWARD, BACKWARD = 2, 3, 4, 5  # states of tangential rows; dead: the friction bound is zero or less
+OPEN, CLOSED, DEAD, STICK, FORWARD, BACKWARD = range(6)  # states of rows; dead: the friction bound is zero or less
 PERTURBATION = 1e-6  # of tractions and gaps at the start, against kinks that come at once
 SOFT = (1e-6, 1e-9, 1e-12)  # springs that hold floating bodies, relative to the bodies' own stiffness
 KINKS = (150, 600, 3000)  # budgets of paths from iterates, one after the other

@@ -17,7 +17,7 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.effects.effect import Equilibrium
-from stickslip.solvers.newton.correction import FLOOR
+from stickslip.solvers.iteration import EXACT
 from stickslip.solvers.parallel.gather import Gather, cells_of, nodes_of
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import (
@@ -52,7 +52,7 @@ def iteration_error(accepted: Accepted) -> float:
     state = accepted.state
     if state.correction is None or state.peak <= 0:
         return 0.0
-    return FLOOR + LINEAR * accepted.linear_error + state.correction.size / float(np.sqrt(2 * state.peak))
+    return EXACT + LINEAR * accepted.linear_error + state.correction.size / float(np.sqrt(2 * state.peak))
 
 
 def law_error(accepted: Accepted) -> float:

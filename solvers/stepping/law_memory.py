@@ -18,10 +18,10 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Solution, Status
+from stickslip.solvers.iteration import EXACT, Solution, Status
 from stickslip.solvers.laws.law import touching
 from stickslip.solvers.newton import path
-from stickslip.solvers.newton.correction import ENOUGH, FLOOR
+from stickslip.solvers.newton.correction import ENOUGH
 
 TURNS = 200  # of slip and mu; near the edge of stability they are slow
 CLEAR = 100.0  # times the tolerance; differences of less may be what the method has left
@@ -127,7 +127,7 @@ class LawMemory:
             return at if np.isfinite(size) else replace(at, status=Status.BROKEN), turned
 
         off = self._apart(problem, at.p, self.after(problem, at.p, at.w))
-        nearer = replace(self, tolerance=max(ENOUGH * off, FLOOR))
+        nearer = replace(self, tolerance=max(ENOUGH * off, EXACT))
         ended, turned = nearer.around(solve)(problem, at.p)
         return at, size if ended.status is found.status else np.nan, self.after(turned, at.p, at.w)
 

@@ -25,11 +25,11 @@ from stickslip.geometry.protocols import Mat, Sparse
 from stickslip.solvers.contact.build import along
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.iteration import ROUNDING
 from stickslip.solvers.system.system import System
 
 SINGULAR = 1e-3  # smallest singular value of a node's rows, relative to the largest
 LONGEST = 40  # chain of slave nodes, each coupled to the next
-ROUNDED = 1e-14  # entries of T; its largest are about 1
 
 
 @dataclass(frozen=True)
@@ -312,7 +312,7 @@ def _inverse(inverse: Sparse, coupling: Sparse) -> Sparse:
     found = term = inverse
     for _ in range(LONGEST):
         term = (inverse @ (coupling @ term)).tocsr()
-        term.data = np.where(np.abs(term.data) > ROUNDED, -term.data, 0.0)
+        term.data = np.where(np.abs(term.data) > ROUNDING, -term.data, 0.0)
         term.eliminate_zeros()
         if not term.nnz:
             return found

@@ -301,7 +301,7 @@ def test_volume_solves_for_it_are_counted_apart(scene_of: SceneOf, simulation_of
 
 def test_exact_solution_has_the_error_of_rounding(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     simulation = simulation_of(scene_of(**DRAGGED))
-    assert [step.iteration_error for step in simulation.steps()] == pytest.approx([correction.FLOOR] * 4, rel=0.5)
+    assert [step.iteration_error for step in simulation.steps()] == pytest.approx([correction.EXACT] * 4, rel=0.5)
 
 
 def test_where_newton_fails_all_starts_are_tried(
