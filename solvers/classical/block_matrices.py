@@ -20,11 +20,10 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, Array, Ints
 from stickslip.geometry.protocols import KSP, Mat, Sparse, Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.interface.flexibility import DelassusOperator
-from stickslip.solvers.iteration import EXACT
 from stickslip.solvers.linear.petsc_solver import PetscOptions, direct, mumps_options
 from stickslip.solvers.parallel.replicated import Replicated, distributed
 from stickslip.solvers.system.nodal_contact import NodalContact, traction_fields
@@ -155,7 +154,7 @@ def solve(nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec], options: Pe
     pc = ksp.getPC()
     pc.setType("lu")
     pc.setFactorSolverType("mumps")
-    ksp.setTolerances(rtol=EXACT)
+    ksp.setTolerances(rtol=EXACT)  # relative residual at which an iterative solve of the nest stops
     splits, _ = nest.getNestISs()
     with options.in_force(mumps_options(PREFIX)):
         ksp.setFromOptions()

@@ -17,7 +17,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import HALF_DIGITS, LAST_DIGITS, Array, Ints
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Mat, Sparse, Vec
 from stickslip.solvers.classical.block_matrices import (
@@ -30,14 +30,12 @@ from stickslip.solvers.classical.block_matrices import (
 )
 from stickslip.solvers.classical.uzawa import NEWTON_STEPS, step_length
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
-from stickslip.solvers.fem.contact_forms import ComplianceForms
-from stickslip.solvers.fem.point_laws import PointLaw
+from stickslip.solvers.fem.contact_forms import ComplianceForms, PointLaw
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.sparse import PREFIX, SparseSurface
-from stickslip.solvers.iteration import ROUNDING
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.linear.petsc_solver import NOISE, Allowed, InnerSolver, PetscOptions, direct, failure
-from stickslip.solvers.newton.active_set import BALANCE, ActiveSet
+from stickslip.solvers.newton.active_set import ActiveSet
 from stickslip.solvers.parallel.replicated import distributed
 from stickslip.solvers.system.nodal_contact import FormOfPart, relative_to_obstacle
 from stickslip.solvers.system.system import System
@@ -121,7 +119,8 @@ class InnerProblem:
             self._fresh = False
             size = float(np.sqrt(max(slope, 0.0)))
             first = first or size
-            rounding = ROUNDING * max(first, float(np.sqrt(max((self.K * q).dot(q), 0.0))))
+            # relative accuracy of the displacement, in energy norm, that rounding allows
+            rounding = LAST_DIGITS * max(first, float(np.sqrt(max((self.K * q).dot(q), 0.0))))
             if size <= max(allowed(first) if allowed else 0.0, rounding) or delta.norm() <= self.rounding(q):
                 return
             q.axpy(step_length(partial(self._force, rhs, q, dq), slope), dq)
@@ -355,7 +354,8 @@ class NestedSystem:
             rtol: tolerance of the step.
         """
         self.blocks, self.q, self.options = blocks, q, options
-        self.enough = min(BALANCE, rtol)
+        # backward error, and relative force out of balance, above which the linear system counts as singular
+        self.enough = min(HALF_DIGITS, rtol)
         self.u_c: Array | None = None  # of the last answer, the same object as it returned
         self.direct = True  # whether all solves were by a factor
 
@@ -418,7 +418,7 @@ class NestedSystem:
         """Raise if the tractions p (rows,) [Pa] do not balance the load of a floating body."""
         surface, load = laws.problem.surface, laws.problem.load.resultant
         held = surface.R.T @ surface.forces(p)
-        if np.abs(load - held).sum() > BALANCE * (np.abs(load).sum() + np.abs(surface.forces(p)).sum()):
+        if np.abs(load - held).sum() > HALF_DIGITS * (np.abs(load).sum() + np.abs(surface.forces(p)).sum()):
             raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
 
 

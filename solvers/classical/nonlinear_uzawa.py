@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.linalg import cho_solve
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.errors import SolverError, require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.classical.gram_uzawa import DenseMetric, inverse_root
@@ -35,7 +35,7 @@ from stickslip.solvers.interface.discrete import GivenSurface
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CholeskyFactor, CondensedSurface
-from stickslip.solvers.iteration import ROUNDING, OnStep, Solution, ignore
+from stickslip.solvers.iteration import OnStep, Solution, ignore
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.linear.petsc_solver import Allowed
 from stickslip.solvers.methods.method import Applicability, Stateless
@@ -106,7 +106,8 @@ class CompliantBodies:
             slope = float(delta @ du)
             first = np.sqrt(slope) if first is None else first
             stored = abs(float((self.problem.load.f_c - self.surface.forces(p)) @ u_c))
-            if np.sqrt(slope) <= max(allowed(first), ROUNDING * np.sqrt(stored)):
+            # relative accuracy of the displacement, in energy norm, that rounding allows
+            if np.sqrt(slope) <= max(allowed(first), LAST_DIGITS * np.sqrt(stored)):
                 return p, u_c, V
             u_c = u_c + step_length(partial(self._force, p, u_c, du), slope) * du
         raise SolverError("the compliant faces' own Newton iteration does not converge; use solver.method = uzawa")

@@ -14,13 +14,13 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, LAST_DIGITS, TINY, Array, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import ContactBlock, project_disc
 from stickslip.solvers.interface.discrete import DiscreteProblem, GivenSurface
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import EXACT, PATIENT, ROUNDING, Driver, Iterate, OnStep, Solution, Stall, ignore
+from stickslip.solvers.iteration import PATIENT, Driver, Iterate, OnStep, Solution, Stall, ignore
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.methods.method import Applicability, Method, Ready, SameEveryStep, Setup, Solve, Turn
 
@@ -125,6 +125,7 @@ def coloured(problem: DiscreteProblem) -> list[Colour]:
     surface, d = problem.surface, problem.dim
     own = _own_blocks(surface.matrix, d)
     give_n, give_T = own[:, 0, 0], np.linalg.eigvalsh(own[:, 1:, 1:])[:, -1]
+    # smallest flexibility of a point, relative to the largest: for rows that move nothing
     least = EXACT * max(give_n.max(), give_T.max()) or 1.0
     rho_n, rho_T = 1 / np.maximum(give_n, least), 1 / np.maximum(give_T, least)[:, None]
     found, q = [], problem.q.reshape(-1, d)
@@ -304,7 +305,7 @@ def in_disc(give: Array, asked: Array, bound: float) -> Array:
         return np.zeros_like(t)
     x = 0.0
     for _ in range(NEWTON_STEPS if len(t) > 1 else 0):  # with one axis the answer is +-bound
-        if length <= bound * (1 + ROUNDING):
+        if length <= bound * (1 + LAST_DIGITS):  # relative, of a length
             break
         x += (length / bound - 1) * length**2 / float(t @ (t / (give + x)))
         t = asked / (give + x)
@@ -320,7 +321,7 @@ def _delassus(setup: Setup) -> Array:
 
 def _points(problem: SurfaceProblem, D: Array) -> Iterator[NormalPoint | FrictionPoint]:
     """All points in the order of the sweep: each tangential point right after the last normal row of its bound."""
-    give = np.maximum(D.diagonal() * problem.surface.W, np.finfo(float).tiny)
+    give = np.maximum(D.diagonal() * problem.surface.W, TINY)
     for place in problem.cone.places:
         least = EXACT * float(give[place.normal].max(initial=0.0))
         gamma = 1 / np.maximum(give[place.normal], least)

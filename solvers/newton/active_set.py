@@ -15,8 +15,6 @@ from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 
-BALANCE = 1e-8  # relative force out of balance above which a linear system counts as singular
-
 
 @dataclass(frozen=True, kw_only=True)
 class ActiveSet:

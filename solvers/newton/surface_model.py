@@ -14,14 +14,14 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import HALF_DIGITS, Array
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.limit_analysis import balancing_tractions
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Status
 from stickslip.solvers.metrics import Secants, SurfaceMetric
-from stickslip.solvers.newton.active_set import BALANCE, ActiveSet
+from stickslip.solvers.newton.active_set import ActiveSet
 from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again
 
 
@@ -176,7 +176,8 @@ class SurfaceSystem:
         full[self.rows] = found[:m]
         surface, load = self.problem.surface, self.problem.load.resultant
         forces = surface.forces(full)
-        if np.abs(load - surface.R.T @ forces).sum() > BALANCE * (np.abs(forces).sum() + np.abs(load).sum()):
+        # relative force out of balance above which the linear system counts as singular
+        if np.abs(load - surface.R.T @ forces).sum() > HALF_DIGITS * (np.abs(forces).sum() + np.abs(load).sum()):
             raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
         return full, found[m:]
 

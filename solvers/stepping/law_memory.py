@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, EXACT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import EXACT, Solution, Status
+from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.laws.law import touching
 from stickslip.solvers.newton import path
 from stickslip.solvers.newton.correction import ENOUGH
@@ -140,7 +140,7 @@ class LawMemory:
         """
 
         def keeps(p: Array, w: Array) -> bool:
-            return self._apart(problem, p, self.after(problem, p, w)) <= path.SOLVED
+            return self._apart(problem, p, self.after(problem, p, w)) <= CLOSE
 
         return tuple(path.others(problem, p, keeps) if self.start else path.others(problem, p))
 

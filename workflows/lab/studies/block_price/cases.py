@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from stickslip.geometry.builders.cuboid import Block
+from stickslip.solvers.classical.gram_uzawa import Gram
 from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Stick
-from stickslip.solvers.scene.gram import Gram
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.scene_file.read import read
