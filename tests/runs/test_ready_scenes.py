@@ -19,7 +19,7 @@ from shared.measures import bend, facets_miss, measures
 from shared.solved import ROUNDING, SIZES, ZERO, Json, Solved, solve
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array, cross
-from stickslip.geometry.builders.assembly import Domes
+from stickslip.geometry.builders.domes import Domes
 from stickslip.geometry.expression import Expression, Varying
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.laws.cohesion import Cohesion

@@ -491,7 +491,7 @@ def test_a_damped_attempt_may_repeat_itself_but_not_stop_falling(monkeypatch: py
     monkeypatch.setattr(SurfaceProblem, "imbalance", lambda self, p: 1e3 * next(falling))
     attempt = Attempts(problem, Scripted(problem, iter([p] * 100)), 1e-12, 100)
     attempt(Start.at(problem, p, problem.contact_displacement(p)), 0.1)
-    assert len(attempt.history) == 1 + attempts.STALL_WINDOW + 2  # the start, the first iterate, and the window past it
+    assert len(attempt.history) == 1 + attempts.QUICK + 2  # the start, the first iterate, and the window past it
 
 
 def test_a_shortened_step_goes_part_of_the_way(held: SurfaceProblem, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -509,7 +509,7 @@ def test_a_shortened_step_goes_part_of_the_way(held: SurfaceProblem, monkeypatch
         assert_allclose(laws.rhs, expected.rhs, atol=1e-14)
 
 
-@pytest.mark.parametrize(("factor", "most"), [(0.8, ATTEMPT - 1), (0.99, 2 + attempts.STALL_WINDOW)])
+@pytest.mark.parametrize(("factor", "most"), [(0.8, ATTEMPT - 1), (0.99, 2 + attempts.QUICK)])
 def test_an_attempt_that_never_repeats_has_an_end(factor: float, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Plain Newton goes on while the residual halves within its window; where it does not, it hops."""
     problem, random = given(), np.random.default_rng(1)

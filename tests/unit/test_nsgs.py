@@ -77,7 +77,7 @@ def test_the_residual_is_that_of_the_tractions_that_it_returns(simulation_of: Si
 
 
 def test_what_rounding_forbids_stalls_by_name(simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stickslip.solvers.classical.nsgs.STALL_WINDOW", 20)
+    monkeypatch.setattr("stickslip.solvers.classical.nsgs.PATIENT", 20)
     method, problem = first_step(simulation_of(read("block", BLOCK)), rtol=1e-18)
     assert method(problem, np.zeros(problem.cone.size)).status is Status.STALLED
 
