@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import HALF_DIGITS, Array
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.limit_analysis import balancing_tractions
@@ -22,7 +22,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Status
 from stickslip.solvers.metrics import Secants, SurfaceMetric
 from stickslip.solvers.newton.active_set import ActiveSet
-from stickslip.solvers.newton.attempts import Attempts, Start, again
+from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again
 
 
 def gmres(
@@ -79,7 +79,6 @@ def gmres(
 
 
 DENSE = 200  # largest number of contact rows for a dense factorisation
-BALANCE = 1e-8  # relative force out of balance above which the linear system counts as singular
 FAILED = 0.5  # of the first residual: if GMRES leaves more, it failed
 
 
@@ -177,7 +176,8 @@ class SurfaceSystem:
         full[self.rows] = found[:m]
         surface, load = self.problem.surface, self.problem.load.resultant
         forces = surface.forces(full)
-        if np.abs(load - surface.R.T @ forces).sum() > BALANCE * (np.abs(forces).sum() + np.abs(load).sum()):
+        # relative force out of balance above which the linear system counts as singular
+        if np.abs(load - surface.R.T @ forces).sum() > HALF_DIGITS * (np.abs(forces).sum() + np.abs(load).sum()):
             raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
         return full, found[m:]
 
@@ -243,7 +243,6 @@ class SurfaceSystem:
 
 
 MOST = 1000  # Newton iterations
-FIRM = (1e-3, 1e-5)  # weights of the proximal term of damped attempts [-]
 INNER = 0.1  # of the residual of the step: residual to which the model is solved
 INEXACT = 0.3  # of that residual: what each linear system may leave
 
@@ -307,12 +306,8 @@ def nearest_in_cone(
     """
     model = SurfaceModel(problem=problem, flexibility=metric, p=p, w=w, enough=INNER * min(residual, 1.0))
     attempt = Attempts(problem, model, rtol=model.enough, max_it=MOST)
-    for start, proximal in _chain(model, residual, attempt):
-        attempt(start, proximal)
-        if attempt.over:
-            break
-    best = attempt.best
-    if best is None or best.status is Status.NO_HOLD:
+    best = attempt.follow(_chain(model, residual, attempt))
+    if best.status is Status.NO_HOLD:
         return None
     return ModelSolution(p=best.p, b=best.u_c, residual=best.residual)
 

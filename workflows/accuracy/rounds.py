@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.memory import available, peak
 from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
@@ -31,7 +31,7 @@ from stickslip.solvers.scene.settings import Accuracy
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.accuracy.contact_sizes import finer_sides, nearness
 from stickslip.workflows.accuracy.kept import KeptRounds
-from stickslip.workflows.accuracy.level import ITERATION, SMALLEST, Level, Move, next_move
+from stickslip.workflows.accuracy.level import ITERATION, Level, Move, next_move
 from stickslip.workflows.accuracy.round import Round
 from stickslip.workflows.accuracy.standing import Standing, percent, standings
 from stickslip.workflows.formats.marker import certify, is_certified
@@ -242,7 +242,7 @@ class Rounds:
         self._refuse_too_large(simulation.mesh.comm, move)
         level, tolerance = self._level, self._level.tolerance or self.scene.solver.tolerance
         if any(goal.rest > ITERATION * goal.asked for goal in goals):
-            tolerance = max(tolerance / 100, SMALLEST)
+            tolerance = max(tolerance / 100, EXACT)
         level = replace(level, order=move.order, splits=level.splits * move.splits, tolerance=tolerance)
         if move.finer == 1 and not move.raises:
             return level

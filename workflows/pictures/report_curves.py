@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.arrays import ROUNDING, Array, Bools
 from stickslip.workflows.pictures.sheet import CURVES
 
 WIDTH, HEIGHT = 460, 190  # of the drawing
@@ -56,7 +56,7 @@ class Panel:
 def panel(name: str, times: Array, curves: Sequence[Curve]) -> Panel | None:
     """Draw these curves, those that stay zero left out; None if none is left, or there is one step alone."""
     size = max((_largest(curve) for curve in curves), default=0.0)
-    shown = [curve for curve in curves if _largest(curve) > 1e-9 * size][:MOST]
+    shown = [curve for curve in curves if _largest(curve) > ROUNDING * size][:MOST]
     if len(times) < 2 or not shown:
         return None
     reach = [c.values + sign * np.nan_to_num(c.error) for c in shown for sign in (-1, 1)]
@@ -65,7 +65,7 @@ def panel(name: str, times: Array, curves: Sequence[Curve]) -> Panel | None:
     ticks, power = _ticks(low, high)
     low, high = ticks[0], ticks[-1]
     end = float(times[-1])
-    along = [tick for tick in _ticks(0.0, end)[0] if tick <= end * (1 + 1e-9)]
+    along = [tick for tick in _ticks(0.0, end)[0] if tick <= end * (1 + ROUNDING)]
 
     def x(time: Array) -> Array:
         return LEFT + (WIDTH - LEFT - RIGHT) * time / end
@@ -106,7 +106,7 @@ def _ticks(low: float, high: float) -> tuple[list[float], int]:
     width = high - low or 1.0
     decade = 10.0 ** math.floor(math.log10(width / 5))
     step = next(factor * decade for factor in (1, 2, 2.5, 5, 10) if factor * decade >= width / 6)
-    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    first, last = math.floor(low / step + ROUNDING), math.ceil(high / step - ROUNDING)
     ticks = [float(f"{k * step:.12g}") for k in range(first, last + 1)]
     exponent = math.floor(math.log10(max(abs(low), abs(high)) or 1.0))
     power = 0 if -2 < exponent < 4 else 3 * math.floor(exponent / 3)

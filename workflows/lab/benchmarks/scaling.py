@@ -1,9 +1,7 @@
-"""Scaling measured on few ranks, a model, and what it says of many.
+"""Scaling measured on few ranks, a model, and what it says of many, as a page.
 
 `python -m stickslip.workflows.lab.benchmarks.scaling` writes docs/scaling.md; ten minutes on two cores. Each run is a
 process of its own, and made twice: the smaller seconds count. Existing measurements in the folder are kept.
-
-The page of scaling: tables of what was measured, of the model beside it, and of what it says of many ranks.
 """
 
 from __future__ import annotations

@@ -3,10 +3,6 @@
 The ready scene `cube`, or a slab of it, by method tangent-cg: CPU seconds by phase and by part of an iteration, the
 events of PETSc's log, calls of collectives, and peak memory; the largest of all ranks, and memory of each. Set
 OMP_NUM_THREADS=1.
-
-Messages that libraries send without a log, hypre above all: a small library that is loaded before MPI counts them.
-
-PETSc's own messages are persistent requests and stand in its log; what is counted here is sent by other calls.
 """
 
 from __future__ import annotations

@@ -1,13 +1,7 @@
-"""The peers: which there are, where they are installed, and one measurement of each in a process of its own.
-
-The problem of the price benchmark as files that any program can read: problem.json, mesh.msh and mesh.npz.
-
-Peers in the page of the price benchmark: prices in the same unit, and the errors of their forces.
-"""
+"""The peers: which there are, where they are installed, and one measurement of each in a process of its own."""
 
 from __future__ import annotations
 
-import html
 import json
 import os
 import shutil
@@ -16,65 +10,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import meshio
-import numpy as np
-
-from stickslip.geometry.amplitude import Amplitude, value_at
-from stickslip.geometry.arrays import Array
-from stickslip.geometry.mesh.mesh import write_msh
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.scene.material import Material
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.lab.benchmarks.peers.ours import OURS
+from stickslip.workflows.lab.benchmarks.peers.problem import write_problem
 from stickslip.workflows.lab.benchmarks.price_run import Case
-
-AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
-TIMES = (1.0, 2.0)  # [s] of pressing and shifting
-CELLS = {2: ("quad", "line"), 3: ("hexahedron", "quad")}
-
-
-def write_problem(case: Case, folder: Path) -> Path:
-    """Write the mesh and the data of a case into a folder; the path of problem.json.
-
-    mesh.npz has `points` (nodes, d) [m], `cells` and the base's `facets` in the node order of gmsh, and the nodes
-    `base` and `top`; all numbers of nodes begin with 0.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    scene, mesh_file = case.scene(), folder / "mesh.msh"
-    write_msh(scene.geometry, scene.request(), mesh_file)
-    mesh, (cell, facet) = meshio.read(mesh_file), CELLS[case.dim]
-    sides = {name: mesh.cells_dict[facet][mesh.cell_sets_dict[name][facet]] for name in ("block.bottom", "block.top")}
-    points: Array = mesh.points[:, : case.dim]
-    np.savez(
-        folder / "mesh.npz",
-        points=points,
-        cells=mesh.cells_dict[cell],
-        facets=sides["block.bottom"],
-        base=np.unique(sides["block.bottom"]),
-        top=np.unique(sides["block.top"]),
-    )
-    top, body, friction = scene.supports["top"].displacement, scene.bodies["block"], scene.contacts["base"].friction
-    assert isinstance(body, Material)
-    assert isinstance(friction, Coulomb)
-    data = {
-        "dim": case.dim,
-        "E": body.E,  # [Pa]
-        "nu": body.nu,
-        "mu": friction.mu,
-        "height": float(np.ptp(points[:, -1])),  # [m]
-        "motion": [[_at(top[axis], time) for axis in AXES[: case.dim]] for time in TIMES],  # [m] of the top
-    }
-    path = folder / "problem.json"
-    path.write_text(json.dumps(data, indent=1))
-    return path
-
-
-def _at(table: Amplitude | str, time: float) -> float:
-    assert not isinstance(table, str)  # an expression: the scene has none
-    return value_at(table, time, TIMES[-1])
-
 
 HERE = Path(__file__).parent
 PYTHONS = (sys.executable, "/usr/bin/python3")  # Debian's packages are the second one's
@@ -201,59 +142,3 @@ def _one_thread() -> dict[str, str]:
 
 def _quiet(command: Sequence[str]) -> int:
     return subprocess.run(command, capture_output=True, env=_one_thread(), check=False).returncode
-
-
-INTRODUCTION = """
-Other programs on the same meshes, with the same material, motion and friction, one thread. Seconds of the processor for
-assembly, preparation and both steps, ours too; price: in linear solves by the same clock. Errors: of the forces after
-the shift, relative to those of our program to 1e-10 on this mesh, whose contact holds at the nodes. GetFEM is exact in
-its own discretisation of contact; CalculiX has another hexahedron and a penalty. Not all set-ups are the best that
-their users know.
-"""
-COLUMNS = {
-    "n": "d", "name": "", "version": "", "dofs": "d", "price": ".3g", "seconds": ".3g", "iterations": "d",
-    "memory [GB]": ".2f", "error of N": ".1e", "error of T": ".1e", "penetration [m]": ".1e",
-}  # fmt: skip
-
-
-def section(dim: int, runs: Sequence[Run]) -> str:
-    """The table of one dimension; empty if nothing was measured."""
-    chosen = [run for run in runs if run["dim"] == dim]
-    if not chosen:
-        return ""
-    head = "".join(f"<th>{key}" for key in COLUMNS)
-    lines = [_line(row(run, chosen)) for run in chosen]
-    how = "".join(f"<li>{p.name}: {html.escape(p.how)}" for p in PROGRAMS if dim in p.dims)
-    return (
-        f"<h3>Peers on the same meshes</h3><p>{INTRODUCTION}</p><ul>{how}</ul><table><tr>{head}{''.join(lines)}</table>"
-    )
-
-
-def row(run: Run, runs: Sequence[Run]) -> Run:
-    """One row: price and errors relative to our run on the same mesh, None without one."""
-    found = {"n": run["n"], "name": run["name"], "status": run["status"]}
-    if "steps" not in run:
-        return found
-    last = run["steps"][-1]
-    found |= {
-        "version": run["version"],
-        "dofs": run["dofs"],
-        "seconds": run["seconds"],
-        "iterations": sum(step["iterations"] for step in run["steps"]),
-        "memory [GB]": run["memory"],
-        "penetration [m]": last["penetration"],
-    }
-    exact = next((r for r in runs if r["name"] == OURS and r["n"] == run["n"] and "steps" in r), None)
-    if exact is None:
-        return found
-    found["price"] = run["seconds"] / exact["unit"]
-    if run["name"] != OURS:
-        for column, key in (("error of N", "normal_force"), ("error of T", "tangential_force")):
-            found[column] = last[key] / exact["steps"][-1][key] - 1
-    return found
-
-
-def _line(known: Run) -> str:
-    cells = "".join(f"<td>{format(known[key], form) if key in known else ''}" for key, form in COLUMNS.items())
-    because = "" if "seconds" in known else f"<td>{html.escape(known['status'])}"
-    return f"<tr>{cells}{because}"

@@ -1,6 +1,6 @@
-"""One measurement: work, seconds, and the errors of λ and u against condensed-newton on the same mesh.
+"""The measurements: cases of each table, one thing varied from a base case; their work, seconds and errors.
 
-The measurements: scenes, methods and tables, each table with one thing varied from a base case.
+Errors of λ and u are those against condensed-newton on the same mesh.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from mpi4py import MPI
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.errors import StickslipError
+from stickslip.solvers.classical.gram_uzawa import Gram
 from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Stick
 from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.gram import Gram
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.simulation.simulation import Simulation, prepare

@@ -1,7 +1,4 @@
-"""The page: verdicts, then the measurements side by side.
-
-What the rows say on the source's claims, and on what condensation saves.
-"""
+"""The page of `block-uzawa` beside the condensed methods: verdicts on the claims of the source, and tables."""
 
 from __future__ import annotations
 

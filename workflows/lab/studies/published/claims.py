@@ -1,6 +1,7 @@
-"""Claims of sections 1 and 5 of the source: bound on alpha, inexact inner solves, Gram matrix as preconditioner.
+"""Claims of the source, and the functions that judge them by measured rows.
 
-Claims of sections 1 and 4 of the source: Newton-Raphson on contact elements, and its linear systems.
+Sections 1 and 5: bound on alpha, inexact inner solves, Gram matrix as preconditioner. Sections 1 and 4: Newton-Raphson
+on contact elements, and its linear systems.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from stickslip.workflows.lab.studies.gram import READINGS
-from stickslip.workflows.lab.studies.published.contact import WEIGHTS
+from stickslip.workflows.lab.studies.published.contact import PLAIN
 from stickslip.workflows.lab.studies.published.finding import (
     FREE_OF_H,
     Claim,
@@ -24,7 +25,7 @@ from stickslip.workflows.lab.studies.published.finding import (
     slope,
     slopes,
 )
-from stickslip.workflows.lab.studies.published.tangent import CLASSICAL, DIRECT, PLAIN, RELAXED, STABILISED
+from stickslip.workflows.lab.studies.published.tangent import CLASSICAL, DIRECT, INCOMPLETE, RELAXED, STABILISED
 
 SAME = 0.01  # difference below which two factors count as equal
 GROWS = 0.5  # log-log slope above which a quantity counts as growing with 1/h
@@ -89,7 +90,7 @@ def inexact_contact(rows: Rows) -> Finding:
 
 
 def condition_grows(rows: Rows) -> Finding:
-    found = slopes(rows["spectrum"], "condition", metric=WEIGHTS)
+    found = slopes(rows["spectrum"], "condition", metric=PLAIN)
     return Finding({dim: value > GROWS for dim, value in found.items()}, f"slope against n: {said(found)}")
 
 
@@ -284,14 +285,14 @@ def ilu_stands_penalties(rows: Rows) -> Finding:
     """No more iterations for large omega than for small ones, and a solution as exact as its residual of 1e-8."""
     cases, figures = {}, list[str]()
     for form in different(rows["tangent"], "form"):
-        found = _alike(chosen(rows["tangent"], form=form, solver=PLAIN), "omega_factor")
+        found = _alike(chosen(rows["tangent"], form=form, solver=INCOMPLETE), "omega_factor")
         counts = [row["iterations"] if row["status"] == "converged" else np.inf for row in found]
         if len(counts) > 1:
             errors = [row["error"] or np.inf for row in found]
             cases[form] = max(counts) < np.inf and counts[-1] <= counts[0] and max(errors) < SPOILT
             told = (f"{count:g} (error {error:.0e})" for count, error in zip(counts, errors, strict=True))
             figures.append(f"{form}: {', '.join(told)}")
-    return Finding(cases, f"iterations of {PLAIN} to a residual of 1e-8, ω growing: {'; '.join(figures)}")
+    return Finding(cases, f"iterations of {INCOMPLETE} to a residual of 1e-8, ω growing: {'; '.join(figures)}")
 
 
 def _better(rows: Rows, kind: str) -> Finding:
@@ -299,7 +300,7 @@ def _better(rows: Rows, kind: str) -> Finding:
     cases, figures = {}, list[str]()
     for form in different(rows["tangent"], "form"):
         found = chosen(rows["tangent"], form=form)
-        plain = {_where(row): row for row in chosen(found, solver=PLAIN, status="converged")}
+        plain = {_where(row): row for row in chosen(found, solver=INCOMPLETE, status="converged")}
         total = sum(row["iterations"] for row in plain.values())
         for solver in [s for s in different(found, "solver") if s.startswith(kind)]:
             own = [r for r in chosen(found, solver=solver, status="converged") if _where(r) in plain]

@@ -1,8 +1,6 @@
-"""A scene solved by one method: iterations, volume solves, and the residuals of the last step.
+"""Measured rows: iterations, volume solves and residuals of a scene, spectra of metrics, linear saddle points.
 
-The ready scenes `block` and `cube` with n cells over the height, any friction, sheared far enough to slip.
-
-Spectra of Q^-1 B K_B^-1 B^T for the metric Q of every method, with the whole base closed and sticking.
+The scenes are the ready ones, `block` and `cube`, with n cells over the height, any friction, sheared until they slip.
 """
 
 from __future__ import annotations
@@ -25,40 +23,11 @@ from stickslip.solvers.results.observe import law_error
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import Accepted
+from stickslip.workflows.lab.analysis.saddle_points import Exact, membrane
 from stickslip.workflows.lab.studies import gram
 from stickslip.workflows.lab.studies.published.finding import Row
+from stickslip.workflows.lab.studies.saddle_points import NODES, RULES, SOFTNESS, STEPS, factors
 from stickslip.workflows.scene_file.read import read
-
-WEIGHTS, LEARNING = "W (uzawa)", "boundary operator (surface-uzawa)"
-
-
-def plain(surface: CondensedSurface, cone: AdmissibleSet, give: Array | float = 0.0) -> Array:
-    """Eigenvalues of W^-1 (B K_B^-1 B^T - K_C) on the rows that carry tractions [m/Pa], increasing; see (5.5).
-
-    Args:
-        give: 1/ω (rows,) [m/Pa].
-    """
-    N, root = surface.N.toarray(), np.sqrt(surface.W)
-    S = root[:, None] * (N @ surface.flexibility @ N.T) * root + np.diag(np.broadcast_to(give, root.shape))
-    return np.asarray(np.linalg.eigvalsh(S[np.ix_(cone.carrying, cone.carrying)]))
-
-
-def spectrum(dim: int, n: int) -> list[Row]:
-    """A row for each metric, with all eigenvalues."""
-    rows = [(row.reading, row.spectrum, row.fill) for row in gram.rows(n, dim)]
-    system = gram.block(n, dim=dim)
-    surface, cone = gram.surface_of(system)
-    guessed = surface_metric(system)(np.eye(surface.size))
-    on, N = cone.carrying, surface.N.toarray()
-    given, guess = ((N @ F @ N.T)[np.ix_(on, on)] for F in (surface.flexibility, guessed))
-    rows.append((WEIGHTS, plain(surface, cone), None))
-    rows.append((LEARNING, eigh(given, guess, eigvals_only=True), None))
-    return [
-        {"dim": dim, "n": n, "metric": metric, "least": values[0], "largest": values[-1]}
-        | {"condition": values[-1] / values[0], "fill": fill, "values": values.tolist()}
-        for metric, values, fill in rows
-    ]
-
 
 PRESSED = {2: 0.1, 3: 0.05}  # m, in the first step
 DRAGGED = {2: 0.05, 3: 0.02}  # m, in the second
@@ -111,6 +80,48 @@ def scene(
 
 def _toml(value: Any) -> str:
     return json.dumps(value)
+
+
+PLAIN, LEARNING = "W (uzawa)", "boundary operator (surface-uzawa)"
+
+
+def plain(surface: CondensedSurface, cone: AdmissibleSet, give: Array | float = 0.0) -> Array:
+    """Eigenvalues of W^-1 (B K_B^-1 B^T - K_C) on the rows that carry tractions [m/Pa], increasing; see (5.5).
+
+    Args:
+        give: 1/ω (rows,) [m/Pa].
+    """
+    N, root = surface.N.toarray(), np.sqrt(surface.W)
+    S = root[:, None] * (N @ surface.flexibility @ N.T) * root + np.diag(np.broadcast_to(give, root.shape))
+    return np.asarray(np.linalg.eigvalsh(S[np.ix_(cone.carrying, cone.carrying)]))
+
+
+def spectrum(dim: int, n: int) -> list[Row]:
+    """A row for each metric, with all eigenvalues."""
+    rows = [(row.reading, row.spectrum, row.fill) for row in gram.rows(n, dim)]
+    system = gram.block(n, dim=dim)
+    surface, cone = gram.surface_of(system)
+    guessed = surface_metric(system)(np.eye(surface.size))
+    on, N = cone.carrying, surface.N.toarray()
+    given, guess = ((N @ F @ N.T)[np.ix_(on, on)] for F in (surface.flexibility, guessed))
+    rows.append((PLAIN, plain(surface, cone), None))
+    rows.append((LEARNING, eigh(given, guess, eigvals_only=True), None))
+    return [
+        {"dim": dim, "n": n, "metric": metric, "least": values[0], "largest": values[-1]}
+        | {"condition": values[-1] / values[0], "fill": fill, "values": values.tolist()}
+        for metric, values, fill in rows
+    ]
+
+
+def linear(softness: str, rule: str) -> list[Row]:
+    """C and the inner solve by name; every part of the limit 2 / lambda_1."""
+    problem, Q = membrane(NODES, SOFTNESS[softness]), np.eye(NODES) / (NODES + 1)
+    rows: list[Row] = []
+    for part in STEPS:
+        theory, measured, iterations = factors(problem, Q, RULES[rule], part)
+        row = {"C": softness, "inner": rule, "exact": isinstance(RULES[rule], Exact), "part": part}
+        rows.append(row | {"theory": theory, "measured": measured, "iterations": iterations})
+    return rows
 
 
 EXACT = 1e-10  # tolerance of a reference

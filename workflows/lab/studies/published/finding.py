@@ -1,7 +1,4 @@
-"""The verdict on a claim: in which cases it holds, and the numbers behind it.
-
-Rows as Markdown tables and as CSV.
-"""
+"""Verdicts on claims: in which cases they hold, and the numbers behind them; rows as Markdown tables and as CSV."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The measurements: every study of the page with its parameters, cheapest first.
-
-Linear saddle points: the factor of Uzawa's iteration by theory and as measured, for each inner solve.
-"""
+"""The measurements: every study of the page with its parameters, cheapest first."""
 
 from __future__ import annotations
 
@@ -11,26 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from stickslip.solvers.method_registry import METHODS
 from stickslip.workflows.formats.aside import write_aside
-from stickslip.workflows.lab.studies.published.contact import slipping, solved, spectrum, springs, stepped
+from stickslip.workflows.lab.studies.published.contact import linear, slipping, solved, spectrum, springs, stepped
 from stickslip.workflows.lab.studies.published.finding import Row
 from stickslip.workflows.lab.studies.published.tangent import tangent
-from stickslip.workflows.lab.studies.saddle_points import NODES, RULES, SOFTNESS, STEPS, Exact, factors, membrane
-
-
-def linear(softness: str, rule: str) -> list[Row]:
-    """C and the inner solve by name; every part of the limit 2 / lambda_1."""
-    problem, Q = membrane(NODES, SOFTNESS[softness]), np.eye(NODES) / (NODES + 1)
-    rows: list[Row] = []
-    for part in STEPS:
-        theory, measured, iterations = factors(problem, Q, RULES[rule], part)
-        row = {"C": softness, "inner": rule, "exact": isinstance(RULES[rule], Exact), "part": part}
-        rows.append(row | {"theory": theory, "measured": measured, "iterations": iterations})
-    return rows
-
+from stickslip.workflows.lab.studies.saddle_points import RULES, SOFTNESS
 
 MEASURED: Mapping[str, Callable[..., list[Row]]] = {
     "linear": linear,
