@@ -44,7 +44,7 @@ class JsonLines(Writer):
 
     def finish(self, ended: Ended) -> None:
         """Write all lines anew, with the errors if they were estimated."""
-        errors = ended.errors or [None] * len(ended.steps)
+        errors: Sequence[Errors | None] = ended.errors or [None] * len(ended.steps)
         write_aside(self.job.folder / NAME, *map(line, ended.steps, errors))
 
 
