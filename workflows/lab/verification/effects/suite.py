@@ -152,6 +152,7 @@ EFFECTS: Mapping[str, Part] = {
         },
         serves=("solvers/scene/material.py", "solvers/metrics.py"),
     ),
+    **{effect.name: Part(calls=dict(effect.example)) for effect in effects.EFFECTS if effect.example},
 }  # fmt: skip
 
 NEEDS: Tables = {"compliance": {"normal": SOFT}}  # laws that need more of the contact
