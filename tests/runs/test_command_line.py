@@ -361,7 +361,6 @@ def test_ctrl_c_ends_with_130_and_keeps_the_steps_so_far(
     words = ["run", "block", "-o", "out", *COARSE, "--set=steps.count=4000"]
     pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
     with running([*command, *words], cwd=folder, env=environment, **pipes) as process:
-        assert process.stderr is not None
         for line in process.stderr:
             if line.startswith("t = "):
                 break
@@ -381,7 +380,6 @@ def test_whoever_stops_listening_ends_the_run_and_the_steps_so_far_are_kept(
     """As `2>&1 | head` does; it must not end in PETSc's handler of the signal, which knows nothing of other ranks."""
     words = ["run", "block", "-o", "out", *COARSE, "--set=steps.count=4000"]
     with running([*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE) as process:
-        assert process.stderr is not None
         for line in process.stderr:
             if line.startswith("t = "):
                 break

@@ -265,7 +265,7 @@ def test_from_an_assembly_to_results_without_a_line_typed(call: Call, folder: Pa
     assert (code, err) == (0, "")
     assert "2 bodies, 1 contacts" in out
     scene = read(folder / "stack.toml")
-    assert scene.geometry.length_unit == "mm"  # type: ignore[union-attr]
+    assert scene.geometry.length_unit == "mm"
     ((name, contact),) = scene.contacts.items()
     assert (name, contact.gap) == ("part_2_part", 0.0)
     assert contact.surface == "part_2.to_part"
@@ -292,7 +292,7 @@ def test_the_weight_presses_the_body_that_is_held(call: Call, folder: Path) -> N
         assert call("new", "--from", "table.step")[0] == 0
         scene = read(folder / "table.toml")
         assert [str(support.boundary).split(".")[0] for support in scene.supports.values()] == ["part"]
-        assert scene.sections["gravity"].acceleration == (0.0, 0.0, up * 9.81)  # type: ignore[union-attr]
+        assert scene.sections["gravity"].acceleration == (0.0, 0.0, up * 9.81)
 
 
 PULL = """

@@ -425,7 +425,7 @@ def test_a_step_that_fails_on_the_way_leaves_all_as_it_was() -> None:
     with pytest.raises(stickslip.StickslipError, match="no step yet"):
         _ = script.scene
     found = script.step(to=3.0, loads={"hand": {"x": 0.05}})
-    assert [t for t, _ in script.scene.loads["lid"].pressure] == [0.5, 3.0]  # type: ignore[union-attr]
+    assert [t for t, _ in script.scene.loads["lid"].pressure] == [0.5, 3.0]
     assert_allclose(found.contacts["base"].force, [-0.05, 0.4], atol=1e-9)
 
 

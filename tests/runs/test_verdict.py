@@ -296,7 +296,6 @@ def test_steps_that_leave_a_large_error_are_doubted(keeps: bool, call: Call, fol
         r"steps.count = (\d+)",
         flat(err),
     )
-    assert said is not None
     assert said[0][9:] in result(folder / "few")["warnings"]
     assert "the time steps leave" not in call(*words, "-o", "silent", *silent)[2]
     if not keeps:

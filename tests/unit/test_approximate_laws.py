@@ -404,7 +404,7 @@ def test_the_tangent_is_the_derivative_of_the_residual(
     n = problem.surface.normal_rows
     assert set(answer.status[n:]) == {OPEN, STICK, SLIP}
     to_dofs, to_forces, K_C = (block.toarray() for block in elements.tangent(answer))
-    K = np.block([[problem.surface.S, to_dofs], [to_forces, K_C]])  # type: ignore[attr-defined]
+    K = np.block([[problem.surface.S, to_dofs], [to_forces, K_C]])
     x, h = np.concatenate([u_c, Sigma]), 1e-5 * problem.u_ref
 
     def R(x: Array) -> Array:

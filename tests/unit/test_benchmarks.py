@@ -471,7 +471,6 @@ def test_every_solver_solves_and_the_fastest_is_the_unit(dim: int, scene_of: Sce
     found = linear_reference(system)
     assert set(found.solvers) == {"mumps", "cg+gamg", MULTIGRID}
     for timing in found.solvers.values():
-        assert timing.residual is not None
         assert timing.residual <= 2e-8
         assert timing.seconds >= found.seconds > 0
     assert found.solvers[found.fastest].seconds == found.seconds

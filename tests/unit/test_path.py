@@ -393,7 +393,7 @@ def test_open_points_have_tangents_at_the_floor(problem_of_block: Callable[..., 
     p[0] = 0.5
     (contact,) = semismooth.simplified(problem, p, 1e-2).cone.contacts
     slope = 2 * np.sqrt(40.0 * np.array([0.5, 0.005]))  # of c d^2 at p: 2 sqrt(c p)
-    assert_allclose(contact.normal.k[:2], slope, rtol=1e-12)  # type: ignore[attr-defined]
+    assert_allclose(contact.normal.k[:2], slope, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

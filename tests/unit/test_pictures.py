@@ -593,7 +593,6 @@ def test_what_touches_is_shown_closely_if_it_is_small() -> None:
     view = View.facing(np.array([[0.0, 0.0, 0.0], [4.0, 2.0, 0.0]]))
     small = np.array([[1.0, 0.0, 0.0], [1.4, 0.1, 0.0]])
     close = close_up(view, small)
-    assert close is not None
     assert_allclose(close.extent, [0.8, 1.6, -0.35, 0.45])  # 0.4 m, and half of that on every side
     assert close_up(view, small * [4.0, 1.0, 1.0]) is None
     assert close_up(view, small[:1]) is close_up(view, small[:0]) is None

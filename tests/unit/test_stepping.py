@@ -59,7 +59,7 @@ class Reluctant:
     def __init__(self, stepper: Stepper, allowed: Callable[[float], float]) -> None:
         self.whole, self.allowed, self.tried = stepper.method_after, allowed, list[tuple[float, float]]()
         self.starts = list[Any]()
-        stepper.method_after = self.after  # type: ignore[method-assign]
+        stepper.method_after = self.after
 
     def after(self, state: State) -> Callable[[SurfaceProblem, Any, OnStep], Solution]:
         method = self.whole(state)

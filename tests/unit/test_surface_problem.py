@@ -208,7 +208,7 @@ def test_pressure_off_a_stiff_law_is_a_defect_though_the_bodies_hardly_feel_it()
     more = found.p.copy()
     more[:n] *= 1.2
     seen = problem.defect(more, found.w)[:n]
-    law = place.rows.normal.pressure((found.w - problem.gap)[:n])  # type: ignore[attr-defined]
+    law = place.rows.normal.pressure((found.w - problem.gap)[:n])
     natural = problem.cone.natural_residual(more, found.w - problem.gap, problem.weight)[:n]
     expected = np.maximum(PART * np.abs(more[:n] - law), np.abs(natural))
     assert_allclose(np.abs(seen)[closed], expected[closed], rtol=1e-3)
@@ -232,7 +232,7 @@ def test_displacement_under_tractions_is_one_volume_solve() -> None:
     p, before = solved(problem).p, problem.volume_solves
     u_c = problem.contact_displacement(p)
     assert problem.volume_solves == before + 1
-    S = problem.surface.S  # type: ignore[attr-defined]
+    S = problem.surface.S
     assert_allclose(S @ u_c, problem.load.f_c - problem.surface.forces(p), atol=1e-10)
     assert_allclose(problem.project(-p, 2.0), problem.cone.project(-p, np.full(len(p), 2.0)))
 

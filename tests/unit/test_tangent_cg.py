@@ -177,7 +177,7 @@ def test_multigrid_has_the_stiffness_without_held_motions(
 
 def ready_of(simulation: Simulation) -> OnTangent:
     """What the chain of methods has prepared."""
-    ready = simulation.stepper.method_after.__self__  # type: ignore[attr-defined]
+    ready = simulation.stepper.method_after.__self__
     assert isinstance(ready, OnTangent)
     return ready
 
@@ -231,7 +231,6 @@ def test_bodies_that_slide_on_each_other_cost_two_linear_solves_a_step(mu: float
         assert found.stick_area < 0.01 * found.contact_area
     solve = linear_reference(simulation.system, f"cg+{'boomeramg' if multigrid.HYPRE else 'gamg'}")
     (timing,) = solve.solvers.values()
-    assert timing.iterations is not None
     assert simulation.counters.linear_iterations <= 2 * 2 * timing.iterations
 
 
@@ -242,7 +241,6 @@ def test_two_steps_cost_two_linear_solves_on_any_mesh(n: int) -> None:
     simulation, _ = ran(cube(f"geometry.mesh_size={1 / n}", *(half if n == 24 else [])))
     solve = linear_reference(simulation.system, f"cg+{'boomeramg' if multigrid.HYPRE else 'gamg'}")
     (timing,) = solve.solvers.values()
-    assert timing.iterations is not None
     assert simulation.counters.linear_iterations <= 2.5 * timing.iterations
 
 
@@ -278,7 +276,6 @@ def test_multigrid_follows_a_contact_that_grows(monkeypatch: pytest.MonkeyPatch)
     ready = ready_of(simulation)
     touching = np.count_nonzero(next(iter(last.contacts.values())).pressure > 0)
     assert touching > 20
-    assert ready.held is not None
     assert (1 - GROWN) * touching <= len(np.unique(ready.held // 3)) <= (1 + GROWN) * touching
 
 
@@ -385,7 +382,6 @@ def floating() -> Simulation:
 def test_coarse_motions_slide_the_sides_and_know_their_forces() -> None:
     ready = ready_of(floating())
     ready.make_coarse()
-    assert ready.coarse is not None
     operator, D, K_D = ready.operator, ready.coarse.D, ready.coarse.K_D
     assert len(D) > 2
     assert_allclose(D[:, operator.at] @ D[:, operator.at].T, np.eye(len(D)), atol=1e-12)
@@ -398,8 +394,6 @@ def test_what_is_restored_was_counted_before() -> None:
     before, after = ready_of(first), ready_of(second)
     before.make_coarse()
     after.restore(before.snapshot(), second.stepper.surface)
-    assert before.coarse is not None
-    assert after.coarse is not None
     assert_array_equal(after.coarse.D, before.coarse.D)
     assert first.counters.linear_iterations > 0
     assert second.counters.linear_iterations == 0

@@ -77,7 +77,7 @@ def test_tied_surface_moves_as_a_support_would_move_it(
     scene = dragged(scene_of, dim, depth=0.5, normal={"law": "tied"})
     tied = simulation_of(scene)
     step = only_step(tied)
-    move = scene.obstacles["foundation"].displacement  # type: ignore[attr-defined]
+    move = scene.obstacles["foundation"].displacement
     supports = {"base": {"boundary": "block.bottom", "displacement": dict(move)}}
     supports["top"] = {"boundary": "block.top", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}
     held = only_step(simulation_of(scene_of(dim, obstacles={}, supports=supports)))

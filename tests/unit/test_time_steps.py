@@ -221,10 +221,10 @@ def test_histories_keep_every_turn() -> None:
     assert doubled(half, [len(stretch) == 1 for stretch in plan])[1] == (3.5, 4.0)
     for count in range(2, 50):
         times = tuple(float(k) for k in range(1, count + 1))
-        half = halved(times)  # type: ignore[assignment]
+        half = halved(times)
         assert len(half) == count // 2
         assert half[-1] == times[-1]
-        assert {b - a for a, b in pairwise((0.0, *half))} <= {2.0, 3.0}  # type: ignore[arg-type]
+        assert {b - a for a, b in pairwise((0.0, *half))} <= {2.0, 3.0}
 
 
 def test_every_number_of_a_step_has_a_key_and_every_part_a_unit(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
@@ -313,7 +313,6 @@ FORMS = {"condensed": {"tolerance": 1e-13}, "matrix-free": {"surface": "matrix-f
 def states(simulation: Simulation) -> list[State]:
     found = []
     for _ in simulation.steps():
-        assert simulation.reported is not None
         found.append(simulation.reported.state)
     return found
 
@@ -545,10 +544,8 @@ def test_newton_ends_where_it_repeats_itself_and_all_starts_only_where_they_arri
     u_c = problem.contact_displacement(off)
     found = rough_solution(off, problem.relative_displacement(u_c), u_c)
     exact = correction._newton(problem, found, goal=-1.0)  # no residual is as small
-    assert exact is not None
     assert_allclose(exact[0], p, atol=1e-10 * np.abs(p).max())
     arrived = correction._from_all_starts(problem, off, 1e-12)
-    assert arrived is not None
     assert_allclose(arrived[0], p, atol=1e-10 * np.abs(p).max())
     monkeypatch.setattr(correction, "MAX_IT", 0)
     assert correction._from_all_starts(problem, off, 1e-12) is None

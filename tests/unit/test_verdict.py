@@ -76,7 +76,7 @@ def wrong_gap(patch: pytest.MonkeyPatch) -> None:
 
 
 def wrong_distance(kind: type, patch: pytest.MonkeyPatch) -> None:
-    true = kind.distance  # type: ignore[attr-defined]
+    true = kind.distance
     patch.setattr(kind, "distance", lambda self, x, sqrt: true(self, x, sqrt) + 0.01)
 
 

@@ -360,7 +360,6 @@ def test_pressures_as_unknowns_change_nothing_but_rounding(name: str, by_blocks:
     assert_allclose(volume.condense(f), expected, atol=1e-9 * np.abs(expected).max())
     q = known.expand(f, u_c)
     assert (volume.expand(f, u_c) - q).norm() < 1e-9 * q.norm()
-    assert mixed is not None
     assert mixed.getInfo()["nz_used"] < system.K_B.getInfo()["nz_used"]
 
 
@@ -594,7 +593,6 @@ def test_the_complement_by_rows_is_of_those_rows(simulation_named: Callable[[str
     surface = condensed(simulation_named("held"))
     rows = np.ones(len(surface.W), bool)
     bodies = surface.row_stiffness(rows)
-    assert bodies is not None
     N = surface.N.toarray()
     assert_allclose(N.T @ bodies.H @ N, surface.S, atol=1e-11 * np.abs(surface.S).max())
     assert surface.row_stiffness(rows) is bodies
@@ -712,7 +710,6 @@ def test_smooth_forces_do_about_what_it_says(name: str, scene_of: SceneOf, syste
     """Cells twice as large, of order 1: their energy is wrong by a few percent where the force is a parabola."""
     fine = system_of(COARSENED[name](scene_of))
     coarse, exact = CoarseMesh.beside(fine), condensed_coarse(fine)
-    assert coarse is not None
     assert coarse.system.constraints.free_total <= LEAST * fine.constraints.free_total
     forces, displacements = coarse.smooth_responses(fine, exact.R, exact.rho)
     true = exact.flexibility @ forces
@@ -729,7 +726,6 @@ def test_a_rigid_motion_is_answered_by_the_augmentation_of_the_fine_bodies(
 ) -> None:
     fine = system_of(block(scene_of, 2, 16, floating=True))
     coarse, exact = CoarseMesh.beside(fine), condensed_coarse(fine)
-    assert coarse is not None
     for rho in (exact.rho, 7 * exact.rho):
         forces, displacements = coarse.smooth_responses(fine, exact.R, rho)
         assert_allclose(exact.R.T @ displacements, exact.R.T @ forces / rho, atol=1e-12 * np.abs(forces).max() / rho)
@@ -739,7 +735,6 @@ def test_the_method_begins_with_what_it_says(scene_of: SceneOf, system_of: Syste
     """The metric alone is wrong by half for smooth forces, primed it is right."""
     fine = system_of(block(scene_of, 3, 6))
     coarse, exact, metric = CoarseMesh.beside(fine), condensed_coarse(fine), surface_metric(fine)
-    assert coarse is not None
     smooth = coarse.smooth_responses(fine, exact.R, exact.rho)
     primed = LearningIteration(metric=metric, smooth=lambda: smooth)._primed()
     press = smooth[0][:, 2]  # of a constant normal traction
