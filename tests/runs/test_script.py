@@ -60,9 +60,7 @@ def ready() -> stickslip.Scene:
     return stickslip.read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"])
 
 
-def test_study_of_twenty_lines_builds_solves_and_draws_the_block(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_study_of_twenty_lines_builds_solves_and_draws_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = Path(inspect.getfile(block_from_python))
     assert len(study.read_text(encoding="utf-8").splitlines()) <= 20
     matplotlib.use("Agg")

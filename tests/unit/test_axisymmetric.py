@@ -69,9 +69,7 @@ def test_pressure_around_a_cylinder_makes_hoop_stress(
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
-def test_weights_are_positive_and_make_the_disc(
-    geometry: dict[str, Any], scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_weights_are_positive_and_make_a_disc(geometry: dict[str, Any], scene_of: SceneOf, system_of: SystemOf) -> None:
     friction = {"base": BASE["base"] | {"friction": {"law": "coulomb", "mu": 0.3}}}
     (rows,) = system_of(scene_of(geometry=geometry, model="axisymmetric", contacts=friction)).contacts
     assert rows.node_weights.min() > 0

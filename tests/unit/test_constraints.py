@@ -137,9 +137,7 @@ def test_every_free_displacement_fulfils_what_is_prescribed(case: str, scene_of:
             assert_array_equal(u[slave.nodes], u[master.nodes[distance.argmin(axis=1)]])
 
 
-def test_stiffness_of_the_free_displacements_is_selected_or_transformed_alike(
-    scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_stiffness_of_free_displacements_is_selected_or_transformed(scene_of: SceneOf, system_of: SystemOf) -> None:
     selecting = {case: system_of(scene_of(dim, **tables)) for case, (dim, tables) in CASES.items()}
     free = selecting["free"]
     inclined = holding(free.constraints, {4: "a", 9: "a"}, {"a": ([0.6, 0.8], 0.3)})
@@ -240,9 +238,7 @@ def test_rigid_motions_left_free_are_counted(
         assert np.abs(K_u).max() < 1e-12 * np.abs(dense(whole(system))).max()
 
 
-def test_a_prescribed_rigid_motion_follows_the_time_and_whoever_changes_its_values(
-    scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_a_prescribed_rigid_motion_follows_the_time_and_its_values(scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_of(supports={"top": support("top", x=0.3, y=-0.1)}))
     other = scene_of(supports={"top": support("top", x=0.6, y=-0.1)}).timeline()
     (place,) = (place for place, value in other.amplitudes.items() if value == 0.6)
@@ -562,9 +558,7 @@ def test_a_floor_that_rises_lifts_a_body_and_leaves_it_there(
         assert_allclose(moved[:, -1], 0.01, atol=1e-6)
 
 
-def test_two_bodies_pressed_together_by_nothing_are_solved_to_rounding(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_two_bodies_pressed_by_nothing_are_solved_to_rounding(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """Tractions are what a stiff law makes of the last digits of motions; pairs are searched while steps are cut."""
     scene = scene_of(
         model="3d",
@@ -588,9 +582,7 @@ def test_two_bodies_pressed_together_by_nothing_are_solved_to_rounding(
 
 
 @pytest.mark.parametrize("power", [1.0, 1.5, 3.0])
-def test_a_body_that_is_released_rises_to_where_it_touches(
-    power: float, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_a_released_body_rises_until_it_touches(power: float, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """By Newton's method alone the penetration of a power law would shrink by a factor, step for step."""
     law = LINEAR | {"c_n": 1e7 * 1e-3 ** (1 - power), "m_n": power}
     weight = {"boundary": "block.top", "pressure": [[0.0, 0.0], [1.0, 1e4], [2.0, 0.0]]}

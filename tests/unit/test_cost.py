@@ -271,9 +271,7 @@ def test_seconds_in_which_forms_were_compiled_are_no_price() -> None:
         (MemoryError(), "out_of_memory"),
     ],
 )
-def test_a_child_tells_how_it_ended(
-    error: Exception, status: str, scene_of: SceneOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_child_tells_why(error: Exception, status: str, scene_of: SceneOf, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(scene: Scene) -> None:
         raise error
 

@@ -650,9 +650,7 @@ def test_time_remainder_falls_with_the_step(law: str, scene_of: SceneOf, simulat
 
 
 @pytest.mark.parametrize(("law", "relaxation"), every_nth(2, LAWS, [0.3, 1.9]))
-def test_every_step_of_uzawa_is_admissible(
-    law: str, relaxation: float, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_uzawa_is_admissible(law: str, relaxation: float, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     simulation = simulation_of(rubbed(scene_of, law, "uzawa"))
     stepper = simulation.stepper
     problem = stepper.reach(stepper.start(), 1.0, lambda row: None).problem
@@ -679,9 +677,7 @@ def test_bound_is_integrated_exactly(scene_of: SceneOf, system_of: SystemOf) -> 
 
 
 @pytest.mark.parametrize("friction", [{}, {"friction": {"law": "coulomb", "mu": 0.0}}])
-def test_nothing_sticks_without_friction(
-    friction: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_nothing_sticks_if_smooth(friction: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """Pressed between its symmetry planes no point of the base moves sideways: no slip, but no stick either."""
     scene = scene_of(
         contacts={"base": {"surface": "block.bottom", "against": "foundation"} | friction},

@@ -562,9 +562,7 @@ def test_one_scale_of_colours_and_one_window_serve_all_frames(tmp_path: Path) ->
     assert_array_equal(moved[1].status["base"], steps[3].contacts["base"].status)
 
 
-def test_many_steps_are_thinned_out_and_what_is_small_is_magnified(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_many_steps_are_thinned_out_what_is_small_is_magnified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = stickslip.read("block", COARSE)
     top = replace(scene.supports["top"], displacement={"x": 0.0, "y": -1e-6})
     scene = replace(scene, supports={"top": top})

@@ -208,9 +208,7 @@ def test_above_the_bound_a_glued_base_diverges_and_the_row_says_so(price_rows: R
     assert verdicts.bound(price_rows).verdict == HOLDS
 
 
-def test_prices_that_were_measured_are_not_measured_again(
-    prices: Path, price_rows: Rows, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_measured_prices_are_measured_once(prices: Path, price_rows: Rows, monkeypatch: pytest.MonkeyPatch) -> None:
     lost = tables(TINY_PRICES)["h"][1]
     (prices / "rows" / f"{lost.name}.json").unlink()
     called: list[Case] = []

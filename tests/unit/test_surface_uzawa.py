@@ -207,9 +207,7 @@ def test_volume_solves_do_not_grow_with_the_mesh_in_the_plane(
 
 
 @pytest.mark.parametrize("mu", [3.0, *slow(0.3)])
-def test_volume_solves_do_not_grow_with_the_mesh_in_space(
-    mu: float, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_volume_solves_do_not_grow_in_space(mu: float, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     counts = np.array([sum(iterations(simulation_of(pressed(scene_of, 3, n, mu)))) for n in (6, 8, 12)])
     assert_allclose(counts, counts.mean(), rtol=0.2)
     assert counts.max() <= 44  # two steps to 1e-8
@@ -288,9 +286,7 @@ def test_a_singular_block_of_springs_is_said_as_that(
     assert solution.status in (Status.STALLED, Status.NO_HOLD)  # not a traceback
 
 
-def test_searches_for_pairs_share_one_factorisation(
-    simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_searches_for_pairs_share_a_factorisation(simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch) -> None:
     made, factor = [], schur_complement._cholesky
 
     def counted(block: Array) -> Any:

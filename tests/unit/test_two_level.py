@@ -79,9 +79,7 @@ def test_forces_of_bubbles_are_those_of_order_2(model: str, cells: str, scene_of
 
 
 @pytest.mark.parametrize(("model", "cells"), KINDS)
-def test_jacobi_takes_the_diagonal_blocks_of_the_stiffness(
-    model: str, cells: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_jacobi_takes_blocks_of_the_stiffness(model: str, cells: str, scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(pressed(scene_of, model, cells, mesh_size=0.5))
     bubbles, d = Bubbles(system), system.mesh.dim
     weak = WeakForms(system.problem, system.mesh, bubbles.space, system.counters, _quadrature(system.mesh))
@@ -451,9 +449,7 @@ def test_quadratic_cells_state_it_too(law: Any) -> None:
     ("model", "cells", "order"),
     every_nth(2, ["plane strain", "plane stress", "axisymmetric", "3d"], ["simplex", "tensor"], [1, 2]),
 )
-def test_a_uniform_stress_has_no_error(
-    model: str, cells: str, order: int, scene_of: SceneOf, estimating: SimulationOf
-) -> None:
+def test_even_stress_is_exact(model: str, cells: str, order: int, scene_of: SceneOf, estimating: SimulationOf) -> None:
     dim = 3 if model == "3d" else 2
     shape = {"cells": cells, "order": order, "mesh_size": 0.5}
     supports = {"top": {"boundary": "block.top", "displacement": {"xyz"[dim - 1]: -0.1}}}

@@ -261,9 +261,7 @@ def test_what_passes_its_limit_is_said_and_no_more() -> None:
 
 
 @pytest.mark.parametrize("nu", [*slow(0.3), 0.4])
-def test_the_second_energy_gives_the_forces_of_the_first(
-    nu: float, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_the_second_energy_gives_the_first_forces(nu: float, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """In every model, at both orders, on every shape of cell: equilibrium is met to rounding."""
     for overrides in ({"model": "plane stress"}, {"geometry": {"order": 2}}, {"geometry": {"cells": "tensor"}}):
         scene = dragged(scene_of, COULOMB)

@@ -165,9 +165,7 @@ def test_checks_of_limits_notice_another_coefficient() -> None:
     assert steps[-1].time > pushed.time + limits.NEAR
 
 
-def test_checks_of_a_bonded_punch_notice_a_surface_that_is_held_in_the_normal_alone(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_checks_of_a_bonded_punch_notice_a_surface_held_in_the_normal_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(punch, "BONDED", punch.HELD)
     assert len(failures(punch.tractions(punch.REFERENCE))) >= 4
 

@@ -60,9 +60,7 @@ def test_set_makes_the_same_scene(scene: str, name: str) -> None:
     assert to_dict(read(scene, words)) == to_dict(scene_of(found))
 
 
-def test_only_what_was_not_solved_is_judged_again(
-    blocks: list[Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_only_the_unsolved_is_judged_again(blocks: list[Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as known:
         known.setattr(command, "results", lambda *_, **__: blocks)
         assert hard(["block"], number=3, seed=SEED, folder=tmp_path)
@@ -335,9 +333,7 @@ def _dies_at_first(pipe: Connection) -> None:
     pipe.send("done")
 
 
-def test_a_process_that_dies_before_its_task_is_begun_is_replaced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_process_that_dies_before_its_task_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BEGAN", str(tmp_path / "began"))
     monkeypatch.setattr(suite, "_work", _dies_at_first)
     worker = Worker(opinion=0.01)
