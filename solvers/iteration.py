@@ -1,14 +1,19 @@
-"""What every method returns: tractions, its status, the residual of each iteration, and when it has stopped falling."""
+"""The driver of all iterations: a method yields what it has reached, the driver writes it down and says when it ends.
+
+Tolerance, stall, cycle, numbers that are not finite, the largest number of iterations, the history and its callback are
+the driver's. What every method returns is a `Solution` with its `Status`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, EXACT, Array
+from stickslip.solvers.parallel.counters import Counters
 
 
 class Status(Enum):
@@ -34,21 +39,6 @@ class Step:
     volume_solves: int
 
 
-def ending(residual: float, rtol: float, stopped: bool) -> Status | None:
-    """How an iteration ends at a residual; None: it goes on.
-
-    Args:
-        residual: of the iterate.
-        rtol: that is enough.
-        stopped: whether residuals have stopped falling.
-    """
-    if not np.isfinite(residual):
-        return Status.NOT_FINITE
-    if residual <= rtol:
-        return Status.CONVERGED
-    return Status.STALLED if stopped else None
-
-
 OnStep = Callable[[Step], None]
 
 
@@ -58,21 +48,26 @@ def ignore(step: Step) -> None:
 
 @dataclass
 class Stall:
-    """Notices a residual that has stopped falling: for `window` iterations none was below `factor` times the smallest.
+    """Notices a residual that has stopped falling: for `window` iterations none was below half the smallest.
 
-    >>> stall = Stall(window=2, factor=0.5)
+    >>> stall = Stall(window=2)
     >>> [stall(k, residual) for k, residual in enumerate((1.0, 0.6, 0.4, 0.3, 0.3, 0.3))]
     [False, False, False, False, False, True]
+    >>> stall = Stall(window=1, start=0)
+    >>> [stall(k, residual) for k, residual in enumerate((0.1, 1.0, 0.4, 0.3, 0.3))]
+    [False, False, False, False, True]
     """
 
     window: int
-    factor: float
+    start: int = -1  # residuals of iterations up to this one do not count
     least: float = field(default=np.inf, init=False)  # the smallest residual that counts
     found_at: int = field(default=0, init=False)  # its iteration
 
     def __call__(self, k: int, residual: float) -> bool:
         """Whether the iteration has stalled at iteration k; called once in each, with its residual."""
-        if residual < self.factor * self.least:
+        if k <= self.start:
+            return False
+        if residual < self.least / 2:
             self.least, self.found_at = residual, k
         return k - self.found_at > self.window
 
@@ -154,8 +149,112 @@ class Solution:
     convergence: Convergence | None = None  # of methods that measure it
     others: tuple[Array, ...] = ()  # tractions (rows,) [Pa] of other solutions that were met
     weakening: float = 0.0  # how much faster than bodies unload friction weakens by slip [-]; above 1 slip jumps
-    slack: float = 1e-6  # part of the friction bound by which the traction of a slipping point may be smaller
+    slack: float = CLOSE  # part of the friction bound by which the traction of a slipping point may be smaller
 
     @property
     def iterations(self) -> int:
         return self.history[-1].iteration if self.history else 0
+
+
+When = Callable[[int, float], bool]  # number and residual of an iterate: whether something is the case there
+
+
+def never(number: int, residual: float) -> bool:
+    """The condition that is never met."""
+    return False
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """What a method has reached: it yields one for each row of the history, and goes on if it is asked for more."""
+
+    number: int  # of the iteration
+    residual: float  # of the tractions, or the relative error that the method estimates [-]
+    p: Array = field(default_factory=lambda: np.zeros(0))  # as in `Solution`, like the next two; a method that
+    w: Array = field(default_factory=lambda: np.zeros(0))  # knows them only at its end leaves them out
+    u_c: Array = field(default_factory=lambda: np.zeros(0))
+    enough: bool | None = None  # whether the method takes it for the solution; None: where `residual` is small enough
+    known: bool = True  # False: the residual says nothing yet, for w is not the displacement under p
+
+    def repeats(self, visited: Iterable[Iterate]) -> bool:
+        """Whether tractions and motion are those of an earlier iterate: from there on the iteration cycles."""
+
+        def same(x: Array, y: Array) -> bool:
+            # relative change up to which two iterates are the same
+            return bool(np.abs(x - y).max(initial=0.0) <= EXACT * np.abs(x).max(initial=0.0))
+
+        return any(same(self.p, before.p) and same(self.w, before.w) for before in visited)
+
+
+@dataclass
+class Driver:
+    """Runs iterations to their end; several runs share tolerance, history, and the best iterate."""
+
+    counters: Counters
+    rtol: float
+    max_it: int
+    on_step: OnStep = ignore
+    history: list[Step] = field(default_factory=list, init=False)
+    best: Solution | None = field(default=None, init=False)  # the iterate with the smallest residual, without history
+    stalled: bool = field(default=False, init=False)  # whether the last run ended because its residual did not fall
+
+    @property
+    def over(self) -> bool:
+        """Whether the problem is solved, or the iterations ran out."""
+        ran_out = bool(self.history) and self.history[-1].iteration >= self.max_it
+        return ran_out or (self.best is not None and self.best.status is Status.CONVERGED)
+
+    def run(
+        self,
+        iterates: Iterable[Iterate],
+        stalls: When = never,
+        *,
+        slow: When = never,
+        cycles: bool = False,
+        otherwise: Status = Status.NO_HOLD,
+    ) -> Solution:
+        """Iterate until it converges, stalls or cycles, or the iterations run out.
+
+        Args:
+            iterates: the method.
+            stalls: whether the residual has stopped falling.
+            slow: whether another method is to take over.
+            cycles: whether an iterate that comes back is the end: all that follow would come back, too.
+            otherwise: status where the method itself goes no further.
+
+        Returns:
+            The last iterate.
+        """
+        x, visited, self.stalled = Iterate(0, np.inf), list[Iterate](), False
+        for x in iterates:
+            self.history.append(Step(x.number, x.residual, self.counters.volume_solves))
+            self.on_step(self.history[-1])
+            status = self._ending(x)
+            if x.known and status is None:
+                self.stalled = stalls(x.number, x.residual)
+                status = Status.STALLED if self.stalled or (cycles and x.repeats(visited)) else None
+                visited += [x] if cycles else []
+            if status is None and slow(x.number, x.residual):
+                status = Status.SLOW
+            if status is None and x.number >= self.max_it:
+                status = Status.MAX_IT
+            self._keep(Solution(x.p, x.w, x.u_c, status or Status.STALLED, x.residual, ()))
+            if status is not None:
+                break
+        else:
+            status = otherwise
+        return Solution(x.p, x.w, x.u_c, status, x.residual, tuple(self.history))
+
+    def _ending(self, x: Iterate) -> Status | None:
+        """The status of an iterate by its residual alone."""
+        if not (np.isfinite(x.residual) if x.known else not np.isnan(x.residual)):
+            return Status.NOT_FINITE
+        enough = x.residual <= self.rtol if x.enough is None else x.enough
+        return Status.CONVERGED if enough else None
+
+    def _keep(self, solution: Solution) -> None:
+        """Keep a solution if it is the best one so far; NaN is worst."""
+        if self.best is None or np.isnan(self.best.residual) or solution.residual < self.best.residual:
+            self.best = solution
+        elif solution.status is Status.MAX_IT:
+            self.best = replace(self.best, status=Status.MAX_IT)

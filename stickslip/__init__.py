@@ -96,7 +96,7 @@ Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome
                   Loaded; sweeps: Sweep, Solved
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,
                   NoEquilibriumError, MachineError, DamagedError
-Bases             Builder, Obstacle, NormalLaw, FrictionLaw, Key: to write a kind of one's own
+Bases             Builder, Obstacle, NormalLaw, FrictionLaw, Key, Number: to write a kind of one's own
 
 A kind that a new file in geometry/builders, geometry/obstacles, solvers/laws or solvers/effects adds is
 public here at once.

@@ -26,8 +26,12 @@ from stickslip.geometry.obstacles.obstacle import Rotation
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.user_files.user_file import Box, UserFile
+from stickslip.solvers.classical.gram_uzawa import Gram
+from stickslip.solvers.effects.bolts import BoltState
 from stickslip.solvers.effects.gravity import Gravity
 from stickslip.solvers.effects.periodic import Periodic
+from stickslip.solvers.effects.remote_points import RemoteState
+from stickslip.solvers.effects.springs import SpringForce
 from stickslip.solvers.iteration import Convergence, Status, Step
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.bilateral import Bilateral
@@ -38,35 +42,27 @@ from stickslip.solvers.laws.tied import Tied
 from stickslip.solvers.laws.unilateral import Unilateral
 from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.results.error_parts import ErrorParts, Quantity
 from stickslip.solvers.results.step_result import (
     OPEN,
     SLIP,
     STICK,
-    BodyState,
-    BoltState,
     ContactState,
+    ErrorParts,
     MeshData,
-    ObstacleState,
-    ProbeValue,
-    Reaction,
-    RemoteState,
-    SpringForce,
+    Quantity,
     StepResult,
     SurfaceMesh,
 )
 from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.gram import Gram
 from stickslip.solvers.scene.loads import Load, Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.orthotropic import Orthotropic
+from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.scene.problem import PlanRow
+from stickslip.solvers.scene.record import BodyState, Energy, Number, ObstacleState, ProbeValue, Reaction
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Steps
 from stickslip.solvers.simulation.script import Script
 from stickslip.solvers.simulation.simulation import Seconds, Simulation, prepare
 from stickslip.solvers.stepping.history import HistoryRow, HistoryTuple
-from stickslip.solvers.stepping.state import Energy
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
 from stickslip.workflows.accuracy.solve import run
 from stickslip.workflows.run.load import Loaded, load
@@ -165,6 +161,7 @@ __all__ = [
     "MeshReport",
     "NoEquilibriumError",
     "NormalLaw",
+    "Number",
     "Obstacle",
     "ObstacleState",
     "Orthotropic",

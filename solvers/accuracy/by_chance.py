@@ -12,8 +12,8 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.results.error_parts import Value
 from stickslip.solvers.results.step_result import OPEN, ContactState
+from stickslip.solvers.scene.record import Value
 
 FORCE, DISSIPATION, PRESSURE, SLIP = 0.3, 0.5, 0.5, 1.0
 

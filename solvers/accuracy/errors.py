@@ -12,10 +12,8 @@ from stickslip.solvers.accuracy.mesh_error import mesh_errors
 from stickslip.solvers.accuracy.next_order import smooth_errors
 from stickslip.solvers.accuracy.resolution import with_unresolved
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity
-from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, quantities
 from stickslip.solvers.stepping.stepper import Accepted
 
 

@@ -12,17 +12,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from stickslip.geometry.arrays import EPS
 from stickslip.solvers.accuracy.mesh_error import Values
-from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
-from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import LINEAR, Observer
-from stickslip.solvers.scene.quantities import KIND, KINDS
+from stickslip.solvers.results.step_result import ErrorParts, Quantity, number_of, quantities
+from stickslip.solvers.scene.record import ContactNumbers, Value, numbers_of
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.solvers.system.system import System
 
-ROUNDING = 1e-15  # of the largest number of its kind
-AREAS = KINDS["area"]
-LIKE = {"moment": "force", "rotation": "length", "dissipation": "energy"}  # kinds that are measured by another
+AREAS = tuple(key for key, number in numbers_of(ContactNumbers).items() if number.kind == "area")
+LIKE = {"moment": "force", "rotation": "length"}  # kinds that are measured by another
 
 
 def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> dict[Quantity, ErrorParts]:
@@ -49,8 +48,10 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
     }
     errors = {}
     for key, value in found.items():
-        kind, lever = KIND[key.quantity], _lever(accepted.stepper.system, key)
+        kind, lever = number_of(key).kind, _lever(accepted.stepper.system, key)
         kind = LIKE.get(kind, kind)
+        if not kind:
+            continue
         if kind == "area":
             off: Value = np.abs(theirs[key] - value)
             linear = 0.0 * off
@@ -61,7 +62,7 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
             )
         else:
             size = lever * sizes[kind]
-            off = 0.0 * np.abs(value) + lever * bounds[kind] + ROUNDING * size
+            off = 0.0 * np.abs(value) + lever * bounds[kind] + EPS * size  # of the largest number of its kind
             linear = 0.0 * np.abs(value) + LINEAR * accepted.linear_error * size
         errors[key] = ErrorParts(iteration=off, linear_solver=linear)
     return errors
@@ -73,13 +74,13 @@ def _lever(system: System, key: Quantity) -> float:
     Of a moment it is the distance [m] of the farthest corner of the bodies' box from the point that it is about, of a
     rotation 2 / size [1/m] of the side that turns, whose ends may move in opposite directions.
     """
-    if key.quantity not in ("moment", "rotation"):
+    kind = number_of(key).kind
+    if kind not in ("moment", "rotation"):
         return 1.0
     about, problem = np.zeros(system.mesh.dim), system.problem
-    if key.kind == "remote_points":
-        own = f"remote_points.{key.name}"
-        point = next(each for each in system.constraints.remote.every if each.coupling.key == own)
-        if key.quantity == "rotation":
+    of_points = {each.coupling.key: each for each in system.constraints.remote.every}
+    if point := of_points.get(f"{key.kind}.{key.name}"):
+        if kind == "rotation":
             return 2 / float(np.ptp(point.points, axis=0).max())
         about = np.array(point.coupling.point)
     elif key.kind == "obstacles" and (rotation := problem.obstacles[key.name].rotation):

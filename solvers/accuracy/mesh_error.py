@@ -23,30 +23,36 @@ The first four factors are fitted to problems of `stickslip verify accuracy`, on
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, TINY, Array, Bools
 from stickslip.solvers.accuracy.areas import areas_between_nodes, crossings, scatter
 from stickslip.solvers.accuracy.by_chance import by_chance
 from stickslip.solvers.accuracy.peaks import grows, grows_in
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
-from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import OPEN, STICK, ContactState, Numbers, StepResult
+from stickslip.solvers.results.step_result import (
+    OPEN,
+    STICK,
+    ContactState,
+    ErrorParts,
+    Numbers,
+    Quantity,
+    StepResult,
+    quantities,
+)
 from stickslip.solvers.scene.problem import Problem
-from stickslip.solvers.scene.quantities import STRESSES
+from stickslip.solvers.scene.record import STRESSES, Value
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted
 
 FACTOR, OPPOSED = 1.6, 0.5
 BETWEEN, EDGE = 0.75, 0.2
-ROUNDING = 1e-14  # of the bodies' size: shorter slips are none
 FIXED = 0.02  # of what the differences at nodes may sum up to: they cancel so well by equilibrium alone
-EQUAL = 1e-6  # relative: both ends of a symmetric side, whoever rounds
 STRESS = 1.25
 SMALL = 0.15  # of the size of a stress's error: no component is known better than by that
 DISSIPATED = Quantity("energy", "", "dissipated")  # by all contacts
@@ -84,13 +90,14 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
             whole = STRESS * _of_stress(np.asarray(off)) if key.quantity == "stress" else FACTOR * off
         chance = np.asarray(least.get(key, 0.0))
         whole = np.maximum(whole, np.where(flat <= FIXED * chance, 0.0, chance))
-        parts = np.maximum(bent + flat, EQUAL * whole)  # where less is left than rounding, all is the mesh's
-        share = bent / np.maximum(parts, np.finfo(float).tiny)
+        parts = np.maximum(bent + flat, CLOSE * whole)  # where less is left than rounding, all is the mesh's
+        share = bent / np.maximum(parts, TINY)
         errors[key] = ErrorParts(mesh=whole * (1 - share), geometry=whole * share, converges=True)
     for c in accepted.stepper.system.contacts:
-        errors |= without_limit(c, result.contacts[c.name], ROUNDING * accepted.stepper.system.extent)
+        # of the bodies' size: shorter slips are none
+        errors |= without_limit(c, result.contacts[c.name], LAST_DIGITS * accepted.stepper.system.extent)
     errors |= {Quantity("probes", name, "stress"): ErrorParts(converges=False) for name in _at_corners(observe, result)}
-    return corrected, errors | at_points(accepted.stepper.system.problem)
+    return corrected, errors | at_points(accepted.stepper.system.problem, found)
 
 
 def _rims(observe: Observer, accepted: Accepted, numbers: Numbers) -> dict[Quantity, float]:
@@ -106,10 +113,10 @@ def _rims(observe: Observer, accepted: Accepted, numbers: Numbers) -> dict[Quant
     return found
 
 
-def at_points(problem: Problem) -> dict[Quantity, ErrorParts]:
+def at_points(problem: Problem, found: Iterable[Quantity]) -> dict[Quantity, ErrorParts]:
     """No error of springs that pull at a point: it gives way the more, the finer the mesh is, which no mesh ends."""
-    alone = [link.name for link in problem.links if any(not isinstance(end, str) for end, _ in link.ends.values())]
-    return {Quantity("springs", name, "force"): ErrorParts() for name in alone}
+    alone = {link.key for link in problem.links if any(not isinstance(end, str) for end, _ in link.ends.values())}
+    return {key: ErrorParts() for key in found if f"{key.kind}.{key.name}" in alone}
 
 
 def without_limit(c: ContactRows, contact: ContactState, rounding: float) -> dict[Quantity, ErrorParts]:
@@ -131,7 +138,7 @@ def without_limit(c: ContactRows, contact: ContactState, rounding: float) -> dic
 
 def _largest(values: Array) -> Bools:
     """Nodes (n,) with the largest value, and those that rounding alone makes smaller."""
-    return np.asarray(values >= (1 - EQUAL) * values.max())
+    return np.asarray(values >= (1 - CLOSE) * values.max())
 
 
 def _of_stress(error: Array) -> Array:

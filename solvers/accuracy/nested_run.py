@@ -46,10 +46,8 @@ from stickslip.solvers.accuracy.other_mesh import OtherMeshRun, on_other_mesh, s
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.accuracy.where_to_refine import Places
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity
-from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, quantities
 from stickslip.solvers.stepping.choice import Size
 from stickslip.solvers.stepping.stepper import Accepted, StepError
 
@@ -104,7 +102,7 @@ class NestedRun(OtherMeshRun):
             key, pressure = Quantity("contacts", c.name, "max_pressure"), step.contacts[c.name].max_pressure
             if finer[key] > (1 + GROWS) ** cuts * pressure and not c.normal.at_quadrature:
                 errors[key] = ErrorParts(converges=False)
-        return errors | at_points(self._stepper.system.problem)
+        return errors | at_points(self._stepper.system.problem, quantities(step))
 
     def _finer(self, mesh: FlatMesh, times: Sequence[float], counters: Counters) -> Iterator[Values]:
         """Numbers of the history on the finer mesh at each time [s]; collective.

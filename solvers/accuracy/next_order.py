@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from stickslip.geometry.arrays import LAST_DIGITS
 from stickslip.solvers.accuracy.by_chance import by_chance
-from stickslip.solvers.accuracy.mesh_error import DISSIPATED, ROUNDING, Values, at_points, observed, without_limit
+from stickslip.solvers.accuracy.mesh_error import DISSIPATED, Values, at_points, observed, without_limit
 from stickslip.solvers.accuracy.two_level import MeshCorrection
-from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
-from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import ErrorParts, Quantity, StepResult, quantities
+from stickslip.solvers.scene.record import Value
 from stickslip.solvers.stepping.stepper import Accepted
 
 FACTOR = 2.0
@@ -44,12 +44,13 @@ def smooth_errors(
         least[DISSIPATED] = np.hypot(least.get(DISSIPATED, 0.0), local["dissipation"])
     corrected, errors = dict[Quantity, Value](), dict[Quantity, ErrorParts]()
     system = accepted.stepper.system
-    endless = at_points(system.problem)
+    found = quantities(result)
+    endless = at_points(system.problem, found)
     for c in system.contacts:
-        endless |= without_limit(c, result.contacts[c.name], ROUNDING * system.extent)
+        endless |= without_limit(c, result.contacts[c.name], LAST_DIGITS * system.extent)
     mesh, constraints = system.mesh, system.constraints
     unknown = () if mesh.comm.allreduce(constraints.apart, min) else ("supports",)
-    for key, value in quantities(result).items():
+    for key, value in found.items():
         known = key in better and key not in endless and key.kind not in unknown
         if known and key.quantity not in (*AT_THE_EDGE, "stress"):
             corrected[key] = better[key]

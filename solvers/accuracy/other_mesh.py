@@ -15,8 +15,7 @@ from stickslip.geometry.shape import Shape
 from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.gather import nodes_of
-from stickslip.solvers.results.error_parts import Errors
-from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.solvers.results.step_result import Errors, MeshData, StepResult
 from stickslip.solvers.scene.settings import Solver
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain

@@ -18,8 +18,7 @@ from stickslip.geometry.arrays import Bools
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.iteration_errors import AREAS
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity
-from stickslip.solvers.results.step_result import OPEN, ContactState, StepResult
+from stickslip.solvers.results.step_result import OPEN, ContactState, ErrorParts, Errors, Quantity, StepResult
 
 BLIND = 0.99  # elements across; one that a flat contact covers wholly is enough
 LOCAL = (*AREAS, "max_pressure", "max_penetration", "max_slip")

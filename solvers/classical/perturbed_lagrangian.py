@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, Array
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.classical.contact_element import STICK, Answer, ContactElements, held_from, penalties
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Correction, OnStep, Solution, Status, Step, ignore
+from stickslip.solvers.iteration import Correction, Driver, Iterate, OnStep, Solution, Status, ignore
 from stickslip.solvers.methods.method import Applicability, Method, Ready, SameEveryStep, Setup
-from stickslip.solvers.newton.correction import ENOUGH, MARGIN, ROUNDING, elastic_norm, exact_problem
+from stickslip.solvers.newton.correction import ENOUGH, MARGIN, elastic_norm, exact_problem
 from stickslip.solvers.system.system import System
 
 FACTOR = 10.0  # from one level of ω to the next
@@ -26,7 +27,6 @@ DETOURS = 8  # largest number of additional levels, inserted where Newton's meth
 SOFTER = 3  # times that the springs are made softer by `FACTOR` where they start again
 SLOW = 0.9  # of the defect before; if it falls by less, starting again does not help
 HALVINGS = 6  # of a Newton step; shorter steps bring no progress
-BALANCE = 1e-6  # largest unbalanced force of a solved level, relative to the force of p_ref
 DESCENT = 1e-4  # part of the predicted decrease that a shortened step must bring (Armijo)
 
 
@@ -109,7 +109,7 @@ class OnSprings(SameEveryStep):
         def correct(before: Correction) -> Correction:
             """Newton's method goes on at the final ω; if it stalls, all levels are solved to the smaller tolerance."""
             exact, own = exact_problem(problem, before), held_from(problem, p + before.p)
-            rtol = max(ENOUGH * newton.history[-1].residual, ROUNDING)
+            rtol = max(ENOUGH * newton.driver.history[-1].residual, LAST_DIGITS)
             further = Newton(exact, NEWTON_STEPS, ignore, newton.u_c, newton.Sigma)
             ended = further.solve(self.omega, own, rtol)
             if ended is not Status.CONVERGED:
@@ -125,7 +125,7 @@ class OnSprings(SameEveryStep):
             newton.u_c,
             status,
             newton.defect,
-            tuple(newton.history),
+            tuple(newton.driver.history),
             law_error=least_energy(problem, (newton.p - since) / omega),
             correct=None if self.method.augment else correct,  # with it the laws themselves hold
         )
@@ -198,10 +198,9 @@ class Newton:
             u_c: displacement (c,) [m] of the contact dofs.
             Sigma: forces (rows,) [N] in equilibrium with it.
         """
-        self.problem, self.max_it, self.on_step = problem, max_it, on_step
-        self.u_c, self.Sigma = u_c, Sigma
+        self.problem, self.u_c, self.Sigma = problem, u_c, Sigma
+        self.driver = Driver(problem.surface.counters, 0.0, max_it, on_step)
         self.reached: list[tuple[float, Array, Array]] = []  # solved levels: h, displacement, forces
-        self.history: list[Step] = []
         self.iteration = 0
 
     @property
@@ -255,28 +254,24 @@ class Newton:
 
     def solve(self, omega: Array, held: Array, rtol: float) -> Status:
         """Iterate from the current state to the solution with penalties omega (rows,) [Pa/m]; see `follow`."""
+        return self.driver.run(self._iterates(omega, held, rtol), otherwise=Status.STALLED).status
+
+    def _iterates(self, omega: Array, held: Array, rtol: float) -> Iterator[Iterate]:
         problem, elements = self.problem, ContactElements.of(self.problem, omega, held)
         for k in range(NEWTON_STEPS + 1):
             self.iteration += k > 0  # the first measure of a level is no iteration: it belongs to the start
-            p = self.Sigma / problem.surface.W
-            springs = (p - held) / omega
-            residual = problem.natural_residual(p, problem.relative_displacement(self.u_c) - springs)
-            self.history.append(Step(self.iteration, residual, problem.volume_solves))
-            self.on_step(self.history[-1])
-            if not np.isfinite(residual):
-                return Status.NOT_FINITE
+            springs = (self.p - held) / omega
+            residual = problem.natural_residual(self.p, self.w - springs)
             # with stiff springs, forces converge before the displacement does
-            if residual <= rtol and k and self._balanced(elements):
-                return Status.CONVERGED
-            if self.iteration >= self.max_it:
-                return Status.MAX_IT
+            enough = residual <= rtol and k > 0 and self._balanced(elements)
+            yield Iterate(self.iteration, residual, enough=enough)
             self._advance(elements)
-        return Status.STALLED
 
     def _balanced(self, elements: ContactElements) -> bool:
         """Whether R_U is zero, as the natural residual assumes; a nearly singular solve may leave a force."""
         R_U, _ = residual(elements, elements.answer(elements.gaps(self.u_c)), self.u_c, self.Sigma)
-        return bool(np.abs(R_U).sum() <= BALANCE * self.problem.p_ref * self.problem.surface.W.sum())
+        # largest unbalanced force of a solved level, relative to the force of p_ref
+        return bool(np.abs(R_U).sum() <= CLOSE * self.problem.p_ref * self.problem.surface.W.sum())
 
     def _advance(self, elements: ContactElements) -> None:
         """One Newton step, halved until |R| decreases; if it never does, the length with the smallest |R|."""

@@ -5,8 +5,9 @@ The outer loop is shared by all of Uzawa's methods here: solve the bodies, measu
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -18,7 +19,7 @@ from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import OnStep, Plateau, Solution, Status, Step, ending, ignore
+from stickslip.solvers.iteration import Driver, Iterate, OnStep, Plateau, Solution, ignore
 from stickslip.solvers.laws.law import Trial
 from stickslip.solvers.linear.petsc_solver import Allowed
 from stickslip.solvers.methods.method import Applicability, Keys, Stateless
@@ -131,27 +132,23 @@ class Outer:
     def __call__(
         self, problem: SurfaceProblem, p: Array, solve: Callable[[Array], Solved], on_step: OnStep
     ) -> Solution:
-        frozen = self.friction_update == "outer"
+        driver = Driver(problem.surface.counters, self.rtol, self.max_it, on_step)
+        return driver.run(self._iterates(problem, p, solve), Plateau(STALL_WINDOW))
+
+    def _iterates(self, problem: SurfaceProblem, p: Array, solve: Callable[[Array], Solved]) -> Iterator[Iterate]:
+        frozen, moved = self.friction_update == "outer", p
         step = with_given_friction(problem, p) if frozen else problem
-        history: list[Step] = []
-        stalled = Plateau(STALL_WINDOW)
-        for k in range(self.max_it + 1):
-            inner = solve(p)
+        for k in count():
+            inner = solve(moved)
             p, w = inner.p, problem.relative_displacement(inner.u_c)
             residual = problem.natural_residual(p, w)
-            history.append(Step(k, residual, problem.volume_solves))
-            on_step(history[-1])
-            status = ending(residual, self.rtol, stalled(k, residual))
-            if status or k == self.max_it:
-                break
+            yield Iterate(k, residual, p, w, inner.u_c)
             if frozen and step.natural_residual(p, w) <= GIVEN * residual:
                 step = with_given_friction(problem, p)
-            moved = self.advance(step, inner, w, residual)
-            if moved is None:
-                status = Status.NO_HOLD
-                break
-            p = moved
-        return Solution(p, w, inner.u_c, status or Status.MAX_IT, residual, tuple(history))
+            found = self.advance(step, inner, w, residual)
+            if found is None:
+                return
+            moved = found
 
 
 InnerRule = Literal["elman-golub", "bramble-pasciak-vassilev"]

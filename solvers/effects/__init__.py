@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+from collections.abc import Mapping
 
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.record import RECORDS, RecordType
 
 _ORDER = ("contact", "unilateral", "compliance", "bilateral", "friction")  # the others follow by name
 _modules = [importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)]
@@ -25,3 +27,9 @@ def active(problem: Problem) -> tuple[Effect, ...]:
     """The effects that a scene has switched on."""
     on = {row.effect for row in problem.plan if row.on}
     return tuple(effect for effect in EFFECTS if effect.name in on)
+
+
+def records() -> Mapping[str, RecordType]:
+    """What a step reports, by table: of every scene, and of effects."""
+    of_effects = {effect.name: effect.reports for effect in EFFECTS}
+    return RECORDS | {table: record for table, record in of_effects.items() if record is not None}

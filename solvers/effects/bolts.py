@@ -4,23 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.errors import SceneError, require, require_known
 from stickslip.geometry.keys import Key
 from stickslip.geometry.obstacles.obstacle import unit
-from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.effects.effect import Effect, Equilibrium
 from stickslip.solvers.fem.terms import InitialStrain
 from stickslip.solvers.scene.loads import Link
 from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.record import Number
 from stickslip.solvers.scene.scene import EffectTable, Scene
-from stickslip.solvers.scene.timeline import CLOSE, Place
+from stickslip.solvers.scene.timeline import Place
 
 SOLID = ("body", "shank")
 SPRING = ("head", "nut", "axis", "stiffness")
+
+
+class BoltState(NamedTuple):
+    """A bolt."""
+
+    tension: Annotated[float, Number("N", "positive where it clamps", words="tension")]
+    shortening: Annotated[float, Number("m", "of its shank", column=False, error=False)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +38,8 @@ class Bolt(EffectTable):
 
     The tension of a spring is stiffness times (their mean distance along the axis + shortening).
     """
+
+    reports = BoltState
 
     body: Annotated[str | None, Key("-", "that is a bolt; its tension is the mean one of the shank")] = None
     shank: Annotated[
@@ -82,7 +93,7 @@ class Bolt(EffectTable):
             scene.require_side(str(self.head), f"{key}.head")
             scene.require_side(str(self.nut), f"{key}.nut")
             require(len(axis) == scene.dim, f"{key}.axis", list(axis), expected)
-        times = [t for t in scene.requested_times() if self.held_from is None or abs(t - self.held_from) < CLOSE * t]
+        times = [t for t in scene.requested_times() if self.held_from is None or abs(t - self.held_from) < EXACT * t]
         require(len(times) > 0, f"{key}.held_from", self.held_from, "no step ends there; list that time in force")
         radial = scene.axisymmetric and axis[0] != 0
         where = f"{key}.axis" if self.shank is None else f"{key}.shank"
@@ -135,6 +146,10 @@ class _Bolts(Effect):
                 tension=None if bolt.force is None else Place("bolts", name, "force"),
                 held_from=np.inf if bolt.held_from is None else bolt.held_from,
             )
+
+    def read(self, reached: Equilibrium) -> Mapping[str, BoltState]:
+        own = ((place, found) for place, found in reached.strains.items() if place.table == self.name)
+        return {place.name: BoltState(-work, value) for place, (value, work) in own}
 
 
 EFFECT = _Bolts()

@@ -1,4 +1,4 @@
-"""The contract of an effect: when it is active, its own table of the scene, and what it adds to the problem.
+"""The contract of an effect: when it is active, its own table of the scene, what it adds to the problem, and reports.
 
 Of an effect that is off only `because` is called. An effect that is on adds what it overrides; the rest costs nothing.
 """
@@ -6,19 +6,46 @@ Of an effect that is off only `because` is called. An effect that is on adds wha
 from __future__ import annotations
 
 from abc import ABC
-from collections.abc import Iterable, Mapping
-from typing import Any, ClassVar
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar, get_args
 
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import UflExpr, UflForm
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.terms import InitialStrain, LoadTerm
 from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.record import Record, RecordType
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.timeline import Timeline
+from stickslip.solvers.scene.timeline import Place, Timeline
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Equilibrium:
+    """A state of equilibrium as effects read it, the same on every rank; keys are the scene's, as springs.rope."""
+
+    problem: Problem
+    value: Callable[[Place], float]  # of a value in time, in the unit of its key; also of those that a step finds
+    links: Mapping[str, Array]  # force (d,) of each link on the body at its first end [N]
+    couplings: Mapping[str, Array]  # motion (k,) of each coupled point, numbered as `rigid_fields` [m, rad]
+    # force (d,) [N] and moment [N m] of springs to the ground, about the origin, and of points that are held
+    reactions: Mapping[str, tuple[Array, Array]]
+    strains: Mapping[Place, tuple[float, float]]  # of initial strains: value, and work of the stress on value 1 [J]
+
+
+def named(table: str, found: Mapping[str, T]) -> dict[str, T]:
+    """Those of one table, by name.
+
+    >>> named("springs", {"springs.rope": 1.0, "bolts.rope": 2.0})
+    {'rope': 1.0}
+    """
+    return {key.partition(".")[2]: value for key, value in found.items() if key.partition(".")[0] == table}
 
 
 class Effect(ABC):
-    """One effect in each file; `solvers/effects/__init__.py` finds its instance `EFFECT`, or several in `EFFECTS`.
+    """`solvers/effects/__init__.py` finds the instance `EFFECT` of a file, or several in its `EFFECTS`.
 
     Values in time belong to the table, see `EffectTable.amplitudes`: steps end exactly at their times, and steps.csv
     lists them. Checks of the table that need the rest of the scene belong to `EffectTable.check`.
@@ -77,6 +104,18 @@ class Effect(ABC):
     def acts(self) -> bool:
         """Whether the effect can move bodies: it adds loads or initial strains."""
         return type(self).loads is not Effect.loads or type(self).initial_strains is not Effect.initial_strains
+
+    @property
+    def reports(self) -> RecordType | None:
+        """What a step reports of each of its tables: a class whose fields are annotated with a `Number`; None: nothing.
+
+        Goals, result.json, steps.csv, errors and comparisons follow from it; it is declared as `EffectTable.reports`.
+        """
+        return getattr(next(iter(get_args(self.table)[1:]), self.table), "reports", None)
+
+    def read(self, reached: Equilibrium) -> Mapping[str, Record]:
+        """A record for each of its tables by name ("" if there is only one), where it `reports`."""
+        return {}
 
     def columns(self, problem: Problem, timeline: Timeline, time: float) -> Mapping[str, float]:
         """Numbers for steps.csv at a reported time [s], by name; the table's values in time are listed without this."""

@@ -9,16 +9,19 @@ from typing import Annotated
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import UflExpr, UflForm
-from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.effects.effect import Effect, Equilibrium, named
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.scene.loads import Springs
 from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.record import Reaction
 from stickslip.solvers.scene.scene import EffectTable, Scene
 
 
 @dataclass(frozen=True, kw_only=True)
 class ElasticSupport(EffectTable):
     """Springs per area under a side, along its normal and across; their stress is stiffness times displacement."""
+
+    reports = Reaction
 
     boundary: Annotated[str, Key("-", "side, as body.side")]
     normal: Annotated[float, Key("Pa/m", "stiffness along the side's normal, in both directions")] = 0.0
@@ -44,6 +47,9 @@ class _ElasticSupport(Effect):
 
     def stiffness(self, problem: Problem, weak: WeakForms, u: UflExpr) -> Iterable[UflForm]:
         return [weak.springs(springs, u) for springs in problem.springs if springs.key.split(".")[0] == self.name]
+
+    def read(self, reached: Equilibrium) -> Mapping[str, Reaction]:
+        return {name: Reaction(*pair) for name, pair in named(self.name, reached.reactions).items()}
 
 
 EFFECT = _ElasticSupport()

@@ -4,23 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import TABLE, Key
 from stickslip.geometry.obstacles.obstacle import AXES, Axis
-from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.effects.effect import Effect, Equilibrium, named
+from stickslip.solvers.fem.rigid_fields import parts_of_motion
 from stickslip.solvers.scene.loads import Coupling
+from stickslip.solvers.scene.record import Number
 from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Place
 
 PAIRS = {"force": "displacement", "moment": "rotation"}  # what is given of a component, one of the two
 
 
+class RemoteState(NamedTuple):
+    """Motion of a remote point, and what it exerts on its side, loads and reactions together."""
+
+    displacement: Annotated[Array, Number("m", "by component", "vector", "displacement")]
+    rotation: Annotated[Array, Number("rad", "in the plane about z", "turn", "rotation")]
+    force: Annotated[Array, Number("N", "by component", "vector", "force")]
+    moment: Annotated[Array, Number("N m", "about the point", "turn", "moment")]
+
+
 @dataclass(frozen=True, kw_only=True)
 class RemotePoint(EffectTable):
     """A point that is coupled to a side; components of its motion that are not prescribed are free."""
+
+    reports = RemoteState
 
     boundary: Annotated[str, Key("-", "side, as body.side")]
     point: Annotated[tuple[float, ...], Key("m", "where force and moment act; it may lie anywhere")]
@@ -97,6 +113,18 @@ class _RemotePoints(Effect):
         spread = len(scene.couplings()) - rigid
         words = [f"{rigid} rigid: the nodes of the side move as one, fewer unknowns"] * bool(rigid)
         return "; ".join([*words, *[f"{spread} distributing: a load"] * bool(spread)])
+
+    def read(self, reached: Equilibrium) -> Mapping[str, RemoteState]:
+        found, dim = dict[str, RemoteState](), reached.problem.dim
+        for name, coupling in named(self.name, {each.key: each for each in reached.problem.couplings}).items():
+            motion = reached.couplings[coupling.key]
+            load = np.zeros(len(motion))
+            for component, place in coupling.loads.items():
+                load[component] = reached.value(place)
+            (moved, turned), (force, moment) = (parts_of_motion(part, dim) for part in (motion, load))
+            held = reached.reactions.get(coupling.key, (0.0, 0.0))
+            found[name] = RemoteState(moved, turned, force + held[0], moment + held[1])
+        return found
 
 
 EFFECT = _RemotePoints()

@@ -7,23 +7,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import LIST, Key
 from stickslip.geometry.obstacles.obstacle import unit
-from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.effects.effect import Effect, Equilibrium, named
 from stickslip.solvers.scene.loads import End, Link
+from stickslip.solvers.scene.record import Number
 from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Place
+
+
+class SpringForce(NamedTuple):
+    """What a spring between places exerts on the body at its end `at`."""
+
+    force: Annotated[Array, Number("N", "by component", "vector", "force")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spring(EffectTable):
     """Pulls with stiffness times elongation: at a point, or on the mean displacement of a side."""
+
+    reports = SpringForce
 
     at: Annotated[End, Key("m", "side, as body.side, or a point, at which a mesh vertex lies")]
     to: Annotated[End | None, Key("m", "the other end, likewise; absent: the ground")] = None
@@ -119,6 +129,9 @@ class _Springs(Effect):
         rows, found = sum(len(link.stiffness) for link in links), sum(link.slack is not None for link in links)
         said = f"{rows} spring{'s' * (rows > 1)} in the stiffness, which couple all nodes of a side with each other"
         return said + f"; {found} of one way: a step in which slack changes is solved again" * bool(found)
+
+    def read(self, reached: Equilibrium) -> Mapping[str, SpringForce]:
+        return {name: SpringForce(force) for name, force in named(self.name, reached.links).items()}
 
 
 EFFECT = _Springs()

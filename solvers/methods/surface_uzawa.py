@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import count
 from typing import ClassVar
 
 import numpy as np
@@ -15,7 +16,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.discrete import LEAST, GivenSurface
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import OnStep, Solution, Stall, Status, Step, ignore
+from stickslip.solvers.iteration import Driver, Iterate, OnStep, Solution, Stall, ignore
 from stickslip.solvers.methods.method import Applicability, Method, Ready, SameEveryStep, Setup, Solve, Turn
 from stickslip.solvers.metrics import Secants, SurfaceMetric, surface_metric
 from stickslip.solvers.newton.surface_model import Flexibility, nearest_in_cone
@@ -83,9 +84,16 @@ class LearningIteration(SameEveryStep):
         return self  # F is of the bodies
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
-        surface, F = problem.surface, self._F(problem.surface)
-        history: list[Step] = []
-        status = Status.MAX_IT
+        counters = problem.surface.counters
+        enough = counters.linear_iterations + PATIENCE
+        return Driver(counters, self.rtol, self.max_it, on_step).run(
+            self._iterates(problem, p),
+            Stall(HURRIED if self.hurried else STALL_WINDOW),
+            slow=lambda k, residual: self.hurried and counters.linear_iterations > enough,
+        )
+
+    def _iterates(self, problem: SurfaceProblem, p: Array) -> Iterator[Iterate]:
+        surface, F, rtol = problem.surface, self._F(problem.surface), self.rtol
         inner = 0.0 if surface.exact or problem.p_ref == 0 else VOLUME  # p_ref = 0: no load and no motion
         accuracy = inner
         known = not (p.any() or problem.load.rough)
@@ -93,33 +101,15 @@ class LearningIteration(SameEveryStep):
         w, forces = problem.relative_displacement(u_c), surface.forces(p)
         motion = np.zeros_like(u_c)
         balanced = not surface.floating or problem.p_ref == 0
-        stalled = Stall(HURRIED if self.hurried else STALL_WINDOW, 0.5)
-        enough, rtol = surface.counters.linear_iterations + PATIENCE, self.rtol
-        for k in range(self.max_it + 1):
+        for k in count():
             residual = problem.natural_residual(p, w) if balanced else np.inf  # until w is the displacement under p
-            history.append(Step(k, residual, problem.volume_solves))
-            on_step(history[-1])
-            if k == 0 and np.isfinite(residual):
+            if k == 0 and balanced:
                 rtol = max(rtol, self.drop * residual)
-            if np.isnan(residual):
-                status = Status.NOT_FINITE
-                break
-            if residual + accuracy <= rtol:
-                status = Status.CONVERGED
-                break
-            if stalled(k, residual):
-                status = Status.STALLED
-                break
-            if self.hurried and surface.counters.linear_iterations > enough:
-                status = Status.SLOW
-                break
-            if k == self.max_it:
-                break
+            yield Iterate(k, residual, p, w, u_c + motion, enough=residual + accuracy <= rtol, known=balanced)
             metric = Flexibility(surface=surface, F=F, metric=self.metric)
             found = nearest_in_cone(problem, metric, p, w, max(residual, rtol))
             if found is None:
-                status = Status.NO_HOLD
-                break
+                return
             p = found.p
             balanced = True
             accuracy = inner * max(rtol, DROP * min(residual, 1.0))
@@ -128,7 +118,6 @@ class LearningIteration(SameEveryStep):
             u_c, forces = u_new, forces_new
             motion = motion + surface.R @ found.b
             w = problem.relative_displacement(u_c + motion)
-        return Solution(p, w, u_c + motion, status, residual, tuple(history))
 
     def apart(self, drop: float) -> Solve:
         """A solver of similar problems, to a residual smaller by a factor than at its start; what it learns is lost."""

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from stickslip.geometry.arrays import Array, Bools, Ints, products
+from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array, Bools, Ints, products
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Correction, OnStep, Solution, Stall, Status, Step, ending, ignore
+from stickslip.solvers.iteration import Correction, Driver, Iterate, OnStep, Solution, Stall, Status, ignore
 from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Setup, Solve, Turn
 from stickslip.solvers.parallel.serialise import Own, Plain
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
@@ -25,11 +27,8 @@ from stickslip.solvers.tangent.operator import CoarseMotions, LoadScale, Tangent
 SWEEPS = 2  # over the contact points alone, before each iteration
 SMOOTHING = 6  # at the contact, before and after a multigrid cycle: with four, points that slip take up to a sixth more
 LOWEST = 1 / 20  # eigenvalue that they solve for, relative to the highest
-SHORTEST = 1e-3  # step that is halved no more
 PATIENCE = 150  # iterations of a step, if another form of the bodies can take over
 STALL_WINDOW = 40  # iterations in which the error must halve; usual are 7 to 20 in all
-ROUNDING = 1e-12  # of the energy: a growth that counts as none
-LEAST = 1e-3  # of the displacement at the start: smaller ones are measured against it, for a full release leaves none
 FASTEST, SLOWEST = 0.2, 0.9  # limits of the contraction of an iteration that is counted on
 UNKNOWN = 0.75  # contraction that is counted on before one is seen
 SEVERAL = 5  # iterations: errors that fall unevenly say little by the last one alone
@@ -37,7 +36,6 @@ SLOW = 0.55  # contraction at which, for the second time, multigrid may be adapt
 OTHERS, GROWN = 0.1, 0.4  # of the slave nodes, and of those that touch; with fewer changes multigrid stays
 FEW, MANY = 0.05, 0.3  # sticking shares of the closed area below which, and up to which, multigrid lets it slide
 COARSE = 0.25  # the same below which coarse motions are made
-RESISTED = 1e-6  # squared jumps of the rigid motion that nodes resist least, relative to that they resist most
 MARGIN = 2.9  # of the error that is stated: over all ready scenes it is 1.2 to 15 times the true one then, most often 5
 
 
@@ -173,7 +171,8 @@ class OnTangent(Ready):
             surface.volume.contact.write(motion, column)
             jumps.append(operator.coordinates(motion)[operator.at] * nodes.repeat(operator.dim))
         sizes = np.linalg.eigvalsh(operator.comm.allreduce(np.array(jumps) @ np.array(jumps).T))
-        return bool(sizes[0] > RESISTED * sizes[-1])
+        # squared jumps of the rigid motion that nodes resist least, relative to that they resist most
+        return bool(sizes[0] > CLOSE * sizes[-1])
 
     def held_here(self, coordinates: ContactCoordinates) -> Ints | None:
         """As `held`, of the same nodes with the contact rows of other coordinates; collective."""
@@ -209,6 +208,9 @@ class Iteration:
         self.q: Vec = system.T.createVecRight()
         self.earlier: list[tuple[Array, Array]] = []  # corrections that the next can take up again, and K times them
         self.free: Bools | None = None  # of the last tangent
+        self.left = np.zeros_like(self.v), np.zeros_like(self.v)  # about the motion that is left, and K times it
+        self.expected = np.inf  # energy norm [J^(1/2)] of that motion
+        self.reached: tuple[Array, Tangent]  # trial tractions (rows,) [Pa] of the present state, and its tangent
         self.pull, self.stored = self.f, 0.0  # f + 2 T^T K u_s [N] and u_s . K u_s [J] of the motion u_s of supports
         if system.rigid_motion(time) is None:
             u_s = system.prescribed(time)
@@ -218,48 +220,46 @@ class Iteration:
 
     def solve(self, on_step: OnStep) -> Solution:
         """Iterate until the error that is expected is small enough; collective."""
+        driver = Driver(self.operator.counters, 0.0, self.ready.method.max_it, on_step)
+        found = driver.run(
+            self._iterates(), Stall(STALL_WINDOW), slow=lambda k, error: self.ready.hurried and k == PATIENCE
+        )
+        return self._solution(found)
+
+    def _iterates(self) -> Iterator[Iterate]:
+        """Yield relative errors in the energy norm, as they are estimated, and at the end the natural residual."""
         operator, rtol, natural = self.operator, self.ready.method.rtol, self.ready.method.rtol
-        history: list[Step] = []
-        status: Status | None = None
-        stalled = Stall(STALL_WINDOW, 0.5)
         expected, slow = np.inf, 0
-        moved, K_moved, contraction = np.zeros_like(self.v), np.zeros_like(self.v), UNKNOWN
-        least = LEAST * self._size()
+        # of the displacement at the start: smaller ones are measured against it, for a full release leaves none
+        least = SLIGHT * self._size()
         first = 1 if self.earlier else 0  # residual that counts: a good guess is no contraction
-        for k in range(self.ready.method.max_it + 1):
+        residuals: list[float] = []
+        for k in count():
             trial = self._relax()
-            tangent = self._tangent(trial)
+            self.reached = trial, (tangent := self._tangent(trial))
             r = self._residual(tangent)
             if k == 0 and self.drop:
                 natural = max(natural, self.drop * self._natural(tangent))
+            size = max(self._size(), least)
+            self.expected = expected * size
             if expected <= rtol and (residual := self._natural(tangent)) <= natural:
-                status = Status.CONVERGED
-            else:
-                z, K_z = self._direction(tangent, r)
-                error = float(np.sqrt(abs(operator.dot(r, z))))
-                scale = max(self._size(), least, error)
-                residual = error / scale if scale else error  # which is zero then, or no number
-                rtol = max(rtol, self.drop * residual) if k == 0 else rtol
-                status = ending(residual, 0.0, stalled(k, residual))
-                if status is None and self.ready.hurried and k == PATIENCE:
-                    status = Status.SLOW
-            history.append(Step(k, residual, self.problem.volume_solves))
-            on_step(history[-1])
-            if status is not None or k == self.ready.method.max_it:
-                break
-            latest, mean = _contractions([each.residual for each in history[first:][-1 - SEVERAL :]])
+                yield Iterate(k, residual, enough=True)
+            z, K_z = self._direction(tangent, r)
+            error = float(np.sqrt(abs(operator.dot(r, z))))
+            scale = max(size, error)
+            residuals.append(error / scale if scale else error)  # which is zero then, or no number
+            rtol = max(rtol, self.drop * residuals[0]) if k == 0 else rtol
+            yield Iterate(k, residuals[-1])
+            latest, mean = _contractions(residuals[first:][-1 - SEVERAL :])
             contraction = float(np.clip(max(latest, mean), FASTEST, SLOWEST))
-            slow += latest > SLOW and len(history) > 1 + first and not self.drop
+            slow += latest > SLOW and len(residuals) > 1 + first and not self.drop
             if slow == 2:
                 self._adapt(tangent)
             slow %= 2
             moved, K_moved = self._advance(tangent, r, z, K_z)
+            self.left = contraction * moved, contraction * K_moved
             step = float(np.sqrt(max(operator.dot(moved, r), 0.0))) / scale
-            expected = contraction / (1 - contraction) * max(residual, step)
-        left = contraction * moved, contraction * K_moved
-        return self._solution(
-            tangent, trial, left, status or Status.MAX_IT, expected * max(self._size(), least), history
-        )
+            expected = contraction / (1 - contraction) * max(residuals[-1], step)
 
     def _adapt(self, tangent: Tangent) -> None:
         """Hold in multigrid the nodes that are in contact now, if they are others than before; collective.
@@ -371,15 +371,15 @@ class Iteration:
             for d, K_d in zip(self.ready.coarse.D, self.ready.coarse.K_D, strict=True):
                 self._add(tangent, d, K_d, D, K_D)
         answers = [self._answer(tangent, *x) for x in zip(D, K_D, strict=True)]
-        for count in (len(D), fine)[: 1 + (fine < len(D))]:
-            share = self._galerkin(D[:count], answers[:count], r)
+        for size in (len(D), fine)[: 1 + (fine < len(D))]:
+            share = self._galerkin(D[:size], answers[:size], r)
             c, K_c = (sum(a * x for a, x in zip(share, every, strict=False)) for every in (D, K_D))
             moved, K_moved, lower = self._tried(tangent, c, K_c, 1.0)
             if lower:
                 break
         step, kept = 1.0, [] if changed else self.earlier[:1]
         self.earlier = [*kept, (c, K_c)] if lower else []
-        while not lower and step > SHORTEST:
+        while not lower and step > SLIGHT:  # step that is halved no more
             step /= 2
             moved, K_moved, lower = self._tried(tangent, c, K_c, step)
         self._move(moved, K_moved)
@@ -403,7 +403,8 @@ class Iteration:
         beside = self.points.project(tangent, v, v + step * c[operator.at]) - v - step * c[operator.at]
         moved, K_moved = step * c, step * K_c
         operator.slaves.move(beside, moved, K_moved)
-        allowed = ROUNDING * abs(operator.dot(self.v, self.f) + operator.dot(self.v, self.g)) / 2
+        # of the energy: a growth that counts as none
+        allowed = EXACT * abs(operator.dot(self.v, self.f) + operator.dot(self.v, self.g)) / 2
         return moved, K_moved, self._growth(tangent, moved, K_moved) <= allowed
 
     def _galerkin(self, D: list[Array], AD: list[Array], r: Array) -> Array:
@@ -411,7 +412,7 @@ class Iteration:
         found = self.operator.comm.allreduce(np.array([[d @ x for x in (*AD, r)] for d in D]))
         G, rhs = found[:, :-1], found[:, -1]
         scale = 1 / np.sqrt(np.where(np.diag(G) > 0, np.diag(G), 1.0))
-        return np.asarray(scale * np.linalg.lstsq(G * scale[:, None] * scale, rhs * scale, rcond=1e-12)[0])
+        return np.asarray(scale * np.linalg.lstsq(G * scale[:, None] * scale, rhs * scale, rcond=EXACT)[0])
 
     def _growth(self, tangent: Tangent, moved: Array, K_moved: Array) -> float:
         """Growth of the energy [J] by a motion, friction bounds frozen; collective."""
@@ -438,29 +439,17 @@ class Iteration:
         p, w = self._tractions(tangent)
         return self.problem.surface.agreed(max(self.problem.natural_residual(p, w), self.problem.imbalance(p)))
 
-    def _solution(
-        self,
-        tangent: Tangent,
-        trial: Array,
-        left: tuple[Array, Array],
-        status: Status,
-        expected: float,
-        history: list[Step],
-    ) -> Solution:
-        """The solution at the present state; `left` is about the motion that is left, and K times it.
-
-        Args:
-            expected: energy norm [J^(1/2)] of that motion.
-        """
-        problem, surface = self.problem, matrix_free(self.problem.surface)
+    def _solution(self, found: Solution) -> Solution:
+        """The solution at the present state, with the status and the history that were found."""
+        problem, surface, (trial, tangent) = self.problem, matrix_free(self.problem.surface), self.reached
         p, w = self._tractions(tangent)
         p = problem.project(p + problem.weight * (w - problem.gap), problem.weight)
-        if status is not Status.NOT_FINITE:
+        if found.status is not Status.NOT_FINITE:
             surface.found(p, self.q.copy())
         u_c = surface.volume.contact.read(self.q)
-        self._move(*left)
+        self._move(*self.left)
         after, w_after = self._tractions(self._tangent(trial))
-        expected = expected if np.isfinite(expected) else 0.0
+        expected = self.expected if np.isfinite(self.expected) else 0.0
         own = Correction(p=MARGIN * (after - p), w=MARGIN * (w_after - w), size=MARGIN * expected)
 
         kept = self.points.gathered(((tangent.spring > 0) | ~tangent.free).astype(float)) > 0
@@ -473,7 +462,7 @@ class Iteration:
             size = float(np.hypot(own.size, share * before.size))
             return Correction(own.p + share * before.p, own.w + w_kept, size)
 
-        return Solution(p, w, u_c, status, history[-1].residual, tuple(history), correct=correct)
+        return replace(found, p=p, w=w, u_c=u_c, correct=correct)
 
 
 def _contractions(residuals: list[float]) -> tuple[float, float]:

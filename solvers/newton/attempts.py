@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.solvers.interface.limit_analysis import balancing_tractions
 from stickslip.solvers.interface.problem import LEAST, SurfaceProblem
-from stickslip.solvers.iteration import OnStep, Solution, Stall, Status, Step, ignore
+from stickslip.solvers.iteration import Driver, Iterate, OnStep, Solution, Stall, Status, ignore
 from stickslip.solvers.newton.active_set import ActiveSet, linearise
 
 MEMORY = 5  # merits of earlier iterates: the largest of them must fall
@@ -50,9 +50,6 @@ class LineSearch:
         return float(np.linalg.norm(residual / np.sqrt(self.gamma)))
 
 
-SLIPPING = 1e-6  # relative distance from the friction bound at which a point of an answer slips
-
-
 @dataclass(frozen=True, kw_only=True)
 class Start:
     """Starting point of an attempt."""
@@ -76,7 +73,8 @@ class Start:
         What is at its friction bound slips: rounding would decide.
         """
         p_hat = answer + factor * problem.gamma * problem.cone.give(answer)
-        p_hat[problem.surface.normal_rows :] *= 1 + SLIPPING
+        # relative distance from the friction bound at which a point of an answer slips
+        p_hat[problem.surface.normal_rows :] *= 1 + CLOSE
         return Start(p=p, u_c=problem.u_before, p_hat=p_hat, factor=factor, in_equilibrium=False)
 
     @staticmethod
@@ -154,7 +152,6 @@ def _balanced(problem: SurfaceProblem, factor: float = 1.0) -> Iterator[Start]:
 
 
 STALL_WINDOW = 20  # iterations in which the smallest residual must halve; fronts of slip go on by a node in each
-SAME = 1e-10  # relative change up to which two iterates are the same
 RETREATS = 6  # how often trial tractions that leave the bodies without hold are halved towards earlier ones
 ATTEMPT = 60  # iterations of an attempt
 
@@ -175,29 +172,19 @@ class Bodies(Protocol):
         ...
 
 
-@dataclass
-class Attempts:
-    """The attempts so far, and the best iterate of all of them.
+class Attempts(Driver):
+    """The attempts so far, and the best iterate of all of them; its u_c is `u` of the bodies.
 
     Where all laws are piecewise linear the next iterate of plain Newton depends on the active set alone: it arrives, or
     comes back to where it was and cycles from there on. A damped attempt looks for the length of its steps by a line
     search, and adds a proximal term to the laws that fades out with the residual, see `ActiveSet.proximal`.
     """
 
-    problem: SurfaceProblem
-    bodies: Bodies
-    rtol: float
-    max_it: int
-    on_step: OnStep = ignore
-    history: list[Step] = field(default_factory=list)
-    best: Solution | None = None  # the iterate with the smallest residual; its u_c is `u` of the bodies
-    stalled: bool = False  # whether the last attempt ended because the smallest residual did not halve
-
-    @property
-    def over(self) -> bool:
-        """Whether the problem is solved, or the iterations ran out."""
-        ran_out = len(self.history) > self.max_it
-        return ran_out or (self.best is not None and self.best.status is Status.CONVERGED)
+    def __init__(
+        self, problem: SurfaceProblem, bodies: Bodies, rtol: float, max_it: int, on_step: OnStep = ignore
+    ) -> None:
+        super().__init__(problem.surface.counters, rtol, max_it, on_step)
+        self.problem, self.bodies = problem, bodies
 
     def __call__(self, start: Start, proximal: float | None = None) -> None:
         """Iterate until it converges, cycles or stalls.
@@ -206,25 +193,27 @@ class Attempts:
             start: where to begin.
             proximal: weight of the proximal term of a damped attempt [-]; None: plain Newton.
         """
+        number = self.history[-1].iteration + start.in_equilibrium if self.history else 0  # of the start
+        found = self.run(
+            self._iterates(start, proximal or 0.0, number), Stall(STALL_WINDOW, number), cycles=proximal is None
+        )
+        if found.status is Status.NO_HOLD and (self.best is None or np.isnan(self.best.residual)):
+            w = self.bodies.relative(start.p, start.u_c)
+            self.best = Solution(start.p, w, start.u_c, Status.NO_HOLD, np.inf, ())
+
+    def _iterates(self, start: Start, proximal: float, number: int) -> Iterator[Iterate]:
         problem, gamma = self.problem, start.factor * self.problem.gamma
         p, u, p_hat, known = start.p, start.u_c, start.p_hat, start.in_equilibrium
         w, held = self.bodies.relative(p, u), p_hat
-        stalled, visited = Stall(STALL_WINDOW, 0.5), list[tuple[Array, Array]]()
-        search, self.stalled = LineSearch(problem, gamma), False
-        for k in range(ATTEMPT):
+        search = LineSearch(problem, gamma)
+        for k in range(number, number + ATTEMPT):
             weight = 0.0
             if known:
-                residual = self._judge(p, w, u, first=k)
-                if self.over or not np.isfinite(residual):
-                    return
-                self.stalled = k > 0 and stalled(k, residual)
-                if self.stalled or (k > 0 and proximal is None and _repeats((p, w), visited)):
-                    return
-                visited.append((p, w))
-                weight = min(1.0, residual) * (proximal or 0.0)
+                residual = max(problem.natural_residual(p, w), problem.imbalance(p))
+                yield Iterate(k, residual, p, w, u)
+                weight = min(1.0, residual) * proximal
             solved = self._solve(p_hat, held, gamma, (p, u), weight)
             if solved is None:
-                self._keep(Solution(p, w, u, Status.NO_HOLD, np.inf, ()))
                 return
             p_new, u_new, held = solved
             w_new = self.bodies.relative(p_new, u_new)
@@ -233,28 +222,6 @@ class Attempts:
                 p_new, u_new, w_new = p + t * (p_new - p), u + t * (u_new - u), w + t * (w_new - w)
             p, u, w, known = p_new, u_new, w_new, True
             p_hat = p + gamma * (w - problem.gap)
-
-    def _judge(self, p: Array, w: Array, u: Array, first: int) -> float:
-        """Residual of an iterate, written down; `first`: its number if nothing was written down before."""
-        residual = max(self.problem.natural_residual(p, w), self.problem.imbalance(p))
-        number = self.history[-1].iteration + 1 if self.history else first
-        self.history.append(Step(number, residual, self.problem.volume_solves))
-        self.on_step(self.history[-1])
-        if np.isnan(residual):
-            status = Status.NOT_FINITE
-        elif residual <= self.rtol:
-            status = Status.CONVERGED
-        else:
-            status = Status.MAX_IT if len(self.history) > self.max_it else Status.STALLED
-        self._keep(Solution(p, w, u, status, residual, ()))
-        return residual
-
-    def _keep(self, solution: Solution) -> None:
-        """Keep a solution if it is the best one so far; NaN is worst."""
-        if self.best is None or np.isnan(self.best.residual) or solution.residual < self.best.residual:
-            self.best = solution
-        elif solution.status is Status.MAX_IT:
-            self.best = replace(self.best, status=Status.MAX_IT)
 
     def _solve(
         self, p_hat: Array, held: Array, gamma: Array, at: tuple[Array, Array], weight: float
@@ -279,12 +246,3 @@ class Attempts:
             except np.linalg.LinAlgError:
                 p_hat = (p_hat + held) / 2
         return None
-
-
-def _repeats(iterate: tuple[Array, Array], visited: list[tuple[Array, Array]]) -> bool:
-    """Whether tractions and motion (rows,) are those of an earlier iterate: from there on the iteration cycles."""
-
-    def same(x: Array, y: Array) -> bool:
-        return bool(np.abs(x - y).max(initial=0.0) <= SAME * np.abs(x).max(initial=0.0))
-
-    return any(all(map(same, iterate, before)) for before in visited)

@@ -10,6 +10,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, fields, replace
+from typing import Annotated
+
+from stickslip.geometry.keys import Key
 
 PHASES = {  # what a row of the clock may be of, and what that is
     "imports": "loading libraries, and reading the scene",
@@ -31,10 +34,10 @@ class Row:
     """What a phase has taken so far, or a part of it."""
 
     phase: str  # of `PHASES`
-    part: str  # empty: what of the phase is in no part that has a name
+    part: Annotated[str, Key("", "empty: what of the phase is in no part that has a name")]
     seconds: float
-    calls: int  # how often it began
-    volume_solves: int  # applications of K_B^-1 meanwhile, those for estimates of errors too
+    calls: Annotated[int, Key("", "how often it began")]
+    volume_solves: Annotated[int, Key("", "applications of K_B^-1 meanwhile, those for estimates of errors too")]
 
 
 class Clock:

@@ -4,39 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints, cross
+from stickslip.geometry.arrays import EXACT, ROUNDING, Array, Ints, cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
-from stickslip.solvers.fem.rigid_fields import parts_of_motion
-from stickslip.solvers.newton.correction import FLOOR
+from stickslip.solvers.effects.effect import Equilibrium
 from stickslip.solvers.parallel.gather import Gather, cells_of, nodes_of
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import (
     OPEN,
     SLIP,
     STICK,
-    BodyState,
-    BoltState,
     ContactState,
     MeshData,
     Numbers,
-    ObstacleState,
-    ProbeValue,
-    Reaction,
-    RemoteState,
-    SpringForce,
     StepResult,
     SurfaceMesh,
     von_mises,
 )
+from stickslip.solvers.scene.record import BodyState, ObstacleState, ProbeValue, Reaction, Record
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.law_memory import with_memory
 from stickslip.solvers.stepping.state import State
@@ -45,7 +39,6 @@ from stickslip.solvers.system.system import System
 
 Estimate = Callable[["Observer", "Accepted", StepResult], StepResult]
 LINEAR = 4.0  # the error of conjugate gradients is estimated from below; measured up to 3.7 times too small
-STATUS = 1e-9  # of the largest traction, and of the motion that it causes: less than that is none
 
 
 def iteration_error(accepted: Accepted) -> float:
@@ -57,7 +50,7 @@ def iteration_error(accepted: Accepted) -> float:
     state = accepted.state
     if state.correction is None or state.peak <= 0:
         return 0.0
-    return FLOOR + LINEAR * accepted.linear_error + state.correction.size / float(np.sqrt(2 * state.peak))
+    return EXACT + LINEAR * accepted.linear_error + state.correction.size / float(np.sqrt(2 * state.peak))
 
 
 def law_error(accepted: Accepted) -> float:
@@ -194,15 +187,8 @@ class Observer:
             residual=accepted.residual,
             displacement=displacement,
             stress=self.by_cell(cell_stress),
-            contacts=numbers.contacts,
-            obstacles=numbers.obstacles,
-            supports=numbers.supports,
-            springs=numbers.springs,
-            bolts=numbers.bolts,
-            remote_points=numbers.remote_points,
-            elastic_support=numbers.elastic_support,
+            **vars(numbers),
             probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
-            energy=state.energy,
             iteration_error=iteration_error(accepted),
             mesh_error=mesh_error,
             stress_error=stress_error,
@@ -234,46 +220,33 @@ class Observer:
         system, state = accepted.stepper.system, accepted.state
         contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
         reactions = system.reactions(state.residual) if state.reactions is None else state.reactions
-        springs, bolts = self._links(state)
         return Numbers(
             contacts=contacts,
             obstacles=self._obstacles(state, contacts),
             supports={name: Reaction(*pair) for name, pair in reactions.items() if "." not in name},
-            springs=springs,
-            bolts=bolts,
-            remote_points=self._remote_points(state, reactions),
-            elastic_support={
-                key.split(".")[1]: Reaction(*pair)
-                for key, pair in system.ground.by_key(state.ground, system.mesh.dim).items()
-            },
             energy=state.energy,
+            effects=self._effects(state, reactions),
         )
 
-    def _links(self, state: State) -> tuple[dict[str, SpringForce], dict[str, BoltState]]:
-        """Each spring between places, and each bolt."""
-        system, links = self.stepper.system, self.stepper.system.constraints.links
+    def _effects(self, state: State, reactions: Mapping[str, tuple[Array, Array]]) -> dict[str, Mapping[str, Record]]:
+        """Records of what active effects report, by table and name."""
+        system, reporting = self.stepper.system, [e for e in active(self.stepper.system.problem) if e.reports]
+        if not reporting:
+            return {}
+        links, remote = system.constraints.links, system.constraints.remote
+        motions = zip(remote.every, remote.split, strict=True)
         rest = state.initial[len(system.initial.strains) :] @ links.at_rest
         forces = links.resultants(links.stiffness * (state.elongation - rest))
-        springs = {name: SpringForce(force) for (table, name), force in forces.items() if table == "springs"}
-        shortened = zip(system.initial.every, state.initial_work, state.initial, strict=True)
-        return springs, {
-            each.drive.name: BoltState(-float(work), float(x))
-            for each, work, x in shortened
-            if isinstance(each.drive, Place) and each.drive.table == "bolts"
-        }
-
-    def _remote_points(self, state: State, reactions: Mapping[str, tuple[Array, Array]]) -> dict[str, RemoteState]:
-        """Each remote point: its motion, and its load and reaction."""
-        system, found, dim = self.stepper.system, dict[str, RemoteState](), self.stepper.system.mesh.dim
-        remote = system.constraints.remote
-        for point, own in zip(remote.every, remote.split, strict=True):
-            z, load = state.remote[own], np.zeros(len(point.weights))
-            for component, place in point.coupling.loads.items():
-                load[component] = system.course.value(place, state.time)
-            (moved, turned), (force, moment) = (parts_of_motion(part, dim) for part in (z, load))
-            held = reactions.get(point.coupling.key, (0.0, 0.0))
-            found[point.coupling.key.split(".")[1]] = RemoteState(moved, turned, force + held[0], moment + held[1])
-        return found
+        strained = zip(system.initial.every, state.initial, state.initial_work, strict=True)
+        reached = Equilibrium(
+            problem=system.problem,
+            value=partial(system.course.value, time=state.time),
+            links={".".join(place): force for place, force in forces.items()},
+            couplings={each.coupling.key: state.remote[own] for each, own in motions},
+            reactions={**reactions, **system.ground.by_key(state.ground, system.mesh.dim)},
+            strains={e.drive: (float(x), float(work)) for e, x, work in strained if isinstance(e.drive, Place)},
+        )
+        return {effect.name: effect.read(reached) for effect in reporting}
 
     def _mesh_error(self, state: State) -> tuple[float, Array]:
         """`StepResult.mesh_error` and `stress_error`, this one on rank 0; collective."""
@@ -413,10 +386,11 @@ def _status(
     problem = accepted.problem
     before = float(np.abs(accepted.substep_start.p).max(initial=0.0))  # a release leaves a rest of it
     scale = max(problem.scale(accepted.state.p), before)  # p_ref is far too large where bodies bend freely
-    touching = (pressure > STATUS * scale) | (c.normal.sides == 2)
+    # of the largest traction, and of the motion that it causes: less than that is none
+    touching = (pressure > ROUNDING * scale) | (c.normal.sides == 2)
     at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - accepted.slack)
     motion = min(problem.u_ref, scale / problem.stiffness)
-    moving = np.linalg.norm(increment, axis=1) > STATUS * motion
+    moving = np.linalg.norm(increment, axis=1) > ROUNDING * motion
     slipping = at_bound & (moving | (not bound.any()))  # nothing sticks without friction
     return np.where(touching, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
 

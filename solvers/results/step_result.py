@@ -1,78 +1,97 @@
-"""Results of a solved step: fields, contact states, reactions, probes, energy; plain arrays, nothing of PETSc."""
+"""Results of a solved step: fields, contact states, reactions, probes, energy, and errors; plain arrays, no PETSc.
+
+Every number of a step is found by a walk over its records, see `stickslip.solvers.scene.record`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import reduce
 from html import escape
-from operator import or_
-from typing import NamedTuple
+from operator import add, or_
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.geometry.arrays import AnyArray, Array, Ints
+from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import DataFrame
+from stickslip.solvers.effects import records
 from stickslip.solvers.iteration import Convergence
-from stickslip.solvers.results.error_parts import ErrorParts, Value
-from stickslip.solvers.scene.quantities import CONTACT_NUMBERS
+from stickslip.solvers.parallel.serialise import Plain, deserialise, serialise
+from stickslip.solvers.scene.record import (
+    CONTACT_NUMBERS,
+    RECORDS,
+    BodyState,
+    ContactNumbers,
+    Energy,
+    Number,
+    ObstacleState,
+    ProbeValue,
+    Reaction,
+    Record,
+    Value,
+    flat_names,
+    numbers_of,
+)
 from stickslip.solvers.stepping.history import HistoryTuple
-from stickslip.solvers.stepping.state import Energy
 
 OPEN, SLIP, STICK = 0, 1, 2  # values of `ContactState.status`
 STATUS_WORDS = ("open", "slip", "stick")  # of these values, in tables
 
 
-class Reaction(NamedTuple):
-    """What a support exerts on the body, or an elastic one."""
+class Quantity(NamedTuple):
+    """Key of a reported number, as it stands in result.json.
 
-    force: Array  # (d,) [N]
-    moment: Array  # (1,) in 2D, about z; (3,) in 3D; about the origin [N m]
+    >>> print(Quantity("contacts", "base", "normal_force"), Quantity("energy", "", "stored"))
+    contacts.base.normal_force energy.stored
+    """
 
+    kind: str  # table: contacts, supports, obstacles, probes, energy, or that of an effect
+    name: str  # in the table; empty for energy
+    quantity: str
 
-class ObstacleState(NamedTuple):
-    """Where a rigid obstacle is, and what it exerts on the bodies through all its contacts."""
-
-    displacement: Array  # (d,) translation since t = 0 [m], without the part of a rotation
-    force: Array  # (d,) [N]
-    moment: Array  # (1,) or (3,) about the point of the rotation, or about the origin without one [N m]
-
-
-class SpringForce(NamedTuple):
-    """What a spring between places exerts on the body at its end `at`."""
-
-    force: Array  # (d,) [N]
+    def __str__(self) -> str:
+        return ".".join(word for word in self if word)
 
 
-class BoltState(NamedTuple):
-    """A bolt between two sides."""
+@dataclass(frozen=True, kw_only=True)
+class ErrorParts:
+    """Error of one number by its sources, each >= 0 in the unit of the number; of a vector by component.
 
-    tension: float  # [N], positive where it clamps
-    shortening: float  # [m]
+    None: that part is not computed.
+    """
+
+    mesh: Annotated[Value | None, Key("", "of the finite element space")] = None
+    geometry: Annotated[Value | None, Key("", "of curved sides that straight ones cut")] = None
+    time_step: Annotated[Value | None, Key("", "of the finite steps of the history")] = None
+    law: Annotated[Value | None, Key("", "of a method's approximation of the contact laws")] = None
+    iteration: Annotated[Value | None, Key("", "of what iterations left")] = None
+    linear_solver: Annotated[Value | None, Key("", "of iterative volume solves")] = None
+    converges: Annotated[
+        bool | None, Key("", "whether the number has a limit on ever finer meshes; null: not known")
+    ] = None
+    # of a step it stands in `StepResult.corrected`, but where it is found at the end
+    corrected: Annotated[Value | None, Key("", "the number with most of the mesh's error removed")] = None
+
+    @property
+    def total(self) -> Value | None:
+        """Sum of all parts; None if one of them is not computed."""
+        parts = [getattr(self, name) for name in PARTS]
+        # not sum(): from Python 3.12 on it rounds floats, which a resumed run reads, otherwise than numpy's numbers
+        return None if any(part is None for part in parts) else reduce(add, parts)
+
+    def joined(self, other: ErrorParts) -> ErrorParts:
+        """The parts of both; where both have one, that of `other`."""
+        theirs = {f.name: getattr(other, f.name) for f in fields(other)}
+        mine = {f.name: getattr(self, f.name) for f in fields(self)}
+        return ErrorParts(**mine | {name: part for name, part in theirs.items() if part is not None})
 
 
-class RemoteState(NamedTuple):
-    """Motion of a remote point, and what it exerts on its side, loads and reactions together."""
-
-    displacement: Array  # (d,) [m]
-    rotation: Array  # (1,) in 2D, about z; (3,) in 3D [rad]
-    force: Array  # (d,) [N]
-    moment: Array  # (1,) or (3,) about the point [N m]
-
-
-class BodyState(NamedTuple):
-    """The largest values of a body's fields."""
-
-    max_displacement: float  # largest length of the displacement of a node [m]
-    max_von_mises: float  # largest equivalent stress at the midpoint of a cell [Pa]
-
-
-class ProbeValue(NamedTuple):
-    """Fields at a point that a probe names."""
-
-    displacement: Array  # (d,) interpolated [m]
-    stress: Array  # (3, 3) of the cell that contains the point [Pa], tension positive
+PARTS = tuple(f.name for f in fields(ErrorParts) if f.name not in ("converges", "corrected"))
+Errors = Mapping[Quantity, ErrorParts]  # of one step
 
 
 class SurfaceMesh(NamedTuple):
@@ -84,7 +103,7 @@ class SurfaceMesh(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class ContactState:
+class ContactState(ContactNumbers):
     """One contact at the end of a step, at the n nodes of its slave side and as resultants.
 
     Vectors have d Cartesian components. Tractions act on the slave side, `force` and `moment` on the side that the
@@ -103,18 +122,6 @@ class ContactState:
     bound: Array  # (n,) friction bound s on |sigma_T| [Pa]; inf: never slips, 0: no friction
     lam: Array  # (n, d) lambda = -sigma_T / s [-]; its length is 1 where the node slips; 0 where s = 0
     status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
-    force: Array  # (d,) resultant of pressure and traction [N]
-    moment: Array  # (1,) in 2D, about z; (3,) in 3D; about the origin [N m]
-    normal_force: float  # integral of the pressure [N]
-    tangential_force: float  # length of the resultant of the traction [N]
-    max_pressure: float  # largest pressure at contact points [Pa]; nodes have averages of these
-    contact_area: float  # of nodes that stick or slip [m^(d-1)]
-    stick_area: float  # [m^(d-1)]
-    slip_area: float  # [m^(d-1)]
-    max_penetration: float  # largest penetration at contact points, >= 0 [m]
-    max_slip: float  # largest length of `slip` where the contact is closed [m]
-    dissipation: float  # work of friction in this step, >= 0 [J]
-    dissipation_total: float  # the same, since t = 0 [J]
 
     def columns(self) -> dict[str, AnyArray]:
         """What stands at the nodes, by the columns of contact_NAME.csv but `arc`: arrays (n,); a status is a word."""
@@ -150,20 +157,30 @@ class ContactState:
 
 @dataclass(frozen=True, kw_only=True)
 class Numbers:
-    """What bodies, supports and obstacles exert on each other; keys are the names of the scene."""
+    """What bodies, supports, obstacles and effects exert on each other; keys are the names of the scene.
+
+    Each table that an effect reports is an attribute too: `bolts` is `effects["bolts"]`, empty if the scene has none.
+    """
 
     contacts: Mapping[str, ContactState]
     supports: Mapping[str, Reaction]
     obstacles: Mapping[str, ObstacleState]
-    springs: Mapping[str, SpringForce]
-    bolts: Mapping[str, BoltState]
-    remote_points: Mapping[str, RemoteState]
-    elastic_support: Mapping[str, Reaction]
     energy: Energy  # totals since t = 0 [J]
+    effects: Mapping[str, Mapping[str, Record]] = field(default_factory=dict)  # records by table and name
+
+    def __getattr__(self, name: str) -> Mapping[str, Record]:
+        """A table of an effect.
+
+        Raises:
+            AttributeError: no effect reports one of this name.
+        """
+        if name.startswith("_") or name in RECORDS or name not in records():
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        return self.effects.get(name, {})
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class StepResult:
+class StepResult(Numbers):
     """The solution at a requested time.
 
     Nodes and cells are in the order of the gmsh model, whatever the number of ranks. `displacement`, `stress` and
@@ -171,18 +188,14 @@ class StepResult:
     keys. d is 2 or 3.
     """
 
-    time: float  # [s]
-    substeps: int  # number of substeps that the step was solved in; 1 if it succeeded as a whole
-    iterations: int  # of all substeps, failed attempts included
-    volume_solves: int  # applications of K_B^-1 in this step
-    residual: float  # natural residual of the contact laws at the end [-]
+    time: Annotated[float, Number("s", "its end")]
+    substeps: Annotated[int, Number("", "number of parts that it was solved in; 1 if it succeeded as a whole")]
+    iterations: Annotated[int, Number("", "of all substeps, failed attempts included")]
+    volume_solves: Annotated[int, Number("", "applications of K_B^-1 in this step")]
+    residual: Annotated[float, Number("", "natural residual, relative")]  # of the contact laws at the end
     displacement: Array  # (nodes, d) [m]
     stress: Array  # (cells, 3, 3) at the midpoints [Pa], tension positive
-    contacts: Mapping[str, ContactState]
-    supports: Mapping[str, Reaction]
-    obstacles: Mapping[str, ObstacleState]
     probes: Mapping[str, ProbeValue]
-    energy: Energy  # totals since t = 0 [J]
     iteration_error: (
         float  # bound on what iterations left so far, energy norm, relative to the largest [-]; nan: unknown
     )
@@ -209,10 +222,6 @@ class StepResult:
     ] = ()  # that friction admits and were met: normal force by contact [N]
     corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
     errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
-    springs: Mapping[str, SpringForce] = field(default_factory=dict)
-    bolts: Mapping[str, BoltState] = field(default_factory=dict)
-    remote_points: Mapping[str, RemoteState] = field(default_factory=dict)
-    elastic_support: Mapping[str, Reaction] = field(default_factory=dict)
     bodies: Mapping[str, BodyState] = field(default_factory=dict)
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
@@ -233,6 +242,81 @@ class StepResult:
     def von_mises(self) -> Array:
         """Equivalent stress (cells,) [Pa], >= 0; on rank 0 (empty elsewhere)."""
         return von_mises(self.stress)
+
+
+def tables_of(step: Numbers) -> dict[str, Mapping[str, Record]]:
+    """All records of a step by table and name; that of a table without names is at ""."""
+    own = {f.name for f in fields(step)} - {"energy"}
+    tables = {table: getattr(step, table) for table in RECORDS if table in own}
+    return tables | dict(step.effects) | {"energy": {"": step.energy}}
+
+
+def walk(step: Numbers) -> Iterator[tuple[Quantity, Number, Value]]:
+    """Every number that a step reports, in SI units: its key, what is declared of it, and its value."""
+    kinds = records()
+    for table, by_name in tables_of(step).items():
+        for name, record in by_name.items():
+            for key, number in numbers_of(kinds[table]).items():
+                yield Quantity(table, name, key), number, number.value(getattr(record, key))
+
+
+def quantities(step: Numbers) -> dict[Quantity, Value]:
+    """Every number of a step whose error is estimated: floats, and vectors (k,) by component."""
+    return {key: value for key, number, value in walk(step) if number.error}
+
+
+def values(step: Numbers) -> dict[str, float]:
+    """All numbers of a step by name: base.normal_force, probe.tip.stress.xx, energy.stored.
+
+    `Scene.quantities` gives the same names before anything is solved.
+    """
+    columns = ((key, value) for key, number, value in walk(step) if number.column)
+    return {name: _part(value, axis) for key, value in columns for name, axis in names_of(key, value)}
+
+
+def total_errors(step: StepResult, errors: Errors) -> dict[str, float]:
+    """Total error of every number by the names that `values` has; NaN: not known."""
+    found: dict[str, float] = {}
+    for key, value in quantities(step).items():
+        total = errors[key].total if key in errors else None
+        parts = np.full(np.shape(value), np.nan if total is None else total)
+        found |= {name: _part(parts, axis) for name, axis in names_of(key, value)}
+    return found
+
+
+def names_of(key: Quantity, value: Value) -> Sequence[tuple[str, int | None]]:
+    """Names of a number as `values` has them, and the component that each is; None: it has no components."""
+    found = flat_names(key.kind, key.name, key.quantity, number_of(key), np.size(value))
+    return [(name, axis if np.ndim(value) else None) for axis, name in enumerate(found)]
+
+
+def number_of(key: Quantity) -> Number:
+    """What is declared of a number."""
+    return numbers_of(records()[key.kind])[key.quantity]
+
+
+def _part(value: Value, axis: int | None) -> float:
+    return float(value if axis is None else np.asarray(value)[axis])
+
+
+def to_plain(step: StepResult) -> Plain:
+    """A step as plain data, which a file may hold; tables of effects stand beside the others."""
+    plain = serialise(step)
+    return plain | plain.pop("effects")
+
+
+def from_plain(plain: Plain) -> StepResult:
+    """The step to the same bits.
+
+    Raises:
+        KeyError: something is missing.
+    """
+    found = {
+        table: {name: deserialise(record, value) for name, value in plain[table].items()}
+        for table, record in records().items()
+        if table not in RECORDS and plain.get(table)
+    }
+    return deserialise(StepResult, plain, effects=found)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

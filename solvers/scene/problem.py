@@ -1,4 +1,7 @@
-"""The resolved problem: data that follow from a scene, computed once. Rooms below the simulation read only this."""
+"""The resolved problem: data that follow from a scene, computed once. Rooms below the simulation read only this.
+
+It is made in two steps: `Setup` follows from the scene's names alone; `Problem` has the rigid modes of the setup too.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request, Shape
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
-from stickslip.solvers.scene.material import Elastic, Material
-from stickslip.solvers.scene.orthotropic import Orthotropic
+from stickslip.solvers.scene.material import Elastic, Material, Orthotropic
 from stickslip.solvers.scene.settings import Probe, Solver
 from stickslip.solvers.scene.timeline import Timeline
 
@@ -45,8 +49,8 @@ class Pair:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Problem:
-    """All data of a scene that assembly, methods and results need."""
+class Setup:
+    """Sides, contact pairs, springs, values in time and active effects of a scene; its rigid modes are not known."""
 
     model: Model
     shape: Shape
@@ -63,9 +67,6 @@ class Problem:
     tables: Mapping[str, Any]  # of the active effects, by the effect's name: a frozen table, or several by name
     plan: tuple[PlanRow, ...]
     timeline: Timeline
-    rigid_modes: Array  # (k, r) rigid modes of the bodies that no support or spring resists, see `UnresistedModes`
-    bedded: bool  # whether supports and compliant pressures together resist all rigid modes
-    unheld: str  # in words, a rigid mode that no support, contact or friction resists; empty if all are resisted
     solver: Solver
     labels: Units = SI  # of all numbers, in what is said of them
 
@@ -73,6 +74,20 @@ class Problem:
     def dim(self) -> int:
         """Number of space dimensions, 2 or 3."""
         return self.request.dim
+
+    @property
+    def axisymmetric(self) -> bool:
+        """Whether x is the radius about the axis of symmetry."""
+        return self.model == "axisymmetric"
+
+    @property
+    def extent(self) -> float:
+        """Largest size of all bodies together along an axis [m]."""
+        return float(np.ptp(self.shape.box(self.dim), axis=0).max())
+
+    def sample(self, side: str) -> tuple[Array, Array]:
+        """Sample points (k, d) [m] of a side (named body.side) and the unit outward normals there (k, d)."""
+        return self.shape.sample(side, self.dim)
 
     @property
     def isotropic(self) -> Mapping[str, Material]:
@@ -99,3 +114,12 @@ class Problem:
     def driven(self) -> tuple[tuple[str, str], ...]:
         """Obstacle and axis (x, y, z) of each obstacle motion (o,) that a force drives: an unknown."""
         return tuple((name, axis) for name, obstacle in self.obstacles.items() for axis in obstacle.driven())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem(Setup):
+    """All data of a scene that assembly, methods and results need."""
+
+    rigid_modes: Array  # (k, r) rigid modes of the bodies that no support or spring resists, see `UnresistedModes`
+    bedded: bool  # whether supports and compliant pressures together resist all rigid modes
+    unheld: str  # in words, a rigid mode that no support, contact or friction resists; empty if all are resisted

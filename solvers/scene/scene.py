@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
 from stickslip.solvers.scene.material import Elastic
-from stickslip.solvers.scene.quantities import names
+from stickslip.solvers.scene.record import RECORDS, RecordType, names
 from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Solver, Steps
 from stickslip.solvers.scene.timeline import Place, Timeline
 
@@ -35,6 +35,8 @@ SAMPLES = 30  # points of a body at which an expression is looked at before ther
 
 class EffectTable(Noun):
     """A table of the scene that an effect owns: [gravity], or several by name, [periodic.NAME]."""
+
+    reports: ClassVar[RecordType | None] = None  # what a step reports of each table, see `Effect.read`
 
     def amplitudes(self) -> Mapping[tuple[str, str], Varying]:
         """The table's values in time by key and component ("" if it has none); steps end exactly at their times.
@@ -182,12 +184,11 @@ class Scene(Noun):
 
     def quantities(self) -> tuple[str, ...]:
         """Names of the numbers that every step of this scene has."""
-        springs = [link.name for link in self.links() if link.table == "springs"]
-        bolts = [name for section, name in self.effect_tables() if section == "bolts"]
-        points = [coupling.key.split(".")[1] for coupling in self.couplings()]
-        elastic = [each.key.split(".")[1] for each in self.springs()]
-        shown = (self.contacts, self.supports, self.obstacles, self.probes)
-        return names(self.dim, *shown, springs, points, bolts, elastic)
+        named = ("contacts", "probes", "supports", "obstacles")
+        owners = [(table, name, RECORDS[table]) for table in named for name in getattr(self, table)]
+        tables = [(*place, table.reports) for place, table in self.effect_tables().items()]
+        of_effects = [(section, name, record) for section, name, record in tables if record is not None]
+        return names(self.dim, [*owners, *of_effects, ("energy", "", RECORDS["energy"])])
 
     def effect_tables(self) -> dict[tuple[str, str], EffectTable]:
         """Tables that effects own, by (effect, name of the table); the name is "" if the effect has one table only."""

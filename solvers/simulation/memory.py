@@ -19,6 +19,7 @@ from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.shape import MOST_CELLS
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.stepping.choice import Choice, Size, chosen, entries, mixed, slower
 
@@ -138,9 +139,9 @@ class Counts:
         return Counts(topology.cell_type.name, mesh.degree, topology.index_map(mesh.dim).size_global, mesh.comm.size)
 
 
-def memory_of(scene: Scene, counts: Counts, size: Size, choice: Choice) -> Demand:
-    """What a run of a scene takes with this mesh and method."""
-    price, share, output = PRICES[counts.shape, counts.order], 1 / counts.processes, scene.output
+def memory_of(output: Output, counts: Counts, size: Size, choice: Choice) -> Demand:
+    """What a run takes with this output, mesh and method."""
+    price, share = PRICES[counts.shape, counts.order], 1 / counts.processes
     form, cells, unknowns = choice.stages[0].surface, counts.cells, size.dofs
     multigrid = MULTIGRID * size.entries * share
     plain = size.dofs * entries((counts.shape, counts.order), 0.0)
@@ -179,7 +180,7 @@ def foretold(scene: Scene) -> dict[str, object] | None:
     cells, order, dim = float(problem.shape.cell_count(problem.request)), problem.shape.degree, problem.dim
     if not 0 < cells < MOST_CELLS:
         return None
-    kind = SHAPES[dim][getattr(scene.geometry, "cells", "simplex") == "tensor"], order
+    kind = SHAPES[dim][getattr(problem.shape, "cells", "simplex") == "tensor"], order
     nodes, comm = cells * PRICES[kind].nodes, MPI.COMM_WORLD
     dofs, touching = max(1, round(dim * nodes)), round(dim * nodes ** (1 - 1 / dim))
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
@@ -196,8 +197,8 @@ def foretold(scene: Scene) -> dict[str, object] | None:
         slower=slower(problem),
         mixed=mixed(kind, averaged),
     )
-    choice = chosen(size, scene.solver, least_available(comm))
-    return memory_of(scene, Counts(*kind, cells, comm.size), size, choice).plain(spare(comm))
+    choice = chosen(size, problem.solver, least_available(comm))
+    return memory_of(scene.output, Counts(*kind, cells, comm.size), size, choice).plain(spare(comm))
 
 
 def least_available(comm: Comm) -> float:
@@ -213,10 +214,11 @@ def spare(comm: Comm) -> float:
     return float(comm.allreduce(total, op=MPI.MIN))
 
 
-def affordable(scene: Scene, demand: Demand, free: float, steered: bool) -> tuple[bool, str]:
+def affordable(output: Output, demand: Demand, free: float, steered: bool) -> tuple[bool, str]:
     """Whether errors of a run are estimated, and a warning where memory is short.
 
     Args:
+        output: that the scene asks for.
         demand: of the run.
         free: see `spare` [bytes].
         steered: whether the errors decide how the run goes on.
@@ -225,12 +227,12 @@ def affordable(scene: Scene, demand: Demand, free: float, steered: bool) -> tupl
         MachineError: it does not fit without them either.
     """
     if demand.machine <= free:
-        return scene.output.error, ""
+        return output.error, ""
     needs = f"about {demand.machine / 1e9:.2g} GB of memory are needed, and {free / 1e9:.2g} GB are free"
     least = demand if steered else demand.without(ERRORS)
-    if scene.output.error and least.machine <= SURE * free and not steered:
+    if output.error and least.machine <= SURE * free and not steered:
         return False, f"{needs}: errors are not estimated; to estimate them take more memory or a larger mesh_size"
     if demand.machine <= SURE * free:
-        return scene.output.error, f"{needs}: the run may be ended by the system"
+        return output.error, f"{needs}: the run may be ended by the system"
     pictures = "output.pictures = false, " * (least.without(PICTURES).machine <= SURE * free)
     raise MachineError(f"{needs}; use {pictures}a larger mesh_size, or more machines")

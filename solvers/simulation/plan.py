@@ -8,23 +8,23 @@ from pathlib import Path
 import numpy as np
 
 from stickslip.geometry.amplitude import value_at
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.user_files.child_process import walls
 from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.solvers.contact.rigid_obstacle import seen_from
+from stickslip.solvers.contact.coupling import seen_from
 from stickslip.solvers.effects import active
+from stickslip.solvers.method_registry import METHODS, Solver, method_of
+from stickslip.solvers.methods.method import RIGID, Applicability, Method, Refusal, keys_of
+from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.material import NEARLY, Elastic, Material
-from stickslip.solvers.scene.problem import PlanRow, Problem
+from stickslip.solvers.scene.problem import PlanRow, Problem, Setup
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.timeline import CLOSE
-from stickslip.solvers.simulation.applicable import refuse_method
-from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.resolve import set_up, with_rigid_modes
 from stickslip.solvers.simulation.unresisted_modes import is_faint, least_springs
 
-FACING = 1e-6  # cosine of the angle between normals, below which two surfaces do not face each other
 INWARD = 0.99  # component along -r of the outward normal of a facet on the axis of symmetry
-AXIS = 1e-9  # relative to the scene's size: points closer than this to the axis of symmetry lie on it
 UNLOCKED = {True: 'formulation = "auto"', False: "geometry.order = 2"}  # by whether the body is isotropic
 STIFF = 1e15  # times the softest spring that can hold a body: the answer keeps some ten digits
 
@@ -46,12 +46,13 @@ def planned(scene: Scene) -> Problem:
             wrong way, or the method cannot do what the scene asks.
         GeometryError: the geometry does not have a side that the scene names.
     """
-    _refuse_on_axis(scene)
-    _refuse_reversed(scene)
-    _refuse_faint(scene)
-    problem = resolve(scene)
+    setup = set_up(scene)
+    _refuse_on_axis(setup)
+    _refuse_reversed(setup)
+    _refuse_faint(setup)
+    problem = with_rigid_modes(setup)
     if problem.unheld:
-        faint = [name for name, contact in scene.contacts.items() if is_faint(scene, contact)]
+        faint = [name for name, pair in problem.pairs.items() if is_faint(problem, pair)]
         but = f" (contacts.{faint[0]}.friction.k_T is too soft beside the bodies)" if faint else ""
         raise SceneError(f"supports: nothing resists the {problem.unheld}{but}; add a support, a contact or friction")
     for effect in active(problem):
@@ -64,11 +65,12 @@ def planned(scene: Scene) -> Problem:
 def warnings(scene: Scene) -> tuple[str, ...]:
     """Warnings (one line each) about a scene that can be solved, but only with a large error or at a risk."""
     found = (_uncontained, _of_another_unit, _cut, _locking, _weakening)
-    return tuple(line for lines in found for line in lines(scene))
+    setup = set_up(scene)
+    return tuple(line for lines in found for line in lines(setup))
 
 
-def _uncontained(scene: Scene) -> tuple[str, ...]:
-    if not isinstance(scene.geometry, UserFile) or kind_of(Path(scene.geometry.file)) == "py" or walls():
+def _uncontained(setup: Setup) -> tuple[str, ...]:
+    if not isinstance(setup.shape, UserFile) or kind_of(Path(setup.shape.file)) == "py" or walls():
         return ()
     return (
         "geometry.file: this machine has neither seccomp (Debian's python3-seccomp) nor Landlock, so commands in the "
@@ -76,24 +78,24 @@ def _uncontained(scene: Scene) -> tuple[str, ...]:
     )
 
 
-def _of_another_unit(scene: Scene) -> tuple[str, ...]:
-    geometry = scene.geometry
-    if not isinstance(geometry, UserFile) or geometry.length_unit is not None:
+def _of_another_unit(setup: Setup) -> tuple[str, ...]:
+    shape = setup.shape
+    if not isinstance(shape, UserFile) or shape.length_unit is not None:
         return ()
-    if not geometry.other_unit:
+    if not shape.other_unit:
         return ()
     return (
-        f"geometry.file: gmsh gives coordinates of STEP files in {geometry.other_unit}; {geometry.as_read(scene.dim)}: "
-        f'write length_unit = "{geometry.other_unit}", or "{scene.labels.length}" if that is meant',
+        f"geometry.file: gmsh gives coordinates of STEP files in {shape.other_unit}; {shape.as_read(setup.dim)}: "
+        f'write length_unit = "{shape.other_unit}", or "{setup.labels.length}" if that is meant',
     )
 
 
-def _cut(scene: Scene) -> tuple[str, ...]:
+def _cut(setup: Setup) -> tuple[str, ...]:
     """Tables whose values change after the last step; one that only stays as it is loses nothing."""
-    end, late = scene.steps.end, dict[str, float]()
-    for place, amplitude in scene.drives().items():
+    end, late = setup.timeline.end, dict[str, float]()
+    for place, amplitude in setup.timeline.amplitudes.items():
         table = () if isinstance(amplitude, float | int) else amplitude
-        if any(t > end * (1 + CLOSE) and value != value_at(amplitude, end, end) for t, value in table):
+        if any(t > end * (1 + EXACT) and value != value_at(amplitude, end, end) for t, value in table):
             late[str(place)] = table[-1][0]
     if not late:
         return ()
@@ -103,13 +105,13 @@ def _cut(scene: Scene) -> tuple[str, ...]:
     return (f"{first}: {said}; what it lists for later times is left out",)
 
 
-def _locking(scene: Scene) -> tuple[str, ...]:
-    if scene.geometry.degree > 1 or scene.model == "plane stress":  # in plane stress the thickness changes freely
+def _locking(setup: Setup) -> tuple[str, ...]:
+    if setup.shape.degree > 1 or setup.model == "plane stress":  # in plane stress the thickness changes freely
         return ()
     return tuple(
         f"bodies.{name}.{_ratios(material)}: displacements of order 1 lock when nearly incompressible, too stiff and "
         f"with wrong pressures; set {UNLOCKED[isinstance(material, Material)]}"
-        for name, material in scene.bodies.items()
+        for name, material in setup.bodies.items()
         if material.near_incompressible >= NEARLY and not material.averages
     )
 
@@ -120,14 +122,14 @@ def _ratios(material: Elastic) -> str:
     return ", ".join(f"{key} = {value:g}" for key, value in found.items() if key.startswith("nu"))
 
 
-def _weakening(scene: Scene) -> Iterator[str]:
+def _weakening(setup: Setup) -> Iterator[str]:
     """Whether a step keeps one solution where friction weakens by slip: mu's fall times p_n against E / extent."""
-    extent, of = float(np.linalg.norm(np.ptp(scene.geometry.box(scene.dim), axis=0))), scene.labels
-    for name, contact in scene.contacts.items():
-        fall = contact.friction.weakening if contact.friction is not None else 0.0
+    extent, of = float(np.linalg.norm(np.ptp(setup.shape.box(setup.dim), axis=0))), setup.labels
+    for name, pair in setup.pairs.items():
+        friction = pair.contact.friction
+        fall = friction.weakening if friction is not None else 0.0
         if fall:
-            sides = (side.split(".")[0] for side in (contact.surface, contact.against))
-            softest = min(scene.bodies[body].least_modulus for body in sides if body in scene.bodies)
+            softest = min(setup.bodies[body].least_modulus for body in pair.bodies)
             yield (
                 f"contacts.{name}.friction: mu falls by {fall:.3g} per {of.metre} of slip; above a pressure of about "
                 f"{softest / extent / fall:.2g} {of.pressure} (E / extent of the bodies by that fall) it falls faster "
@@ -136,19 +138,19 @@ def _weakening(scene: Scene) -> Iterator[str]:
             )
 
 
-def _refuse_on_axis(scene: Scene) -> None:
+def _refuse_on_axis(setup: Setup) -> None:
     """Refuse loads on a side on the axis of symmetry, which has no area, and contacts of which a part lies there.
 
     Raises:
         SceneError: the key, and the side.
     """
-    if not scene.axisymmetric:
+    if not setup.axisymmetric:
         return
-    small = AXIS * float(np.max(np.ptp(scene.geometry.box(scene.dim), axis=0)))
-    sides = {f"contacts.{name}.surface": contact.surface for name, contact in scene.contacts.items()}
-    of_loads = {f"loads.{name}.boundary": load.boundary for name, load in scene.loads.items()}
+    small = ROUNDING * setup.extent
+    sides = {f"contacts.{name}.surface": pair.contact.surface for name, pair in setup.pairs.items()}
+    of_loads = {f"loads.{name}.boundary": load.boundary for name, load in setup.loads.items()}
     for key, side in (sides | of_loads).items():
-        points, normals = scene.geometry.sample(side, scene.dim)
+        points, normals = setup.sample(side)
         on_axis = points[:, 0] <= small
         if on_axis.all():
             raise SceneError(f"{key} = {side}: lies on the axis of symmetry and has no area; name another side")
@@ -156,21 +158,21 @@ def _refuse_on_axis(scene: Scene) -> None:
             raise SceneError(f"{key} = {side}: a part lies on the axis of symmetry and has no area; leave it out")
 
 
-def _refuse_faint(scene: Scene) -> None:
+def _refuse_faint(setup: Setup) -> None:
     """Refuse springs whose stiffness differs so much from that of the bodies that rounding errors count.
 
     Raises:
         SceneError: the key, the stiffness, and the least or the largest one.
     """
-    for springs in scene.springs():
-        least = least_springs(scene)
+    for springs in setup.springs:
+        least = least_springs(setup)
         stiffness = min(k for k in (springs.normal, springs.tangential) if k > 0)
-        wrong = f"too soft beside the bodies, at least {least:.1e} {scene.labels('Pa/m')}"
+        wrong = f"too soft beside the bodies, at least {least:.1e} {setup.labels('Pa/m')}"
         require(stiffness >= least, springs.key, stiffness, wrong)
-    extent = float(np.max(np.ptp(scene.geometry.box(scene.dim), axis=0)))
-    least = least_springs(scene) * (extent if scene.model.startswith("plane") else extent**2)
-    per_length = scene.labels("N/m")
-    for link in scene.links():
+    extent = setup.extent
+    least = least_springs(setup) * (extent if setup.model.startswith("plane") else extent**2)
+    per_length = setup.labels("N/m")
+    for link in setup.links:
         key, soft, hard = f"{link.key}.stiffness", float(link.stiffness.min()), float(link.stiffness.max())
         require(soft >= least, key, soft, f"too soft beside the bodies, at least {least:.1e} {per_length}")
         most = STIFF * least
@@ -178,19 +180,92 @@ def _refuse_faint(scene: Scene) -> None:
         require(hard <= most, key, hard, wrong)
 
 
-def _refuse_reversed(scene: Scene) -> None:
+def _refuse_reversed(setup: Setup) -> None:
     """Refuse an obstacle whose normal points away from the contact side everywhere.
 
     Raises:
         SceneError: the obstacle, the side, and the side's normal.
     """
-    for name, contact in scene.contacts.items():
-        if contact.against not in scene.obstacles:
+    for name, pair in setup.pairs.items():
+        if pair.obstacle is None:
             continue
-        points, outward = scene.geometry.sample(contact.surface, scene.dim)
-        facing = np.einsum("kd,kd->k", seen_from(scene.obstacles[contact.against], points)[1], outward)
-        if np.all(facing > -FACING):
+        points, outward = setup.sample(pair.slave)
+        facing = np.einsum("kd,kd->k", seen_from(setup.obstacles[pair.obstacle], points)[1], outward)
+        if np.all(facing > -CLOSE):
             raise SceneError(
-                f"obstacles.{contact.against}: its normal must point against {contact.surface} (contacts.{name}), and "
+                f"obstacles.{pair.obstacle}: its normal must point against {pair.slave} (contacts.{name}), and "
                 f"does so nowhere; the side's outward normal is {np.round(outward[0], 6).tolist()}, reverse it"
             )
+
+
+def refuse_method(problem: Problem) -> None:
+    """Check that the method can solve the problem.
+
+    Raises:
+        SceneError: the first key that the method does not support, and what to use instead.
+    """
+    for sentence in refusals(problem):
+        raise SceneError(sentence)
+
+
+def refusals(problem: Problem) -> Iterator[str]:
+    """What the method does not support, one sentence each: key, value, and what to use instead."""
+    method = f"solver.method = {problem.solver.method}"
+    asked = method_of(problem.solver)
+    table = asked.WORKS_WITH
+    for key, value, reason in (*_keys(problem, type(asked)), *_forms(problem, table), *asked.refusals(problem)):
+        yield f"solver.{key} = {value}: {method} {reason}"
+    for name, pair in problem.pairs.items():
+        contact = pair.contact
+        for key, value, reason in _contact(contact, pair.obstacle is not None, table):
+            yield f"contacts.{name}.{key} = {value}: {method} {reason}; use condensed-newton"
+    for reason in _floating(problem, table):
+        yield f"{method}: {reason}; use condensed-newton"
+
+
+def _keys(problem: Problem, asked: type[Method]) -> Iterator[Refusal]:
+    """Keys of other methods that are not at their default: the method does not use them."""
+    default = Solver()
+    for key in dict.fromkeys(key for other in METHODS.values() for key in keys_of(other)):
+        value = getattr(problem.solver, key, getattr(default, key))
+        if key not in keys_of(asked) and value != getattr(default, key):
+            users = [name for name, other in METHODS.items() if key in keys_of(other)]
+            yield key, value, f"does not use it; use {' or '.join(users)}"
+
+
+def _forms(problem: Problem, table: Applicability) -> Iterator[Refusal]:
+    """A form of the bodies that the method does not work with."""
+    solver = problem.solver
+    if solver.surface != "auto" and not (table.matrix_free or table.condensed):
+        yield "surface", solver.surface, "solves the bodies as they are; leave it out, or use condensed-newton"
+        return
+    if solver.surface == "matrix-free" and not table.matrix_free:
+        yield "surface", solver.surface, "needs the condensed form of the bodies; use surface-uzawa"
+    if solver.surface == "condensed" and not table.condensed:
+        yield "surface", solver.surface, "solves the bodies iteratively; use uzawa"
+
+
+def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Refusal]:
+    """Keys of a contact, with a rigid obstacle or not, that the method does not support."""
+    operator = RIGID if rigid else contact.operator or "mortar"
+    if not table.knows("operators", operator):
+        key = "operator" if contact.operator else "against"
+        only = "rigid obstacles only" if table.operators == (RIGID,) else ", ".join(table.operators or ())
+        yield key, getattr(contact, key), f"works with {only}"
+    if contact.friction is not None and contact.friction.k_T is not None and not table.k_T:
+        yield "friction.k_T", contact.friction.k_T, "has no tangential stiffness"
+    if contact.friction is not None and contact.friction.drags and not table.rates:
+        yield "friction.law", getattr(contact.friction, "law", ""), "has no friction by slip rate"
+    for key, law in (("normal", contact.normal), ("friction", contact.friction)):
+        chosen = getattr(law, "law", None)  # absent: no friction
+        if chosen is not None and not table.knows(key, chosen):
+            yield f"{key}.law", chosen, f"works with {', '.join(getattr(table, key))}"
+
+
+def _floating(problem: Problem, table: Applicability) -> Iterator[str]:
+    """Why a method cannot solve a problem with floating bodies or driven obstacles."""
+    if problem.rigid_modes.shape[1] and not table.floating and not (table.bedded and problem.bedded):
+        what = "supports or compliant pressures" if table.bedded else "supports"
+        yield f"needs bodies that their {what} hold; this one is held by contact alone"
+    for name in dict.fromkeys(name for name, _ in problem.driven) if not (table.floating and table.driven) else ():
+        yield f"cannot move obstacles.{name} by a force"

@@ -1,9 +1,9 @@
-"""From a scene to the frozen `Problem` that all rooms below the simulation read."""
+"""From a scene to the frozen `Problem` that all rooms below the simulation read, in two steps."""
 
 from __future__ import annotations
 
 from stickslip.solvers.effects import EFFECTS
-from stickslip.solvers.scene.problem import Pair, PlanRow, Problem
+from stickslip.solvers.scene.problem import Pair, PlanRow, Problem, Setup
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.unresisted_modes import unresisted_modes
 
@@ -17,13 +17,17 @@ def resolve(scene: Scene) -> Problem:
     Raises:
         SceneError, GeometryError: the geometry does not have what the scene asks for.
     """
-    modes, plan = unresisted_modes(scene), plan_rows(scene)
-    pairs = {}
+    return with_rigid_modes(set_up(scene))
+
+
+def set_up(scene: Scene) -> Setup:
+    """The first step of `resolve`: all but rigid modes."""
+    plan, pairs = plan_rows(scene), {}
     for name, contact in scene.contacts.items():
         slave, master = scene.slave_and_master(name)
         obstacle = contact.against if master is None else None
         pairs[name] = Pair(name=name, contact=contact, slave=slave, master=master, obstacle=obstacle)
-    return Problem(
+    return Setup(
         model=scene.model,
         shape=scene.geometry,
         request=scene.request(),
@@ -39,12 +43,14 @@ def resolve(scene: Scene) -> Problem:
         tables={row.effect: scene.sections[row.effect] for row in plan if row.on and row.effect in scene.sections},
         plan=plan,
         timeline=scene.timeline(),
-        rigid_modes=modes.rigid_modes,
-        bedded=modes.bedded,
-        unheld=modes.unheld,
         solver=scene.solver,
         labels=scene.labels,
     )
+
+
+def with_rigid_modes(setup: Setup) -> Problem:
+    """The second step of `resolve`."""
+    return Problem(**vars(setup), **vars(unresisted_modes(setup)))
 
 
 def plan_rows(scene: Scene) -> tuple[PlanRow, ...]:

@@ -7,45 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, ROUNDING, Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.iteration import Correction
+from stickslip.solvers.scene.record import Energy
 
-
-@dataclass(frozen=True)
-class Energy:
-    """Works and energies, totals since t = 0 [J].
-
-    In plane models they are per metre of thickness, in axisymmetric ones of the full circle. The balance is
-    external = stored + contact, and contact = compliance + dissipated + time_remainder.
-    """
-
-    external: float  # work that loads, supports and moving obstacles do on the bodies [J]
-    stored: float  # elastic energy of the bodies [J]
-    contact: float  # work that the bodies do on the contacts [J]
-    compliance: float  # energy stored in the contact laws: normal compliance, and tangential by k_T [J]
-    dissipation: Array  # (contacts,) by friction, in the scene's order of contacts, >= 0 [J]; end-of-step rule
-
-    @property
-    def dissipated(self) -> float:
-        """Dissipation of all contacts together [J]."""
-        return float(self.dissipation.sum())
-
-    @property
-    def time_remainder(self) -> float:
-        """Work of the contacts that is neither stored in their laws nor dissipated [J]: the error of time stepping.
-
-        It vanishes with the first power of the step size. The work of closing an initial interference is part of it,
-        and does not vanish.
-        """
-        return self.contact - self.compliance - self.dissipated
-
-
-EQUAL = 1e-12  # relative; times that differ by less are equal
 FAR = 100.0  # times the last substep; an extrapolation farther ahead would amplify what its iteration left
 HALVINGS = 8  # a step is cut down to 1/256 before it is given up
-ROUNDING = 1e-9  # relative; sizes that differ by less are equal
 ENOUGH = 3  # easy substeps in a row after which the size doubles: if every second one is hard, a larger one would fail
 
 
@@ -70,7 +39,7 @@ class StepControl:
             smallest: lower bound of the size [s].
         """
         size = max(self.size, smallest)
-        if remaining <= size * (1 + ROUNDING):
+        if remaining <= size * (1 + ROUNDING):  # relative; sizes that differ by less are equal
             return remaining
         return size if remaining > 2 * size * (1 - ROUNDING) else remaining / 2
 
@@ -153,6 +122,7 @@ class State:
         if self.previous is None:
             return self.p
         far = (time - self.time) / (self.time - self.previous.time)
-        if far > FAR or any(abs(turn - self.time) <= EQUAL * self.time for turn in turns):
+        # relative; times that differ by less are equal
+        if far > FAR or any(abs(turn - self.time) <= EXACT * self.time for turn in turns):
             return self.p
         return self.p + far * (self.p - self.previous.p)

@@ -12,8 +12,9 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.scene.record import Energy
 from stickslip.solvers.stepping.law_memory import LawMemory, no_memory
-from stickslip.solvers.stepping.state import Energy, State
+from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.system import System
 
 

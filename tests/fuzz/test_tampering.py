@@ -21,7 +21,7 @@ from shared.disks import Disk
 from shared.fuzzing import assert_refusal, fuzzed
 from shared.histories import LEARNS, SMALL, assert_same, names_in
 from stickslip.workflows.commands.cli import app, guarded
-from stickslip.workflows.formats.own_files import MARKER, PART
+from stickslip.workflows.formats.marker import MARKER, PART
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import read
 
@@ -74,15 +74,19 @@ def keep(place: Path, lots: random.Random) -> dict[str, str]:
 
 
 def assert_kept(place: Path, kept: dict[str, str]) -> None:
-    """Each is where it was; what lay in a working folder may have come along with the results."""
+    """Each lies where it did in its folder, which may have another name now."""
     for name, text in kept.items():
-        found = [place / name, place / name.replace(".out.running", "out", 1)]
-        assert text in [path.read_text() for path in found if path.is_file()], name
+        assert text in [path.read_text() for path in moved(place, name) if path.is_file()], name
+
+
+def moved(place: Path, name: str) -> list[Path]:
+    """Where a file may be now."""
+    return [folder / Path(*Path(name).parts[1:]) for folder in place.iterdir()]
 
 
 def remove(place: Path, kept: dict[str, str]) -> None:
     for name in kept:
-        for path in (place / name, place / name.replace(".out.running", "out", 1)):
+        for path in moved(place, name):
             path.unlink(missing_ok=True)
     for folder in sorted((place / "out").rglob("*"), key=lambda path: len(path.parts), reverse=True):
         if folder.is_dir() and not any(folder.iterdir()):

@@ -12,7 +12,7 @@ from shared.command import Call, result
 from stickslip.geometry.mesh.mesh import write_msh
 from stickslip.workflows.pictures.report_page import page
 from stickslip.workflows.pictures.report_results import read_results
-from stickslip.workflows.run.result_schema import result_schema
+from stickslip.workflows.run.result import result_schema
 from stickslip.workflows.scene_file.read import READY, read
 
 COARSE = ["--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5", "--set=output.pictures=false"]

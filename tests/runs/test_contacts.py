@@ -13,7 +13,7 @@ from shared.command import Call, assert_one_line, result
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.workflows.formats.aside import write_aside
-from stickslip.workflows.formats.own_files import mark
+from stickslip.workflows.formats.marker import mark
 from stickslip.workflows.scene_file.read import read
 
 
@@ -36,12 +36,12 @@ def test_pictures_of_pairs_are_drawn_again_in_place_of_their_own_kind_only(call:
     code, _, err = call("contacts", "stack.brep")
     assert_one_line(err)
     assert (code, "stack_contacts: exists already" in err) == (2, True)
-    mark(drawn)
+    mark(drawn, names=["02_old_pair.png"])
     write_aside(old, b"of a pair that there is no more")
     (drawn / "notes.txt").write_text("mine")
     assert call("contacts", "stack.brep")[0] == 0
     assert sorted(path.name for path in drawn.glob("[!.]*")) == ["01_part_2_part.png", "notes.txt"]
-    write_aside(drawn / "result.json", b"of a run")
+    mark(drawn, names=["result.json"])
     assert call("contacts", "stack.brep")[0] == 2
 
 

@@ -8,7 +8,7 @@ import pytest
 from shared.command import Call, assert_one_line, result
 from shared.disks import killed_at
 from stickslip.geometry.errors import FolderError
-from stickslip.workflows.formats.own_files import FORMER, MARKER, claim, former_of
+from stickslip.workflows.formats.marker import mark, marker_of
 from stickslip.workflows.run.folder import OF_MEMBER, RESULT, ResultsFolder
 
 
@@ -17,7 +17,6 @@ def working(place: Path, text: str, former: str = ".1") -> ResultsFolder:
     folder = ResultsFolder(place, former)
     work = folder.start()
     for name in (RESULT, "begun.json"):
-        claim(work / name)
         (work / name).write_text(json.dumps({"status": text}))
     folder.certify()
     return folder
@@ -49,7 +48,7 @@ def test_former_results_are_replaced_and_know_of_whom_they_are(tmp_path: Path) -
     for text in ("first", "second", "third"):
         finished(tmp_path / "out", text)
     assert (said(tmp_path / "out"), said(tmp_path / "out.1")) == ("third", "second")
-    assert (former_of(tmp_path / "out"), former_of(tmp_path / "out.1")) == ("", "out")
+    assert (marker_of(tmp_path / "out").former, marker_of(tmp_path / "out.1").former) == ("", "out")
 
 
 def test_files_of_a_user_beside_former_results_do_not_make_them_those_of_another_run(tmp_path: Path) -> None:
@@ -58,16 +57,15 @@ def test_files_of_a_user_beside_former_results_do_not_make_them_those_of_another
     finished(tmp_path / "out", "second")
     (tmp_path / "out.1" / "notes.txt").write_text("mine too")
     finished(tmp_path / "out", "third")
-    assert (said(tmp_path / "out.1"), former_of(tmp_path / "out.1")) == ("second", "out")
-    assert (tmp_path / "out.1" / "notes.txt").read_text() == "mine too"
+    assert (said(tmp_path / "out.1"), marker_of(tmp_path / "out.1").former) == ("second", "out")
+    assert (said(tmp_path / "out.2"), (tmp_path / "out.2" / "notes.txt").read_text()) == ("first", "mine too")
 
 
 def test_former_results_of_an_earlier_version_are_refused(tmp_path: Path) -> None:
     """They do not say of whom they are."""
     for text in ("first", "second"):
         finished(tmp_path / "out", text)
-    marker = tmp_path / "out.1" / MARKER
-    marker.write_text("".join(line for line in marker.read_text().splitlines(keepends=True) if FORMER not in line))
+    mark(tmp_path / "out.1", former="")
     with pytest.raises(FolderError, match=r"out\.1: is not known to hold former results of out"):
         ResultsFolder(tmp_path / "out").start()
     (tmp_path / "out.1").rename(tmp_path / "older")
@@ -99,7 +97,7 @@ def test_former_results_that_are_gone_on_with_are_former_ones_no_more(tmp_path: 
     resumed = ResultsFolder(tmp_path / "out.1")
     resumed.take_up(resumed.place)
     resumed.finish()
-    assert (said(tmp_path / "out.1"), former_of(tmp_path / "out.1")) == ("first", "")
+    assert (said(tmp_path / "out.1"), marker_of(tmp_path / "out.1").former) == ("first", "")
     with pytest.raises(FolderError, match="is not known"):
         ResultsFolder(tmp_path / "out").start()
 
@@ -116,7 +114,7 @@ def test_members_of_a_sweep_keep_former_results_where_no_member_can_be(tmp_path:
 
 @pytest.mark.parametrize("notes", [False, True])
 def test_crash_at_any_moment_loses_neither_the_new_results_nor_the_former_ones(notes: bool, tmp_path: Path) -> None:
-    """The next run puts both in their places; with a file of the user they move one by one."""
+    """The next run puts both in their places."""
     last, again = 0, True
     while again:
         last += 1

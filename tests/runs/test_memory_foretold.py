@@ -8,7 +8,7 @@ import pytest
 
 import stickslip.solvers.simulation.simulation as simulation
 from shared.command import Call, result
-from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.memory import Counts, Demand
 from stickslip.solvers.stepping.choice import Choice, Size
 
@@ -19,8 +19,8 @@ def swollen(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """From now on a part of the memory is foretold to take a million GB."""
     known = simulation.memory_of
 
-    def memory_of(scene: Scene, counts: Counts, size: Size, choice: Choice) -> Demand:
-        found = known(scene, counts, size, choice)
+    def memory_of(output: Output, counts: Counts, size: Size, choice: Choice) -> Demand:
+        found = known(output, counts, size, choice)
         return replace(found, parts=tuple(replace(p, rank=1e15) if p.name == name else p for p in found.parts))
 
     monkeypatch.setattr(simulation, "memory_of", memory_of)

@@ -6,7 +6,7 @@ from typing import Any
 from jsonschema import Draft202012Validator
 
 from shared.solved import Json, Solved
-from stickslip.workflows.run.result_schema import result_schema
+from stickslip.workflows.run.result import result_schema
 from stickslip.workflows.scene_file.read import from_dict
 
 SCHEMA = Draft202012Validator(result_schema())

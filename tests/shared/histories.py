@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 from shared.command import result, table
 from stickslip.solvers.parallel.serialise import ByNode
 from stickslip.workflows.formats.hdf5 import read_arrays, stored_checksum
-from stickslip.workflows.formats.own_files import MARKER
+from stickslip.workflows.formats.marker import MARKER
 from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays
 
 SMALL = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "output.pictures=false", "steps.count=6"]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
+from stickslip.solvers.scene.record import CONTACT_NUMBERS, Energy, ProbeValue
 from stickslip.solvers.scene.settings import Output
-from stickslip.solvers.stepping.state import Energy
 from stickslip.workflows.scene_file.read import read
 from stickslip.workflows.writers.writer import Job
 
@@ -69,13 +69,7 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
         status=np.resize(np.array([OPEN, SLIP, STICK], np.int8), n),
         force=np.zeros(d),
         moment=np.zeros(1 if d == 2 else 3),
-        **dict.fromkeys(
-            (
-                *("normal_force", "tangential_force", "max_pressure", "contact_area", "stick_area", "slip_area"),
-                *("max_penetration", "max_slip", "dissipation", "dissipation_total"),
-            ),
-            0.0,
-        ),
+        **dict.fromkeys(CONTACT_NUMBERS, 0.0),
     )
     return StepResult(
         time=time,
@@ -88,7 +82,7 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
         contacts={"base": contact},
         supports={},
         obstacles={},
-        probes={"corner": (random.normal(size=d), stress[0] + stress[0].T)},
+        probes={"corner": ProbeValue(random.normal(size=d), stress[0] + stress[0].T)},
         energy=Energy(0.0, 0.0, 0.0, 0.0, np.zeros(1)),
         iteration_error=0.0,
         mesh_error=0.0,

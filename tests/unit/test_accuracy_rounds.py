@@ -10,9 +10,8 @@ from numpy.testing import assert_allclose
 
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
-from stickslip.solvers.results.error_parts import ErrorParts, Quantity
-from stickslip.solvers.results.quantities import names_of
-from stickslip.solvers.scene.quantities import STRESSES
+from stickslip.solvers.results.step_result import ErrorParts, Quantity, names_of
+from stickslip.solvers.scene.record import STRESSES
 from stickslip.solvers.simulation.simulation import Seconds, prepare
 from stickslip.workflows.accuracy.level import AIM, ALIKE, FINEST, GAIN, Level, Move, next_move
 from stickslip.workflows.accuracy.round import Round

@@ -7,8 +7,7 @@ import pytest
 
 from shared.cases import every_nth
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results.error_parts import Errors
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import Errors, StepResult
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.accuracy.standing import standings
 from stickslip.workflows.scene_file.read import read

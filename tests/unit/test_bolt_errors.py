@@ -16,8 +16,7 @@ from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.accuracy import two_level
 from stickslip.solvers.accuracy.bubbles import Bubbles
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.results.numbers import quantities
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import StepResult, quantities
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation, prepare

@@ -18,7 +18,7 @@ from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, Status
 from stickslip.solvers.methods.method import Solve
-from stickslip.solvers.results.quantities import values
+from stickslip.solvers.results.step_result import values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.given_tension import BoltsAndSprings
 from stickslip.solvers.stepping.history import HistoryRow

@@ -20,7 +20,7 @@ from stickslip.solvers.parallel.serialise import deserialise, serialise
 from stickslip.solvers.simulation.checkpoint import APART, FOR_RESULTS, ROWS, Checkpoints
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.state import State
-from stickslip.workflows.formats.own_files import mark
+from stickslip.workflows.formats.marker import mark
 from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
 from stickslip.workflows.formats.steps import read_checkpoint, write_step
 from stickslip.workflows.run.learnt import LearntFiles, is_kept
@@ -126,7 +126,7 @@ def test_results_come_back_whole(tmp_path: Path) -> None:
 def test_a_step_of_another_version_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_step(tmp_path, 1, result_of(mesh_of("triangle")))
     with_more = make_dataclass("StepResult", [("news", float)])
-    monkeypatch.setattr("stickslip.workflows.formats.steps.StepResult", with_more)
+    monkeypatch.setattr("stickslip.solvers.results.step_result.StepResult", with_more)
     with pytest.raises(MachineError, match=r"000001\.h5: not a step of this version"):
         read_checkpoint(path)
 

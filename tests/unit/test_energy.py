@@ -9,9 +9,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from stickslip.solvers.results.step_result import OPEN, SLIP
+from stickslip.solvers.scene.record import Energy
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.stepping.state import Energy
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -15,7 +15,6 @@ from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.discrete import discrete_problem
 from stickslip.solvers.stepping.discrete_chain import solve
 from stickslip.workflows.formats.fclib import read_problem
-from stickslip.workflows.formats.own_files import claim
 from stickslip.workflows.formats.steps import read_step, step_name
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.run import run
@@ -93,7 +92,6 @@ def test_a_resumed_run_has_the_files_of_all_its_steps(tmp_path: Path) -> None:
     run(plain, tmp_path / "out", Watch(on_step=Stop(after=3)))
     extra = tmp_path / "out" / "fclib" / "000005.hdf5"
     extra.parent.mkdir()
-    claim(extra)
     extra.write_bytes(b"left over")
     outcome, _ = run(scene, tmp_path / "out", resume=True)
     assert outcome.status == "converged"

@@ -10,8 +10,7 @@ from shared.cases import slow
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.nested_mesh import CornerMesh
 from stickslip.solvers.accuracy.other_mesh import sides_of
-from stickslip.solvers.results.error_parts import Quantity
-from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.step_result import Quantity, quantities
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import StepError, Stepper
 from stickslip.workflows.scene_file.read import read

@@ -45,7 +45,7 @@ def scene() -> Scene:
 
 def demand_of(scene: Scene, size: Size, form: str = "matrix-free") -> Demand:
     stage = Stage("tangent-cg" if form == "matrix-free" else "condensed-newton", form)  # type: ignore[arg-type]
-    return memory_of(scene, Counts("hexahedron", 1, size.dofs / 3, size.ranks), size, Choice((stage,), ""))
+    return memory_of(scene.output, Counts("hexahedron", 1, size.dofs / 3, size.ranks), size, Choice((stage,), ""))
 
 
 def cube(unknowns: int, ranks: int = 1) -> Size:
@@ -111,13 +111,13 @@ def test_the_condensed_form_takes_what_its_choice_foretells(scene: Scene) -> Non
 
 def test_what_fits_is_left_as_it_is(scene: Scene) -> None:
     demand = demand_of(scene, cube(10**6))
-    assert affordable(scene, demand, demand.machine, steered=False) == (True, "")
+    assert affordable(scene.output, demand, demand.machine, steered=False) == (True, "")
 
 
 def test_errors_that_do_not_fit_are_left_out_and_it_is_said(scene: Scene) -> None:
     demand = demand_of(scene, cube(10**6))
     free = (demand.machine + demand.without(ERRORS).machine) / 2
-    wanted, said = affordable(scene, demand, free, steered=False)
+    wanted, said = affordable(scene.output, demand, free, steered=False)
     assert not wanted
     assert "errors are not estimated" in said
     assert f"{free / GB:.2g} GB are free" in said
@@ -125,22 +125,22 @@ def test_errors_that_do_not_fit_are_left_out_and_it_is_said(scene: Scene) -> Non
 
 def test_errors_that_decide_how_a_run_goes_on_are_not_left_out(scene: Scene) -> None:
     demand = demand_of(scene, cube(10**6))
-    wanted, said = affordable(scene, demand, demand.machine / (1 + SURE) * 2, steered=True)
+    wanted, said = affordable(scene.output, demand, demand.machine / (1 + SURE) * 2, steered=True)
     assert wanted
     assert "may be ended by the system" in said
 
 
 def test_a_run_that_does_not_fit_is_refused_with_what_to_set(scene: Scene) -> None:
     with pytest.raises(MachineError, match=r"1 GB are free; use a larger mesh_size, or more machines"):
-        affordable(scene, demand_of(scene, cube(10**7)), 1 * GB, steered=False)
+        affordable(scene.output, demand_of(scene, cube(10**7)), 1 * GB, steered=False)
 
 
 def test_what_would_not_help_is_not_proposed(scene: Scene) -> None:
     few = Demand((Part("mesh", 2 * GB, 0.0, STAGES), Part(PICTURES, 2 * GB, 0.0, ("end",))), 1, 1)
     with pytest.raises(MachineError, match=r"2 GB are free; use output.pictures = false, a larger mesh_size"):
-        affordable(scene, few, 2 * GB, steered=False)
+        affordable(scene.output, few, 2 * GB, steered=False)
     with pytest.raises(MachineError, match=r"1 GB are free; use a larger mesh_size"):
-        affordable(scene, few, 1 * GB, steered=False)
+        affordable(scene.output, few, 1 * GB, steered=False)
 
 
 def test_without_a_mesh_the_expected_number_of_cells_counts() -> None:

@@ -14,9 +14,7 @@ from stickslip.solvers.accuracy.bubbles import Bubbles
 from stickslip.solvers.accuracy.nested_run import NestedRun
 from stickslip.solvers.accuracy.where_to_refine import Places
 from stickslip.solvers.fem.forms import WeakForms
-from stickslip.solvers.results.error_parts import Errors, Quantity
-from stickslip.solvers.results.numbers import quantities
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import Errors, Quantity, StepResult, quantities
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.system.system import System

@@ -17,9 +17,18 @@ from shared.images import colours
 from stickslip.geometry.errors import MachineError
 from stickslip.geometry.obstacles.obstacle import Rotation
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Quantity
-from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
-from stickslip.solvers.stepping.state import Energy
+from stickslip.solvers.results.step_result import (
+    OPEN,
+    PARTS,
+    SLIP,
+    STICK,
+    ContactState,
+    ErrorParts,
+    MeshData,
+    Quantity,
+    StepResult,
+)
+from stickslip.solvers.scene.record import CONTACT_NUMBERS, Energy
 from stickslip.workflows.formats.contact_line import walk
 from stickslip.workflows.pictures.body_picture import displacement_scale
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
@@ -84,7 +93,6 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
     share = np.clip(at[:, 0] - 0.6, -1.0, 1.0)
     along = np.eye(d)[0]
     status = np.where(p == 0, OPEN, np.where(share == 1.0, SLIP, STICK)).astype(np.int8)
-    zeros = {f.name: 0.0 for f in dataclasses.fields(ContactState) if f.type == "float"}
     contact = ContactState(
         points=at,
         weight=np.ones(len(at)),
@@ -98,7 +106,7 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
         status=status,
         force=np.zeros(d),
         moment=np.zeros(1 if d == 2 else 3),
-        **zeros,
+        **dict.fromkeys(CONTACT_NUMBERS, 0.0),
     )
     return StepResult(
         time=1.0,

@@ -11,8 +11,7 @@ from numpy.testing import assert_allclose
 from shared.audited import audit
 from shared.cases import every_nth
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results.quantities import values
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import StepResult, values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan, planned
 from stickslip.solvers.simulation.simulation import Simulation

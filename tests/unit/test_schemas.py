@@ -10,10 +10,10 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results import step_result
-from stickslip.solvers.scene.quantities import CONTACT_NUMBERS
+from stickslip.solvers import effects
+from stickslip.solvers.scene.record import CONTACT_NUMBERS, numbers_of
 from stickslip.workflows.commands.schema import schema
-from stickslip.workflows.run import result_schema as records
+from stickslip.workflows.run import result as records
 from stickslip.workflows.scene_file.read import READY, from_dict, read, to_dict
 from stickslip.workflows.scene_file.schema import scene_schema
 
@@ -123,20 +123,14 @@ def test_a_schema_is_asked_for_by_name(capsys: pytest.CaptureFixture[str]) -> No
     assert json.loads(capsys.readouterr().out) == records.result_schema()
 
 
-@pytest.mark.parametrize(
-    ("record", "state"),
-    [
-        ("SupportRecord", "Reaction"),
-        ("ObstacleRecord", "ObstacleState"),
-        ("SpringRecord", "SpringForce"),
-        ("BoltRecord", "BoltState"),
-        ("RemotePointRecord", "RemoteState"),
-        ("ProbeRecord", "ProbeValue"),
-        ("BodyRecord", "BodyState"),
-    ],
-)
-def test_a_record_has_what_a_step_has(record: str, state: str) -> None:
-    assert set(getattr(records, record).__annotations__) - {"error"} == set(getattr(step_result, state)._fields)
+@pytest.mark.parametrize("table", effects.records())
+def test_every_number_of_a_record_has_a_unit_and_a_meaning(table: str) -> None:
+    record = effects.records()[table]
+    fields = getattr(record, "_fields", numbers_of(record))
+    assert list(numbers_of(record)) == list(fields)
+    assert all(number.unit and number.meaning for number in numbers_of(record).values())
+    step = records.result_schema()["$defs"]["StepRecord"]["properties"][table]
+    assert step.get("$ref", step.get("additionalProperties", {}).get("$ref")) == f"#/$defs/{record.__name__}"
 
 
 def test_every_number_of_a_contact_has_a_unit() -> None:

@@ -11,12 +11,12 @@ import stickslip
 from shared.audited import audit
 from shared.cases import every_nth
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results.error_parts import Quantity
-from stickslip.solvers.results.quantities import values
+from stickslip.solvers.results.step_result import Quantity, values
 from stickslip.solvers.simulation.plan import make_plan, planned
 from stickslip.workflows.lab.verification.cases.springs import AREA, CORNERS, K, alone, between, floor, pressed, scene
 from stickslip.workflows.lab.verification.check import failures
 from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.scene_file.read import from_dict
 
 
 @pytest.mark.parametrize(("model", "order", "surface"), every_nth(2, AREA, [1, 2], ["condensed", "matrix-free"]))
@@ -112,3 +112,20 @@ def test_an_axisymmetric_model_has_springs_along_its_axis() -> None:
     ):
         with pytest.raises(SceneError, match=message):
             scene({"s": spring}, "axisymmetric")
+
+
+def test_a_point_belongs_to_the_body_with_the_nearest_of_all_sides() -> None:
+    """The lower block's left side is farther from its own right corner than the upper block's left side is."""
+    wide = {"builder": "two_blocks", "length": 1.0, "height": 0.5, "lower_length": 3.0, "mesh_size": 0.25}
+    tables = {
+        "model": "plane strain",
+        "geometry": wide,
+        "bodies": {name: {"E": 1.0, "nu": 0.3} for name in ("lower", "upper")},
+        "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top"}},
+        "supports": {
+            "base": {"boundary": "lower.bottom", "displacement": {"y": 0.0}},
+            "corner": {"point": [2.0, 0.0], "displacement": {"x": 0.0}},
+            "top": {"boundary": "upper.top", "displacement": {"x": 0.0, "y": -0.01}},
+        },
+    }
+    assert planned(from_dict(tables)).rigid_modes.shape == (6, 0)

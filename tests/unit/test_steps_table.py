@@ -13,8 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import stickslip
 from shared.synthetic import job_of, mesh_of
 from stickslip.geometry.errors import MachineError
-from stickslip.solvers.results.quantities import values
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import StepResult, values
 from stickslip.workflows.formats.steps_csv import read_steps_table
 from stickslip.workflows.writers.steps_table import StepsTable, steps_row
 

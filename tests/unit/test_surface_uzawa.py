@@ -15,11 +15,10 @@ from stickslip.solvers.interface import schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Status
-from stickslip.solvers.linear.gmres import gmres
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
 from stickslip.solvers.metrics import surface_metric
 from stickslip.solvers.newton import surface_model
-from stickslip.solvers.newton.surface_model import nearest_in_cone
+from stickslip.solvers.newton.surface_model import gmres, nearest_in_cone
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.state import State

@@ -14,7 +14,7 @@ from numpy.testing import assert_array_equal
 from shared.synthetic import job_of, mesh_of, result_of
 from stickslip.geometry.errors import MachineError
 from stickslip.solvers.results.step_result import MeshData
-from stickslip.workflows.formats.own_files import MARKER, mark
+from stickslip.workflows.formats.marker import MARKER, mark
 from stickslip.workflows.writers.contact_tables import ContactTables
 from stickslip.workflows.writers.history_table import HistoryTable
 from stickslip.workflows.writers.probe_table import ProbeTable

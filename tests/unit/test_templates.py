@@ -3,7 +3,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from jinja2 import UndefinedError
 from markupsafe import Markup
 
 from stickslip.workflows.formats import templates
@@ -32,5 +31,5 @@ def test_a_line_with_a_statement_alone_leaves_nothing(folder: Path) -> None:
 
 def test_a_value_that_is_not_given_is_refused(folder: Path) -> None:
     (folder / "page.md").write_text("{{ missing }}")
-    with pytest.raises(UndefinedError, match="missing"):
+    with pytest.raises(KeyError, match="missing"):
         render("page.md")

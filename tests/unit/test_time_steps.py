@@ -13,9 +13,7 @@ from shared.cases import slow
 from stickslip.solvers.accuracy import time_steps
 from stickslip.solvers.accuracy.time_steps import doubled, halved, stretches
 from stickslip.solvers.method_registry import Solver
-from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Quantity
-from stickslip.solvers.results.numbers import quantities
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import PARTS, ErrorParts, Quantity, StepResult, quantities
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.simulation.simulation import Simulation, prepare

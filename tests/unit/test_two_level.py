@@ -13,8 +13,7 @@ from stickslip.geometry.errors import SolverError
 from stickslip.solvers.accuracy import two_level
 from stickslip.solvers.accuracy.bubbles import Bubbles, _quadrature
 from stickslip.solvers.fem.forms import WeakForms
-from stickslip.solvers.results.numbers import quantities
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import StepResult, quantities
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.system.system import System

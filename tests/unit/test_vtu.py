@@ -19,7 +19,7 @@ from shared.synthetic import FACET, MESHES, SIZE, job_of, mesh_of, padded, resul
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.solvers.results.step_result import MeshData, StepResult
 from stickslip.solvers.simulation.simulation import prepare
-from stickslip.workflows.formats.own_files import MARKER, claim, mark
+from stickslip.workflows.formats.marker import MARKER, mark
 from stickslip.workflows.formats.shapes import SHAPES
 from stickslip.workflows.formats.steps import shown_as, step_name, write_step
 from stickslip.workflows.run.run import run
@@ -178,8 +178,6 @@ def test_whatever_is_there_a_resumed_run_has_what_its_steps_say(tmp_path: Path) 
     before = {name: (tmp_path / name).read_bytes() for name in names_in(tmp_path)}
     assert "vtu/000006.vtm" in before
     (tmp_path / "vtu" / "000002.vtm").unlink()
-    for name in ("000005_body_left.vtu", "000005.vtm"):
-        claim(tmp_path / "vtu" / name)
     (tmp_path / "vtu" / "000004_body_left.vtu").rename(tmp_path / "vtu" / "000005_body_left.vtu")
     (tmp_path / "vtu" / "000004.vtm").rename(tmp_path / "vtu" / "000005.vtm")
     (tmp_path / "vtu" / "mine.vtu").write_text("a user's own")

@@ -16,22 +16,10 @@ from stickslip.solvers.scene.settings import Output, Steps
 from stickslip.workflows.formats.steps import read_step
 from stickslip.workflows.lab.verification.cases import column as column_case
 from stickslip.workflows.lab.verification.cases import limits as limits_case
-from stickslip.workflows.lab.verification.check import failures
-from stickslip.workflows.lab.verification.closed_forms.limits import END, LIMITS, NONE, STEADY, Limit
+from stickslip.workflows.lab.verification.closed_forms.limits import END, LIMITS
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.run import run
-
-
-@pytest.mark.parametrize("name", LIMITS)
-def test_block_is_held_to_its_limit_and_no_further(name: str) -> None:
-    assert not failures(limits_case.held("condensed-newton", name, LIMITS[name]))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", LIMITS)
-def test_bodies_that_are_not_condensed_are_held_as_long(name: str) -> None:
-    assert not failures(limits_case.held("surface-uzawa", name, LIMITS[name]))
 
 
 def test_checks_notice_another_coefficient() -> None:
@@ -39,11 +27,6 @@ def test_checks_notice_another_coefficient() -> None:
     steps, proved = limits_case.reached(limits_case.scene("condensed-newton", replace(pushed, mu=1.01 * pushed.mu)))
     assert proved
     assert steps[-1].time > pushed.time + limits_case.NEAR
-
-
-def test_loads_that_are_held_to_the_end_have_no_limit() -> None:
-    with pytest.raises(ValueError, match="held to the end"):
-        _ = Limit(length=1.0, height=1.0, mu=0.5, press=STEADY, push=NONE).time
 
 
 def ended(scene: Scene, folder: Path) -> tuple[Outcome, dict[str, Any]]:

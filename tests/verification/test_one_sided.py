@@ -13,8 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import stickslip
 from shared.audited import audit
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.results.error_parts import Quantity
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import Quantity, StepResult
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.verification.cases import springs as case

@@ -18,7 +18,7 @@ from stickslip.workflows.accuracy.level import Level
 from stickslip.workflows.accuracy.round import Round
 from stickslip.workflows.accuracy.standing import Standing
 from stickslip.workflows.formats.aside import disk_errors, write_aside
-from stickslip.workflows.formats.own_files import is_marked, remove_own
+from stickslip.workflows.formats.marker import is_marked, remove_own
 from stickslip.workflows.formats.regular import read_json, read_regular
 from stickslip.workflows.run.folder import BEGUN, ResultsFolder, place_of
 from stickslip.workflows.run.resume import VERSIONS, run_of
@@ -96,7 +96,7 @@ class KeptRounds:
         arrays = {} if level.sizes is None else vars(level.sizes)
         file = io.BytesIO()
         np.savez(file, **{ABOUT: np.array(json.dumps(about))}, **arrays)
-        write_aside(self.path, file.getvalue(), own=False)
+        write_aside(self.path, file.getvalue())
 
     def remove(self) -> None:
         """Nothing is left to go on with."""

@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.memory import available, peak
 from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
@@ -25,17 +25,16 @@ from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.accuracy.next_order import AT_THE_EDGE
 from stickslip.solvers.accuracy.two_level import MeshCorrection
-from stickslip.solvers.results.error_parts import Errors
-from stickslip.solvers.results.step_result import OPEN, StepResult
+from stickslip.solvers.results.step_result import OPEN, Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.accuracy.contact_sizes import finer_sides, nearness
 from stickslip.workflows.accuracy.kept import KeptRounds
-from stickslip.workflows.accuracy.level import ITERATION, SMALLEST, Level, Move, next_move
+from stickslip.workflows.accuracy.level import ITERATION, Level, Move, next_move
 from stickslip.workflows.accuracy.round import Round
 from stickslip.workflows.accuracy.standing import Standing, percent, standings
-from stickslip.workflows.formats.own_files import certify, is_certified
+from stickslip.workflows.formats.marker import certify, is_certified
 from stickslip.workflows.formats.regular import read_json
 from stickslip.workflows.formats.steps import read_step, step_files
 from stickslip.workflows.run.collective import from_rank_0, raise_together
@@ -243,7 +242,7 @@ class Rounds:
         self._refuse_too_large(simulation.mesh.comm, move)
         level, tolerance = self._level, self._level.tolerance or self.scene.solver.tolerance
         if any(goal.rest > ITERATION * goal.asked for goal in goals):
-            tolerance = max(tolerance / 100, SMALLEST)
+            tolerance = max(tolerance / 100, EXACT)
         level = replace(level, order=move.order, splits=level.splits * move.splits, tolerance=tolerance)
         if move.finer == 1 and not move.raises:
             return level

@@ -7,7 +7,7 @@ from typing import Any
 
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.bodies import Bodies
+from stickslip.solvers.simulation.simulation import Bodies
 from stickslip.workflows.accuracy.rounds import Rounds
 from stickslip.workflows.run import run as once
 from stickslip.workflows.run.result import Outcome

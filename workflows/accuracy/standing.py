@@ -7,15 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stickslip.geometry.arrays import ROUNDING, SLIGHT
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Errors, Quantity, Value
-from stickslip.solvers.results.numbers import quantities
-from stickslip.solvers.results.quantities import names_of, values
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.quantities import KIND
-
-LEAST = 1e-3  # of its vector: a smaller component is not what a relative error is asked of, it may as well be 0
-ROUNDING = 1e-9  # of the largest number of its kind: a smaller one is 0
+from stickslip.solvers.results.step_result import (
+    PARTS,
+    ErrorParts,
+    Errors,
+    Quantity,
+    StepResult,
+    names_of,
+    number_of,
+    quantities,
+    values,
+)
+from stickslip.solvers.scene.record import Value
 
 
 @dataclass(frozen=True)
@@ -90,17 +95,13 @@ def _least(key: Quantity, known: Mapping[Quantity, Value]) -> float:
     What can cancel out is compared with its vector, friction with the force of its contact. Areas, pressures, works and
     the like are small only where little happens: beside rounding.
     """
-    unit = _unit(key)
-    largest = max(float(np.abs(value).max()) for other, value in known.items() if _unit(other) == unit)
+    unit = number_of(key).unit
+    largest = max(float(np.abs(value).max()) for other, value in known.items() if number_of(other).unit == unit)
     whole = known[key._replace(quantity="force")] if key.quantity == "tangential_force" else known[key]
     cancels = np.ndim(whole) == 1
-    return max(ROUNDING * largest, LEAST * float(np.linalg.norm(whole)) if cancels else 0.0)
-
-
-def _unit(key: Quantity) -> str:
-    """Kind of a number; dissipation is compared with energy."""
-    kind = KIND[key.quantity]
-    return "energy" if kind == "dissipation" else kind
+    # of its vector: a smaller component is not what a relative error is asked of, it may as well be 0
+    # of the largest number of its kind: a smaller one is 0
+    return max(ROUNDING * largest, SLIGHT * float(np.linalg.norm(whole)) if cancels else 0.0)
 
 
 def _missing(parts: ErrorParts) -> str:

@@ -12,13 +12,14 @@ import numpy as np
 from mpi4py import MPI
 from rich.table import Table
 
+from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.errors import FolderError, SceneError
 from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.parts import FACET_WORD
 from stickslip.geometry.user_files.touching import joined
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.workflows.formats.aside import disk_errors, write_aside
-from stickslip.workflows.formats.own_files import is_marked, listed, mark, move_own, remove_own
+from stickslip.workflows.formats.marker import is_marked, mark, marker_of
 from stickslip.workflows.run.collective import raise_together
 from stickslip.workflows.run.terminal import console, print_table
 from stickslip.workflows.scene_file.proposal import (
@@ -31,7 +32,6 @@ from stickslip.workflows.scene_file.proposal import (
 )
 from stickslip.workflows.scene_file.read import find, named, read_geometry
 
-SHOWN = 1e-3  # accuracy of a gap relative to it, from which on it is said
 PICTURE = re.compile(r"\d+_\w+\.png")
 
 
@@ -85,7 +85,7 @@ def found_in(source: str, unit: str | None, units: str | None, within: float | N
 
 def _list(source: str, unit: str | None, units: str | None, within: float | None, folder: Path | None) -> None:
     folder = folder or Path(f"{stem(Path(source))}_contacts")
-    if folder.exists() and not (is_marked(folder) and all(map(PICTURE.fullmatch, listed(folder)))):
+    if folder.exists() and not (is_marked(folder) and all(map(PICTURE.fullmatch, marker_of(folder).names))):
         raise FolderError(f"{folder}: exists already, and not from here; choose another folder with -o")
     found, out = found_in(source, unit, units, within), console(160)
     names, word = side_names(found), FACET_WORD[found.dim]
@@ -104,7 +104,8 @@ def _list(source: str, unit: str | None, units: str | None, within: float | None
             row += [names[side], ", ".join(map(str, side.numbers))]
         low, high = (pair.fit, pair.fit) if pair.exact else pair.gap
         gap = f"{max(0.0, low):.3g}" + (f" to {high:.3g}" if high > max(0.0, low) else "")
-        if not pair.exact and pair.accuracy > SHOWN * max(-low, high):
+        # accuracy of a gap relative to it, from which on it is said
+        if not pair.exact and pair.accuracy > SLIGHT * max(-low, high):
             gap += f" ± {pair.accuracy:.1g}"
         table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposed_law(pair, found)[0])
     if found.pairs:
@@ -122,7 +123,6 @@ def _draw(found: Assembly, folder: Path) -> None:
     with disk_errors(folder):
         shutil.rmtree(aside, ignore_errors=True)  # of a run that was killed
         aside.mkdir()
-        mark(aside)
         try:
             for k, pair in enumerate(found.pairs, start=1):
                 sides = names[pair.one], names[pair.other]
@@ -130,9 +130,14 @@ def _draw(found: Assembly, folder: Path) -> None:
         except BaseException:
             shutil.rmtree(aside, ignore_errors=True)
             raise
-        for name in set(listed(folder)) - set(listed(aside)):
-            remove_own(folder, below=name)
-        move_own(aside, folder)
+        folder.mkdir(exist_ok=True)
+        drawn = sorted(path.name for path in aside.iterdir())
+        for name in {*marker_of(folder).names} - {*drawn}:
+            (folder / name).unlink(missing_ok=True)
+        mark(folder, names=drawn)
+        for name in drawn:
+            (aside / name).replace(folder / name)
+        aside.rmdir()
 
 
 def _write(path: Path, unit: str | None, units: str | None, within: float | None, target: Path) -> None:
@@ -169,4 +174,4 @@ def write_new(path: Path, text: str) -> None:
     for wrong, error in ((os.path.lexists(path), errno.EEXIST), (not path.parent.exists(), errno.ENOENT)):
         if wrong:
             raise SceneError(f"{path}: cannot be written: {os.strerror(error)}")
-    write_aside(path, text.encode(), own=False)
+    write_aside(path, text.encode())

@@ -84,7 +84,7 @@ def solve_all(files: Sequence[Path], output: Path, asked: Sequence[str], toleran
     folder = ResultsFolder(output)
     _refuse_clashes(files, folder)
     problems = {path: read_problem(path) for path in files}
-    with _filled(folder):
+    with _filled(folder, [*(path.name for path in files), "profile.png", "fclib.json"]):
         print(HEAD)
         entries = []
         for path, problem in problems.items():
@@ -97,7 +97,7 @@ def solve_all(files: Sequence[Path], output: Path, asked: Sequence[str], toleran
         content = _content(entries, tolerance, found)
         write_json(folder.work / "fclib.json", content)
     if report is not None:
-        write_json(report, content, own=False)  # it may lie in the folder, which is in its place now
+        write_json(report, content)
     every = all(any(result.solved for result in entry.results) for entry in entries)
     return 0 if every else 3
 
@@ -141,9 +141,10 @@ def _refuse_clashes(files: Sequence[Path], folder: ResultsFolder) -> None:
 
 
 @contextmanager
-def _filled(folder: ResultsFolder) -> Iterator[None]:
+def _filled(folder: ResultsFolder, names: Sequence[str]) -> Iterator[None]:
     """The working folder, put in its place if all goes well, and removed if not."""
     folder.start()
+    folder.declare(names)
     try:
         yield
         folder.finish()

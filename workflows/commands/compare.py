@@ -46,5 +46,5 @@ def compare(
         else:
             out.print(table)  # words are folded
     if output is not None and speaks():
-        write_aside(output, report_compare.compare_page(first, second).encode(), own=False)
+        write_aside(output, report_compare.compare_page(first, second).encode())
         out.print(f"wrote {output}")

@@ -22,7 +22,7 @@ def extract(
     import numpy as np
 
     from stickslip.geometry.dolfinx_versions import cells_at
-    from stickslip.solvers.scene.quantities import STRESSES
+    from stickslip.solvers.scene.record import STRESSES
     from stickslip.workflows.formats.aside import write_aside
     from stickslip.workflows.formats.csv_tables import csv_text
     from stickslip.workflows.run.load import load
@@ -54,7 +54,7 @@ def extract(
     header = ["time", *axes, *(f"displacement_{axis}" for axis in axes), *(f"stress_{ij}" for ij in STRESSES)]
     text = csv_text([header, *([float(number) for number in row] for row in rows)])
     if speaks() and output is not None:
-        write_aside(output, text.encode(), own=False)
+        write_aside(output, text.encode())
         typer.echo(f"wrote {output}")
     elif speaks():
         typer.echo(text, nl=False)

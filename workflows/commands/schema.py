@@ -15,7 +15,7 @@ def schema(
     of: Annotated[str, typer.Argument(metavar="[scene|result]", help="scene files, or result.json")] = "scene",
 ) -> None:
     """Print the JSON schema of scene files, by which editors complete and check them, or that of result.json."""
-    from stickslip.workflows.run.result_schema import result_schema
+    from stickslip.workflows.run.result import result_schema
     from stickslip.workflows.scene_file.schema import scene_schema
 
     schemas = {"scene": scene_schema, "result": result_schema}

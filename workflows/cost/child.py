@@ -15,8 +15,7 @@ from stickslip.geometry.dolfinx_versions import form_cache
 from stickslip.geometry.errors import GeometryError, MachineError, SceneError, SolverError
 from stickslip.geometry.memory import peak
 from stickslip.geometry.user_files.child_process import end_with
-from stickslip.solvers.results.quantities import names_of, values
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import StepResult, names_of, values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import NoEquilibriumError

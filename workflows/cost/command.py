@@ -92,6 +92,7 @@ def cost(
         studies = judge(scene, runs, asked, ladder.tolerance)
         beside = lines(runs, ladder.methods, ladder.tolerance) if named else []
         compared = comparison(beside, ladder.methods)
+        kept.declare(studies)
         write_csv(kept.path / "cost.csv", runs, studies)
         status = "complete" if whole else "interrupted"
         content = summary(scene, runs, studies, status, budget, [*notes, *left_out])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 from stickslip.geometry.errors import FolderError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.run_record import Run, load, store
+from stickslip.workflows.cost.study import Study
 from stickslip.workflows.formats.aside import make_folder
 from stickslip.workflows.run.folder import RUNS, SCENE, ResultsFolder
 from stickslip.workflows.run.result import write_json
@@ -34,6 +36,7 @@ class Kept:
             self._folder.take_up(source)
         else:
             self._folder.start()
+            self._folder.declare([SCENE, f"{RUNS}/"])
             make_folder(self.path / RUNS)
             for run in self.runs:
                 self.keep(run)
@@ -46,7 +49,13 @@ class Kept:
 
     def keep(self, run: Run) -> None:
         """Write a finished run; it is safe when this returns."""
+        self._folder.declare([f"{RUNS}/{run.rung.name}.json"])
         store(run, self.path / RUNS)
+
+    def declare(self, studies: Iterable[Study]) -> None:
+        """Say which tables and pictures will be made of the studies."""
+        pictures = (study.picture for study in studies)
+        self._folder.declare(["cost.csv", "cost.json", "cost_methods.png", *pictures])
 
     def finish(self) -> Path:
         """Put the folder in its place; the former one is kept as `.1`."""

@@ -54,7 +54,7 @@ def draw(folder: Path, title: str, study: Study, units: Units = SI) -> Path:
     sheet.head(title or study.truth.name, source, 0.85)
     said = sentence(study)
     sheet.write(0.85, 0.16, said, fontsize=min(9.0, 9.0 * LETTERS / len(said)), fontweight="bold")
-    return sheet.save(folder / f"cost_{study.truth.name.replace('.', '_')}.png")
+    return sheet.save(folder / study.picture)
 
 
 def log_log(axes: Any) -> None:

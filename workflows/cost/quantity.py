@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from stickslip.geometry.arrays import ROUNDING
 from stickslip.geometry.errors import SceneError, nearest
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.run_record import Run
 
 USUAL = ("max_pressure", "normal_force", "tangential_force")
-ZERO = 1e-9  # relative to the largest of its kind: smaller numbers count as zero
 
 
 def check(asked: Sequence[str], scene: Scene) -> None:
@@ -33,7 +33,8 @@ def chosen(asked: Sequence[str], scene: Scene, runs: Sequence[Run]) -> tuple[str
     usual = [f"{contact}.{key}" for contact in scene.contacts for key in USUAL]
     largest = {key: max((_size(f"{c}.{key}", runs) for c in scene.contacts), default=0.0) for key in USUAL}
     pushed = largest["normal_force"]
-    least = {"max_pressure": 0.0, "normal_force": ZERO * pushed, "tangential_force": ZERO * pushed}
+    # relative to the largest of its kind: smaller numbers count as zero
+    least = {"max_pressure": 0.0, "normal_force": ROUNDING * pushed, "tangential_force": ROUNDING * pushed}
     alive = [name for name in usual if _size(name, runs) > least[name.rpartition(".")[2]]]
     return tuple(dict.fromkeys([*scene.exact.values, *alive]))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from stickslip.geometry.arrays import CLOSE
 from stickslip.workflows.cost.run_record import Run
 from stickslip.workflows.cost.study import Study
 
@@ -76,7 +77,7 @@ def percent(value: float) -> str:
     """
     if value >= 0.1:
         return f"{100 * value:.0f} %"
-    return f"{100 * value:.2g} %" if value >= 1e-6 else f"{100 * value:.0e} %"
+    return f"{100 * value:.2g} %" if value >= CLOSE else f"{100 * value:.0e} %"
 
 
 def _changes(run: Run, following: Run) -> str:

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from stickslip.geometry.arrays import EPS
 from stickslip.workflows.cost.limit import rate_of
 from stickslip.workflows.cost.pareto import front
 from stickslip.workflows.cost.run_record import Run
 from stickslip.workflows.cost.rung import RATIO, Rung
 from stickslip.workflows.cost.truth import Truth
 
-LEAST = 1e-16  # smallest error, so that an exact answer has a logarithm
 SPAN = 2  # levels: the error of a mesh that is still coarser says nothing of the trend
 
 
@@ -24,11 +24,17 @@ class Study:
     runs: tuple[Run, ...]  # converged
     tolerance: float  # the tightest
 
+    @property
+    def picture(self) -> str:
+        """Name of its picture."""
+        return f"cost_{self.truth.name.replace('.', '_')}.png"
+
     @cached_property
     def errors(self) -> Mapping[Rung, float]:
         """Relative error of every run."""
         truth = self.truth
-        return {run.rung: max(LEAST, abs(run.quantities[truth.name] - truth.value) / truth.scale) for run in self.runs}
+        # smallest error, so that an exact answer has a logarithm
+        return {run.rung: max(EPS, abs(run.quantities[truth.name] - truth.value) / truth.scale) for run in self.runs}
 
     def known(self, rung: Rung) -> bool:
         """Whether the error is larger than the uncertainty of what it is measured by."""

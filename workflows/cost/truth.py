@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from stickslip.geometry.arrays import CLOSE
 from stickslip.solvers.scene.settings import Exact
 from stickslip.workflows.cost.limit import Limit, limit
 from stickslip.workflows.cost.run_record import Run
 
-LAW_ERROR = 1e-6  # relative law error (energy norm) above which a method solves other laws than the scene's
 SEQUENCE = 3  # meshes of one order that say more than two of another
 NOISE = 10.0  # times the tolerance: differences that the iteration alone can leave
 
@@ -87,7 +87,8 @@ def _sequence(name: str, order: int, runs: Sequence[Run], tolerance: float) -> d
         if run.converged
         and run.rung.order == order
         and run.rung.tolerance == tolerance
-        and (run.law_error or 0.0) <= LAW_ERROR
+        # relative law error (energy norm) above which a method solves other laws than the scene's
+        and (run.law_error or 0.0) <= CLOSE
     }
 
 

@@ -8,23 +8,17 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from stickslip.geometry.errors import MachineError
-from stickslip.workflows.formats.own_files import claim
 
 
-def write_aside(path: Path, *content: bytes | memoryview, own: bool = True) -> None:
+def write_aside(path: Path, *content: bytes | memoryview) -> None:
     """Write beside `path`, bring it to the disk, then rename: readers and a crash see the old file or the new one.
 
     A link is followed and kept.
-
-    Args:
-        own: in the folder of a run the file is listed as its own; a file that the user names is not.
 
     Raises:
         MachineError: disk full, no permission; `path` is then as it was.
     """
     with disk_errors(path):
-        if own:
-            claim(path)
         path = Path(os.path.realpath(path)) if path.is_symlink() else path
         aside = path.with_name(f".{path.name}.part")
         try:
@@ -48,7 +42,6 @@ def make_folder(folder: Path) -> None:
     if folder.is_dir():
         return
     with disk_errors(folder):
-        claim(folder, folder=True)
         folder.mkdir(parents=True, exist_ok=True)
         sync_folder(folder.parent)
 

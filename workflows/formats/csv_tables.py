@@ -12,7 +12,6 @@ import numpy as np
 
 from stickslip.geometry.errors import MachineError
 from stickslip.workflows.formats.aside import disk_errors, make_folder
-from stickslip.workflows.formats.own_files import claim, own_files
 
 Row = Sequence[object]
 
@@ -33,7 +32,6 @@ def append_tables(folder: Path, tables: Iterable[Table]) -> None:
     """
     make_folder(folder)
     for name, header, rows in tables:
-        claim(folder / name)
         _append(folder / name, header, rows)
 
 
@@ -54,9 +52,8 @@ def write_tables_again(folder: Path, steps: Iterable[Iterable[Table]], names: It
     with disk_errors(folder):
         for name in names:
             if name in aside:
-                claim(folder / name)
                 aside[name].replace(folder / name)
-            elif folder / name in own_files(folder):
+            else:
                 (folder / name).unlink(missing_ok=True)
 
 

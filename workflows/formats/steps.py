@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from stickslip.geometry.arrays import AnyArray, Array
 from stickslip.geometry.errors import MachineError
-from stickslip.solvers.parallel.serialise import Plain, deserialise, serialise
-from stickslip.solvers.results.step_result import ContactState, StepResult
+from stickslip.solvers.parallel.serialise import Plain
+from stickslip.solvers.results.step_result import ContactState, StepResult, from_plain, to_plain
 from stickslip.workflows.formats.aside import make_folder
 from stickslip.workflows.formats.hdf5 import read_arrays, write_arrays
 from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
@@ -130,7 +130,7 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
     }
     for name, contact in result.contacts.items():
         arrays |= {f"contacts/{name}/{key}": value for key, value in _columns(contact).items()}
-    plain = {"result": serialise(result), "going": going}
+    plain = {"result": to_plain(result), "going": going}
     arrays |= {f"{CHECKPOINT}/{name}": array for name, array in to_arrays(plain, arrays).items()}
     path = folder / step_name(index)
     make_folder(path.parent)
@@ -149,7 +149,7 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
 
 def write_light(folder: Path, index: int, result: StepResult, going: Plain = None) -> Path:
     """Write a step without its fields, and return the path of the file; see `write_step`."""
-    plain = {"result": serialise(result.without_fields()), "going": going}
+    plain = {"result": to_plain(result.without_fields()), "going": going}
     arrays = {f"{CHECKPOINT}/{name}": array for name, array in to_arrays(plain, {}).items()}
     path = folder / light_name(index)
     make_folder(path.parent)
@@ -204,7 +204,7 @@ def read_checkpoint(path: Path) -> tuple[StepResult, Plain]:
     try:
         text, content = (arrays.pop(f"{CHECKPOINT}/{name}") for name in (TEXT, BYTES))
         plain = from_arrays(text, content, arrays)
-        return deserialise(StepResult, plain["result"]), plain["going"]
+        return from_plain(plain["result"]), plain["going"]
     except (KeyError, TypeError, ValueError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error
 

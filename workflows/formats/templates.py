@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError, select_autoescape
 
 FOLDER = Path(__file__).parents[1]  # workflows/, below which templates have their names
 
@@ -16,9 +16,12 @@ def render(template: str, **values: object) -> str:
     In a template whose name ends in .html values are escaped; a value that is `Markup` is not.
 
     Raises:
-        UndefinedError: the template asks for a value that is not given.
+        KeyError: the template asks for a value that is not given.
     """
-    return _environment().get_template(template).render(values)
+    try:
+        return _environment().get_template(template).render(values)
+    except UndefinedError as error:
+        raise KeyError(f"{template}: {error}") from error
 
 
 @cache

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from matplotlib.colors import Normalize
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, MeshData, StepResult
 from stickslip.workflows.formats.steps import StoredStep, three
@@ -123,7 +123,7 @@ def displacement_scale(mesh: MeshData, result: StepResult | StoredStep) -> float
     if wanted * closed > APART * size:
         wanted = min(wanted, 1 + APART * size / closed)
     decade = 10.0 ** math.floor(math.log10(wanted))
-    return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= wanted * (1 + 1e-12))
+    return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= wanted * (1 + EXACT))
 
 
 def plain(scale: float) -> str:

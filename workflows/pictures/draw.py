@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from stickslip.geometry.units import SI, Units
-from stickslip.solvers.results.error_parts import Errors, Quantity
-from stickslip.solvers.results.step_result import ContactState, MeshData, StepResult
+from stickslip.solvers.results.step_result import ContactState, Errors, MeshData, Quantity, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import make_folder
 from stickslip.workflows.formats.plus_minus import MISSING, with_error

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from html import escape
-from typing import Any
+from typing import Any, NamedTuple
 
 from stickslip.geometry.errors import FolderError
-from stickslip.solvers.results.error_parts import ErrorParts
+from stickslip.solvers.results.step_result import ErrorParts
 from stickslip.workflows.formats.plus_minus import missing, of_parts, parts_of, plus_minus, stated
-from stickslip.workflows.pictures.report_page import ENERGIES, NUMBERS, PHASES, as_written, bare_page, table
+from stickslip.workflows.formats.templates import render
+from stickslip.workflows.pictures.report_page import ENERGIES, NUMBERS, PHASES, as_written
 from stickslip.workflows.pictures.report_results import Results
 
 NOTHING = "–"
@@ -20,13 +19,13 @@ Rows = list[tuple[str, ...]]
 Told = Mapping[str, Any]
 
 
-@dataclass(frozen=True)
-class Compared:
-    """A table; the first column holds words."""
+class Compared(NamedTuple):
+    """A table; its first columns hold words."""
 
     title: str
     head: tuple[str, ...]
     rows: Rows
+    words: int = 1
 
 
 def compare(a: Results, b: Results) -> list[Compared]:
@@ -40,7 +39,7 @@ def compare(a: Results, b: Results) -> list[Compared]:
             raise FolderError(f"{results.folder}: no step was solved, so there is nothing to compare")
     try:
         found = (
-            Compared("Asked differently", ("key", "A", "B"), _asked(a, b)),
+            Compared("Asked differently", ("key", "A", "B"), _asked(a, b), words=3),
             Compared("Last step", ("number", "A", "B", "B - A", "relative", "within ±"), [*_numbers(a, b)]),
             Compared("Price", ("", "A", "B", "B / A"), [*_prices(a, b)]),
         )
@@ -58,14 +57,7 @@ def unlike(a: Results, b: Results) -> str:
 
 def compare_page(a: Results, b: Results) -> str:
     """The tables as a page."""
-    heads = "".join(f"<p>{name}: {escape(str(r.folder))}, {escape(r.title)}</p>" for name, r in (("A", a), ("B", b)))
-    heads += f'<p class="note">{escape(said)}</p>' if (said := unlike(a, b)) else ""
-    parts = (
-        f"<section><h2>{one.title}</h2>{table(one.head, one.rows, words=3 if one.title.startswith('Asked') else 1)}"
-        "</section>"
-        for one in compare(a, b)
-    )
-    return bare_page(f"{a.name} and {b.name}", f"<header><h1>Two runs</h1>{heads}</header>{''.join(parts)}")
+    return render("pictures/report/compare.html", a=a, b=b, unlike=unlike(a, b), tables=compare(a, b))
 
 
 def _asked(a: Results, b: Results) -> Rows:

@@ -1,15 +1,14 @@
-"""Curves over time as SVG, each with a band for its error."""
+"""Curves over time, each with a band for its error, as points of a drawing."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array, Bools
 from stickslip.workflows.pictures.sheet import CURVES
 
 WIDTH, HEIGHT = 460, 190  # of the drawing
@@ -28,58 +27,74 @@ class Curve:
     error: Array  # (t,)
 
 
-def panel(label: str, times: Array, curves: Sequence[Curve]) -> str:
-    """A figure with these curves, those that stay zero left out; empty if none is left, or there is one step alone."""
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """A curve as points of the drawing."""
+
+    name: str
+    colour: str
+    band: list[tuple[float, float]]  # around what its error leaves; empty: not known
+    line: list[tuple[float, float]]
+    marks: list[tuple[float, float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Panel:
+    """A drawing of curves: its labels with their places, and the curves."""
+
+    name: str  # of the numbers, with their unit
+    label: str  # the same with the power of ten that the numbers of the axis leave out
+    levels: list[tuple[float, str]]
+    times: list[tuple[float, str]]
+    curves: list[Drawn]
+    width: int = WIDTH
+    height: int = HEIGHT
+    left: int = LEFT
+    right: int = WIDTH - RIGHT
+
+
+def panel(name: str, times: Array, curves: Sequence[Curve]) -> Panel | None:
+    """Draw these curves, those that stay zero left out; None if none is left, or there is one step alone."""
     size = max((_largest(curve) for curve in curves), default=0.0)
-    shown = [curve for curve in curves if _largest(curve) > 1e-9 * size][:MOST]
+    shown = [curve for curve in curves if _largest(curve) > ROUNDING * size][:MOST]
     if len(times) < 2 or not shown:
-        return ""
+        return None
     reach = [c.values + sign * np.nan_to_num(c.error) for c in shown for sign in (-1, 1)]
     low, high = float(min(0.0, np.nanmin(reach))), float(max(0.0, np.nanmax(reach)))
     low, high = (0.0 if abs(end) < SLIGHT * (high - low) else end for end in (low, high))
     ticks, power = _ticks(low, high)
     low, high = ticks[0], ticks[-1]
-    along, _ = _ticks(0.0, float(times[-1]))
-    x = LEFT + (WIDTH - LEFT - RIGHT) * times / times[-1]
+    end = float(times[-1])
+    along = [tick for tick in _ticks(0.0, end)[0] if tick <= end * (1 + ROUNDING)]
+
+    def x(time: Array) -> Array:
+        return LEFT + (WIDTH - LEFT - RIGHT) * time / end
 
     def y(values: Array) -> Array:
         return TOP + (HEIGHT - TOP - BOTTOM) * (high - values) / (high - low)
 
+    def points(values: Array, known: Bools) -> list[tuple[float, float]]:
+        return [*zip(x(times)[known].tolist(), y(values)[known].tolist(), strict=True)]
+
     drawn = []
-    for tick, height in zip(ticks, y(np.array(ticks)), strict=True):
-        drawn.append(f'<path class="grid" d="M{LEFT} {height:.1f}H{WIDTH - RIGHT}"/>')
-        drawn.append(f'<text x="{LEFT - 6}" y="{height + 4:.1f}" text-anchor="end">{tick / 10**power:.4g}</text>')
-    for tick in (tick for tick in along if tick <= times[-1] * (1 + 1e-9)):
-        place = LEFT + (WIDTH - LEFT - RIGHT) * tick / times[-1]
-        drawn.append(f'<text x="{place:.1f}" y="{HEIGHT - 6}" text-anchor="middle">{tick:.4g}</text>')
     for curve, colour in zip(shown, CURVES, strict=False):
         known = np.isfinite(curve.values)
-        if (sure := known & np.isfinite(curve.error)).any():
-            edges = [*zip(x[sure], y(curve.values + curve.error)[sure], strict=True)]
-            edges += [*zip(x[sure], y(curve.values - curve.error)[sure], strict=True)][::-1]
-            drawn.append(f'<path d="M{_path(edges)}Z" fill="{colour}" opacity=".22"/>')
-        line = [*zip(x[known], y(curve.values)[known], strict=True)]
-        drawn.append(f'<path d="M{_path(line)}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
-        if len(times) <= FEW:
-            drawn += [f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.2" fill="{colour}"/>' for a, b in line]
-    unit = label if not power else label.replace("[", f"[10{_raised(power)} ")
-    keys = "".join(
-        f'<li><i style="background:{colour}"></i>{escape(curve.name)}</li>'
-        for curve, colour in zip(shown, CURVES, strict=False)
-    )
-    return (
-        f'<figure class="curves"><figcaption>{escape(unit)}</figcaption>'
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(label)} over time">{"".join(drawn)}</svg>'
-        f"<ul>{keys}</ul></figure>"
+        sure = known & np.isfinite(curve.error)
+        line = points(curve.values, known)
+        band = points(curve.values + curve.error, sure) + points(curve.values - curve.error, sure)[::-1]
+        marks = line if len(times) <= FEW else []
+        drawn.append(Drawn(name=curve.name, colour=colour, band=band, line=line, marks=marks))
+    return Panel(
+        name=name,
+        label=name.replace("[", f"[10{_raised(power)} ") if power else name,
+        levels=[(float(y(np.array(tick))), f"{tick / 10**power:.4g}") for tick in ticks],
+        times=[(float(x(np.array(tick))), f"{tick:.4g}") for tick in along],
+        curves=drawn,
     )
 
 
 def _largest(curve: Curve) -> float:
     return float(np.nanmax(np.abs(np.append(curve.values, 0.0))))
-
-
-def _path(points: Sequence[tuple[float, float]]) -> str:
-    return "L".join(f"{a:.1f} {b:.1f}" for a, b in points)
 
 
 def _ticks(low: float, high: float) -> tuple[list[float], int]:
@@ -91,7 +106,7 @@ def _ticks(low: float, high: float) -> tuple[list[float], int]:
     width = high - low or 1.0
     decade = 10.0 ** math.floor(math.log10(width / 5))
     step = next(factor * decade for factor in (1, 2, 2.5, 5, 10) if factor * decade >= width / 6)
-    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    first, last = math.floor(low / step + ROUNDING), math.ceil(high / step - ROUNDING)
     ticks = [float(f"{k * step:.12g}") for k in range(first, last + 1)]
     exponent = math.floor(math.log10(max(abs(low), abs(high)) or 1.0))
     power = 0 if -2 < exponent < 4 else 3 * math.floor(exponent / 3)

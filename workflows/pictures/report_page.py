@@ -6,13 +6,12 @@ import base64
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from html import escape
 from importlib.resources import files
 from pathlib import Path
-from string import Template
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib import colormaps
 
 from stickslip.geometry.builders.builder import modelled
@@ -21,7 +20,8 @@ from stickslip.geometry.units import SI
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
 from stickslip.workflows.formats.profile import HEAD, profile_rows
-from stickslip.workflows.pictures.report_curves import Curve, panel
+from stickslip.workflows.formats.templates import render
+from stickslip.workflows.pictures.report_curves import Curve, Panel, panel
 from stickslip.workflows.pictures.report_results import Results
 from stickslip.workflows.pictures.report_view import model
 from stickslip.workflows.pictures.sheet import COLOURS, STATUS_COLOURS, STATUS_WORDS
@@ -51,7 +51,6 @@ ASKED = ("geometry", "bodies", "obstacles", "contacts", "supports", "loads", "pr
 DOUBT = ("doubtful", "inaccurate", "interrupted", "not ended")
 LATER = ("title", "model", "units", "solver", "output", "exact", "accuracy", "hash")
 PHASES = ("imports", "mesh", "assemble", "prepare", "iterate", "error", "audit", "output", "other")
-Html = str
 Told = Mapping[str, Any]
 
 
@@ -66,51 +65,46 @@ def write_report(results: Results, path: Path) -> Path:
         content = page(results)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         raise FolderError(f"{results.folder}: not results that this version can read: {error!r}") from error
-    write_aside(path, content.encode(), own=path == results.folder / NAME)
+    write_aside(path, content.encode())
     return path
 
 
-def page(results: Results) -> Html:
+class Table(NamedTuple):
+    """A table of a page; its first columns hold words, the others numbers."""
+
+    head: Iterable[str]
+    rows: Sequence[Sequence[str]]
+    words: int = 1  # so many columns
+
+
+def page(results: Results) -> str:
     """The whole page."""
+    content, steps = results.content, results.reported
     data = model(results)
-    sections = {
-        "Summary": _summary(results),
-        "View": _view(data),
-        "Scene": _scene(results),
-        "Curves": _curves(results),
-        "Forces": _forces(results),
-        "Pictures": "".join(map(_picture, results.pictures)),
-        "Cost": _cost(results),
-        "Audit": _audit(results),
-    }
-    there = {name: content for name, content in sections.items() if content}
-    body = [f'<section id="{name.lower()}"><h2>{_heading(name)}</h2>{part}</section>' for name, part in there.items()]
-    return bare_page(
-        results.title,
-        f"<nav>{''.join(f'<a href=#{name.lower()}>{_heading(name)}</a>' for name in there)}</nav>{_head(results)}"
-        + "".join(body),
-        _script(data) if data else "",
-    )
-
-
-def bare_page(title: str, body: Html, script: Html = "") -> Html:
-    """A page with our style; whatever it holds, it may load nothing."""
-    parts = {"title": escape(title), "style": _part("page.css"), "body": body, "script": script}
-    return Template(_part("page.html")).substitute(parts)
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> Html:
-    """A table; the first `words` columns hold words, the others numbers."""
-
-    def cells(row: Sequence[str], tag: str) -> Html:
-        kinds = ["" if place < words else ' class="n"' for place in range(len(row))]
-        return "".join(f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(kinds, row, strict=True))
-
-    lines = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in rows)
-    return (
-        f'<div class="table"><table><thead><tr>{cells(head, "th")}</tr></thead><tbody>{lines}</tbody></table></div>'
-        if lines
-        else ""
+    return render(
+        "pictures/report/run.html",
+        title=results.title,
+        name=results.name,
+        status=str(content.get("status", "")).replace("_", " "),
+        kind=_kind(str(content.get("status", "")).replace("_", " ")),
+        facts=_facts(results),
+        sentence=content.get("sentence"),
+        warnings=content.get("warnings") or (),
+        steps=steps,
+        of=_modelled(results),
+        last=_last(results) if steps else None,
+        missing=MISSING,
+        mesh_error=f"{error:.1%}" if (error := (content.get("error") or {}).get("discretisation")) else "",
+        rounds=(content.get("accuracy") or {}).get("rounds") or (),
+        left_out=data["left_out"] if data else None,
+        mesh=_mesh(results),
+        panels=_panels(results),
+        pictures=[_picture(path) for path in results.pictures],
+        **_asked(results),
+        **(_forces(results) if steps else {}),
+        **_cost(results),
+        **_audit(results),
+        **_view(data),
     )
 
 
@@ -123,84 +117,55 @@ def number(owner: Told, key: str, component: int | None = None) -> str:
     return of_parts(value, parts_of((owner.get("error") or {}).get(key), component))
 
 
-def _heading(name: str) -> str:
-    return {"View": "3D view", "Scene": "What was asked", "Forces": "Forces with ±"}.get(name, name)
+def _kind(status: str) -> str:
+    return "good" if status == "converged" else "doubt" if status in DOUBT else "bad"
 
 
-def _part(name: str) -> str:
-    return (PARTS / name).read_text(encoding="utf-8")
-
-
-def _head(results: Results) -> Html:
-    content, scene = results.content, results.scene
-    status = str(content.get("status", "")).replace("_", " ")
-    facts = [
-        str(scene.get("model", "")),
-        str(scene.get("units")) if results.units != SI else "",
+def _facts(results: Results) -> list[str]:
+    content = results.content
+    return [
+        str(results.scene.get("model", "")),
+        str(results.scene.get("units")) if results.units != SI else "",
         f"{content['dofs']} unknown displacements" if content.get("dofs") else "",
         f"{content['contact_points']} contact points" if content.get("contact_points") else "",
         f"{count} step{'s' * (count > 1)}" if (count := len(results.reported)) else "no step was solved",
         f"stickslip {content.get('version')}, dolfinx {content.get('dolfinx')}",
     ]
-    kind = "good" if status == "converged" else "doubt" if status in DOUBT else "bad"
-    return (
-        f'<header><h1>{escape(results.title)}</h1><p><b class="badge {kind}">{escape(status)}</b> '
-        f"{escape(' · '.join(filter(None, facts)))} · results “{escape(results.name)}”</p></header>"
-    )
 
 
-def _summary(results: Results) -> Html:
-    content, said = results.content, []
-    if content.get("sentence"):
-        said.append(f'<p class="note bad">{escape(str(content["sentence"]))}</p>')
-    said += [f'<p class="note">{escape(str(warning))}</p>' for warning in content.get("warnings") or ()]
-    if results.reported:
-        last = results.reported[-1]
-        said.append(f"<p>Last step, t = {last['time']:g} s. {_signs(results)}</p>")
-        contacts = {name: c for name, c in (last.get("contacts") or {}).items() if c}
-        rows = [
-            (f"{words} [{results.unit(unit)}]", *(number(c, key) for c in contacts.values()))
-            for key, words, unit in NUMBERS
-            if any(c.get(key) is not None for c in contacts.values())
-        ]
-        head, *rows = [("contact", *contacts), *rows]
-        if len(contacts) > BESIDE:  # then below each other
-            head, *rows = [*zip(head, *rows, strict=True)]
-        said.append(table(head, rows))
-        if "(grows)" in said[-1]:
-            said.append("<p>(grows): the number has no limit on ever finer meshes, as at a sharp edge.</p>")
-        if lacking := _lacking(last):
-            said.append(f"<p>{MISSING} without the error of the {escape(lacking)}, which is not known.</p>")
-    if mesh_error := (content.get("error") or {}).get("discretisation"):
-        said.append(f"<p>The mesh leaves an error of about {mesh_error:.1%} in the displacement (energy norm).</p>")
-    if rounds := (content.get("accuracy") or {}).get("rounds"):
-        each = ", ".join(f"{one['unknowns']} unknowns (order {one['order']})" for one in rounds)
-        said.append(f"<p>Refined in {len(rounds)} round{'s' * (len(rounds) > 1)} for the accuracy asked: {each}.</p>")
-    return "".join(said)
-
-
-def _signs(results: Results) -> str:
+def _modelled(results: Results) -> list[str]:
+    """What forces are those of, where it is not the whole body."""
     part = modelled(results.scene.get("geometry") or {}, results.scene.get("model", ""))
-    of = [f"a {results.units.metre} of thickness"] * results.plane + [f"the modelled {part}"] * bool(part)
-    per = f"Forces are those of {' of '.join(of)}; they act" if of else "Forces act"
-    return f"{per} on the slave side. ± is the estimated error."
+    return [f"a {results.units.metre} of thickness"] * results.plane + [f"the modelled {part}"] * bool(part)
 
 
-def _lacking(step: Told) -> str:
-    contacts = [c for c in (step.get("contacts") or {}).values() if c]
-    lacking = {part for c in contacts for told in (c.get("error") or {}).values() for part in missing(parts_of(told))}
-    return ", ".join(sorted(part.replace("_", " ") for part in lacking))
+def _last(results: Results) -> dict[str, Any]:
+    """The last step: numbers of its contacts, and what their errors lack."""
+    last = results.reported[-1]
+    contacts = {name: c for name, c in (last.get("contacts") or {}).items() if c}
+    rows = [
+        (f"{words} [{results.unit(unit)}]", *(number(c, key) for c in contacts.values()))
+        for key, words, unit in NUMBERS
+        if any(c.get(key) is not None for c in contacts.values())
+    ]
+    head, *rows = [("contact", *contacts), *rows]
+    if len(contacts) > BESIDE:  # then below each other
+        head, *rows = [*zip(head, *rows, strict=True)]
+    lacking = {
+        part for c in contacts.values() for told in (c.get("error") or {}).values() for part in missing(parts_of(told))
+    }
+    return {
+        "time": f"{last['time']:g}",
+        "contacts": Table(head, rows),
+        "grows": any("(grows)" in cell for row in rows for cell in row),
+        "lacking": sorted(part.replace("_", " ") for part in lacking),
+    }
 
 
-def _view(data: Told | None) -> Html:
-    if data is None:
-        return ""
-    left_out = f" {data['left_out']} steps between them are left out here." if data["left_out"] else ""
-    return _part("view.html") + f"<p class='small'>Turn: drag. Move: right button. Zoom: wheel.{left_out}</p>"
-
-
-def _script(data: Told) -> Html:
+def _view(data: Told | None) -> dict[str, Markup | str]:
     """The data, the library as one object THREE, and the program of the view."""
+    if data is None:
+        return {"model": ""}
     shades = [[int(255 * part) for part in colormaps[COLOURS](place)[:3]] for place in np.linspace(0, 1, SHADES)]
     statuses = {str(status): [STATUS_WORDS[status], colour] for status, colour in STATUS_COLOURS.items()}
     told = {**data, "shades": shades, "statuses": statuses}
@@ -211,11 +176,11 @@ def _script(data: Told) -> Html:
     )
     assert names == found == 1, "the library's files are not those of report/three/README.md"
     controls = controls.replace("export { OrbitControls };", "return OrbitControls;")
-    return (
-        f'<script type="application/json" id="model">{text}</script>'
-        f"<script>const THREE = (() => {{{three}}})();\nconst OrbitControls = (() => {{{controls}}})();</script>"
-        f"<script>{_part('view.js')}</script>"
-    )
+    return {"model": Markup(text), "three": Markup(three), "controls": Markup(controls)}  # noqa: S704  ours, and JSON without <
+
+
+def _part(name: str) -> str:
+    return (PARTS / name).read_text(encoding="utf-8")
 
 
 def _as_object(found: re.Match[str]) -> str:
@@ -224,7 +189,7 @@ def _as_object(found: re.Match[str]) -> str:
     return f"return{{{','.join(f'{pair[-1]}:{pair[0]}' for pair in pairs)}}};"
 
 
-def _curves(results: Results) -> Html:
+def _panels(results: Results) -> list[Panel]:
     steps = results.reported
     times = np.array([step["time"] for step in steps], float)
 
@@ -264,23 +229,18 @@ def _curves(results: Results) -> Html:
         (f"force of supports [{force}]", held),
         (f"energy [{results.unit('J')}]", [curve(words, "energy", "", key) for words, key in ENERGIES]),
     )
-    drawn = "".join(panel(label, times, curves) for label, curves in panels)
-    return (
-        f'<p>Over time [s]; the bands are the estimated errors.</p><div class="panels">{drawn}</div>' if drawn else ""
-    )
+    drawn = (panel(label, times, curves) for label, curves in panels)
+    return [one for one in drawn if one is not None]
 
 
-def _forces(results: Results) -> Html:
+def _forces(results: Results) -> dict[str, Table]:
     """Contact forces of each step, then what supports and obstacles carry in the last one, and the probes."""
-    if not results.reported:
-        return ""
     keys = [(key, f"{words} [{results.unit(unit)}]") for key, words, unit in NUMBERS[:6]]
     rows = [
         (f"{step['time']:g}", name, *(number(contact or {}, key) for key, _ in keys), str(step.get("iterations", "–")))
         for step in results.reported
         for name, contact in (step.get("contacts") or {}).items()
     ]
-    said = [table(("t [s]", "contact", *(words for _, words in keys), "iterations"), rows, words=2)]
     axes, last = "xyz"[: 3 if results.solid else 2], results.reported[-1]
     held = [
         (f"{kind[:-1]} {name}", *(number(owner, "force", place) for place in range(len(axes))), _moment(owner))
@@ -294,12 +254,11 @@ def _forces(results: Results) -> Html:
         (name, *(number(probe, "displacement", place) for place in range(len(axes))))
         for name, probe in (last.get("probes") or {}).items()
     ]
-    for title, part in (
-        ("Resultants of the last step", table(("force of", *heads), held)),
-        ("Probes in the last step", table(("displacement of", *moved), probes)),
-    ):
-        said.append(f"<h3>{title}</h3>{part}" if part else "")
-    return "".join(said)
+    return {
+        "by_step": Table(("t [s]", "contact", *(words for _, words in keys), "iterations"), rows, words=2),
+        "resultants": Table(("force of", *heads), held),
+        "probes": Table(("displacement of", *moved), probes),
+    }
 
 
 def _moment(owner: Told) -> str:
@@ -309,29 +268,30 @@ def _moment(owner: Told) -> str:
     return number(owner, "moment")
 
 
-def _picture(path: Path) -> Html:
-    words = escape(path.stem.replace("_", " "))
-    data = base64.b64encode(path.read_bytes()).decode()
-    return f'<figure><img alt="{words}" src="data:image/png;base64,{data}"><figcaption>{words}</figcaption></figure>'
+def _picture(path: Path) -> dict[str, str]:
+    return {"words": path.stem.replace("_", " "), "data": base64.b64encode(path.read_bytes()).decode()}
 
 
-def _scene(results: Results) -> Html:
+def _asked(results: Results) -> dict[str, Any]:
+    """The tables of the scene, what it switches on, and its settings."""
     scene = results.scene
     names = [*ASKED, *(key for key in scene if key not in (*ASKED, *LATER))]
-    asked = [row for name in names for row in _rows(name, scene.get(name))]
-    later = [row for name in LATER[2:] for row in _rows(name, scene.get(name))]
     plan = [(row["effect"], row["because"]) for row in results.content.get("plan") or () if row["on"]]
-    mesh = [*results.mesh_lines]
-    if not mesh and "mesh/cells" in results.mesh:
-        mesh = [f"mesh: {len(results.mesh['mesh/cells'])} cells, {len(results.mesh['mesh/points'])} nodes"]
-    said = [table(("table", "keys"), asked, words=2)]
-    said.append(f"<h3>Mesh</h3><ul>{''.join(f'<li>{escape(line)}</li>' for line in mesh)}</ul>" if mesh else "")
-    said.append(
-        f"<h3>Plan: what the scene switches on</h3>{table(('effect', 'because'), plan, words=2)}" if plan else ""
-    )
-    settings = table(("table", "keys"), later, words=2)
-    said.append(f"<details><summary>Solver and output settings</summary>{settings}</details>" if settings else "")
-    return "".join(said) if scene else ""
+
+    def keys(names: Iterable[str]) -> Table:
+        return Table(("table", "keys"), [row for name in names for row in _rows(name, scene.get(name))], words=2)
+
+    return {
+        "scene": keys(names) if scene else None,
+        "plan": Table(("effect", "because"), plan, words=2),
+        "settings": keys(LATER[2:]),
+    }
+
+
+def _mesh(results: Results) -> list[str]:
+    if results.mesh_lines or "mesh/cells" not in results.mesh:
+        return [*results.mesh_lines]
+    return [f"mesh: {len(results.mesh['mesh/cells'])} cells, {len(results.mesh['mesh/points'])} nodes"]
 
 
 def _rows(name: str, value: Any) -> list[tuple[str, str]]:
@@ -362,14 +322,9 @@ def as_written(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else "" if value is None else str(value)
 
 
-def _cost(results: Results) -> Html:
+def _cost(results: Results) -> dict[str, Any]:
     content = results.content
     seconds, counters = content.get("seconds") or {}, content.get("counters") or {}
-    choice = content.get("choice") or {}
-    said = []
-    if content.get("method"):
-        because = f" ({choice['because']})" if choice.get("because") else ""
-        said.append(f"<p>Method {escape(str(content['method']))}{escape(because)}.</p>")
     profile = content.get("profile") or ()  # results of before it was there have seconds alone
     phases = [(name, f"{seconds[name]:.2f}") for name in (*PHASES, "total") if seconds.get(name) is not None]
     names = ("factorisations", "volume_solves", "linear_iterations", "error_solves", "forms", "searches")
@@ -378,14 +333,16 @@ def _cost(results: Results) -> Html:
     if steps:
         counted.insert(0, ("iterations of all steps", str(sum(s["iterations"] for s in steps))))
     reference = (content.get("linear_reference") or {}).get("seconds")
-    if reference:
-        said.append(f"<p>One linear solve of the same mesh takes {reference:.2f} s.</p>")
-    spent = table(HEAD, profile_rows(profile)) if profile else table(("phase", "seconds"), phases)
-    said.append(f'<div class="panels">{spent}{table(("work", "count"), counted)}</div>' if phases or counted else "")
-    return "".join(said)
+    return {
+        "method": content.get("method"),
+        "because": (content.get("choice") or {}).get("because"),
+        "reference": f"{reference:.2f}" if reference else "",
+        "spent": Table(HEAD, [*profile_rows(profile)]) if profile else Table(("phase", "seconds"), phases),
+        "counted": Table(("work", "count"), counted),
+    }
 
 
-def _audit(results: Results) -> Html:
+def _audit(results: Results) -> dict[str, Any]:
     verdict, audit = results.content.get("verdict") or {}, results.content.get("audit") or {}
     limits = verdict.get("limits") or {}
     rows = [
@@ -393,12 +350,4 @@ def _audit(results: Results) -> Html:
         for name, value in audit.items()
         if value is not None
     ]
-    if not rows:
-        return ""
-    passed = verdict.get("passed") or ()
-    said = f"The audit finds that {'; '.join(passed)}." if passed else "Every check of the audit is within its limit."
-    kind = "note bad" if passed else "note good"
-    return (
-        f'<p class="{kind}">{escape(said)}</p><p>Recomputed from the written files by code that shares nothing with '
-        f"the methods; the worst step, relative.</p>{table(('defect', 'found', 'limit'), rows)}"
-    )
+    return {"passed": verdict.get("passed") or (), "audit": Table(("defect", "found", "limit"), rows)}

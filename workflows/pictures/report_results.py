@@ -16,10 +16,10 @@ import numpy as np
 from stickslip.geometry.arrays import AnyArray
 from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import Units
-from stickslip.solvers.scene.quantities import CONTACT_NUMBERS
+from stickslip.solvers.scene.record import CONTACT_NUMBERS
 from stickslip.workflows.formats.hdf5 import read_arrays
+from stickslip.workflows.formats.marker import own_files
 from stickslip.workflows.formats.mesh_file import MESH_FILE
-from stickslip.workflows.formats.own_files import own_files
 from stickslip.workflows.formats.regular import read_json, read_regular
 from stickslip.workflows.formats.steps import step_files
 from stickslip.workflows.formats.steps_csv import NAME as STEPS
@@ -94,7 +94,7 @@ def read_results(folder: Path) -> Results:
         steps=step_files(folder),
         mesh=read_arrays(folder / MESH_FILE)[0] if (folder / MESH_FILE).is_file() else {},
         mesh_lines=tuple(dict.fromkeys(OF_MESH.findall(_text(folder / LOG)))),
-        pictures=tuple(sorted(path for path in own_files(folder) if path.suffix == ".png" and path.is_file())),
+        pictures=tuple(sorted(path for path in own_files(folder) if path.suffix == ".png")),
     )
 
 

@@ -1,44 +1,47 @@
-"""The results folder: a run writes to a working folder and replaces the results at the end; no user file is lost.
+"""The results folder: a run works in a folder beside it, which takes its place by one rename at the end.
 
-Only files that the run has listed in its folder's marker are moved or removed. A link to a folder is followed and kept.
+Earlier results are kept whole as `NAME.1`, with what the user has put there. Results that make room for them are
+removed only if nothing else is among them. A link to a folder is followed and kept.
 """
 
 from __future__ import annotations
 
 import errno
 import fcntl
+import logging
 import os
 import re
 import socket
 import weakref
+from collections.abc import Iterable
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 
 from stickslip.geometry.errors import FolderError
 from stickslip.workflows.formats.aside import disk_errors, sync_folder
-from stickslip.workflows.formats.own_files import (
-    LAST,
+from stickslip.workflows.formats.marker import (
+    LOG,
     PART,
     certify,
-    claim,
-    former_of,
-    go_on_moving,
-    has_own,
+    declare,
+    foreign,
     is_certified,
     is_marked,
     mark,
-    move_own,
-    moving_from,
+    marker_of,
+    own_files,
     remove_own,
     strange,
 )
 from stickslip.workflows.formats.regular import read_json, read_regular
 from stickslip.workflows.formats.steps import light_files, step_files
 
-LOG = LAST  # its lock is that of the folder
+log = logging.getLogger(__name__)
 BEGUN, RESULT = "begun.json", "result.json"  # what a run was begun with, and how it ended
 FORMER, OF_MEMBER = ".1", "~1"  # how folders of former results end; no member of a sweep has the second in its name
 SCENE, RUNS = "scene.json", "runs"  # of a cost study, which has no steps; the scene is written when the runs are there
+FILES = (BEGUN, RESULT, "steps/", "learnt/")  # of every run, beside its log
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)  # errors of network disks without locks
 READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)  # errors of results that may only be read
 AT_WORK = "process {pid} on {host}"  # a line of run.log
@@ -69,53 +72,35 @@ class ResultsFolder:
     """Folder `target` for the results, and folder `work` that a run fills and locks until they are complete."""
 
     def __init__(self, target: Path, former: str = FORMER) -> None:
-        """Check that the folders are free or hold results of a run; what a crash has left half moved is moved.
+        """Check that the folders are free or hold results of a run.
 
         Args:
             former: how the name of the folder ends in which former results are kept.
 
         Raises:
-            FolderError: `target` holds other files.
+            FolderError: `target` holds other files, or no rename can replace it.
         """
         self.target, self.place, self.work = target, place_of(target), work_of(target)
         self._old = self.place.with_name(f"{self.place.name}{former}")
         self.notes: tuple[str, ...] = ()  # for the user
         self._held: weakref.finalize[..., ResultsFolder] | None = None  # a call releases the lock
-        for folder in (self.place, self.work, self._old):
-            try:
+        try:
+            if os.path.ismount(self.place):
+                raise FolderError(
+                    f"-o {target}: a disk is mounted there, and no rename replaces it; name a folder in it"
+                )
+            for folder in (self.work, self._old):
+                if folder.is_symlink():
+                    raise FolderError(f"{folder}: is a link in the way of results; remove it")
+            for folder in self.replaced:
                 _refuse_foreign(folder)
-            except OSError as error:
-                raise FolderError(f"-o {target}: {error.strerror}") from None
-        for folder in (self.place, self.work, self._old):
-            self._go_on_moving(folder)
+        except OSError as error:
+            raise FolderError(f"-o {target}: {error.strerror}") from None
 
     @property
     def replaced(self) -> tuple[Path, ...]:
         """Folders whose content moves or goes when the results are put in their place."""
         return self.place, self.work, self._old
-
-    @property
-    def _of_another(self) -> bool:
-        """Whether the folder for former results holds some that are not known to be those of this place."""
-        there = has_own(self._old) or moving_from(self._old) is not None
-        return there and former_of(self._old) != self.place.name
-
-    def _go_on_moving(self, folder: Path) -> None:
-        """Go on where a crash has stopped `move_own`."""
-        source = moving_from(folder)
-        if source is None or (folder == self._old and source != self.place and self._of_another):
-            return
-        if source not in self.replaced or source == folder:
-            raise FolderError(f"{folder}: its files come from {source}, which is not beside it; choose another folder")
-        for place in (self.work, folder, source):
-            if (place / LOG).is_file():
-                self.lock(place)
-                break
-        try:
-            with disk_errors(folder):
-                go_on_moving(folder)
-        finally:
-            self.release()
 
     def refuse_to_lose(self) -> None:
         """Check that neither steps nor results of another run would be lost.
@@ -137,7 +122,7 @@ class ResultsFolder:
         Raises:
             FolderError: `TARGET.1` is not known to hold former results of the target.
         """
-        if has_own(self.place) and self._of_another:
+        if own_files(self.place) and own_files(self._old) and marker_of(self._old).former != self.place.name:
             self.release()
             solved = is_certified(self.work / RESULT)
             raise FolderError(
@@ -178,15 +163,17 @@ class ResultsFolder:
         """
         self.refuse_to_lose()
         with disk_errors(self.work):
-            os.makedirs(os.path.realpath(self.work), exist_ok=True)
-            mark(self.work)
+            self.work.mkdir(parents=True, exist_ok=True)
+            if not is_marked(self.work):
+                mark(self.work)
             self.lock(self.work)
             remove_own(self.work, but=LOG)
+            mark(self.work, names=FILES, sha256={}, former="")
             os.truncate(self.work / LOG, 0)
         return self.work
 
     def take_up(self, folder: Path) -> Path:
-        """Lock `folder`, which may be the place, and move its files to the working folder; returns that.
+        """Lock `folder`, which may be the place, and make it the working folder; returns that.
 
         Raises:
             FolderError: another process is at work there.
@@ -194,9 +181,16 @@ class ResultsFolder:
         self.lock(folder)
         if folder != self.work:
             with disk_errors(folder):
-                move_own(folder, self.work)
+                self._clear(self.work)
+                folder.rename(self.work)
+                mark(self.work, former="")
                 sync_folder(self.work.parent)
         return self.work
+
+    def declare(self, names: Iterable[str]) -> None:
+        """Say which files the run will make in the working folder, see `marker.declare`."""
+        with disk_errors(self.work):
+            declare(self.work, names)
 
     def lock(self, folder: Path) -> None:
         """Lock a folder against other processes until `release`; the system releases the lock of a killed process.
@@ -233,20 +227,35 @@ class ResultsFolder:
             certify(self.work / RESULT)
 
     def finish(self) -> Path:
-        """Move the results to their place, and release the lock; earlier ones are kept as `TARGET.1`.
+        """Put the results in their place, and release the lock; earlier ones are kept as `TARGET.1`.
 
         Raises:
-            FolderError: a file of the user, or results of another run, are in the way; nothing is moved.
+            FolderError: results of another run are in the way; nothing is moved.
         """
         self.refuse_to_replace()
         with disk_errors(self.target):
-            if has_own(self.place):
-                remove_own(self._old)
-                move_own(self.place, self._old, former=self.place.name)
-            move_own(self.work, self.place, whole=True)
+            if own_files(self.place):
+                self._clear(self._old)
+                with suppress(PermissionError):  # results that may only be read are kept all the same
+                    mark(self.place, former=self.place.name)
+                self.place.rename(self._old)
+            else:
+                self._clear(self.place)
+            self.work.rename(self.place)
             sync_folder(self.place.parent)
         self.release()
         return self.target
+
+    def _clear(self, folder: Path) -> None:
+        """Remove a folder of results, or give it the next name that is free if it holds files of the user."""
+        if next(foreign(folder), None) is None:
+            if folder.exists():
+                remove_own(folder)
+            return
+        names = (self.place.with_name(f"{self._old.name[:-1]}{number}") for number in count(2))
+        free = next(name for name in names if not os.path.lexists(name))
+        folder.rename(free)
+        log.info("%s: holds files of the user; kept as %s", folder, free)
 
     def abandon(self) -> None:
         """Remove the files of a run without results, and release the lock."""
@@ -270,7 +279,7 @@ def _who(folder: Path) -> str:
 def _open_log(folder: Path) -> int:
     """Descriptor of a folder's run.log, which is made if it is not there; of read-only results it can be locked too."""
     path, options = folder / LOG, os.O_APPEND | os.O_NONBLOCK
-    if path.exists() and not path.is_file():
+    if path.is_symlink() or (path.exists() and not path.is_file()):
         raise OSError(errno.EINVAL, "not a regular file")
     if path.exists():
         try:
@@ -279,7 +288,6 @@ def _open_log(folder: Path) -> int:
             if error.errno not in READ_ONLY:
                 raise
             return os.open(path, os.O_RDONLY | options)
-    claim(path)
     return os.open(path, os.O_WRONLY | options | os.O_CREAT, 0o666)
 
 

@@ -6,12 +6,13 @@ it by its reference: their number, and the checksum of each rank's.
 
 from __future__ import annotations
 
+from collections.abc import Container
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.workflows.formats.aside import disk_errors, make_folder
-from stickslip.workflows.formats.own_files import claim, own_files, remove_own
 from stickslip.workflows.formats.serialised import PlainFile, read_plain
 from stickslip.workflows.run.collective import all_act, raise_together
 
@@ -39,12 +40,7 @@ class LearntFiles:
         if last.split()[1:] != sums:
             last = " ".join([f"{index:06d}", *sums])
 
-            def claim_all() -> None:
-                make_folder(self._folder)
-                for rank in range(self._comm.size):  # one rank alone writes the list of the run's files
-                    claim(self._folder / _name(last, rank))
-
-            raise_together(self._comm, claim_all)
+            raise_together(self._comm, lambda: make_folder(self._folder))
             all_act(self._comm, lambda: file.write(self._folder / _name(last, self._comm.rank)))
         self._two = self._two[1], last
         return last
@@ -61,11 +57,7 @@ class LearntFiles:
     def forget(self) -> None:
         """Remove the files of earlier steps, of all ranks; rank 0, when the last step is safe."""
         numbers = {reference.partition(" ")[0] for reference in self._two}
-        own = own_files(self._folder.parent)
-        with disk_errors(self._folder):
-            for path in self._folder.glob("*"):
-                if path.name.partition(".")[0] not in numbers and path in own:
-                    path.unlink()
+        _remove(self._folder, numbers)
 
 
 def remove_learnt(folder: Path) -> None:
@@ -74,8 +66,17 @@ def remove_learnt(folder: Path) -> None:
     Raises:
         MachineError: no permission.
     """
+    _remove(folder / FOLDER, ())
+    with suppress(OSError):  # the user keeps something there, or there is none
+        (folder / FOLDER).rmdir()
+
+
+def _remove(folder: Path, but: Container[str]) -> None:
+    """Remove the files of all steps but some."""
     with disk_errors(folder):
-        remove_own(folder, f"{FOLDER}/")
+        for path in folder.glob(f"{'[0-9]' * 6}.*.bin"):
+            if path.name[:6] not in but:
+                path.unlink()
 
 
 def is_kept(folder: Path, reference: str) -> bool:

@@ -13,7 +13,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import FolderError
 from stickslip.geometry.protocols import DataFrame
 from stickslip.solvers.results.step_result import MeshData, StepResult, data_frame, html_table
-from stickslip.solvers.scene.quantities import CONTACT_NUMBERS
+from stickslip.solvers.scene.record import CONTACT_NUMBERS
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_from
 from stickslip.workflows.formats.steps import light_files, read_checkpoint

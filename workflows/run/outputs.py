@@ -9,7 +9,6 @@ from functools import partial
 from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.stepping.history import HistoryTuple
-from stickslip.workflows.formats.own_files import claim
 from stickslip.workflows.run.collective import all_act, raise_together
 from stickslip.workflows.writers.writer import Ended, Job, Turn, Writer, wanted
 
@@ -26,16 +25,19 @@ class Outputs:
 
     def __init__(self, job: Job) -> None:
         self._comm, self._writers = job.comm, [kind(job) for kind in wanted(job.scene)]
-        self._folder, self._clock = job.folder, job.simulation.clock if job.simulation else Clock()
+        self._clock = job.simulation.clock if job.simulation else Clock()
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the files that the writers will make, see `Writer.names`."""
+        return [name for writer in self._writers for name in writer.names()]
 
     def begin(self) -> None:
         """The run begins in an empty folder."""
-        self._claim()
         self._each(lambda writer: writer.begin())
 
     def resume(self, steps: Sequence[StepResult]) -> None:
         """The run goes on after these steps."""
-        self._claim()
         self._each(lambda writer: writer.resume(steps))
 
     def step(self, index: int, result: StepResult, turns: Sequence[Turn]) -> None:
@@ -49,16 +51,6 @@ class Outputs:
     def finish(self, ended: Ended, turns: Sequence[Turn]) -> None:
         """The run ends: those whose turn it is finish their files."""
         self._each(lambda writer: writer.finish(ended), turns)
-
-    def _claim(self) -> None:
-        """List the files that writers name, for writers that write them without `write_aside`."""
-        names = [name for writer in self._writers for name in writer.files if "*" not in name]
-
-        def claim_all() -> None:
-            for name in names:
-                claim(self._folder / name)
-
-        raise_together(self._comm, claim_all)
 
     def _each(self, act: Callable[[Writer], None], turns: Sequence[Turn] = tuple(Turn)) -> None:
         for writer in self._writers:

@@ -1,6 +1,6 @@
 """result.json: the whole run in one file that scripts can rely on (format 1, no NaN, null where not computed).
 
-Its tables are the records of result_schema.py.
+What a step holds is a walk over its records, and so are schema and units.
 """
 
 from __future__ import annotations
@@ -8,32 +8,47 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, NotRequired, cast, get_type_hints
 
 import numpy as np
+from pydantic import ConfigDict, TypeAdapter, with_config
+from typing_extensions import TypedDict
 
 from stickslip import VERSION
 from stickslip.geometry.dolfinx_versions import DOLFINX
+from stickslip.geometry.keys import Key
+from stickslip.geometry.units import SI, Units
+from stickslip.solvers.effects import records
+from stickslip.solvers.iteration import Convergence
+from stickslip.solvers.parallel.counters import PHASES, Counters, Row
 from stickslip.solvers.results.audit import Audit
-from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Errors
 from stickslip.solvers.results.linear_reference import LinearReference
-from stickslip.solvers.results.step_result import ContactState, StepResult
+from stickslip.solvers.results.step_result import PARTS, STATUS_WORDS, ErrorParts, Errors, StepResult, tables_of, walk
 from stickslip.solvers.results.verdict import limits
-from stickslip.solvers.scene.quantities import CONTACT_NUMBERS, STRESSES
+from stickslip.solvers.scene.problem import PlanRow
+from stickslip.solvers.scene.record import RecordType, numbers_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.choice import Stage
+from stickslip.solvers.stepping.method_chain import Switch
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.formats.profile import seconds_of
+from stickslip.workflows.pictures.report_results import PER_METRE
 from stickslip.workflows.run.audit import Audited
 from stickslip.workflows.run.packages import packages
-from stickslip.workflows.run.result_schema import units
 from stickslip.workflows.scene_file.identity import identity
 from stickslip.workflows.scene_file.read import to_dict
 
 OF_COARSE = ("factorisations", "volume_solves", "linear_iterations")  # counters of the coarse mesh beside
+TYPED, DICT, LIST = cast(Any, TypedDict), cast(Any, dict), cast(Any, list)  # of types that are known at run time only
+SAID, OPTIONAL = cast(Any, Annotated), cast(Any, NotRequired)
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+STATUSES = Literal["converged", "doubtful", "not_converged", "no_equilibrium", "inaccurate", "interrupted"]
+LARGEST = ("discretisation", "law", "iteration", "linear_solver")  # errors of the run
+Numbers = float | list[float]  # a number, or a vector by component
 
 
 @dataclass(frozen=True)
@@ -91,14 +106,7 @@ def summary(
                 "tangential": sum(int(c.free.sum()) for c in contacts),
             },
             "dropped_multipliers": sum(c.dropped for c in contacts),
-            "forms": counters.forms,
-            "searches": counters.searches,
-            "factorisations": counters.factorisations,
-            "schur_size": counters.schur_size,
-            "volume_solves": counters.volume_solves,
-            "linear_iterations": counters.linear_iterations,
-            "error_solves": counters.error_solves,
-            "lanczos_applications": counters.lanczos_applications,
+            **asdict(counters),
             "coarse_mesh": chain.coarse_counters and {key: getattr(chain.coarse_counters, key) for key in OF_COARSE},
         },
         "audit": Audit.worst(audit for audit in audits if audit),
@@ -140,9 +148,9 @@ def write_result(folder: Path, content: dict[str, Any]) -> None:
     write_json(folder / "result.json", content)
 
 
-def write_json(path: Path, content: dict[str, Any], own: bool = True) -> None:
+def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write a JSON file whole; see `write_aside`."""
-    write_aside(path, f"{json_text(content)}\n".encode(), own=own)
+    write_aside(path, f"{json_text(content)}\n".encode())
 
 
 def json_text(content: dict[str, Any]) -> str:
@@ -151,60 +159,24 @@ def json_text(content: dict[str, Any]) -> str:
 
 
 def _step(step: StepResult, errors: Errors | None, audit: Audit | None) -> dict[str, Any]:
-    energy = step.energy
-
-    def error(kind: str, name: str = "") -> dict[str, Any]:
-        """By quantity; null: not estimated."""
-        found = {
-            key.quantity: _parts(parts) | {"corrected": _plain(step.corrected.get(str(key), parts.corrected))}
-            for key, parts in (errors or {}).items()
-            if key[:2] == (kind, name)
-        }
-        return {"error": found or None}
-
+    found: dict[str, Any] = {table: {} for table in records()}
+    for table, by_name in tables_of(step).items():
+        found[table] = {name: {} for name in by_name}
+    for key, _, value in walk(step):
+        found[key.kind][key.name][key.quantity] = _plain(value)
+    for name, contact in step.contacts.items():
+        found["contacts"][name]["statuses"] = contact.counts()
+    for table, record in records().items():
+        for name, own in found[table].items() if _estimated(record) else ():
+            told = {
+                key.quantity: _parts(parts) | {"corrected": _plain(step.corrected.get(str(key), parts.corrected))}
+                for key, parts in (errors or {}).items()
+                if key[:2] == (table, name)
+            }
+            own["error"] = told or None
     return {
-        "time": step.time,
-        "substeps": step.substeps,
-        "iterations": step.iterations,
-        "volume_solves": step.volume_solves,
-        "residual": step.residual,
-        "contacts": {name: _contact(contact) | error("contacts", name) for name, contact in step.contacts.items()},
-        "supports": {
-            name: {"force": f.tolist(), "moment": _moment(m)} | error("supports", name)
-            for name, (f, m) in step.supports.items()
-        },
-        "obstacles": {
-            name: {"displacement": u.tolist(), "force": f.tolist(), "moment": _moment(m)} | error("obstacles", name)
-            for name, (u, f, m) in step.obstacles.items()
-        },
-        "springs": {
-            name: {"force": force.tolist()} | error("springs", name) for name, (force,) in step.springs.items()
-        },
-        "bolts": {name: bolt._asdict() | error("bolts", name) for name, bolt in step.bolts.items()},
-        "remote_points": {
-            name: {"displacement": u.tolist(), "rotation": _moment(turn), "force": f.tolist(), "moment": _moment(m)}
-            | error("remote_points", name)
-            for name, (u, turn, f, m) in step.remote_points.items()
-        },
-        "elastic_support": {
-            name: {"force": f.tolist(), "moment": _moment(m)} | error("elastic_support", name)
-            for name, (f, m) in step.elastic_support.items()
-        },
-        "probes": {
-            name: {"displacement": u.tolist(), "stress": [float(sigma[ij]) for ij in STRESSES.values()]}
-            | error("probes", name)
-            for name, (u, sigma) in step.probes.items()
-        },
-        "bodies": {name: body._asdict() for name, body in step.bodies.items()},
-        "energy": {
-            "external": energy.external,
-            "stored": energy.stored,
-            "contact": energy.contact,
-            "compliance": energy.compliance,
-            "dissipated": energy.dissipated,
-            "time_remainder": energy.time_remainder,
-        }
-        | error("energy"),
+        **{key: getattr(step, key) for key in numbers_of(StepResult)},
+        **{table: by_name.get("", by_name) for table, by_name in found.items()},
         "error": {"energy_norm": _energy_norm(step)},
         "audit": audit and asdict(audit),
         "convergence": step.convergence and asdict(step.convergence),
@@ -212,18 +184,15 @@ def _step(step: StepResult, errors: Errors | None, audit: Audit | None) -> dict[
     }
 
 
+def _estimated(record: RecordType) -> bool:
+    """Whether some of its numbers have errors."""
+    return any(number.error for number in numbers_of(record).values())
+
+
 def _energy_norm(step: StepResult) -> dict[str, Any]:
     """Error of the displacement, relative to the largest so far, by its parts; null: not computed, nor is the total."""
-    return {
-        "total": None,
-        "mesh": step.mesh_error,
-        "geometry": None,
-        "time_step": None,
-        "law": step.law_error,
-        "iteration": step.iteration_error,
-        "linear_solver": step.linear_error,
-        "converges": True,
-    }
+    parts = ErrorParts(mesh=step.mesh_error, law=step.law_error, iteration=step.iteration_error, converges=True)
+    return _parts(parts) | {"linear_solver": step.linear_error}
 
 
 def _parts(parts: ErrorParts) -> dict[str, Any]:
@@ -236,19 +205,127 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def _contact(contact: ContactState) -> dict[str, Any]:
-    resultants = {"force": contact.force.tolist(), "moment": _moment(contact.moment)}
-    return resultants | {key: getattr(contact, key) for key in CONTACT_NUMBERS} | {"statuses": contact.counts()}
-
-
-def _moment(moment: np.ndarray[Any, Any]) -> Any:
-    """A number in the plane, three components in space."""
-    return float(moment[0]) if len(moment) == 1 else moment.tolist()
-
-
 def _finite(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def units(plane: bool, of: Units = SI) -> dict[str, str]:
+    """Units of the numbers of a step.
+
+    Args:
+        plane: whether forces, areas and energies are those of a metre of thickness.
+        of: those of the scene.
+
+    >>> units(plane=True)["contacts.normal_force"], units(plane=False)["contacts.normal_force"]
+    ('N/m', 'N')
+    """
+    found = {key: number.unit for key, number in numbers_of(StepResult).items()} | {"other_solutions": "N"}
+    for table, record in records().items():
+        found |= {f"{table}.{key}": number.unit for key, number in numbers_of(record).items()}
+    return {name: of(PER_METRE.get(unit, unit) if plane else unit) for name, unit in found.items() if unit}
+
+
+def result_schema() -> dict[str, Any]:
+    """The schema of what this version writes; a number that is not finite is null."""
+    found = TypeAdapter(_result()).json_schema()
+    return {"$schema": DIALECT, **_nullable(found), "title": "result.json of stickslip"}
+
+
+def _table(name: str, keys: Mapping[str, Any], said: str | None = None) -> Any:
+    """A type of tables that have these keys alone."""
+    found = with_config(ConfigDict(extra="forbid"))(TYPED(name, dict(keys)))
+    found.__doc__ = said
+    return found
+
+
+def _result() -> Any:
+    """The type of the whole, from the types that its tables are made of."""
+    phases: dict[str, Any] = {phase: Annotated[float, Key("s", said)] for phase, said in PHASES.items()}
+    phases["linear_reference"] = Annotated[float | None, Key("s", "of the fastest solver: the unit of cost")]
+    phases["linear_reference_others"] = Annotated[float | None, Key("s", "of those that it was compared with")]
+    unknowns = _table("Unknowns", dict.fromkeys(("displacement", "normal", "tangential"), int))
+    counted = {"unknowns": unknowns, "dropped_multipliers": int, **get_type_hints(Counters)}
+    counted["coarse_mesh"] = dict[str, int] | None
+    shared = Annotated[list[str], Key("", "what the audit takes from the code that it judges")]
+    goal = _table("Goal", {"value": float, "error": float, "asked": Annotated[float, Key("", "as the error")]})
+    sizes: dict[str, Any] = {"order": int, "unknowns": int, "steps": int, "seconds": float}
+    accuracy: dict[str, Any] = {
+        "met": Annotated[bool, Key("", "false: exit code 3, the budget did not reach a goal")],
+        "rounds": LIST[_table("Round", sizes | {"goals": DICT[str, goal]})],
+        "scene": Annotated[str, Key("", "hash of the scene as it was asked, before refinement")],
+    }
+    keys: dict[str, Any] = {
+        "format": Literal[1],
+        "status": Annotated[STATUSES, Key("", "exit codes: converged 0, doubtful 1, interrupted 130, the others 3")],
+        "sentence": Annotated[str, Key("", "what the run says at its end; empty when converged")],
+        "warnings": list[str],
+        "units": Annotated[dict[str, str], Key("", "of the numbers of a step, as table.number")],
+        "scene": Annotated[dict[str, Any], Key("", "the resolved scene with all defaults, and its hash")],
+        "version": str,
+        "dolfinx": str,
+        "packages": dict[str, str],
+        "ranks": int,
+        "method": str,
+        "choice": _table(
+            "Choice", get_type_hints(Stage) | {"because": str}, "The first method, and why it was chosen."
+        ),
+        "switches": list[Switch],
+        "dofs": int,
+        "contact_points": int,
+        "plan": list[PlanRow],
+        "steps": LIST[_reported_step()],
+        "counters": _table("Counters", counted, "What the run has done so many times."),
+        "audit": Annotated[Audit | None, Key("", "the largest defects of all steps")],
+        "verdict": _table("Verdict", {"limits": Audit, "passed": list[str], "shared": shared}) | None,
+        "error": _table("Errors", dict.fromkeys(LARGEST, float | None) | {"what": str}, "The largest of all steps."),
+        "seconds": SAID[_table("Seconds", phases | {"total": float}), Key("s", "wall time by phase")],
+        "profile": list[Row],
+        "linear_reference": LinearReference | None,
+        "accuracy": OPTIONAL[_table("Accuracy", accuracy, "Goals of a run; all else is of the last round.")],
+    }
+    return _table("Result", keys, "A run. null: not computed.")
+
+
+def _reported_step() -> Any:
+    """The type of a step, from its records."""
+    error: dict[str, Any] = {"total": Annotated[Numbers | None, Key("", "sum of the parts; null if one of them is")]}
+    for name, hint in get_type_hints(ErrorParts, include_extras=True).items():
+        kind: Any = bool if name == "converges" else Numbers
+        error[name] = SAID[kind | None, hint.__metadata__[0]]
+    errors = SAID[
+        DICT[str, _table("Error", error, ErrorParts.__doc__)] | None, Key("", "by number; null: not estimated")
+    ]
+    shapes: dict[str, Any] = {"": float, "vector": list[float], "turn": Numbers, "stress": list[float]}
+    hints = get_type_hints(StepResult, include_extras=True)
+    keys = {key: hints[key] for key in numbers_of(StepResult)}
+    statuses = _table("Counts", dict.fromkeys(STATUS_WORDS, int), "Number of the nodes of each status.")
+    made = dict[RecordType, Any]()
+    for table, record in records().items():
+        if record not in made:
+            own: dict[str, Any] = {
+                key: SAID[shapes[number.shape], number] for key, number in numbers_of(record).items()
+            }
+            own |= {"statuses": statuses} if table == "contacts" else {}
+            own |= {"error": errors} if _estimated(record) else {}
+            made[record] = _table(record.__name__, own, record.__doc__)
+        keys[table] = made[record] if table == "energy" else DICT[str, made[record]]
+    norm: dict[str, Any] = dict.fromkeys(("total", *PARTS), float | None) | {"converges": bool}
+    keys["error"] = _table("StepErrors", {"energy_norm": _table("EnergyNorm", norm, _energy_norm.__doc__)})
+    keys["audit"] = Annotated[Audit | None, Key("", "relative defects; null: not audited")]
+    keys["convergence"] = Annotated[Convergence | None, Key("", "of Uzawa's iteration; null: not measured")]
+    keys["other_solutions"] = Annotated[list[dict[str, float]], Key("N", "normal force by contact, of those met")]
+    return _table("StepRecord", keys, "A reported step.")
+
+
+def _nullable(node: Any) -> Any:
+    """Numbers may be null; titles repeat the keys."""
+    if isinstance(node, list):
+        return [_nullable(item) for item in node]
+    if not isinstance(node, Mapping):
+        return node
+    found = {key: _nullable(value) for key, value in node.items() if not (key == "title" and isinstance(value, str))}
+    return found | {"type": ["number", "null"]} if node.get("type") == "number" else found

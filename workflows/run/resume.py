@@ -18,7 +18,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoint
 from stickslip.workflows.formats.aside import disk_errors
-from stickslip.workflows.formats.own_files import is_certified, own_files, remove_unfinished
+from stickslip.workflows.formats.marker import is_certified, remove_unfinished
 from stickslip.workflows.formats.regular import parse_json, read_json, read_regular
 from stickslip.workflows.formats.steps import light_files, light_name, read_checkpoint, step_files, step_name
 from stickslip.workflows.run.doubts import Seen
@@ -178,12 +178,11 @@ def remove_surplus(work: Path, count: int) -> None:
         MachineError: no permission.
     """
     with disk_errors(work):
-        own = own_files(work)
         for index, path in step_files(work).items():
-            if index > count and path in own:
+            if index > count:
                 path.unlink()
         for index, path in light_files(work).items():
-            if (index > count or (work / step_name(index)).exists()) and path in own:
+            if index > count or (work / step_name(index)).exists():
                 path.unlink()
         remove_unfinished(work)
 
@@ -196,8 +195,7 @@ def remove_light(work: Path, index: int) -> None:
     """
     path = work / light_name(index)
     with disk_errors(work):
-        if path.exists() and path in own_files(work):
-            path.unlink()
+        path.unlink(missing_ok=True)
 
 
 def _refuse_versions(begun: Mapping[str, Any], target: Path) -> None:

@@ -15,24 +15,22 @@ from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.solvers.parallel.counters import Counters, Row
 from stickslip.solvers.parallel.serialise import serialise
-from stickslip.solvers.results.error_parts import Errors
 from stickslip.solvers.results.linear_reference import LinearReference, linear_reference
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.bodies import Bodies
 from stickslip.solvers.simulation.checkpoint import Checkpoints
-from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.simulation.simulation import Bodies, Simulation, prepare
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip.workflows.formats.marker import LOG, is_marked
 from stickslip.workflows.formats.mesh_file import mesh_checksum
-from stickslip.workflows.formats.own_files import is_marked
 from stickslip.workflows.formats.profile import profile_lines
 from stickslip.workflows.formats.steps import step_files, write_light, write_step
 from stickslip.workflows.run.audit import Audited, audit_steps
 from stickslip.workflows.run.collective import raise_together
 from stickslip.workflows.run.doubts import Fields, Seen, doubts
-from stickslip.workflows.run.folder import BEGUN, FORMER, LOG, ResultsFolder, work_of
+from stickslip.workflows.run.folder import BEGUN, FORMER, ResultsFolder, work_of
 from stickslip.workflows.run.interrupt import Interrupt
 from stickslip.workflows.run.learnt import LearntFiles, remove_learnt
 from stickslip.workflows.run.mesh_report import report_mesh
@@ -324,7 +322,7 @@ def _solve(
         work = work_of(place)
         with counters.clock.phase("output"):
             outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm, simulation=simulation))
-        raise_together(comm, lambda: _open(results[0], begun, earlier))
+        raise_together(comm, lambda: _open(results[0], begun, earlier, outputs.names))
         with counters.clock.phase("output"):
             outputs.begin() if earlier.folder is None else outputs.resume(earlier.steps)
         with ExitStack() as stack:
@@ -367,14 +365,17 @@ def begun_with(simulation: Simulation) -> dict[str, Any]:
     return {"scene": scene, "mesh": mesh, "units": simulation.scene.units} | VERSIONS
 
 
-def _open(results: ResultsFolder, begun: dict[str, Any], earlier: EarlierRun) -> None:
+def _open(results: ResultsFolder, begun: dict[str, Any], earlier: EarlierRun, names: Sequence[str]) -> None:
     """The working folder: a new one that says what scene it is for, or the one to go on in."""
     if earlier.folder is None:
-        write_json(results.start() / BEGUN, begun)
+        work = results.start()
+        results.declare(names)
+        write_json(work / BEGUN, begun)
     elif earlier.mesh != begun["mesh"]:
         raise MachineError(
             f"{results.target}: gmsh meshes this scene differently now; leave out --resume, and choose another folder"
         )
     else:
         folder = results.take_up(earlier.folder)
+        results.declare(names)
         remove_surplus(folder, len(earlier.steps))

@@ -27,7 +27,7 @@ from stickslip.geometry.user_files.child_process import run_child
 from stickslip.solvers.results.step_result import data_frame
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import disk_errors, write_aside
-from stickslip.workflows.formats.own_files import is_certified
+from stickslip.workflows.formats.marker import is_certified
 from stickslip.workflows.formats.regular import read_json, read_regular
 from stickslip.workflows.run.collective import raise_together
 from stickslip.workflows.run.folder import BEGUN, RESULT, place_of
@@ -290,4 +290,4 @@ def _write(done: Sweep) -> None:
     table.writeheader()
     table.writerows(rows)
     with disk_errors(done.path):
-        write_aside(done.path, text.getvalue().encode(), own=False)
+        write_aside(done.path, text.getvalue().encode())

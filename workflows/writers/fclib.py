@@ -15,7 +15,7 @@ from typing import Annotated
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, Array, Ints
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.contact.admissible_set import ContactBlock
@@ -26,11 +26,9 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import disk_errors, make_folder
 from stickslip.workflows.formats.fclib import LocalProblem, write_local
-from stickslip.workflows.formats.own_files import own_files
 from stickslip.workflows.writers.writer import Job, Keys, Turn, Writer, keys_of
 
 FOLDER, KEY = "fclib", "output.fclib"
-SAME = 1e-12  # relative difference of weights that counts as rounding
 NO_ROW = -1  # for a direction that carries no friction: W, q and the force are zero there
 
 
@@ -113,16 +111,18 @@ class FclibFiles(Writer):
         make_folder(self.job.folder / FOLDER)
         write_local(self._path(index), problem, info, {"u": u, "r": r})
 
+    def names(self) -> Sequence[str]:
+        return [f"{FOLDER}/"]
+
     def resume(self, steps: Sequence[StepResult]) -> None:
         for index, result in enumerate(steps, start=1):
             if not self._path(index).exists():
                 self.step(index, result)
         folder = self.job.folder / FOLDER
         wanted = {self._path(index) for index in range(1, len(steps) + 1)}
-        own = own_files(self.job.folder)
         with disk_errors(folder):
-            for path in folder.glob("*.hdf5"):
-                if path not in wanted and path in own:
+            for path in folder.glob(f"{'[0-9]' * 6}.hdf5"):
+                if path not in wanted:
                     path.unlink()
 
     def _path(self, index: int) -> Path:
@@ -144,8 +144,9 @@ def _points(place: ContactBlock) -> tuple[Ints, Array]:
     pressed = contact.average.tocsr()
     pressed.eliminate_zeros()
     alone = (np.diff(pressed.indptr) == 1).all() and len(np.unique(pressed.indices)) == len(pressed.indices)
-    same = alone and np.allclose(pressed.data, 1.0, atol=SAME, rtol=0)
-    same = same and np.allclose(contact.W_n[pressed.indices], contact.W_t, atol=0, rtol=SAME)
+    # relative difference of weights that counts as rounding
+    same = alone and np.allclose(pressed.data, 1.0, atol=EXACT, rtol=0)
+    same = same and np.allclose(contact.W_n[pressed.indices], contact.W_t, atol=0, rtol=EXACT)
     _require(bool(same), f"contacts.{contact.name} has friction and pressure at different points")
     free = contact.free
     _require(bool((free.all(axis=1) | ~free.any(axis=1)).all()), f"supports stop some slip at contacts.{contact.name}")

@@ -25,6 +25,10 @@ class Pictures(Writer):
     def wanted(cls, scene: Scene) -> bool:
         return scene.output.pictures
 
+    def names(self) -> Sequence[str]:
+        contacts = (f"contact_{name}.png" for name in self.job.scene.contacts)
+        return ["deformed.png", "stress_error.png", "history.png", "force_displacement.png", *contacts]
+
     def resume(self, steps: Sequence[StepResult]) -> None:
         """Nothing: they are drawn from the whole history."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.quantities import STRESSES
+from stickslip.solvers.scene.record import STRESSES
 from stickslip.workflows.formats.csv_tables import Row, Table, python_numbers
 from stickslip.workflows.writers.tables import TableWriter
 

@@ -7,17 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from stickslip.geometry.amplitude import value_at
-from stickslip.solvers.results.error_parts import Errors
-from stickslip.solvers.results.quantities import total_errors, turns, values
-from stickslip.solvers.results.step_result import ContactState, StepResult
-from stickslip.solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES
+from stickslip.solvers.results.step_result import ContactState, Errors, StepResult, total_errors, values
+from stickslip.solvers.scene.record import CONTACT_NUMBERS, ContactNumbers, flat_names, numbers_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.csv_tables import Table, write_tables_again
 from stickslip.workflows.formats.steps_csv import NAME, column, is_prescribed
 from stickslip.workflows.writers.tables import TableWriter
 from stickslip.workflows.writers.writer import Ended
-
-EFFORT = ("substeps", "iterations", "volume_solves", "residual")
 
 
 class StepsTable(TableWriter):
@@ -63,12 +59,9 @@ def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
     for name, contact in step.contacts.items():
         found |= {f"{name}.{key}": numbers.pop(f"{name}.{key}") for key in CONTACT_NUMBERS}
         found |= _vectors(name, contact, scene.axisymmetric)
-    found |= step.columns
-    energies = {key: numbers.pop(key) for key in (f"energy.{key}" for key in ENERGIES)}
-    effort = {key: getattr(step, key) for key in EFFORT}
-    return {
-        name: float(n) if isinstance(n, float) else int(n) for name, n in (found | numbers | energies | effort).items()
-    }
+    effort = {key: getattr(step, key) for key in numbers_of(StepResult) if key != "time"}
+    every = found | dict(step.columns) | numbers | effort
+    return {name: float(n) if isinstance(n, float) else int(n) for name, n in every.items()}
 
 
 def _vectors(name: str, contact: ContactState, axisymmetric: bool) -> dict[str, float]:
@@ -79,10 +72,10 @@ def _vectors(name: str, contact: ContactState, axisymmetric: bool) -> dict[str, 
     slip = pressing @ contact.slip / (pressing.sum() if touches else np.nan)
     if axisymmetric:  # over the full circle the radial parts balance
         tangential = tangential * [0, 1]
-    vectors = {"force": contact.force, "tangential_force": tangential, "slip": slip}
-    found = {
-        f"{name}.{key}.{axis}": float(x)
+    vectors = {"force": contact.force, "tangential_force": tangential, "slip": slip, "moment": contact.moment}
+    shapes = {key: numbers_of(ContactNumbers)["moment" if key == "moment" else "force"] for key in vectors}
+    return {
+        column: float(x)
         for key, vector in vectors.items()
-        for axis, x in zip("xyz", vector, strict=False)
+        for column, x in zip(flat_names("contacts", name, key, shapes[key], len(vector)), vector, strict=True)
     }
-    return found | turns(f"{name}.moment", contact.moment)

@@ -22,7 +22,6 @@ from stickslip.geometry.keys import Key
 from stickslip.solvers.results.step_result import StepResult, von_mises
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import disk_errors, make_folder, write_aside
-from stickslip.workflows.formats.own_files import own_files
 from stickslip.workflows.formats.shapes import shape_of
 from stickslip.workflows.formats.steps import StoredStep, read_step, shown_as, step_name, three
 from stickslip.workflows.writers import paraview_view
@@ -98,6 +97,9 @@ class VtuFiles(SeriesWriter):
     def wanted(cls, scene: Scene) -> bool:
         return keys_of(VtuKeys, scene.output).vtu
 
+    def names(self) -> Sequence[str]:
+        return [*self.files, f"{FOLDER}/"]
+
     def resume(self, steps: Sequence[StepResult]) -> None:
         """Write what is missing, also where this output was not asked for before; then remove what is surplus."""
         super().resume(steps)
@@ -107,11 +109,10 @@ class VtuFiles(SeriesWriter):
                 self.write_step(index)
         self.write_index(self.shown)
         numbers = {f"{index:06d}" for index, _ in self.shown}
-        own = own_files(self.job.folder)
         with disk_errors(folder):
             for path in folder.glob("*.vt[mu]"):
                 found = OF_STEP.match(path.name)
-                if found and found[1] not in numbers and path in own:
+                if found and found[1] not in numbers:
                     path.unlink()
 
     def write_step(self, index: int) -> None:
@@ -133,7 +134,7 @@ class VtuFiles(SeriesWriter):
         path, view = self.job.folder / INDEX, self.job.folder / VIEW.name
         if not steps:
             with disk_errors(path):
-                for file in {path, view} & set(own_files(self.job.folder)):
+                for file in (path, view):
                     file.unlink(missing_ok=True)
             return
         if not view.exists():

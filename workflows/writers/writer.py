@@ -13,8 +13,7 @@ from typing import Any, ClassVar, TypeVar
 from stickslip.geometry.errors import nearest, require
 from stickslip.geometry.keys import Noun
 from stickslip.geometry.protocols import Comm
-from stickslip.solvers.results.error_parts import Errors
-from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.solvers.results.step_result import Errors, MeshData, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.simulation import Simulation
@@ -36,9 +35,7 @@ class Turn(IntEnum):
 class Job:
     """What a writer knows of its run."""
 
-    # A writer writes below it only; `write_aside` and `make_folder` keep it readable at all times. The run moves and
-    # removes what these have made, and what `Writer.files` names in full: all else there is taken for a user's file.
-    folder: Path
+    folder: Path  # a writer writes below it only, what `Writer.names` names; `write_aside` keeps it readable always
     scene: Scene
     mesh: MeshData  # on rank 0, empty elsewhere
     comm: Comm  # for writers that every rank calls
@@ -83,7 +80,7 @@ class Writer(ABC):
     collective: ClassVar[bool] = False  # called on every rank; if not, on rank 0 only
     keys: ClassVar[type[Keys]] = Keys
     reader: ClassVar[str] = ""  # what opens the files, for the last lines on the terminal: "ParaView", "scripts"
-    files: ClassVar[tuple[str, ...]] = ()  # their names there, with * as in the shell; see `Job.folder`
+    files: ClassVar[tuple[str, ...]] = ()  # their names there, with * as in the shell
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -97,6 +94,14 @@ class Writer(ABC):
     def wanted(cls, scene: Scene) -> bool:
         """Whether this scene asks for it; every scene does unless a subclass says otherwise."""
         return True
+
+    def names(self) -> Sequence[str]:
+        """Return the names of all files that it may write; every other file there is taken for the user's.
+
+        A name that ends with a slash is a folder; what is written in it has a name that begins with the step's number,
+        as 000012_body.vtu. By default it is `files`, which are named in full then.
+        """
+        return self.files
 
     def begin(self) -> None:
         """A run begins: the folder holds no results."""

@@ -74,6 +74,9 @@ class FieldFiles(SeriesWriter):
         self._checksum: str | None = None  # of the mesh in fields.h5, once it is known
         self._with_error = True  # whether all steps have theirs: a run may go on with estimates switched on or off
 
+    def names(self) -> Sequence[str]:
+        return [MESH_FILE, "fields.xdmf", *(f"contact_{name}.xdmf" for name in self.job.scene.contacts)]
+
     def resume(self, steps: Sequence[StepResult]) -> None:
         self._with_error = not any(np.isnan(step.mesh_error) for step in steps)
         super().resume(steps)

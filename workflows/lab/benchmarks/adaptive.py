@@ -28,7 +28,7 @@ import typer
 from stickslip.geometry.builders.builder import Builder
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.results.quantities import values
+from stickslip.solvers.results.step_result import values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy, Output, Steps
 from stickslip.solvers.simulation.simulation import prepare

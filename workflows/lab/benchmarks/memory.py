@@ -119,7 +119,7 @@ def foretold(run: Run) -> float:
     steps, dim = len(scene.requested_times()), scene.dim
     size = Size(dim, run["unknowns"], run["entries"], run["contact_dofs"], steps)
     choice = Choice((Stage(run["method"], run["form"]),), "")
-    return memory_of(scene, Counts(*kind, run["cells"]), size, choice).peak
+    return memory_of(scene.output, Counts(*kind, run["cells"]), size, choice).peak
 
 
 def main() -> None:

@@ -19,8 +19,7 @@ import typer
 
 from stickslip.geometry.builders.builder import Builder
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results.error_parts import Quantity
-from stickslip.solvers.results.quantities import total_errors, values
+from stickslip.solvers.results.step_result import Quantity, total_errors, values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.cost.picture import BAND, log_log

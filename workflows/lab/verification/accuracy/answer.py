@@ -9,10 +9,8 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.accuracy.areas import areas_of_order_2
-from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
-from stickslip.solvers.results.numbers import quantities
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.quantities import KIND, STRESSES
+from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, number_of, quantities
+from stickslip.solvers.scene.record import STRESSES, Value
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 
@@ -45,7 +43,7 @@ class Answer:
         def some(columns: Column) -> Column:
             return {name: column[k] for name, column in columns.items()}
 
-        own = {name: values for name, values in self.values.items() if quantity(name) == "dissipation"}
+        own = {name: values for name, values in self.values.items() if quantity(name).quantity == "dissipation"}
         sums = {name: np.diff(np.cumsum(values)[k], prepend=0.0) for name, values in own.items()}
         stored = self.scales["energy.stored"][k]
         return replace(
@@ -80,18 +78,19 @@ def solve(scene: Scene, errors: bool = True, sharp: bool = False) -> Answer:
     )
 
 
-def quantity(name: str) -> str:
+def quantity(name: str) -> Quantity:
     """
-    >>> quantity("contacts.base.force.x"), quantity("energy.stored")
-    ('force', 'stored')
+    >>> quantity("contacts.base.force.x")[:2], str(quantity("energy.stored"))
+    (('contacts', 'base'), 'energy.stored')
     """
-    words = name.split(".")
-    return words[1] if words[0] == "energy" else words[2]
+    table, *words = name.split(".")
+    return Quantity(table, "", words[0]) if table == "energy" else Quantity(table, *words[:2])
 
 
 def kind(name: str) -> str:
-    """Kind of a number, see `solvers/scene/quantities.py`."""
-    return KIND[quantity(name)]
+    """Kind of a number; dissipation is one of its own."""
+    key = quantity(name)
+    return "dissipation" if key.quantity.startswith("dissipat") else number_of(key).kind
 
 
 def _numbers(values: Mapping[Quantity, Value]) -> Iterator[tuple[str, float]]:

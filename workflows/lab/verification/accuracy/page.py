@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from stickslip import VERSION
-from stickslip.solvers.scene.quantities import KINDS
 from stickslip.workflows.lab.verification.accuracy.answer import ITERATION, MESH, PARTS, TIME, TOTAL, kind
 from stickslip.workflows.lab.verification.accuracy.judge import (
     BELOW,
@@ -33,9 +32,10 @@ from stickslip.workflows.scene_file.read import READY, read, to_dict
 
 ASKED = (MESH, TIME, TOTAL)  # parts, of order 1, whose shares are asked for
 WORST = 25  # cases that the page lists
-COLOURS = dict(
-    zip(KINDS, ("#1f77b4", "#17becf", "#2ca02c", "#d62728", "#9467bd", "#ff7f0e", "#7f7f7f", "#e377c2"), strict=True)
-)
+COLOURS = {
+    "force": "#1f77b4", "moment": "#17becf", "area": "#2ca02c", "pressure": "#d62728", "length": "#9467bd",
+    "dissipation": "#ff7f0e", "energy": "#7f7f7f", "rotation": "#e377c2",
+}  # fmt: skip
 
 
 def asked(studies: Sequence[Study]) -> list[Case]:

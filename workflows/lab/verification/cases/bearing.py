@@ -21,6 +21,7 @@ from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.solver import solver
 from stickslip.workflows.lab.verification.step_file import MM, NEAR, on_plane, read_step, step_file
 
+SLOW = ("condensed-newton",)  # methods that take more than some seconds
 BALL, RACE = 5e-3, 20e-3  # radii of the ball, and of the race at the bottom of its groove [m]
 SECTION = 6e-3  # radius of the groove's section [m]
 BLOCK = 10e-3  # edges of the segment of the ring that is drawn [m]

@@ -20,6 +20,7 @@ from stickslip.workflows.lab.verification.cycles import accounted
 from stickslip.workflows.lab.verification.prepared import observed
 from stickslip.workflows.lab.verification.turned import rotation, turned_system
 
+SLOW = ("condensed-newton", "uzawa", "surface-uzawa")  # methods that take more than some seconds
 E = 1000.0  # [Pa]
 TURNS = 3
 COUNTS = (16, 32, 64, 128)  # steps per turn

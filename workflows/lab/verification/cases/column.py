@@ -22,6 +22,7 @@ from stickslip.workflows.lab.verification.closed_forms.column import ColumnCase,
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.solver import solver
 
+SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 E, NU = 1000.0, 0.3
 M = column.constrained_modulus(E, NU)
 TOLERANCE = 1e-9  # the solver's 1e-12 times the condition of the column, about 10, and two digits to spare

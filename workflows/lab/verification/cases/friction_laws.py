@@ -19,6 +19,7 @@ from stickslip.workflows.lab.verification.cases.sheared_column import K_T, PRESS
 from stickslip.workflows.lab.verification.check import Check, close, farthest
 from stickslip.workflows.lab.verification.closed_forms import sheared_column, weakening
 
+SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 G = sheared_column.COLUMN.G  # the column is 1 m high: the stiffness of its base against slip [Pa/m]
 TOP = np.array([0.001, 0.0035, 0.01, 0.005, -0.01, 0.01])  # [m]: stick, little slip, much, unloading, back, forth
 BOUNDED: tuple[tuple[FrictionLaw, float], ...] = (  # laws whose bound is a number [Pa] at the column's pressure

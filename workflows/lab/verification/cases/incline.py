@@ -13,7 +13,6 @@ from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.effects.gravity import Gravity
 from stickslip.solvers.effects.periodic import Periodic
 from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.results.step_result import STICK, StepResult
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.material import Material
@@ -77,4 +76,4 @@ def slides(method: str, mu: float = SLIDES) -> list[Check]:
 
 def checks(method: str) -> list[Check]:
     """Both sides of the threshold, with a method that can solve bodies held by contact alone."""
-    return holds(method) + slides(method) if METHODS[method].WORKS_WITH.floating else []
+    return holds(method) + slides(method)

@@ -25,6 +25,7 @@ from stickslip.workflows.lab.verification.check import Check, farthest, within
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.solver import solver
 
+SLOW = ("condensed-newton", "uzawa")  # methods that take more than some seconds
 E, NU, P, PUSH = 2e6, 0.3, 1e5, 0.1  # [Pa], -, [Pa], [m]
 TOLERANCE = 1e-8  # order 2 too: a constant pressure is in every space, and its forces are integrated exactly
 BALANCE = 1e-12  # of the larger sum of forces

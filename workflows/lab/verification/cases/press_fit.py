@@ -23,6 +23,7 @@ from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.solver import solver
 from stickslip.workflows.lab.verification.step_file import MM, on_cylinder, on_plane, read_step, step_file
 
+SLOW = ("condensed-newton", "uzawa", "surface-uzawa")  # methods that take more than some seconds
 SHAFT = Shaft(radius=0.02, E=210e9, nu=0.3)
 HUB = Hub(bore=0.02, outer=0.04, E=70e9, nu=0.33)
 THICK = 0.005  # [m]

@@ -24,6 +24,7 @@ from stickslip.workflows.lab.verification.cycles import accounted
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.solver import solver
 
+SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 N = 32
 RAMPS = (1, 2, 5, 20)  # steps
 CELL = raous.SIDE / N  # [m]

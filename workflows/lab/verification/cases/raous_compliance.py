@@ -12,6 +12,7 @@ from stickslip.workflows.lab.verification.check import Check
 from stickslip.workflows.lab.verification.closed_forms import raous
 from stickslip.workflows.lab.verification.prepared import prepare
 
+SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 N = 64  # cells a side: with half of them, where the face opens moves the shift at k = 1000 by half of it
 RIGID = 1e8  # k whose own shift is 4e-9
 UZAWA_UP_TO = 100  # its iterations grow as k: 743 and 5719 at k = 10 and 100

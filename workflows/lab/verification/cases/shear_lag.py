@@ -15,7 +15,7 @@ from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.friction import Coulomb, Tresca
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.unilateral import Unilateral
-from stickslip.solvers.method_registry import METHODS, Solver
+from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.results.step_result import SLIP, ContactState, StepResult
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Load, Support
@@ -174,8 +174,6 @@ def coulomb(method: str, normal: NormalLaw = Unilateral()) -> list[Check]:  # no
 
 def checks(method: str) -> list[Check]:
     """All of them; nothing but the bed holds the strip up, which a method must be able to solve."""
-    if not METHODS[method].WORKS_WITH.floating:
-        return []
     if method != "condensed-newton":
         return cycled(method, n=COARSE)
     return figures(method) + cycled(method) + cycled(method, COULOMB, Unilateral(), COARSE) + coulomb(method)

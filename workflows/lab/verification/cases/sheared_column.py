@@ -31,6 +31,7 @@ from stickslip.workflows.lab.verification.cycles import CYCLES, accounted, repea
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.solver import solver
 
+SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 E, NU = 2600.0, 0.3  # G = 1000 Pa
 PRESSURE = 10.0  # [Pa]
 M = column.constrained_modulus(E, NU)

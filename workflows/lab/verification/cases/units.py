@@ -41,6 +41,7 @@ from stickslip.workflows.lab.verification.step_file import step_file
 from stickslip.workflows.lab.verification.units import in_millimetres, millimetres
 from stickslip.workflows.scene_file.read import read
 
+SLOW = ("condensed-newton", "uzawa")  # methods that take more than some seconds
 TOLERANCE = 1e-9  # of the largest value of the same unit
 COARSE = {
     "block": ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"],

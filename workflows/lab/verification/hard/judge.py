@@ -20,7 +20,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.results.stored_fields import Record
 from stickslip.solvers.results.verdict import passed
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.applicable import refusals
+from stickslip.solvers.simulation.plan import refusals
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import NoEquilibriumError

@@ -1,0 +1,181 @@
+"""`.stickslip` marks the folder of a run, and says once which files in it the run makes; all others are the user's.
+
+Its first line is the program's signature, its second one JSON: names of files below the folder, written before the
+first of them is made. A name that ends with a slash is a folder, whose files are the run's where their own names begin
+with six digits, as steps/000012.h5. Beside them stand the checksum of result.json, and in former results the name of
+the folder that they were in before.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from stickslip.geometry.errors import FolderError
+from stickslip.workflows.formats.aside import sync_folder
+from stickslip.workflows.formats.regular import parse_json, read_regular
+
+MARKER, PART = ".stickslip", "..stickslip.part"  # and the marker before it is whole
+SIGNATURE = "stickslip: results of a run;"
+HEAD = f"{SIGNATURE} the files that are named here are the run's, all others the user's\n"
+LOG = "run.log"  # of every run; its lock tells other processes that one is at work
+NUMBERED = re.compile(r"\d{6}[._].*")  # names of files that a run makes for each step
+UNFINISHED = re.compile(r"\.(.+)\.part")  # name of a file before it is whole
+
+
+@dataclass(frozen=True, kw_only=True)
+class Marker:
+    """What the marker of a folder says."""
+
+    names: tuple[str, ...] = ()  # of the run's files and, with a slash at the end, of its folders
+    sha256: dict[str, str] = field(default_factory=dict)  # by file
+    former: str = ""  # name of the folder whose former results these are; empty: of none, or nobody has noted it
+
+    def owns(self, name: str) -> bool:
+        """Return whether a file of this name below the folder is one of the run's.
+
+        >>> [Marker(names=("steps/",)).owns(name) for name in ("steps/000001.h5", "steps/.000001.h5.part", "a.csv")]
+        [True, True, False]
+        """
+        folder, slash, last = name.rpartition("/")
+        if part := UNFINISHED.fullmatch(last):
+            return self.owns(f"{folder}{slash}{part[1]}")
+        return name in (MARKER, LOG, *self.names) or bool(f"{folder}/" in self.names and NUMBERED.match(last))
+
+    def makes_folder(self, name: str) -> bool:
+        """Return whether a folder of this name is made for files of the run."""
+        return any(each.startswith(f"{name}/") for each in self.names)
+
+
+def is_marked(folder: Path) -> bool:
+    """Return whether the folder is that of a run."""
+    return _text(folder).startswith(SIGNATURE)
+
+
+def marker_of(folder: Path) -> Marker:
+    """Return what the marker says; one that is damaged names nothing."""
+    try:
+        said = parse_json(_text(folder).partition("\n")[2].encode())
+        names, sha256, former = tuple(said["names"]), dict(said["sha256"]), said["former"]
+    except (ValueError, TypeError, KeyError):
+        return Marker()
+    below = tuple(name for name in names if isinstance(name, str) and name)
+    return Marker(names=below, sha256=sha256, former=former if isinstance(former, str) else "")
+
+
+def mark(folder: Path, **said: Any) -> None:
+    """Make the folder one of a run, or change what its marker says; the new marker is there whole or not at all."""
+    text = json.dumps(asdict(replace(marker_of(folder), **said)))
+    with (folder / PART).open("wb") as file:
+        file.write(f"{HEAD}{text}\n".encode())
+        file.flush()
+        os.fsync(file.fileno())
+    (folder / PART).replace(folder / MARKER)
+    sync_folder(folder)
+
+
+def declare(folder: Path, names: Iterable[str]) -> None:
+    """Say which files a run will make in its marked folder.
+
+    Raises:
+        FolderError: a file of the user has such a name.
+    """
+    marker = marker_of(folder)
+    new = [name for name in dict.fromkeys(names) if name not in marker.names]
+    for name in new:
+        if not name.endswith("/") and os.path.lexists(folder / name):
+            raise FolderError(f"{folder / name}: is no file of this run, and in its way; move it away")
+    if new:
+        mark(folder, names=(*marker.names, *new))
+
+
+def certify(path: Path) -> None:
+    """Note the checksum of a file of a marked folder, from which `is_certified` tells later edits."""
+    if path.is_file():
+        mark(path.parent, sha256={path.name: hashlib.sha256(path.read_bytes()).hexdigest()})
+
+
+def is_certified(path: Path) -> bool:
+    """Return whether a file is what it was when it was certified."""
+    try:
+        return marker_of(path.parent).sha256.get(path.name) == hashlib.sha256(read_regular(path)).hexdigest()
+    except OSError:
+        return False
+
+
+def entries(folder: Path) -> Iterator[tuple[Path, bool]]:
+    """Yield all that lies below a folder, what is deepest first, each with whether the run makes something there."""
+    marker = marker_of(folder)
+    for place, folders, files in os.walk(folder, topdown=False):
+        for name in (*files, *folders):
+            path = Path(place) / name
+            below = path.relative_to(folder).as_posix()
+            yield path, marker.owns(below) or marker.makes_folder(below)
+
+
+def own_files(folder: Path) -> list[Path]:
+    """Return the files that a run has made, but for its marker."""
+    return [path for path, own in entries(folder) if own and is_file(path) and path.name not in (MARKER, PART)]
+
+
+def strange(folder: Path) -> Path | None:
+    """Return what stands where the run makes a file or a folder, and is a link or of another kind; None: nothing is."""
+    marker = marker_of(folder)
+    for path, own in entries(folder):
+        fits = is_folder if marker.makes_folder(path.relative_to(folder).as_posix()) else is_file
+        if own and not fits(path):
+            return path
+    return None
+
+
+def foreign(folder: Path) -> Iterator[Path]:
+    """Yield files, links and folders below it that are not the run's own."""
+    return (path for path, own in entries(folder) if not own or path.is_symlink())
+
+
+def remove_own(folder: Path, but: str = "") -> None:
+    """Remove the run's own files and the folders that they leave empty; the folder itself if nothing else is left.
+
+    Args:
+        but: a file that stays, and with it the folder and its mark.
+    """
+    for path, own in entries(folder):
+        if own and path not in (folder / MARKER, folder / but):
+            if is_folder(path) and not any(path.iterdir()):
+                path.rmdir()
+            elif is_file(path):
+                path.unlink()
+    if not but and [path.name for path in folder.iterdir()] in ([], [MARKER]):
+        (folder / MARKER).unlink(missing_ok=True)  # last: until here it is a run's
+        folder.rmdir()
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what a crash has left of files that the run was writing."""
+    for path, own in entries(folder):
+        if own and UNFINISHED.fullmatch(path.name) and is_file(path):
+            path.unlink()
+
+
+def is_file(path: Path) -> bool:
+    """Return whether it is a regular file, and no link to one."""
+    return path.is_file() and not path.is_symlink()
+
+
+def is_folder(path: Path) -> bool:
+    """Return whether it is a folder, and no link to one."""
+    return path.is_dir() and not path.is_symlink()
+
+
+def _text(folder: Path) -> str:
+    """Return the text of a marker; empty where there is none."""
+    try:
+        return read_regular(folder / MARKER).decode(errors="replace")
+    except OSError:
+        return ""
