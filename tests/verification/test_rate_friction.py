@@ -11,8 +11,7 @@ import stickslip
 from shared.audited import record_of
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.audit import Auditor
-from stickslip.solvers.results.error_parts import Quantity
-from stickslip.solvers.results.step_result import SLIP, STICK
+from stickslip.solvers.results.step_result import SLIP, STICK, Quantity
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
@@ -123,7 +122,7 @@ def test_bent_by_the_drag_a_part_sticks_and_the_audit_agrees(dim: int, tables: d
         both = both or bool(np.any(status == SLIP) and np.any(status == STICK))
     assert both or dim == 3 or tables
     slower = replace(records[-1], memory={"base": 0.5 * records[-1].memory["base"]})
-    assert audit(slower).cone > 1e-2
+    assert audit(slower).cone > 1e-3
     if "sliding" not in str(tables):  # of these slip is not followed
         faster = replace(records[-1], memory={"base": 1.5 * records[-1].memory["base"]})
         assert audit(faster, records[-2]).fields > 1e-3
