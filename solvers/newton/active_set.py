@@ -96,14 +96,18 @@ class _Rows:
         c, slope = trial.shape[1], s.by_pressure
         length = np.linalg.norm(trial, axis=1)
         e = trial / length[:, None]
-        self.rhs[at] = (s.bound - slope @ p_n - s.by_trial * length)[:, None] * e
+        self.rhs[at] = (s.bound - slope @ p_n)[:, None] * e
         point = np.repeat(np.arange(len(at)), np.diff(slope.indptr))
         columns = np.broadcast_to(normal.start + slope.indices[:, None], (len(point), c))
         self.on_p.append(((-e[point] * slope.data[:, None]).ravel(), at[point].ravel(), columns.ravel()))
-        if c == 1 and not s.by_trial.any():
+        drags = s.by_trial.any()
+        if c == 1 and not drags:
             return
         along = e[:, :, None] * e[:, None, :]
-        J = (s.bound / length)[:, None, None] * (np.eye(c) - along) + s.by_trial[:, None, None] * along
+        J = (s.bound / length)[:, None, None] * (np.eye(c) - along)
+        if drags:
+            J += s.by_trial[:, None, None] * along
+            self.rhs[at] -= (s.by_trial * length)[:, None] * e
         J *= free[:, :, None] & free[:, None, :]
         self.rhs[at] -= np.einsum("mab,mb->ma", J, self.gamma[at] * self.gap[at])  # J t_hat = ds/d|t_hat| t_hat
         i, j = (np.broadcast_to(x, J.shape).ravel() for x in (at[:, :, None], at[:, None, :]))
