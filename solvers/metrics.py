@@ -182,13 +182,7 @@ def surface_metric(system: System) -> SurfaceMetric:
     cut = CELLS * system.mesh.degree * mass ** (1 / (d - 1))
     layer = ContactLayer(system, CELLS)
     return SurfaceMetric(
-        L=L,
-        mass=mass,
-        depth=depth / mass,
-        compliance=compliance / mass,
-        layer=layer,
-        cut=cut,
-        comm=system.mesh.comm,
+        L=L, mass=mass, depth=depth / mass, compliance=compliance / mass, layer=layer, cut=cut, comm=system.mesh.comm
     )
 
 

@@ -224,13 +224,7 @@ class Sweeps(SameEveryStep):
                 forces[i] = W[i] * p[i]
 
         return sweep_until_solved(
-            problem,
-            p.copy,
-            sweep,
-            rtol=self.method.rtol,
-            max_it=self.method.max_it,
-            window=PATIENT,
-            on_step=on_step,
+            problem, p.copy, sweep, rtol=self.method.rtol, max_it=self.method.max_it, window=PATIENT, on_step=on_step
         )
 
 

@@ -17,17 +17,7 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import (
-    USUAL,
-    Correction,
-    Driver,
-    Iterate,
-    OnStep,
-    Solution,
-    Stall,
-    Status,
-    ignore,
-)
+from stickslip.solvers.iteration import USUAL, Correction, Driver, Iterate, OnStep, Solution, Stall, Status, ignore
 from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Setup, Solve, Turn
 from stickslip.solvers.parallel.serialise import Own, Plain
 from stickslip.solvers.tangent.coordinates import ContactCoordinates

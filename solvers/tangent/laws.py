@@ -131,11 +131,7 @@ class ContactPoints:
     """The laws of one step on this rank's rows. Arrays (m d,) are over its coordinates at slave nodes."""
 
     def __init__(
-        self,
-        operator: TangentOperator,
-        coordinates: ContactCoordinates,
-        problem: SurfaceProblem,
-        faces: CompliantFaces,
+        self, operator: TangentOperator, coordinates: ContactCoordinates, problem: SurfaceProblem, faces: CompliantFaces
     ) -> None:
         """Take the rows that this rank needs; collective."""
         self.comm, self.faces, self.operator = operator.comm, faces, operator
