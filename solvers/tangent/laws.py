@@ -101,7 +101,6 @@ class CompliantFaces:
 
 
 DAMPED = 1.8  # factor on the diagonal of K in a sweep: all nodes move at the same time
-STEEP = 1e6  # times the diagonal: largest stiffness across the slip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,7 +235,7 @@ class ContactPoints:
             across = np.divide(bound[rows[at, 0]], length[at], out=np.zeros(len(at)), where=moves)
             changing = np.ones(len(p[n])) if block.rows.normal.at_quadrature else (~free[n]).astype(float)
             slope = self.cone.bound_slope(block, p[n])[at].multiply(changing[None, :]).tocsr()
-            across = np.minimum(across, STEEP * self.k[rows[at, 0]])
+            across = np.minimum(across, 1e6 * self.k[rows[at, 0]])  # largest stiffness across the slip
             slips.append(Slip(place=block, rows=rows[at], e=e, across=across, slope=slope))
         return Tangent(free=free, spring=spring, slips=tuple(slips), bound=bound, p=p, pressed=pressed)
 
