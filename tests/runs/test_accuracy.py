@@ -10,8 +10,8 @@ from jsonschema import Draft202012Validator
 from shared.cases import slow
 from shared.command import Call, result
 from stickslip.geometry.mesh.mesh import write_msh
+from stickslip.workflows.formats.results import read_results
 from stickslip.workflows.pictures.report_page import page
-from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.run.result import result_schema
 from stickslip.workflows.scene_file.read import READY, read
 

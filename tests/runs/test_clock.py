@@ -12,9 +12,8 @@ import pytest
 from shared.histories import SMALL, Stop
 from stickslip.solvers.parallel.counters import PHASES
 from stickslip.workflows.commands import start
-from stickslip.workflows.formats.profile import profile_lines
+from stickslip.workflows.formats.results import profile_lines, read_results
 from stickslip.workflows.pictures.report_page import page
-from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read

@@ -12,7 +12,7 @@ from shared.assemblies import bolted, stacked, write_assembly
 from shared.command import Call, assert_one_line, result
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import build_mesh
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.marker import mark
 from stickslip.workflows.scene_file.read import read
 

@@ -14,8 +14,8 @@ from stickslip.geometry.errors import FolderError, MachineError
 from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.results.stored_fields import Record
+from stickslip.workflows.formats.results import read_results
 from stickslip.workflows.formats.steps import light_files, step_files
-from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.pictures.report_view import model
 from stickslip.workflows.run.folder import BEGUN, work_of
 from stickslip.workflows.run.run import run

@@ -21,9 +21,9 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
+from stickslip.workflows.formats.files import read_regular
 from stickslip.workflows.formats.hdf5 import write_arrays
 from stickslip.workflows.formats.marker import MARKER
-from stickslip.workflows.formats.regular import read_regular
 from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.run.folder import BEGUN, ResultsFolder
 from stickslip.workflows.run.resume import VERSIONS

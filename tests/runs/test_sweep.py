@@ -22,8 +22,7 @@ from stickslip.workflows.scene_file.read import read, to_dict
 from stickslip.workflows.sweep import child
 from stickslip.workflows.sweep import sweep as module
 from stickslip.workflows.sweep.child import Bench
-from stickslip.workflows.sweep.members import members
-from stickslip.workflows.sweep.sweep import Solved, sweep
+from stickslip.workflows.sweep.sweep import Solved, members, sweep
 
 MU = "contacts.base.friction.mu"
 SQUARE = """Point(1)={0,0,0,.5}; Point(2)={1,0,0,.5}; Point(3)={1,1,0,.5}; Point(4)={0,1,0,.5};

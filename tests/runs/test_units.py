@@ -15,8 +15,8 @@ from shared.drawn import draw, scene_data
 from shared.histories import FOUR, SMALL
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.units import SI, Units
-from stickslip.workflows.cost.methods_picture import draw_methods
-from stickslip.workflows.pictures.report_results import read_results
+from stickslip.workflows.cost.pictures import draw_methods
+from stickslip.workflows.formats.results import read_results
 from stickslip.workflows.pictures.sheet import Sheet
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity

@@ -9,7 +9,7 @@ from shared.cases import every_nth
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.step_result import Errors, StepResult
 from stickslip.solvers.simulation.simulation import prepare
-from stickslip.workflows.accuracy.standing import standings
+from stickslip.workflows.accuracy.goals import standings
 from stickslip.workflows.scene_file.read import read
 
 SIZES = ["geometry.mesh_size=0.4", "geometry.contact_mesh_size=0.2"]

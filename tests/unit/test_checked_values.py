@@ -14,8 +14,7 @@ import pytest
 import stickslip as s
 from stickslip.geometry.errors import LONGEST_LINE, SceneError, nearest, require
 from stickslip.solvers.laws.friction import Coulomb
-from stickslip.workflows.scene_file.lines import lines_of_keys
-from stickslip.workflows.scene_file.read import from_dict, read
+from stickslip.workflows.scene_file.read import from_dict, lines_of_keys, read
 
 
 def scene(**keys: Any) -> s.Scene:

@@ -23,7 +23,7 @@ from stickslip.solvers.stepping.state import State
 from stickslip.workflows.formats.marker import mark
 from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
 from stickslip.workflows.formats.steps import read_checkpoint, write_step
-from stickslip.workflows.run.learnt import LearntFiles, is_kept
+from stickslip.workflows.run.resume import LearntFiles, is_kept
 from stickslip.workflows.scene_file.read import read
 
 

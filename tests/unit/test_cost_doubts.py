@@ -4,14 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from stickslip.workflows.cost.limit import limit, rate_of
+from stickslip.workflows.cost.extrapolation import limit, rate_of
 from stickslip.workflows.cost.progress import _of_steps
-from stickslip.workflows.cost.run_record import PHASES, Run
-from stickslip.workflows.cost.rung import Rung
-from stickslip.workflows.cost.sentence import sentence
-from stickslip.workflows.cost.study import Study
-from stickslip.workflows.cost.table import _quantity
-from stickslip.workflows.cost.truth import Truth
+from stickslip.workflows.cost.run_record import PHASES, Run, Rung
+from stickslip.workflows.cost.study import Study, Truth
+from stickslip.workflows.cost.tables import _quantity, sentence
 
 NAME = "base.slip_area"
 H = [0.4, 0.2, 0.1, 0.05, 0.025]

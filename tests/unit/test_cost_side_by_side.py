@@ -6,13 +6,11 @@ from typing import Any
 import pytest
 
 from stickslip.geometry.errors import SceneError
-from stickslip.workflows.cost.climb import Budget, climb
-from stickslip.workflows.cost.ladder import Ladder, ladder_of
-from stickslip.workflows.cost.methods_picture import draw_methods
+from stickslip.workflows.cost.ladder import Budget, Ladder, climb, ladder_of
+from stickslip.workflows.cost.pictures import draw_methods
 from stickslip.workflows.cost.progress import Teller
-from stickslip.workflows.cost.run_record import PHASES, Run
-from stickslip.workflows.cost.rung import Rung
-from stickslip.workflows.cost.side_by_side import comparison, lines, plain
+from stickslip.workflows.cost.run_record import PHASES, Run, Rung
+from stickslip.workflows.cost.tables import comparison, lines, plain
 from stickslip.workflows.scene_file.read import read
 
 TIGHT = 1e-8

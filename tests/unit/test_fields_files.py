@@ -15,7 +15,7 @@ from vtkmodules.vtkCommonDataModel import vtkGenericCell
 
 from shared.synthetic import FACET, MESHES, SIZE, job_of, mesh_of, padded, reference_nodes, result_of
 from stickslip.solvers.results.step_result import MeshData, StepResult
-from stickslip.workflows.formats.shapes import SHAPES
+from stickslip.workflows.formats.mesh_file import SHAPES
 from stickslip.workflows.formats.steps import shown_as, write_step
 from stickslip.workflows.writers.writer import Ended
 from stickslip.workflows.writers.xdmf import FieldFiles

@@ -8,7 +8,7 @@ import pytest
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.cost.foresee import ASKED, Coarse, Known, coarse_versions, foresee, mesh_error, price, rows
-from stickslip.workflows.cost.rung import RATIO
+from stickslip.workflows.cost.run_record import RATIO
 from stickslip.workflows.scene_file.read import read
 
 NAME = "base.normal_force"

@@ -17,8 +17,16 @@ import stickslip
 from shared.images import colours
 from stickslip.geometry.arrays import Array
 from stickslip.workflows.pictures.draw import draw_course
-from stickslip.workflows.pictures.history_picture import draw_history, errors_of, most, panels_of
-from stickslip.workflows.pictures.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
+from stickslip.workflows.pictures.force_displacement import (
+    Panel,
+    _draw,
+    draw_loops,
+    driving,
+    from_rest,
+    largest,
+    sliding,
+)
+from stickslip.workflows.pictures.history import draw_history, errors_of, most, panels_of
 from stickslip.workflows.pictures.sheet import Sheet
 from stickslip.workflows.writers.steps_table import StepsTable
 from stickslip.workflows.writers.writer import Job

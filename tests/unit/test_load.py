@@ -82,7 +82,7 @@ def test_a_mesh_of_an_earlier_version_is_refused(folder: Path, monkeypatch: pyte
     def older(*arguments: object) -> None:
         raise KeyError("mesh/bodies")
 
-    monkeypatch.setattr("stickslip.workflows.run.load.mesh_from", older)
+    monkeypatch.setattr("stickslip.workflows.run.stored_results.mesh_from", older)
     with pytest.raises(s.FolderError, match=r"fields\.h5: of an earlier version, without 'mesh/bodies'; run it again"):
         _ = s.load(folder).mesh
 

@@ -33,12 +33,10 @@ from stickslip.workflows.formats.contact_line import walk
 from stickslip.workflows.pictures.body_picture import displacement_scale
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
 from stickslip.workflows.pictures.draw import _said, draw
-from stickslip.workflows.pictures.focus import focus
-from stickslip.workflows.pictures.render import grid_of, surface_of
+from stickslip.workflows.pictures.render import grid_of, outline_of, surface_of
 from stickslip.workflows.pictures.rigid import Rigid
 from stickslip.workflows.pictures.sheet import Sheet
-from stickslip.workflows.pictures.solid_bodies import outline_of
-from stickslip.workflows.pictures.view import View
+from stickslip.workflows.pictures.view import View, focus
 
 Ints = NDArray[np.int64]
 SHAPES = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]

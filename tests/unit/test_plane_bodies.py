@@ -8,7 +8,7 @@ from scipy.spatial import Delaunay
 
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.results.step_result import MeshData
-from stickslip.workflows.pictures.plane_bodies import PlaneBodies, cells_at_pixels
+from stickslip.workflows.pictures.body_picture import PlaneBodies, cells_at_pixels
 from stickslip.workflows.pictures.sheet import Sheet
 
 ROWS, COLUMNS = 60, 90

@@ -9,8 +9,8 @@ from stickslip.solvers.results.step_result import Quantity
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.closed_forms import hertz
-from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.run.mesh_report import report_mesh
+from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict
 
 SceneOf = Callable[..., Scene]

@@ -25,7 +25,7 @@ from stickslip.solvers.stepping.pairs import PairSearch
 from stickslip.solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
 from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
 from stickslip.solvers.stepping.substep import SubstepSolver
-from stickslip.workflows.run.doubts import doubts
+from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import read
 
 SceneOf = Callable[..., Scene]

@@ -15,9 +15,7 @@ from shared.synthetic import job_of, mesh_of, result_of
 from stickslip.geometry.errors import MachineError
 from stickslip.solvers.results.step_result import MeshData
 from stickslip.workflows.formats.marker import MARKER, mark
-from stickslip.workflows.writers.contact_tables import ContactTables
-from stickslip.workflows.writers.history_table import HistoryTable
-from stickslip.workflows.writers.probe_table import ProbeTable
+from stickslip.workflows.writers.tables import ContactTables, HistoryTable, ProbeTable
 from stickslip.workflows.writers.writer import Ended, Writer
 
 NAMES = ("contact_base.csv", "probes.csv", "history.csv")

@@ -13,8 +13,8 @@ from shared.audited import audit, solved
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.steps_csv import read_steps_table
-from stickslip.workflows.pictures.history_picture import panels_of
-from stickslip.workflows.pictures.loops import from_rest
+from stickslip.workflows.pictures.force_displacement import from_rest
+from stickslip.workflows.pictures.history import panels_of
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict
 from stickslip.workflows.writers.steps_table import steps_row

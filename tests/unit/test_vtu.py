@@ -20,7 +20,7 @@ from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.solvers.results.step_result import MeshData, StepResult
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.formats.marker import MARKER, mark
-from stickslip.workflows.formats.shapes import SHAPES
+from stickslip.workflows.formats.mesh_file import SHAPES
 from stickslip.workflows.formats.steps import shown_as, step_name, write_step
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch

@@ -20,7 +20,7 @@ from stickslip.workflows.lab.verification.cases.friction_laws import BRITTLE, HA
 from stickslip.workflows.lab.verification.cases.sheared_column import PRESSURE, E, bases, scene
 from stickslip.workflows.lab.verification.check import failures
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.run.doubts import doubts
+from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict
 
 

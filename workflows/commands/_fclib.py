@@ -18,7 +18,7 @@ from stickslip.solvers.stepping.discrete_chain import AUTO, refuse_unusable, sol
 from stickslip.workflows.formats.fclib import LocalProblem, read_problem, write_solved
 from stickslip.workflows.pictures.performance_profile import FACTORS, draw_profile, shares
 from stickslip.workflows.run.folder import ResultsFolder
-from stickslip.workflows.run.one_process import refuse_mpirun
+from stickslip.workflows.run.ranks import refuse_mpirun
 from stickslip.workflows.run.result import write_json
 
 ALL = "all"

@@ -20,7 +20,7 @@ from typing import Annotated, Any
 import typer
 from rich.progress import Progress
 
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.benchmarks.peers.programs import measured
 from stickslip.workflows.lab.benchmarks.price_page import write_page
 from stickslip.workflows.lab.benchmarks.price_run import REFERENCE, Case

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.benchmarks.peers.page import section
 from stickslip.workflows.lab.benchmarks.price_run import COUNTED, REFERENCE
 

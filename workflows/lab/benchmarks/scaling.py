@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.benchmarks.scaling_messages import build
 from stickslip.workflows.lab.benchmarks.scaling_page import page
 from stickslip.workflows.lab.benchmarks.scaling_run import Case

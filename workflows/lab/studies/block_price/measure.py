@@ -21,7 +21,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.system.system import System
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.studies.block_price.cases import EXACT, EXACTLY, Case
 from stickslip.workflows.lab.studies.published.finding import Row
 

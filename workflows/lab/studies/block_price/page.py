@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from stickslip.geometry.dolfinx_versions import DOLFINX
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.studies.block_price.cases import AS_EXACT, EXACT, METHODS, REFERENCE, TOLERANCE
 from stickslip.workflows.lab.studies.block_price.verdicts import CLAIMS, done
 from stickslip.workflows.lab.studies.published.finding import Finding, Row, Rows, chosen, different, slopes

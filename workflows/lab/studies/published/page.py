@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.studies.published.claims_tangent import TANGENT
 from stickslip.workflows.lab.studies.published.claims_uzawa import UZAWA
 from stickslip.workflows.lab.studies.published.finding import Claim, Row, Rows, chosen
