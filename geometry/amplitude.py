@@ -12,9 +12,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic_core import PydanticKnownError, core_schema
 
+from stickslip.geometry.arrays import ROUNDING
 from stickslip.geometry.errors import SceneError, nearest, require, require_known, shortened
 
-ROUNDING = 1e-9  # of the largest rate: by so much the pieces of a straight line differ
 COLUMNS = {"csv": "a file with a line of names", "time": "its column of times", "column": "its column of values"}
 LONGEST = 2**26  # characters of a CSV file
 
@@ -134,6 +134,7 @@ def turns(amplitude: Amplitude, end: float) -> tuple[float, ...]:
     table = ((0.0, 0.0), (end, float(amplitude))) if isinstance(amplitude, float | int) else amplitude
     times, values = np.array(table if table[0][0] == 0.0 else ((0.0, 0.0), *table)).T
     rates = np.concatenate([[0.0], np.diff(values) / np.diff(times), [0.0]])
+    # of the largest rate: by so much the pieces of a straight line differ
     found = times[np.abs(np.diff(rates)) > ROUNDING * np.abs(rates).max()]
     return tuple(found.tolist())
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import ROUNDING, Array, Ints
 from stickslip.geometry.protocols import Gmsh
 
 
@@ -60,7 +60,6 @@ def curved(corners: Array, bulge: Array, at: Array) -> tuple[Array, Array]:
 FLAT = ("Line", "Plane")  # entities as gmsh calls them
 CORNERS = {1: 2, 2: 3, 3: 4}  # of gmsh's lines, triangles and quadrilaterals of order 1
 AROUND = {2: ((0, 1), (1, 2), (2, 0)), 3: ((0, 1), (1, 2), (2, 3), (3, 0))}  # edges of facets in 3D
-LEAST = 1e-9  # of the length: less is rounding
 ALIKE = 0.5  # cosine between a kernel's direction and that of the facets; where it is less, the kernel's has no meaning
 
 
@@ -205,5 +204,5 @@ def _sums(at: Ints, values: Array, count: int) -> Array:
 
 def _kept(rows: Ints, out: Array, size: Array) -> tuple[Ints, Array]:
     """Those that bulge; size: (m, 1) a length of each."""
-    large = np.linalg.norm(out, axis=1) > LEAST * size[:, 0]
+    large = np.linalg.norm(out, axis=1) > ROUNDING * size[:, 0]  # of the length: less is rounding
     return rows[large], out[large]

@@ -44,7 +44,7 @@ import numpy as np
 import ufl
 from dolfinx import cpp, fem, mesh
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Ints
 from stickslip.geometry.protocols import (
     Comm,
     CompiledForm,
@@ -349,7 +349,7 @@ def cells_at(shape: str, nodes: Array, cells: Ints, point: Array, size: float) -
         point: (d,) [m]; it may miss a cell by rounding.
         size: of the whole mesh [m].
     """
-    degree, slack = degree_of(shape, cells.shape[1]), 1e-9 * size
+    degree, slack = degree_of(shape, cells.shape[1]), ROUNDING * size
     low, high = (reduce(extreme, (nodes[column] for column in cells.T)) for extreme in (np.minimum, np.maximum))
     reach = slack + (0.1 * (high - low) if degree > 1 else 0.0)  # curved edges bulge out of the box of their nodes
     for cell in np.flatnonzero(np.all((low - reach <= point) & (high + reach >= point), axis=1)):
@@ -357,7 +357,7 @@ def cells_at(shape: str, nodes: Array, cells: Ints, point: Array, size: float) -
         local = _pull_back(shape, degree, x, point)
         basis = reference_basis(shape, degree, local[None])[0][0]
         corners = reference_basis(shape, 1, local[None])[0][0]
-        if np.linalg.norm(basis @ x - point) <= slack and corners.min() >= -1e-9:
+        if np.linalg.norm(basis @ x - point) <= slack and corners.min() >= -ROUNDING:
             yield int(cell), basis
 
 
@@ -371,7 +371,7 @@ def _pull_back(shape: str, degree: int, nodes: Array, point: Array) -> Array:
         except np.linalg.LinAlgError:  # a point far outside a curved cell
             break
         local = local + step
-        if np.linalg.norm(step) < 1e-14:
+        if np.linalg.norm(step) < LAST_DIGITS:
             break
     return local
 

@@ -52,6 +52,7 @@ EXPECTED = {  # pydantic speaks of JSON; a user wrote TOML
 }
 OF_KIND = "kind of table: "  # before the name of a kind that the keys of a table have chosen; no key begins so
 UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
+Keys = Mapping[str, Any]  # values, or types, by key
 
 
 @dataclass(frozen=True)
@@ -74,10 +75,10 @@ class Checked(type):
             return super().__call__(*args, **values)
         given = {key: plain(value) for key, value in values.items()}
         try:
-            checked = _adapter(cls).validate_python(given, strict=True, by_name=True)
+            checked = _adapter(cls, frozenset(cls.added())).validate_python(given, strict=True, by_name=True)
         except ValidationError as error:
             raise SceneError(*_explained(error, cls, given, ())) from None
-        return super().__call__(**checked)
+        return super().__call__(**cls.gathered(checked))
 
 
 class Noun(metaclass=Checked):
@@ -89,6 +90,16 @@ class Noun(metaclass=Checked):
     def is_key(cls) -> bool:
         """Whether a scene file can hold it, so that all its values have types that can be checked."""
         return True
+
+    @classmethod
+    def added(cls) -> Keys:
+        """Type of each key that is no field; `gathered` puts their values where they belong."""
+        return {}
+
+    @classmethod
+    def gathered(cls, values: Keys) -> Keys:
+        """Values by field, of values by key."""
+        return values
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Callable[[Any], Any]) -> Any:
@@ -200,11 +211,12 @@ def plain(value: Any) -> Any:
 
 
 @cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    """Checks the values of a dataclass by name."""
+def _adapter(kind: Any, added: frozenset[str]) -> TypeAdapter[Any]:
+    """Checks the values of a dataclass by name, those of added keys too; made again when there are more of these."""
     hints = get_type_hints(kind, include_extras=True)
     optional = {f.name for f in fields(kind) if f.default is not MISSING or f.default_factory is not MISSING}
     table = {f.name: _OPTIONAL[hints[f.name]] if f.name in optional else hints[f.name] for f in fields(kind)}
+    table |= {key: _OPTIONAL[kind.added()[key] | None] for key in added}
     values = _TABLE(kind.__name__, table)
     values.__pydantic_config__ = kind.__pydantic_config__
     return TypeAdapter(values)
@@ -344,10 +356,10 @@ def _keys_at(kind: Any, data: Any, path: Sequence[str]) -> dict[str, Any]:
         kind = tags[data[kind.tag]] if len(tags) > 1 else kind.kinds[0]
     if isinstance(kind, type) and issubclass(kind, ByKeys) and ByKeys in kind.__bases__:
         kind = kind.kind_of(data)
-    if not is_dataclass(kind):
+    if not (isinstance(kind, type) and issubclass(kind, Noun) and is_dataclass(kind)):
         return {}
     hints = get_type_hints(kind, include_extras=True)
-    names = {f.name.rstrip("_"): hints[f.name] for f in fields(kind)}
+    names = {f.name.rstrip("_"): hints[f.name] for f in fields(kind)} | dict(kind.added())
     return _keys_at(names[path[0]], data[path[0]], path[1:]) if path else names
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, ROUNDING, TINY, Array, Ints
 from stickslip.geometry.protocols import Gmsh
 
 GROWTH = 0.3  # of the cell size per distance from the contact
@@ -118,7 +118,7 @@ def graded(length: float, fine: float, coarse: float, ends: int) -> tuple[int, f
     n = max(n, int(np.ceil(part / coarse)))
     if n * fine >= part:
         return ends * n, 1.0
-    ratio = brentq(lambda r: fine * (r**n - 1) / (r - 1) - part, 1 + 1e-9, 10.0)
+    ratio = brentq(lambda r: fine * (r**n - 1) / (r - 1) - part, 1 + ROUNDING, 10.0)
     return (n, ratio) if ends == 1 else (2 * n, ratio ** (-n))
 
 
@@ -180,7 +180,7 @@ def adapted(points: Array, cells: Ints, error: Array, factor: float, order: int 
     """
     d, volume = points.shape[1], volumes(points, cells)
     size = (volume / USUAL[d]) ** (1 / d)
-    error = np.maximum(error, 1e-12 * error.max(initial=1e-300))
+    error = np.maximum(error, EXACT * error.max(initial=TINY))
     power = 1 / (order + d / 2)
     share = 2 * order * power
     level = (factor**2 * np.sum(error**2) / np.sum(error ** (2 - share))) ** (1 / share)

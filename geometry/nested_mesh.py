@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import ROUNDING, Array, Bools, Ints
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Request, Shape
 from stickslip.geometry.user_files.raw_mesh import RawMesh
@@ -30,9 +30,7 @@ EDGES = {  # corners of each edge and the node between them, in dolfinx's order 
 }
 OPPOSITE = {"triangle": (), "quadrilateral": ([0, 3], [1, 2])}  # edges that are halved together
 GMSH = {"triangle": (9, (0, 1, 2, 5, 3, 4)), "quadrilateral": (10, (0, 1, 3, 2, 4, 6, 7, 5, 8))}  # type, order of nodes
-SAME = 1e-9  # distance of reference nodes; rounding
 DIGITS = 12  # of basis functions: there they are multiples of 1 / 64
-FLAT = 1e-9  # sagitta over length of a straight facet
 Halved = tuple[bool, ...]  # of each edge of a cell
 
 
@@ -159,7 +157,7 @@ def _on_circle(three: Array, point: Array) -> Array:
     """The point (2,) moved onto the circle through three others (3, 2), if they lie on no line."""
     a, b = three[1] - three[0], three[2] - three[0]
     twice = a[0] * b[1] - a[1] * b[0]
-    if abs(twice) <= FLAT * (b @ b):
+    if abs(twice) <= ROUNDING * (b @ b):  # sagitta over length of a straight facet
         return point
     middle = three[0] + np.array([b[1] * (a @ a) - a[1] * (b @ b), a[0] * (b @ b) - b[0] * (a @ a)]) / (2 * twice)
     away = point - middle
@@ -181,7 +179,7 @@ def _parts(kind: str, halved: Halved) -> _Parts:
     old = dx.reference_nodes(kind, 2)
     corners = np.array(_corners(kind, halved))
     at = np.einsum("nc,pcd->pnd", dx.reference_basis(kind, 1, old)[0], old[corners])
-    near = np.linalg.norm(at[:, :, None] - old, axis=3) < SAME
+    near = np.linalg.norm(at[:, :, None] - old, axis=3) < ROUNDING  # distance of reference nodes; rounding
     known = np.where(near.any(axis=2), near.argmax(axis=2), -1)
     basis = dx.reference_basis(kind, 2, at.reshape(-1, 2))[0].round(DIGITS).reshape(*at.shape[:2], -1)
     on = {m: (a, b) for a, b, m in EDGES[kind]}

@@ -12,7 +12,7 @@ from enum import Enum
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, EXACT, Array
 from stickslip.solvers.parallel.counters import Counters
 
 
@@ -149,14 +149,13 @@ class Solution:
     convergence: Convergence | None = None  # of methods that measure it
     others: tuple[Array, ...] = ()  # tractions (rows,) [Pa] of other solutions that were met
     weakening: float = 0.0  # how much faster than bodies unload friction weakens by slip [-]; above 1 slip jumps
-    slack: float = 1e-6  # part of the friction bound by which the traction of a slipping point may be smaller
+    slack: float = CLOSE  # part of the friction bound by which the traction of a slipping point may be smaller
 
     @property
     def iterations(self) -> int:
         return self.history[-1].iteration if self.history else 0
 
 
-SAME = 1e-10  # relative change up to which two iterates are the same
 When = Callable[[int, float], bool]  # number and residual of an iterate: whether something is the case there
 
 
@@ -181,7 +180,8 @@ class Iterate:
         """Whether tractions and motion are those of an earlier iterate: from there on the iteration cycles."""
 
         def same(x: Array, y: Array) -> bool:
-            return bool(np.abs(x - y).max(initial=0.0) <= SAME * np.abs(x).max(initial=0.0))
+            # relative change up to which two iterates are the same
+            return bool(np.abs(x - y).max(initial=0.0) <= EXACT * np.abs(x).max(initial=0.0))
 
         return any(same(self.p, before.p) and same(self.w, before.w) for before in visited)
 

@@ -14,16 +14,14 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import cholesky, solve_triangular
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, Array, Ints
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Comm, Sparse
 from stickslip.geometry.surfaces.surface import Surface, lumped_mass, surface_stiffness
 from stickslip.solvers.linear.cholesky import InverseRoot, SparseCholesky
 from stickslip.solvers.parallel.serialise import Plain
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.orthotropic import Orthotropic
-from stickslip.solvers.system.sides import contact_sides
-from stickslip.solvers.system.system import System
+from stickslip.solvers.scene.material import Material, Orthotropic
+from stickslip.solvers.system.system import System, contact_sides
 
 DIRECTIONS = 64  # of the trapezoidal rule over half a turn, which converges geometrically
 NORMALS = 8  # normals of which the mean is taken
@@ -235,7 +233,6 @@ class Shares:
 
 
 KEPT = 100  # pairs
-EXACT = 1e-12  # least part of a pair's work that must be independent of the others, if volume solves are exact
 NOISE = 3.0  # that part must also exceed the asymmetry of measured work this many times
 
 
@@ -298,6 +295,7 @@ class Secants:
         self._guessed = np.column_stack([self._guessed, self.guess(force)[own]])
         work = self._shares.sum(self._S.T @ self._Y)
         noise = float(np.abs(work - work.T)[self._sure :, self._sure :].max(initial=0.0))
+        # least part of a pair's work that must be independent of the others, if volume solves are exact
         self._keep(_independent((work + work.T) / 2, self._sure, max(EXACT, NOISE * noise)))
         self._prepare()
 

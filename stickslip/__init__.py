@@ -31,7 +31,8 @@ load(folder)
 `read` takes a scene file, or the name of a ready scene. A `Scene` can also be built from its parts,
 which have the names of the file's tables and keys:
 
-    Scene(model="3d", geometry=Block(...), bodies={"block": Material(E=2e11, nu=0.3)}, ...)
+    Scene(model="3d", geometry=Block(...), bodies={"block": Material(E=2e11, nu=0.3, density=7850.0)},
+          gravity=Gravity(...), ...)
 
 All parts are frozen; `dataclasses.replace` makes a changed copy. workflows/SCENE.md lists every key
 with type, unit and default.

@@ -26,6 +26,7 @@ from stickslip.geometry.obstacles.obstacle import Rotation
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.user_files.user_file import Box, UserFile
+from stickslip.solvers.classical.gram_uzawa import Gram
 from stickslip.solvers.effects.bolts import BoltState
 from stickslip.solvers.effects.gravity import Gravity
 from stickslip.solvers.effects.periodic import Periodic
@@ -53,10 +54,8 @@ from stickslip.solvers.results.step_result import (
     SurfaceMesh,
 )
 from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.gram import Gram
 from stickslip.solvers.scene.loads import Load, Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.orthotropic import Orthotropic
+from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.scene.problem import PlanRow
 from stickslip.solvers.scene.record import BodyState, Energy, Number, ObstacleState, ProbeValue, Reaction
 from stickslip.solvers.scene.scene import Scene

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import GeometryError, require
 from stickslip.geometry.keys import Choice, Key
 from stickslip.geometry.mesh_sizes import filled
@@ -126,7 +126,7 @@ def constant_normals(axis: int, end: int, shape: tuple[int, ...]) -> Array:
 def lies_in(gmsh: Gmsh, dim: int, tag: int, flat: Flat) -> bool:
     """Whether a curve (dim = 1) or surface (dim = 2) lies in the plane `flat`."""
     low, high = np.reshape(gmsh.model.getBoundingBox(dim, tag), (2, 3))[:, flat[0]]
-    slack = 1e-6 * (1 + abs(flat[1]))  # gmsh enlarges bounding boxes by 1e-7
+    slack = CLOSE * (1 + abs(flat[1]))  # gmsh enlarges bounding boxes by 1e-7
     return bool(abs(low - flat[1]) < slack and abs(high - flat[1]) < slack)
 
 

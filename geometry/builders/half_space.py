@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.builders.builder import (
     SYMMETRIC,
     Builder,
@@ -103,7 +103,7 @@ class HalfSpace(Builder):
         occ.synchronize()
         flat = {name: (axis, (low, high)[end][axis]) for name, (axis, end) in self._flat(dim).items()}
         tags = outer(gmsh, dim, flat)
-        reach = a * (1 + 1e-3) + 1e-6  # gmsh enlarges bounding boxes by 1e-7
+        reach = a * (1 + 1e-3) + CLOSE  # gmsh enlarges bounding boxes by 1e-7
         boxes = {tag: gmsh.model.getBoundingBox(dim - 1, tag) for tag in tags["top"]}
         contact = [tag for tag, box in boxes.items() if -reach < box[0] and box[3] < reach]
         found = {"contact": contact} | tags | {"top": [tag for tag in tags["top"] if tag not in contact]}

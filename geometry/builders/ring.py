@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array
 from stickslip.geometry.builders.assembly import Assembly, BodyRow, CellKeys, Part
 from stickslip.geometry.builders.builder import Builder, constant_normals, name_groups
 from stickslip.geometry.builders.cuboid import Block, transfinite
@@ -19,7 +19,6 @@ from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request
 
 ANGLE = "in degrees: 360, or 90: a quarter with sides x_axis and y_axis"
-THINNEST = 1e-6  # of the radius: the kernel takes both circles of a thinner one for the same
 RADIAL = {"x_axis": 1, "y_axis": 0}  # sides of a quarter -> axis of the normal
 
 
@@ -39,7 +38,8 @@ class Ring(Builder):
         inner = self.inner_radius
         require(inner < self.outer_radius, "inner_radius", inner, "must be smaller than outer_radius")
         thin = f"too near to outer_radius = {self.outer_radius:g}: the ring must be a millionth of it thick"
-        require(inner <= (1 - THINNEST) * self.outer_radius, "inner_radius", inner, thin)
+        # of the radius: the kernel takes both circles of a thinner one for the same
+        require(inner <= (1 - CLOSE) * self.outer_radius, "inner_radius", inner, thin)
 
     def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
         return {"ring": ("inner", "outer", *(RADIAL if self.angle == 90 else ()))}
@@ -86,7 +86,7 @@ class Ring(Builder):
         touched = contacts & radii.keys()
         fine = self.fine_size if touched else self.mesh_size
         counts = [np.pi / 2 * radii[name] / (fine if name in touched else self.mesh_size) for name in radii]
-        along = max(2, int(np.ceil(max(counts) * (1 - 1e-9))))
+        along = max(2, int(np.ceil(max(counts) * (1 - ROUNDING))))
         for curve in (*circles[0], *circles[1]):
             gmsh.model.mesh.setTransfiniteCurve(curve, along + 1)
         across = self.outer_radius - self.inner_radius
@@ -151,7 +151,7 @@ class Sector(Builder):
         """Number of cells along the arcs, and from the inner arc to the outer one."""
         along = np.radians(self.end - self.start) * self.outer_radius / self.mesh_size
         across = (self.outer_radius - self.inner_radius) / self.mesh_size
-        return max(1, int(np.ceil(along * (1 - 1e-9)))), max(1, round(across))
+        return max(1, int(np.ceil(along * (1 - ROUNDING)))), max(1, round(across))
 
     def box(self, dim: int) -> Array:
         points = np.concatenate([self.sample(side, dim)[0] for side in ("sector.inside", "sector.outside")])

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.builders.builder import Builder, name_groups
 from stickslip.geometry.builders.cuboid import transfinite
 from stickslip.geometry.errors import SceneError, require
@@ -106,7 +106,7 @@ class Wedge(Builder):
         """
         size = self.fine_size if contact else self.mesh_size
         if contact or not any(ends) or self.fine_size == self.mesh_size:
-            return max(1, int(np.ceil(length / size * (1 - 1e-9)))), "Progression", 1.0
+            return max(1, int(np.ceil(length / size * (1 - ROUNDING)))), "Progression", 1.0
         count, ratio = graded(length, self.fine_size, self.mesh_size, sum(ends))
         law = "Bump" if all(ends) and ratio != 1 else "Progression"
         return count, law, ratio if ends[0] else 1 / ratio

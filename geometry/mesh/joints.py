@@ -16,11 +16,8 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import CLOSE, Array, Ints
 from stickslip.geometry.protocols import Gmsh
-
-TOGETHER = 1e-7  # of a body's size: nodes nearer than that lie at the same place
-STRAIGHT = 1e-6  # breadth over length below which points count as lying on a line
 
 
 @dataclass(frozen=True)
@@ -74,7 +71,8 @@ def open_seams(gmsh: Gmsh, dim: int, part: Ints, bodies: Mapping[str, int]) -> d
         if len(np.unique(part[nodes])) == 1:
             continue
         size = float(np.ptp(points, axis=0).max())
-        one, other = nodes[KDTree(points).query_pairs(TOGETHER * size, output_type="ndarray")].T
+        # of a body's size: nodes nearer than that lie at the same place
+        one, other = nodes[KDTree(points).query_pairs(CLOSE * size, output_type="ndarray")].T
         count = int(np.count_nonzero((part[one] != part[other]) & ~(named[one] & named[other])))
         if count:
             found[body] = count
@@ -158,4 +156,4 @@ def is_rigid(points: Array) -> bool:
     if count < d:
         return False
     sizes = np.linalg.svd(points - points[0], compute_uv=False)
-    return bool(sizes[d - 2] > STRAIGHT * sizes[0])
+    return bool(sizes[d - 2] > CLOSE * sizes[0])  # breadth over length below which points count as lying on a line

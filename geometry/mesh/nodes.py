@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import ROUNDING, Array, Ints
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import FunctionSpace
-
-SMALL = 1e-9  # of a basis function: less is rounding
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,7 @@ class Nodes:
         at = dx.reference_nodes(shape, dx.degree(space))
         around = [x[corner] for corner in of_cells.T]
         for k, weights in enumerate(dx.reference_basis(shape, mesh.degree, at)[0]):
-            same = np.flatnonzero(weights > 1 - SMALL)
+            same = np.flatnonzero(weights > 1 - ROUNDING)  # of a basis function: less is rounding
             if len(same):
                 number[dofs[:, k]], points[dofs[:, k]] = of_mesh[:, same[0]], x[of_cells[:, same[0]]]
                 continue
@@ -71,16 +69,16 @@ def _pair(shape: str, degree: int, point: Array, nodes: Ints) -> Ints:
     Args:
         nodes: (c, n) of the cells, in the mesh's numbers.
     """
-    corners = np.flatnonzero(dx.reference_basis(shape, 1, point[None])[0][0] > SMALL)
+    corners = np.flatnonzero(dx.reference_basis(shape, 1, point[None])[0][0] > ROUNDING)
     if degree == 1:
         opposite = np.stack([corners, corners[::-1]], axis=1)[: len(corners) // 2]
         return np.asarray(np.sort(nodes[:, opposite], axis=2))
     lattice = dx.reference_nodes(shape, degree)
     off = np.linalg.norm(lattice - lattice[corners].mean(axis=0), axis=1)
-    if off.min() < SMALL:
+    if off.min() < ROUNDING:
         near = corners[np.argmin(np.linalg.norm(lattice[corners] - point, axis=1))]
         return np.asarray(nodes[:, None, [near, np.argmin(off)]])
     others = np.setdiff1d(np.arange(len(lattice)), corners)
-    inside = dx.reference_basis(shape, 1, lattice[others])[0] > SMALL  # the corners that each is between
+    inside = dx.reference_basis(shape, 1, lattice[others])[0] > ROUNDING  # the corners that each is between
     between = others[~np.delete(inside, corners, axis=1).any(axis=1)]
     return np.asarray(np.sort(nodes[:, between], axis=1)[:, None, :2])

@@ -8,13 +8,11 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import TINY, Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.obstacles.obstacle import Obstacle, unit
 from stickslip.geometry.shape import Model
-
-TINY = 1e-300  # [m²] under a root: where the rest of it is zero its slope is zero too, a number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +49,7 @@ class Cone(Obstacle):
         direction = [float(c) for c in unit(self.axis)]
         depth = sum(a * c for a, c in zip(arm, direction, strict=True))
         radial = [a - depth * c for a, c in zip(arm, direction, strict=True)]
+        # [m²] under a root: where the rest of it is zero its slope is zero too, a number
         radius = sqrt(sum(a * a for a in radial) + TINY)
         sine, cosine = self._sine_and_cosine
         away, along = cosine * radius - sine * depth, cosine * depth + sine * radius

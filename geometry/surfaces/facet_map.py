@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.surfaces.surface import Surface
 
-TOLERANCE = 1e-14  # of a Newton step, relative to the facet's size, plus rounding of the coordinates
 MAX_IT = 25
 
 
@@ -67,10 +66,10 @@ def locate(surface: Surface, facets: Ints, start: Array, points: Array, directio
         step = _solve(np.einsum("qad,qbd->qab", across[active], here.tangents), away)
         local[active] += step
         size[active] = np.abs(step).max(axis=1) / (1 + np.abs(local[active]).max(axis=1) + rounding[active])
-        active = np.flatnonzero(size > TOLERANCE)  # NaN stays NaN
+        active = np.flatnonzero(size > LAST_DIGITS)  # NaN stays NaN
         if not len(active):
             break
-    local[~(size <= 1e3 * TOLERANCE)] = np.nan
+    local[~(size <= 1e3 * LAST_DIGITS)] = np.nan
     return local
 
 

@@ -13,13 +13,10 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints
 from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.overlay import segments, triangles
 from stickslip.geometry.surfaces.surface import Surface
-
-TOLERANCE = 1e-14  # in reference coordinates
-EDGE = 1e-9  # relative to a cell: a centre on the edge of a cell is covered by it
 
 
 @dataclass(frozen=True)
@@ -61,7 +58,8 @@ def nearest_cells(cells: Cells, master: Surface, gap: Callable[[Cells, Array], A
     centres = cells.corners.mean(axis=1)
     arms = cells.corners[j, 1:] - cells.corners[j, :1]
     share = np.linalg.solve(np.swapaxes(arms, 1, 2), (centres[i] - cells.corners[j, 0])[:, :, None])[:, :, 0]
-    covers = (share > -EDGE).all(axis=1) & (share.sum(axis=1) < 1 + EDGE)
+    # relative to a cell: a centre on the edge of a cell is covered by it
+    covers = (share > -ROUNDING).all(axis=1) & (share.sum(axis=1) < 1 + ROUNDING)
     i, j = i[covers], j[covers]
     own, other = (np.abs(gap(cells[k], centres[i])) for k in (i, j))
     kept[i[(other < own) | ((other == own) & (j < i))]] = False
@@ -77,7 +75,7 @@ def split_overlapping(cells: Cells, master: Surface) -> Cells:
     owner = np.repeat(i, 2)
     order = np.lexsort((points, owner))
     points, owner = points[order], owner[order]
-    cut = (owner[1:] == owner[:-1]) & (np.diff(points) > TOLERANCE)
+    cut = (owner[1:] == owner[:-1]) & (np.diff(points) > LAST_DIGITS)  # in reference coordinates
     parts = cells[rows[owner[1:][cut]]]
     whole = cells[np.setdiff1d(np.arange(len(cells.slave_facet)), rows)]
     return Cells(

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.surface import Surface
 
@@ -73,7 +73,6 @@ def _pairs_in_tree(tree: cKDTree, centres: Array, thick: Array, directions: Arra
 
 CURVED = 1.2  # a curved facet lies within this multiple of the ball around its nodes
 BISECTIONS = 60
-SHORTEST = 1e-14  # in reference coordinates
 
 
 def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> tuple[Ints, Ints, Array]:
@@ -97,7 +96,7 @@ def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> t
     i, j = i[facing], j[facing]
     feet = [_project_on_slave(slave, field, i, master.points[master.facets[j, end]]) for end in (0, 1)]
     ends = np.sort(np.stack(feet, axis=1), axis=1)
-    kept = ends[:, 1] - ends[:, 0] > SHORTEST
+    kept = ends[:, 1] - ends[:, 0] > LAST_DIGITS  # in reference coordinates
     return i[kept], j[kept], ends[kept][:, :, None]
 
 
@@ -126,9 +125,9 @@ def _project_on_slave(slave: Surface, field: Array, facets: Ints, points: Array)
         high[active] = np.where(value < 0, foot[active], high[active])
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = foot[active] - value / slope
-        inside = (moved >= low[active] - SHORTEST) & (moved <= high[active] + SHORTEST)
+        inside = (moved >= low[active] - LAST_DIGITS) & (moved <= high[active] + LAST_DIGITS)
         moved = np.where(inside, moved, (low[active] + high[active]) / 2)
-        still = np.abs(moved - foot[active]) <= SHORTEST
+        still = np.abs(moved - foot[active]) <= LAST_DIGITS
         foot[active] = moved
         active = active[~still]
         if not len(active):
@@ -152,7 +151,6 @@ def _offset_from_normal(slave: Surface, field: Array, facets: Ints, local: Array
     return value, slope - sign * (tangent[:, 1] * normal[:, 0] - tangent[:, 0] * normal[:, 1])
 
 
-SLIVER = 1e-15  # triangles with a smaller determinant are dropped; 1 for the reference triangle
 GENERIC = (1.0, 0.6180339887)  # direction in reference coordinates to which no edge of a regular mesh is normal
 # n and c of the half-planes n . ξ + c >= 0 whose intersection is the reference triangle
 CUTS = (((1.0, 0.0), 0.0), ((0.0, 1.0), 0.0), ((-1.0, -1.0), 1.0))
@@ -297,5 +295,6 @@ def _fan(polygons: Array) -> tuple[Ints, Array]:
     corners = np.stack([np.zeros(v - 2, np.int64), np.arange(1, v - 1), np.arange(2, v)], axis=1)
     parts = polygons[:, corners].reshape(-1, 3, 2)
     arms = parts[:, 1:] - parts[:, :1]
-    kept = np.abs(np.linalg.det(arms)) > SLIVER
+    # triangles with a smaller determinant are dropped; 1 for the reference triangle
+    kept = np.abs(np.linalg.det(arms)) > LAST_DIGITS
     return np.repeat(np.arange(len(polygons)), v - 2)[kept], parts[kept]

@@ -15,13 +15,11 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
 
-EDGE = 1e-8  # a facet is enlarged by this much, in reference coordinates: no line passes between two neighbours
 MAX_IT = 12
-TOLERANCE = 1e-11  # of a Newton step, in reference coordinates
 OUTSIDE = 0.5  # how far outside its reference facet an iterate may lie
 
 
@@ -60,10 +58,11 @@ def intersect(
             step, determinant[left] = _newton_step(basis, gradient, nodes[left])
             local[left] += step
             size = np.abs(step).max(axis=1)
-            found[left[size <= TOLERANCE]] = True
-            left = left[size > TOLERANCE]
+            found[left[size <= EXACT]] = True  # of a Newton step, in reference coordinates
+            left = left[size > EXACT]
     inside = into_reference_facet(master.shape, np.where(found[:, None], local, middle))
-    met = found & (np.abs(local - inside).max(axis=1) <= EDGE) & (determinant * master.outward[facet] < 0)
+    # a facet is enlarged by this much, in reference coordinates: no line passes between two neighbours
+    met = found & (np.abs(local - inside).max(axis=1) <= ROUNDING) & (determinant * master.outward[facet] < 0)
     basis = dx.reference_basis(master.shape, master.degree, inside)[0]
     return met, inside, np.einsum("cd,cd->c", directions, np.einsum("ck,ckd->cd", basis, away))
 
@@ -116,8 +115,6 @@ def _newton_step(basis: Array, gradient: Array, nodes: Array) -> tuple[Array, Ar
 BLOCK = 10_000  # points at a time: bounds the memory
 PATCH = 16  # facets a patch, about: fewer take more steps along a line, more take more intersections
 BULGE = 5 / 3  # max of sum_k |phi_k| of quadratic facets: a curved facet bulges at most so much more than its nodes
-SLACK = 1e-6  # relative enlargement of a facet's ball, for rounding
-TIE = 1e-8  # of a facet's radius: gaps that differ by less are equal, and the facet with the lowest number is taken
 APPROXIMATION = 0.5  # relative error allowed in the distance to the nearest patch: saves most of the query's time
 
 
@@ -195,7 +192,8 @@ def pair(points: Array, directions: Array, master: Surface, reach: float) -> Pai
     for start in range(0, len(points), BLOCK):
         block = slice(start, start + BLOCK)
         hits = _search(points[block], directions[block], master, reach, balls, patches)
-        first = _nearest(hits, TIE * balls.radii)
+        # of a facet's radius: gaps that differ by less are equal, and the facet with the lowest number is taken
+        first = _nearest(hits, ROUNDING * balls.radii)
         rows = start + hits.point[first]
         found.facet[rows], found.local[rows], found.gap[rows] = hits.facet[first], hits.local[first], hits.gap[first]
     return found
@@ -209,7 +207,8 @@ def _balls(master: Surface) -> _Balls:
     centres = corners.mean(axis=1)
     reach = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
     bulge = np.linalg.norm(nodes - straight @ corners, axis=2).max(axis=1)
-    return _Balls(centres, (1 + SLACK) * (reach + BULGE * bulge))
+    # relative enlargement of a facet's ball, for rounding
+    return _Balls(centres, (1 + CLOSE) * (reach + BULGE * bulge))
 
 
 def _patches(balls: _Balls) -> list[_Patches]:

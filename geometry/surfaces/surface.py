@@ -13,14 +13,13 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import ROUNDING, Array, Bools, Ints
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import FunctionSpace, Sparse
 
 CREASE = 40.0  # [degrees] neighbouring facets of a smooth side differ by less, those at an intended edge by more
-TIE = 1e-9  # areas whose relative difference is less are equal
 
 
 def largest_smooth_part(facets: Ints, normals: Array, crease: float) -> Bools:
@@ -41,12 +40,12 @@ def largest_smooth_part(facets: Ints, normals: Array, crease: float) -> Bools:
     direction = normals.reshape(len(node), -1) / area[:, None]
     corners = sparse.csr_matrix((np.ones(len(node)), (np.arange(len(node)), node)))  # (f k, nodes) incidence
     i, j = (corners @ corners.T).nonzero()
-    smooth = np.einsum("cd,cd->c", direction[i], direction[j]) >= np.cos(np.radians(crease)) - TIE
+    smooth = np.einsum("cd,cd->c", direction[i], direction[j]) >= np.cos(np.radians(crease)) - ROUNDING
     parts, part = connected_components(sparse.csr_matrix((smooth[smooth], (i[smooth], j[smooth]))), directed=False)
     size = np.bincount(part, area, parts)[part]
     largest = np.zeros(node.max() + 1)
     np.maximum.at(largest, node, size)
-    large = np.flatnonzero(size >= (1 - TIE) * largest[node])
+    large = np.flatnonzero(size >= (1 - ROUNDING) * largest[node])  # areas that differ by less are equal
     first = np.full(node.max() + 1, len(node))
     np.minimum.at(first, node[large], large)
     return np.asarray(part == part[first[node]]).reshape(facets.shape)

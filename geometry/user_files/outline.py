@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, ROUNDING, TINY, Array, Bools, Ints
 from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.protocols import Gmsh
@@ -16,7 +16,6 @@ from stickslip.geometry.user_files.raw_mesh import RawMesh, facets_among, read_r
 
 COARSE = 8  # cells along the box's diagonal, for sampling and drawing
 ROUND = 16  # cells on a full circle
-FLAT_SIDE = 1e-6  # a side is flat if the components of its unit normals differ by less
 KNOWN = ("Plane", "Cylinder", "Line", "Circle")  # gmsh's types of entities that facets' corners tell all about
 CURVED, CHECKED = 10_000, 50  # facets of a face whose bulge is asked for, and of those that are checked, at most
 STEEP = 0.5  # bulge of an edge of a facet relative to its length, at most; a half circle's
@@ -199,7 +198,7 @@ class Shell:
         self.along = RAY * ([1, 1, 0] if dim == 2 else 1)
         self.across = np.linalg.svd(self.along[None, :dim])[2][1:]  # the ray is a point in this projection
         seen = self.corners[..., :dim] @ self.across.T
-        slack = 1e-9 * np.ptp(seen.reshape(-1, dim - 1), axis=0)
+        slack = ROUNDING * np.ptp(seen.reshape(-1, dim - 1), axis=0)
         self.low, self.high = seen.min(axis=1) - slack, seen.max(axis=1) + slack
 
     def outward(self, entity: int) -> bool:
@@ -236,7 +235,7 @@ def _sample(corners: Array, normals: Array) -> tuple[Array, Array]:
     reach = corners.reshape(-1, 3) @ directions.T
     ends = np.argmax(reach, axis=0)
     points, outward = corners.reshape(-1, 3)[ends], units[ends // k]
-    if np.ptp(units, axis=0).max() > FLAT_SIDE:
+    if np.ptp(units, axis=0).max() > CLOSE:  # a side is flat if the components of its unit normals differ by less
         facing = np.argmax(units @ directions.T, axis=0)
         points = np.concatenate([points, corners.mean(axis=1)[facing]])
         outward = np.concatenate([outward, units[facing]])
@@ -311,7 +310,6 @@ def _nodes_of_facets(gmsh: Gmsh, dim: int, tag: int) -> Ints:
     return np.reshape(nodes[0], (-1, count))[:, :corners].astype(np.int64)
 
 
-ROUGH = 1e-5  # points lie on the form to this, relative to the face
 FLAT = 100.0  # a cylinder's radius, relative to the face, is less than this
 
 
@@ -339,7 +337,7 @@ class Form:
         if self.kind == "plane":
             return np.asarray(x - self.distance(x)[:, None] * self.axis)
         across = self._across(x - self.point)
-        long = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+        long = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), TINY)
         return np.asarray(x + across * (abs(self.radius) / long - 1))
 
     def normals(self, x: Array) -> Array:
@@ -347,14 +345,14 @@ class Form:
         if self.kind == "plane":
             return np.tile(self.axis, (len(x), 1))
         across = self._across(x - self.point) * np.sign(self.radius)
-        return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300))
+        return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), TINY))
 
     def same(self, other: Form) -> bool:
         """Whether both are one plane or one cylinder, with the body on the same side."""
         if self.kind != other.kind or self.kind == "other":
             return False
-        near = ROUGH * max(self.size, other.size)
-        if abs(abs(self.axis @ other.axis) - 1) > ROUGH:
+        near = CLOSE * max(self.size, other.size)  # points lie on the form to this, relative to the face
+        if abs(abs(self.axis @ other.axis) - 1) > CLOSE:
             return False
         if self.kind == "plane":
             return bool(self.axis @ other.axis > 0 and abs(self.distance(other.point[None])[0]) < near)
@@ -378,7 +376,7 @@ def fit(corners: Array, dim: int, between: Array | None = None) -> Form:
     normals = normals_of(corners)
     middle, size = nodes.mean(axis=0), float(np.ptp(nodes, axis=0).max())
     axis = np.append(_narrowest((nodes - middle)[:, :dim]), np.zeros(3 - dim))
-    if np.abs((nodes - middle) @ axis).max() <= ROUGH * size:
+    if np.abs((nodes - middle) @ axis).max() <= CLOSE * size:
         return Form("plane", middle, axis * np.sign(normals.sum(axis=0) @ axis or 1.0), size=size)
     other = Form("other", middle, axis, size=size)
     if len(nodes) < (8 if dim == 3 else 4):
@@ -392,7 +390,7 @@ def fit(corners: Array, dim: int, between: Array | None = None) -> Form:
         start = start + tilt @ across
     axis = start / np.linalg.norm(start)
     centre, radius, off = _circle(nodes - middle, axis)
-    if np.abs(off).max() > ROUGH * size or radius > FLAT * size:
+    if np.abs(off).max() > CLOSE * size or radius > FLAT * size:
         return other
     found = Form("cylinder", middle + centre, axis, radius, size)
     away = corners.mean(axis=1) - found.point

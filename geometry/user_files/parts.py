@@ -10,7 +10,7 @@ from inspect import signature
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import CLOSE, Array, Ints
 from stickslip.geometry.errors import GeometryError, nearest
 from stickslip.geometry.protocols import Gmsh
 
@@ -94,7 +94,7 @@ def _check_dimension(gmsh: Gmsh, dim: int) -> None:
         if gmsh.model.getEntities(3):
             raise GeometryError('holds volumes, and a plane model is made of surfaces; write model = "3d"')
         x = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
-        if np.abs(x[:, 2]).max() > 1e-6 * np.ptp(x, axis=0).max() + 2e-7:  # gmsh enlarges boxes by 1e-7
+        if np.abs(x[:, 2]).max() > CLOSE * np.ptp(x, axis=0).max() + 2e-7:  # gmsh enlarges boxes by 1e-7
             raise GeometryError(f"lies at z = {x[0, 2]:g} to {x[1, 2]:g}, and a plane model lies at z = 0")
 
 
@@ -203,7 +203,7 @@ def _select(gmsh: Gmsh, dim: int, name: str, selection: Selection, unit: float) 
     key = f'names."{name}"'
     if isinstance(selection, Mapping):
         box = np.reshape(np.asarray(selection["box"], float), (2, 3)) / unit
-        slack = 1e-6 * np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0).max()
+        slack = CLOSE * np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0).max()
         points = {tag: _points_on(gmsh, dim - 1, tag) for tag in known}
         inside = [
             tag for tag, x in points.items() if len(x) and np.all(x >= box[0] - slack) and np.all(x <= box[1] + slack)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import ROUNDING, Array, Ints
 from stickslip.geometry.curved_facets import Bulging, find_bulging
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.protocols import Gmsh
@@ -22,7 +22,6 @@ LOCAL_FACETS = {  # corners of each facet of a cell
     5: [[0, 3, 2, 1], [0, 1, 5, 4], [0, 4, 7, 3], [1, 2, 6, 5], [2, 3, 7, 6], [4, 5, 6, 7]],
 }
 FIRST_ORDER = {2: 2, 3: 3, 4: 4, 5: 5, 9: 2, 10: 3, 11: 4, 12: 5}
-FLAT = 1e-10  # a cell has no volume if it is less than this, relative to the product of its edges
 
 
 @dataclass(frozen=True)
@@ -115,7 +114,8 @@ def _check_volumes(gmsh: Gmsh, dim: int, kind: int, parts: Parts) -> None:
         jacobians = np.concatenate(found).reshape(-1, len(at), 3, 3)[:, :, :dim, :dim]
         volume = np.linalg.det(jacobians)
         size = np.prod(np.linalg.norm(jacobians, axis=3), axis=2)
-        flat = np.any(np.abs(volume) <= FLAT * size, axis=1)
+        # a cell has no volume if it is less than this, relative to the product of its edges
+        flat = np.any(np.abs(volume) <= ROUNDING * size, axis=1)
         if flat.any():
             raise GeometryError(f"body {body}: {int(flat.sum())} of {len(flat)} cells have no volume")
         turned = np.sign(volume) != (1.0 if dim == 3 else np.sign(volume.sum()))

@@ -8,22 +8,20 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, SLIGHT, TINY, Array, Bools, Ints
 from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
 from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.geometry.user_files.outline import ROUGH, Facets, Form, Outline, fit
+from stickslip.geometry.user_files.outline import Facets, Form, Outline, fit
 
 WITHIN = 1e-3  # of the box's diagonal: as far as faces are paired unless the user says how far
 ACROSS = 24  # sample points across the part of a side that may touch
 FINEST = 256  # parts into which the edge of a facet is divided, at most
-LEAST = 1e-3  # of the smaller side's area: two planes that touch along an edge only are no pair
 BULGE = 4 / 3  # a quadratic facet bulges at most so much more than its edges
 OPPOSITE = 0.7  # minus the cosine between normals of facets that face each other
 AGAINST = 0.9  # the same where they meet in a point; a cone's edge on the rim of a hole is no contact
 CUT, BEST, ROUNDS = 4, 64, 6  # where the gap is least, parts of facets are cut into so many, the best ones, again
 ENOUGH = 16  # sample points within the distance asked for, for their area
-TOUCH = 1e-7  # a gap of less, relative to the part of the sides that may touch, is rounding
 SAG = 0.3  # bulge of a curved facet relative to its length times the turn of its normals; 1/4 on a circle
 
 
@@ -107,7 +105,7 @@ class Pair:
 
     @property
     def _small(self) -> float:
-        return ROUGH * float(np.ptp(self.points, axis=0).max())
+        return CLOSE * float(np.ptp(self.points, axis=0).max())
 
 
 def simplices(faces: Iterable[Array]) -> Array:
@@ -211,7 +209,7 @@ def _sag(face: Facets) -> float:
     node = node.ravel()
     mean = np.zeros((node.max() + 1, 3))
     np.add.at(mean, node, np.repeat(normals, k, axis=0))
-    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), TINY)
     cosine = np.einsum("fkd,fd->fk", mean[node].reshape(f, k, 3), normals).min(axis=1)
     length = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     turned = float((SAG * length * np.arccos(np.clip(cosine, -1, 1))).max())
@@ -331,12 +329,14 @@ def _measure(one: Side, other: Side, reach: float, dim: int, spacing: float = np
     meeting = _Meeting.of(one, other, low, high, far)
     if meeting is None:
         return None
-    accuracy = TOUCH * size + 2 * (one.off + other.off)
+    # a gap of less, relative to the part of the sides that may touch, is rounding
+    accuracy = CLOSE * size + 2 * (one.off + other.off)
     kinds, samples, tips = {one.form.kind, other.form.kind}, meeting.spread(min(spacing, size / ACROSS)), meeting.tips()
-    if kinds == {"plane"} and samples.weights[samples.gap <= reach].sum() <= LEAST * one.area:
+    # of the smaller side's area: two planes that touch along an edge only are no pair
+    if kinds == {"plane"} and samples.weights[samples.gap <= reach].sum() <= SLIGHT * one.area:
         return None
     near, least = samples, [samples]
-    if len(kinds) > 1 or kinds == {"other"} or not _constant(samples.gap[samples.gap <= reach], ROUGH * size):
+    if len(kinds) > 1 or kinds == {"other"} or not _constant(samples.gap[samples.gap <= reach], CLOSE * size):
         for _ in range(ROUNDS):
             if not np.isfinite(samples.gap).any():
                 break

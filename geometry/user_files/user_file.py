@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.json_schema import SkipJsonSchema
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.curved_facets import Bulging
 from stickslip.geometry.errors import GeometryError, SceneError, nearest, prefixed, require
 from stickslip.geometry.keys import Key, Noun
@@ -176,7 +176,7 @@ class UserFile(Noun, Shape):
     def check_model(self, model: Model) -> None:
         if model == "axisymmetric":
             left, size = self.box(2)[0, 0], np.ptp(self.box(2), axis=0).max()
-            require(left >= -1e-9 * size, "file", self.file, f"reaches x = {left:g}; x is the radius")
+            require(left >= -ROUNDING * size, "file", self.file, f"reaches x = {left:g}; x is the radius")
 
     def cell_count(self, request: Request) -> float:
         dim, size = request.dim, self.size(request.dim)

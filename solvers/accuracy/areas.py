@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, Array, Bools, Ints
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState
 
@@ -144,7 +144,7 @@ def _slopes(side: Surface, chosen: Bools, level: Array, nodes: Ints) -> Array:
         near = matrix.indices[matrix.indptr[k] : matrix.indptr[k + 1]]
         near = near[chosen[near]]
         if len(near):
-            slope[k] = np.linalg.lstsq(side.points[near] - side.points[k], level[near] - level[k], rcond=1e-6)[0]
+            slope[k] = np.linalg.lstsq(side.points[near] - side.points[k], level[near] - level[k], rcond=CLOSE)[0]
     return slope
 
 

@@ -13,15 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.coupling import Points
 from stickslip.solvers.contact.rows import ContactRows
 
-ROUNDING = 1e-9  # of the bounds: less is no other direction
 VORTEX = 0.5  # length of the mean direction of slip on a facet: less surrounds a centre
-CENTRE = 1e-6  # of the slip around: less has no direction
-MOVING = 1e-9  # of the largest slip in the substep: less is none
 
 
 @dataclass(frozen=True)
@@ -56,7 +53,8 @@ class BetweenNodes:
         """
         bound = np.where(np.isfinite(bound), bound, 0.0)
         pulls, size = _measured(self.measures, increment)
-        slips = slips & (bound > 0) & (size > MOVING * size.max(initial=0.0))
+        # of the largest slip in the substep: less is none
+        slips = slips & (bound > 0) & (size > ROUNDING * size.max(initial=0.0))
         direction = np.divide(pulls, size[:, None], out=np.zeros_like(pulls), where=slips[:, None])
         each = np.divide(1.0, self.weights, out=np.zeros_like(self.weights), where=self.weights > 0)
         values = each[:, None] * (self.phi.T @ np.column_stack([bound, size, increment]))
@@ -68,12 +66,13 @@ class BetweenNodes:
             bound_at = bound_at * ((count == self.around.shape[1]) | vortex)
         node, point = self.phi.nonzero()
         along, length = _measured(self.measures[node], moved[point])
-        turns = (length > CENTRE * np.abs(mean_size[point]))[:, None]  # else the point is the centre of a vortex
+        turns = (length > CLOSE * np.abs(mean_size[point]))[:, None]  # else the point is the centre of a vortex
         along = np.divide(along, length[:, None], out=np.zeros_like(along), where=turns) - direction[node]
         part = np.asarray(self.phi[node, point]).ravel()
         forces = np.zeros_like(increment)
         np.add.at(forces, node, (part * bound_at[point] * slips[node])[:, None] * along)
         size_at = each * np.bincount(point, part * length, minlength=len(each))
+        # of the bounds: less is no other direction
         nothing = np.linalg.norm(forces) <= ROUNDING * np.linalg.norm(self.phi @ bound_at)
         pushed = np.abs(forces.sum(axis=0)[list(self.driven)]).max(initial=0.0)
         if nothing or pushed > ROUNDING * np.abs(forces).sum():

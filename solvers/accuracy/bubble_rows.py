@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.protocols import Sparse, Vec
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.between_nodes import BetweenNodes
@@ -25,8 +25,6 @@ from stickslip.solvers.stepping.law_memory import with_memory
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.contact_interface import components
 from stickslip.solvers.system.system import System
-
-AT_BOUND = 1e-6  # relative: a multiplier that near to the bound slips
 
 
 class BubbleRows:
@@ -82,8 +80,9 @@ class BubbleRows:
             c, t = place.rows, new.p[place.tangential].reshape(-1, place.components)
             if between is not None:
                 bound, used = cone.bound(place, new.p[place.normal]), np.linalg.norm(t * c.free, axis=1)
-                slips, limit = (c.share_t.T @ np.column_stack([used >= (1 - AT_BOUND) * bound, bound])).T
-                added = between.added(slips > 1 - AT_BOUND, limit, new.slip[c.name] - old.slip[c.name])
+                # relative: a multiplier that near to the bound slips
+                slips, limit = (c.share_t.T @ np.column_stack([used >= (1 - CLOSE) * bound, bound])).T
+                added = between.added(slips > 1 - CLOSE, limit, new.slip[c.name] - old.slip[c.name])
                 if added is not None:
                     found[c.name] = added
         return found

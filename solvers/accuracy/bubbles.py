@@ -14,14 +14,14 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, inverse_and_determinant, inverses
+from stickslip.geometry.arrays import EXACT, Array, inverse_and_determinant, inverses
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, Sparse, UflForm, Vec
 from stickslip.solvers.accuracy.finer_loads import beyond
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.forms import WeakForms
-from stickslip.solvers.fem.ground_springs import GroundSprings
+from stickslip.solvers.fem.springs import GroundSprings
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.recovered_stress import InCell
@@ -197,7 +197,7 @@ class Bubbles:
         steps = [self.relaxed(change) for change in changes]
         products = np.array([[a.dot(b) for b in steps] for a in changes])
         right = np.array([-step.dot(r) for step in steps])
-        return [float(c) for c in np.linalg.lstsq(products, right, rcond=1e-12)[0]]
+        return [float(c) for c in np.linalg.lstsq(products, right, rcond=EXACT)[0]]
 
     @cached_property
     def _copies(self) -> Array:

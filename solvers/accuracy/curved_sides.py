@@ -13,10 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.surfaces.surface import CREASE, Surface
-
-BETWEEN = 1e-9  # of a basis function: less is rounding
 
 
 def bulges(straight: Surface, middles: Surface) -> Array:
@@ -34,7 +32,8 @@ def bulges(straight: Surface, middles: Surface) -> Array:
         return found
     normals = straight.node_normals(straight.smooth_part(CREASE))
     corners = dx.reference_basis(straight.shape, 1, dx.reference_nodes(straight.shape, 2))[0]
-    edges = {k: np.flatnonzero(row > BETWEEN) for k, row in enumerate(corners)}
+    # of a basis function: less is rounding
+    edges = {k: np.flatnonzero(row > ROUNDING) for k, row in enumerate(corners)}
     for k, ends in edges.items():
         if len(ends) == 2:
             a, b = straight.facets[:, ends].T

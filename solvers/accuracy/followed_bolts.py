@@ -12,15 +12,13 @@ import logging
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.accuracy.bubbles import Bubbles
-from stickslip.solvers.scene.timeline import CLOSE
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.tightening import largest_tension, stretched
 from stickslip.solvers.system.system import System
 
-NEAR, ROUGHLY = 1e-6, 1e-3  # deviation of a tension, relative to the largest of all; of an answer that is a trial
 MOST, EACH = 8, 2  # solutions of an answer, and for each bolt
 log = logging.getLogger(__name__)
 
@@ -51,7 +49,7 @@ class FollowedBolts:
             old, new: without, at its start and its end.
         """
         self._bolts, self._bubbles, places, self._J = bolts, bubbles, bolts.places, bolts.stiffness.copy()
-        self._free = np.array([old.time < bolt.held_from * (1 - CLOSE) for bolt in bolts.bolts], bool)
+        self._free = np.array([old.time < bolt.held_from * (1 - EXACT) for bolt in bolts.bolts], bool)
         self._wanted, self.values = -new.initial_work[places], new.initial.copy()
         moved = new.initial[places] - old.initial[places]
         self._kept = before.initial[places] + moved
@@ -72,7 +70,8 @@ class FollowedBolts:
         """
         self._tried, self._tries = None, 0
         self._moves = np.full(len(self._free), True) if trial else self._free
-        self._near = ROUGHLY if trial else NEAR
+        # deviation of a tension, relative to the largest of all; of an answer that is a trial
+        self._near = SLIGHT if trial else CLOSE
         places = self._bolts.places
         self.values = self.values.copy()
         self.values[places] = np.where(self._moves, self.values[places], self._kept)

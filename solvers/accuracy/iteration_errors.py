@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from stickslip.geometry.arrays import EPS
 from stickslip.solvers.accuracy.mesh_error import Values
 from stickslip.solvers.results.observe import LINEAR, Observer
 from stickslip.solvers.results.step_result import ErrorParts, Quantity, number_of, quantities
@@ -19,7 +20,6 @@ from stickslip.solvers.scene.record import ContactNumbers, Value, numbers_of
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.solvers.system.system import System
 
-ROUNDING = 1e-15  # of the largest number of its kind
 AREAS = tuple(key for key, number in numbers_of(ContactNumbers).items() if number.kind == "area")
 LIKE = {"moment": "force", "rotation": "length"}  # kinds that are measured by another
 
@@ -62,7 +62,7 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
             )
         else:
             size = lever * sizes[kind]
-            off = 0.0 * np.abs(value) + lever * bounds[kind] + ROUNDING * size
+            off = 0.0 * np.abs(value) + lever * bounds[kind] + EPS * size  # of the largest number of its kind
             linear = 0.0 * np.abs(value) + LINEAR * accepted.linear_error * size
         errors[key] = ErrorParts(iteration=off, linear_solver=linear)
     return errors

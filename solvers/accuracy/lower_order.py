@@ -19,9 +19,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from stickslip.geometry.arrays import LAST_DIGITS
 from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.nested_mesh import CornerMesh
-from stickslip.solvers.accuracy.mesh_error import ROUNDING, at_points, without_limit
+from stickslip.solvers.accuracy.mesh_error import at_points, without_limit
 from stickslip.solvers.accuracy.next_order import AT_THE_EDGE
 from stickslip.solvers.accuracy.other_mesh import OtherMeshRun, on_other_mesh, sides_of
 from stickslip.solvers.parallel.counters import Counters
@@ -82,5 +83,5 @@ def _errors(stepper: Stepper, step: StepResult, coarser: StepResult) -> Errors:
             off = part * np.abs(value - of_order_1[key])
             errors[key] = ErrorParts(mesh=off, geometry=0.0 * off, converges=True)
     for c in stepper.system.contacts:
-        errors |= without_limit(c, coarser.contacts[c.name], ROUNDING * stepper.system.extent)
+        errors |= without_limit(c, coarser.contacts[c.name], LAST_DIGITS * stepper.system.extent)
     return errors | at_points(stepper.system.problem, of_order_1)

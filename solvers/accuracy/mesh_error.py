@@ -28,7 +28,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, TINY, Array, Bools
 from stickslip.solvers.accuracy.areas import areas_between_nodes, crossings, scatter
 from stickslip.solvers.accuracy.by_chance import by_chance
 from stickslip.solvers.accuracy.peaks import grows, grows_in
@@ -52,9 +52,7 @@ from stickslip.solvers.stepping.stepper import Accepted
 
 FACTOR, OPPOSED = 1.6, 0.5
 BETWEEN, EDGE = 0.75, 0.2
-ROUNDING = 1e-14  # of the bodies' size: shorter slips are none
 FIXED = 0.02  # of what the differences at nodes may sum up to: they cancel so well by equilibrium alone
-EQUAL = 1e-6  # relative: both ends of a symmetric side, whoever rounds
 STRESS = 1.25
 SMALL = 0.15  # of the size of a stress's error: no component is known better than by that
 DISSIPATED = Quantity("energy", "", "dissipated")  # by all contacts
@@ -92,11 +90,12 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
             whole = STRESS * _of_stress(np.asarray(off)) if key.quantity == "stress" else FACTOR * off
         chance = np.asarray(least.get(key, 0.0))
         whole = np.maximum(whole, np.where(flat <= FIXED * chance, 0.0, chance))
-        parts = np.maximum(bent + flat, EQUAL * whole)  # where less is left than rounding, all is the mesh's
-        share = bent / np.maximum(parts, np.finfo(float).tiny)
+        parts = np.maximum(bent + flat, CLOSE * whole)  # where less is left than rounding, all is the mesh's
+        share = bent / np.maximum(parts, TINY)
         errors[key] = ErrorParts(mesh=whole * (1 - share), geometry=whole * share, converges=True)
     for c in accepted.stepper.system.contacts:
-        errors |= without_limit(c, result.contacts[c.name], ROUNDING * accepted.stepper.system.extent)
+        # of the bodies' size: shorter slips are none
+        errors |= without_limit(c, result.contacts[c.name], LAST_DIGITS * accepted.stepper.system.extent)
     errors |= {Quantity("probes", name, "stress"): ErrorParts(converges=False) for name in _at_corners(observe, result)}
     return corrected, errors | at_points(accepted.stepper.system.problem, found)
 
@@ -139,7 +138,7 @@ def without_limit(c: ContactRows, contact: ContactState, rounding: float) -> dic
 
 def _largest(values: Array) -> Bools:
     """Nodes (n,) with the largest value, and those that rounding alone makes smaller."""
-    return np.asarray(values >= (1 - EQUAL) * values.max())
+    return np.asarray(values >= (1 - CLOSE) * values.max())
 
 
 def _of_stress(error: Array) -> Array:

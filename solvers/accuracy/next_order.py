@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from stickslip.geometry.arrays import LAST_DIGITS
 from stickslip.solvers.accuracy.by_chance import by_chance
-from stickslip.solvers.accuracy.mesh_error import DISSIPATED, ROUNDING, Values, at_points, observed, without_limit
+from stickslip.solvers.accuracy.mesh_error import DISSIPATED, Values, at_points, observed, without_limit
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import ErrorParts, Quantity, StepResult, quantities
@@ -46,7 +47,7 @@ def smooth_errors(
     found = quantities(result)
     endless = at_points(system.problem, found)
     for c in system.contacts:
-        endless |= without_limit(c, result.contacts[c.name], ROUNDING * system.extent)
+        endless |= without_limit(c, result.contacts[c.name], LAST_DIGITS * system.extent)
     mesh, constraints = system.mesh, system.constraints
     unknown = () if mesh.comm.allreduce(constraints.apart, min) else ("supports",)
     for key, value in found.items():

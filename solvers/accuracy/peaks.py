@@ -12,13 +12,12 @@ from __future__ import annotations
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import ROUNDING, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
 
 STEEP = 0.15  # part by which the nearest nodes have less; smooth pressures: .10 at most on the meshes that were tried
 END = 0.05  # the same at the end of a side
-SAME = 1e-9  # relative: neighbours that share a multiplier, as where two contacts meet
 HIGH = 0.8  # of the largest pressure: where one as high as that grows, it is the largest on a finer mesh
 CONVEX = 1.5  # times the next fall; r^(-1/2) has 2.3, r^(-1/10) 1.8
 WAVES = 1.2  # times the next rise, if that is steep: pressures that alternate from node to node have 1
@@ -39,7 +38,8 @@ def grows(side: Surface, pressure: Array) -> bool:
 def _grows_at(peak: int, side: Surface, pressure: Array, near: Sparse, rim: Bools) -> bool:
     """Whether the pressure at a node falls off to all sides like one that grows without end."""
     first = np.arange(len(pressure)) == peak
-    front = first | ((near @ first.astype(float) > 0) & (pressure >= (1 - SAME) * pressure[peak]))
+    # relative: neighbours that share a multiplier, as where two contacts meet
+    front = first | ((near @ first.astype(float) > 0) & (pressure >= (1 - ROUNDING) * pressure[peak]))
     ends = bool(rim[front].any())
     behind = [rim] if ends and side.dim == 3 else []  # along an edge it may be as high: so those behind it, too
     return any(_falls(pressure, near, front, layer, END if ends else STEEP) for layer in (front, *behind))

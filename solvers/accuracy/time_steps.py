@@ -43,12 +43,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Ints
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import OPEN, ErrorParts, Errors, Quantity, StepResult, quantities
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.record import Value
-from stickslip.solvers.scene.timeline import CLOSE, Timeline
+from stickslip.solvers.scene.timeline import Timeline
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.stepper import StepError, Stepper
 
@@ -60,8 +60,6 @@ PATH = 0.1  # of half the changes of friction bounds, times the slips: fitted to
 TURNED = 3.0  # times the work of the tractions' changes in a step: the most that is stated of its dissipation
 SAFETY = 1.25  # where two histories are compared alone; stated / true without it: .41 to 1.8, median 1.0
 CUTS = 8  # of a step in which a contact closes
-OVERLAP = 1e-9  # relative to the bodies; a smaller initial interference is rounding
-SHORT = 1e-6  # of the first step: loads and motions of an infinitely short one do not count beside an interference
 Stretches = tuple[tuple[float, ...], ...]  # the times of a history [s]; each stretch ends where some value turns
 
 
@@ -76,7 +74,7 @@ def stretches(times: Sequence[float], timeline: Timeline) -> Stretches:
     turns, found, open_stretch = np.array([*timeline.turns, 0.0]), list[tuple[float, ...]](), list[float]()
     for time in times:
         open_stretch.append(time)
-        if np.abs(turns - time).min() <= CLOSE * timeline.end or time == times[-1]:
+        if np.abs(turns - time).min() <= EXACT * timeline.end or time == times[-1]:
             found.append(tuple(open_stretch))
             open_stretch = []
     return tuple(found)
@@ -243,7 +241,7 @@ class TimeStepErrors:
     def _closes(self, plan: Stretches, steps: Sequence[StepResult]) -> list[bool]:
         """Whether a contact with friction closes in the first step of each stretch."""
         system, found, first = self._stepper.system, list[bool](), 0
-        gap = OVERLAP * system.extent
+        gap = ROUNDING * system.extent  # relative to the bodies; a smaller initial interference is rounding
         apart = {c.name: bool((c.node_gap > gap).all()) for c in system.contacts if c.friction is not None}
         for stretch in plan:
             closed = {name: (steps[first].contacts[name].status != OPEN).any() for name in apart}
@@ -299,11 +297,12 @@ class TimeStepErrors:
         """Time remainder [J] of an infinitely short first step: it closes interferences; NaN: not solved."""
         if steps[0].time == 0:
             return steps[0].energy.time_remainder
-        overlap = OVERLAP * self._stepper.system.extent
+        overlap = ROUNDING * self._stepper.system.extent
         if not any((c.node_gap < -overlap).any() for c in self._stepper.system.contacts):
             return 0.0
         try:
-            first = self._stepper.reach(self._stepper.start(), SHORT * steps[0].time, self._on_iteration)
+            # of the first step: loads and motions of an infinitely short one do not count beside an interference
+            first = self._stepper.reach(self._stepper.start(), CLOSE * steps[0].time, self._on_iteration)
         except StepError:
             return float("nan")
         return first.state.energy.time_remainder

@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, Array, Ints
 from stickslip.geometry.protocols import KSP, Mat, Sparse, Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.interface.flexibility import DelassusOperator
@@ -125,7 +125,6 @@ def assemble_C(system: System, cone: AdmissibleSet, multipliers: Multipliers) ->
     return multipliers.matrix(sparse.diags(diagonal[multipliers.rows], format="csr"), multipliers.like)
 
 
-RTOL = 1e-12  # relative residual at which an iterative solve of the nest stops
 PREFIX = "block_"  # of PETSc's options; solver.petsc_options are without it
 SPLITS = ("", "fieldsplit_u_", "fieldsplit_lambda_")  # prefixes, after that one, of the nest's solvers
 
@@ -155,7 +154,7 @@ def solve(nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec], options: Pe
     pc = ksp.getPC()
     pc.setType("lu")
     pc.setFactorSolverType("mumps")
-    ksp.setTolerances(rtol=RTOL)
+    ksp.setTolerances(rtol=EXACT)  # relative residual at which an iterative solve of the nest stops
     splits, _ = nest.getNestISs()
     with options.in_force(mumps_options(PREFIX)):
         ksp.setFromOptions()

@@ -17,7 +17,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import HALF_DIGITS, LAST_DIGITS, Array, Ints
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Mat, Sparse, Vec
 from stickslip.solvers.classical.block_matrices import (
@@ -29,8 +29,7 @@ from stickslip.solvers.classical.block_matrices import (
     solve,
 )
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
-from stickslip.solvers.fem.contact_forms import ComplianceForms
-from stickslip.solvers.fem.point_laws import PointLaw
+from stickslip.solvers.fem.contact_forms import ComplianceForms, PointLaw
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.sparse import PREFIX, SparseSurface
 from stickslip.solvers.laws.compliance import Compliance
@@ -45,7 +44,6 @@ HALVINGS = 30
 OVERSHOOT = 0.9  # largest slope of the energy at the end of a step, relative to that at its start, of opposite sign
 SLOW = 0.1  # factor by which ||delta|| falls in an iteration; if less, F' is assembled and factorised anew
 INEXACT = 0.1  # of the first residual of a linear solve in Newton's method, where inner solves are iterative
-ROUNDING = 1e-14  # relative accuracy of the displacement, in energy norm, that rounding allows
 
 
 @dataclass(frozen=True)
@@ -123,7 +121,8 @@ class InnerProblem:
             self._fresh = False
             size = float(np.sqrt(max(slope, 0.0)))
             first = first or size
-            rounding = ROUNDING * max(first, float(np.sqrt(max((self.K * q).dot(q), 0.0))))
+            # relative accuracy of the displacement, in energy norm, that rounding allows
+            rounding = LAST_DIGITS * max(first, float(np.sqrt(max((self.K * q).dot(q), 0.0))))
             if size <= max(allowed(first) if allowed else 0.0, rounding) or delta.norm() <= self.rounding(q):
                 return
             q.axpy(self._length(rhs, q, dq, slope), dq)
@@ -350,9 +349,6 @@ class BlockSystem:
         return np.asarray(self.surface.N @ self.inner.contact.read(found))
 
 
-RESIDUAL = 1e-8  # backward error, and relative force out of balance, above which the linear system counts as singular
-
-
 class NestedSystem:
     """Solves the linearised laws together with the bodies on the free displacements; `q` is the last answer."""
 
@@ -365,7 +361,8 @@ class NestedSystem:
             rtol: tolerance of the step.
         """
         self.blocks, self.q, self.options = blocks, q, options
-        self.enough = min(RESIDUAL, rtol)
+        # backward error, and relative force out of balance, above which the linear system counts as singular
+        self.enough = min(HALF_DIGITS, rtol)
         self.u_c: Array | None = None  # of the last answer, the same object as it returned
         self.direct = True  # whether all solves were by a factor
 
@@ -428,7 +425,7 @@ class NestedSystem:
         """Raise if the tractions p (rows,) [Pa] do not balance the load of a floating body."""
         surface, load = laws.problem.surface, laws.problem.load.resultant
         held = surface.R.T @ surface.forces(p)
-        if np.abs(load - held).sum() > RESIDUAL * (np.abs(load).sum() + np.abs(surface.forces(p)).sum()):
+        if np.abs(load - held).sum() > HALF_DIGITS * (np.abs(load).sum() + np.abs(surface.forces(p)).sum()):
             raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,9 @@ from scipy.linalg import eigh, eigvalsh
 from scipy.sparse.csgraph import dijkstra
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Bools, Ints
-from stickslip.geometry.errors import MachineError
-from stickslip.geometry.keys import Key
+from stickslip.geometry.arrays import EXACT, Array, Bools, Ints
+from stickslip.geometry.errors import MachineError, require
+from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.protocols import Mat, Sparse
 from stickslip.geometry.surfaces.surface import consistent_mass, surface_stiffness
 from stickslip.solvers.classical.uzawa import Outer, Relaxation, Solved
@@ -37,12 +37,32 @@ from stickslip.solvers.iteration import OnStep, Solution, ignore
 from stickslip.solvers.methods.method import Applicability, Keys, Method, Ready, Refusal, SameEveryStep, Setup
 from stickslip.solvers.newton.surface_model import nearest_in_cone
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.scene.gram import Gram
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.system.stiffness import Stiffness
 from stickslip.solvers.system.system import System
 
-RANK = 1e-13  # of the largest eigenvalue; a smaller one is zero
+
+@dataclass(frozen=True, kw_only=True)
+class Gram(Noun):
+    """H1 Gram matrix of finite element basis functions, and its Cholesky factor."""
+
+    space: Annotated[
+        Literal["volume", "multiplier"],
+        Key("-", "basis: of displacements, Q^-1 from the factor's block of contact dofs; or of tractions, Q"),
+    ] = "volume"
+    factor: Annotated[
+        Literal["complete", "drop", "ic0"], Key("-", "complete, with a drop tolerance, or in the matrix's own pattern")
+    ] = "complete"
+    drop: Annotated[float, Key("-", "for factor = drop: tolerance, relative to the norm of a column")] = 1e-3
+    unknown: Annotated[Literal["forces", "tractions"], Key("-", "unknown that it is the metric of")] = "forces"
+    length: Annotated[
+        float | None,
+        Key("m", "l in the product, integral of grad u : grad v + u . v / l^2; absent: the bodies' extent"),
+    ] = None
+
+    def __post_init__(self) -> None:
+        require(0 < self.drop < 1, "drop", self.drop, "must lie between 0 and 1, for example 1e-3")
+        require(self.length is None or self.length > 0, "length", self.length, "must be positive")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -82,7 +102,7 @@ def inverse_root(Q: Array) -> Array:
     Q is singular where a compliant face has more points than nodes: tractions without nodal forces have norm zero.
     """
     values, vectors = eigh(Q)
-    kept = values > RANK * values.max(initial=0.0)
+    kept = values > EXACT * values.max(initial=0.0)  # of the largest eigenvalue; a smaller one is zero
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 
 

@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.linalg import cho_solve
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.errors import SolverError, require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.classical.gram_uzawa import DenseMetric, inverse_root
@@ -41,7 +41,6 @@ from stickslip.solvers.newton.surface_model import nearest_in_cone
 NEWTON_STEPS = 100
 HALVINGS = 30
 OVERSHOOT = 0.9  # largest slope of the energy at the end of a step, relative to that at its start, of opposite sign
-ROUNDING = 1e-14  # relative accuracy of the displacement, in energy norm, that rounding allows
 LANCZOS = 1e-4  # relative error of an eigenvalue
 
 
@@ -109,7 +108,8 @@ class CompliantBodies:
             slope = float(delta @ du)
             first = np.sqrt(slope) if first is None else first
             stored = abs(float((self.problem.load.f_c - self.surface.forces(p)) @ u_c))
-            if np.sqrt(slope) <= max(allowed(first), ROUNDING * np.sqrt(stored)):
+            # relative accuracy of the displacement, in energy norm, that rounding allows
+            if np.sqrt(slope) <= max(allowed(first), LAST_DIGITS * np.sqrt(stored)):
                 return p, u_c, V
             u_c = u_c + self._length(p, u_c, du, slope) * du
         raise SolverError("the compliant faces' own Newton iteration does not converge; use solver.method = uzawa")

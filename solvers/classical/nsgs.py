@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, LAST_DIGITS, TINY, Array, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import ContactBlock, project_disc
 from stickslip.solvers.interface.discrete import DiscreteProblem, GivenSurface
@@ -125,7 +125,8 @@ def coloured(problem: DiscreteProblem) -> list[Colour]:
     surface, d = problem.surface, problem.dim
     own = _own_blocks(surface.matrix, d)
     give_n, give_T = own[:, 0, 0], np.linalg.eigvalsh(own[:, 1:, 1:])[:, -1]
-    least = LEAST * max(give_n.max(), give_T.max()) or 1.0
+    # smallest flexibility of a point, relative to the largest: for rows that move nothing
+    least = EXACT * max(give_n.max(), give_T.max()) or 1.0
     rho_n, rho_T = 1 / np.maximum(give_n, least), 1 / np.maximum(give_T, least)[:, None]
     found, q = [], problem.q.reshape(-1, d)
     for members in colours(surface.matrix, d):
@@ -163,9 +164,7 @@ def _own_blocks(W: Sparse, d: int) -> Array:
 
 
 STALL_WINDOW = 500  # sweeps in which the smallest residual must halve
-LEAST = 1e-12  # smallest flexibility of a point, relative to the largest: for rows that move nothing
 NEWTON_STEPS = 50  # for the equation of a slipping point; it converges monotonically, about five are enough
-ROUNDING = 1e-15  # relative, of a length
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -307,7 +306,7 @@ def in_disc(give: Array, asked: Array, bound: float) -> Array:
         return np.zeros_like(t)
     x = 0.0
     for _ in range(NEWTON_STEPS if len(t) > 1 else 0):  # with one axis the answer is +-bound
-        if length <= bound * (1 + ROUNDING):
+        if length <= bound * (1 + LAST_DIGITS):  # relative, of a length
             break
         x += (length / bound - 1) * length**2 / float(t @ (t / (give + x)))
         t = asked / (give + x)
@@ -323,9 +322,9 @@ def _delassus(setup: Setup) -> Array:
 
 def _points(problem: SurfaceProblem, D: Array) -> Iterator[NormalPoint | FrictionPoint]:
     """All points in the order of the sweep: each tangential point right after the last normal row of its bound."""
-    give = np.maximum(D.diagonal() * problem.surface.W, 1e-300)
+    give = np.maximum(D.diagonal() * problem.surface.W, TINY)
     for place in problem.cone.places:
-        least = LEAST * float(give[place.normal].max(initial=0.0))
+        least = EXACT * float(give[place.normal].max(initial=0.0))
         gamma = 1 / np.maximum(give[place.normal], least)
         ordered: list[tuple[float, Any]] = [
             (k, NormalPoint(slice(i, i + 1), place.rows.normal, gamma[k : k + 1]))
@@ -349,7 +348,7 @@ def _friction_points(problem: SurfaceProblem, D: Array, place: ContactBlock) -> 
         own = average[j]
         A = D[np.ix_(rows, rows)] * W[rows]
         give, axes = np.linalg.eigh((A + A.T) / 2 + np.diag(cone.softness[rows]))
-        give = np.maximum(give, LEAST * float(give.max()))
+        give = np.maximum(give, EXACT * float(give.max()))
         yield (
             float(own.indices.max(initial=-1)) + 0.5,
             FrictionPoint(

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, Array
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.classical.contact_element import STICK, Answer, ContactElements, held_from, penalties
@@ -17,7 +17,7 @@ from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, Driver, Iterate, OnStep, Solution, Status, ignore
 from stickslip.solvers.methods.method import Applicability, Method, Ready, SameEveryStep, Setup
-from stickslip.solvers.newton.correction import ENOUGH, MARGIN, ROUNDING, elastic_norm, exact_problem
+from stickslip.solvers.newton.correction import ENOUGH, MARGIN, elastic_norm, exact_problem
 from stickslip.solvers.system.system import System
 
 FACTOR = 10.0  # from one level of ω to the next
@@ -27,7 +27,6 @@ DETOURS = 8  # largest number of additional levels, inserted where Newton's meth
 SOFTER = 3  # times that the springs are made softer by `FACTOR` where they start again
 SLOW = 0.9  # of the defect before; if it falls by less, starting again does not help
 HALVINGS = 6  # of a Newton step; shorter steps bring no progress
-BALANCE = 1e-6  # largest unbalanced force of a solved level, relative to the force of p_ref
 DESCENT = 1e-4  # part of the predicted decrease that a shortened step must bring (Armijo)
 
 
@@ -110,7 +109,7 @@ class OnSprings(SameEveryStep):
         def correct(before: Correction) -> Correction:
             """Newton's method goes on at the final ω; if it stalls, all levels are solved to the smaller tolerance."""
             exact, own = exact_problem(problem, before), held_from(problem, p + before.p)
-            rtol = max(ENOUGH * newton.driver.history[-1].residual, ROUNDING)
+            rtol = max(ENOUGH * newton.driver.history[-1].residual, LAST_DIGITS)
             further = Newton(exact, NEWTON_STEPS, ignore, newton.u_c, newton.Sigma)
             ended = further.solve(self.omega, own, rtol)
             if ended is not Status.CONVERGED:
@@ -271,7 +270,8 @@ class Newton:
     def _balanced(self, elements: ContactElements) -> bool:
         """Whether R_U is zero, as the natural residual assumes; a nearly singular solve may leave a force."""
         R_U, _ = residual(elements, elements.answer(elements.gaps(self.u_c)), self.u_c, self.Sigma)
-        return bool(np.abs(R_U).sum() <= BALANCE * self.problem.p_ref * self.problem.surface.W.sum())
+        # largest unbalanced force of a solved level, relative to the force of p_ref
+        return bool(np.abs(R_U).sum() <= CLOSE * self.problem.p_ref * self.problem.surface.W.sum())
 
     def _advance(self, elements: ContactElements) -> None:
         """One Newton step, halved until |R| decreases; if it never does, the length with the smallest |R|."""

@@ -17,12 +17,12 @@ from scipy.sparse.linalg import splu
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.amplitude import value_at
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Mat, Vec
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.fem.smoothed_laws import SmoothedContact, Widths
+from stickslip.solvers.fem.contact_forms import SmoothedContact, Widths
 from stickslip.solvers.interface.factorised import METIS
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -122,7 +122,6 @@ class Nodal:
 FACTOR = 10**0.5  # from level to level; with 10, Newton's method becomes slow
 FURTHER = 5  # Newton steps after the tolerance is met, to measure what was left
 NEWTON_STEPS = 50  # at one level; about six are enough if the levels before are a good start
-ROUNDING = 1e-6  # tolerance on the number of levels, so that rounding adds no level
 PENETRATION = 4 * float(np.finfo(float).eps)  # rounding of a penetration, relative to u_ref
 SLIPPING = 10  # a point that has moved by more than this many eps counts as slipping
 
@@ -133,7 +132,8 @@ def levels(smoothing: float) -> tuple[float, ...]:
     >>> [round(level, 3) for level in levels(0.1)]
     [1.0, 0.316, 0.1]
     """
-    count = max(int(np.ceil(-np.log(smoothing) / np.log(FACTOR) - ROUNDING)), 1)
+    # tolerance on the number of levels, so that rounding adds no level
+    count = max(int(np.ceil(-np.log(smoothing) / np.log(FACTOR) - CLOSE)), 1)
     return tuple(smoothing * FACTOR**k for k in range(count, -1, -1))
 
 

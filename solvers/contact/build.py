@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools, Ints
 from stickslip.geometry.errors import SceneError, prefixed
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
@@ -20,8 +20,6 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.scene.contact import Contact
 
-SMALL = 1e-6  # sine of the angle below which directions count as parallel
-ACROSS = 1e-12  # likewise, below which they count as orthogonal
 DIGITS = 9  # to which components are rounded, so that among equal ones the first is the least
 
 
@@ -142,7 +140,7 @@ def _independent(directions: Array, bases: Array, held: Array) -> tuple[Array, B
     """
     turned, free = directions.copy(), np.ones(directions.shape[:2], bool)
     across = held + np.swapaxes(directions, 1, 2) @ directions
-    plain = (bases == np.eye(bases.shape[1])).all(axis=(1, 2)) & (np.abs(directions @ held) < ACROSS).all(axis=(1, 2))
+    plain = (bases == np.eye(bases.shape[1])).all(axis=(1, 2)) & (np.abs(directions @ held) < EXACT).all(axis=(1, 2))
     at = np.flatnonzero(~plain)
     turned[at], free[at], across[at] = _turned(directions[at], bases[at], held[at])
     return turned, free, across
@@ -152,11 +150,11 @@ def _turned(directions: Array, bases: Array, held: Array) -> tuple[Array, Bools,
     """The same where supports or other multipliers hold something of the directions."""
     motion = directions @ bases  # (n, c, d): free motion seen in each direction
     left, size, _ = np.linalg.svd(motion - motion @ held)
-    free = size > SMALL
+    free = size > CLOSE  # sine of the angle below which directions count as parallel
     left[free.all(axis=1)] = np.eye(directions.shape[1])
     turned = np.swapaxes(left, 1, 2) @ directions
     every = np.concatenate([held, free[:, :, None] * (turned @ bases)], axis=1)
-    return turned, free, np.linalg.pinv(every, rcond=SMALL**1.5) @ every
+    return turned, free, np.linalg.pinv(every, rcond=ROUNDING) @ every
 
 
 def distribute_to_neighbours(surface: Surface, owner: Ints, facing: Bools, count: int) -> Sparse:

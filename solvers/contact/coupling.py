@@ -1,4 +1,13 @@
-"""Coupling of a slave surface with what it may touch: weights, relative displacement, gap and normals."""
+"""Coupling of a slave surface with what it may touch: weights, relative displacement, gap and normals.
+
+With a rigid obstacle dual (biorthogonal) multipliers act at nodes and compliance pressure at quadrature points: the
+weighted gap of a node is then the gap at that node (in the basis phi~ of `Surface`), so its row is its displacement in
+the local frame. In node-to-segment (2D) and node-to-face (3D) contact each slave node is paired with the master facet
+along its normal; a contact element is a slave node with the nodes of that facet: three in 2D, four or five in 3D at
+order 1. Mortar coupling has a file of its own.
+
+Source of contact elements: Pop (1999), section 4.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +18,11 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, Array, Bools, Ints
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
 
 
@@ -93,3 +105,111 @@ def midway_normals(own: Array, other: Array, gap: Array) -> tuple[Array, Array]:
     normals = own - other
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     return normals, gap * np.einsum("md,md->m", own, normals)
+
+
+def rigid_coupling(surface: Surface, obstacle: Obstacle) -> Coupling:
+    """Coupling of a surface with a shape that is given by a formula and has no mesh."""
+    gap, normals = seen_from(obstacle, surface.points)
+    return Coupling(
+        surface=surface,
+        master=None,
+        weights=surface.node_weights(),
+        relative=surface.transform,
+        gap=surface.transform @ gap,
+        normals=-normals,
+        carries=np.ones(len(surface.points), bool),
+        points=lambda degree: _points(surface, obstacle, degree),
+    )
+
+
+def seen_from(obstacle: Obstacle, points: Array) -> tuple[Array, Array]:
+    """Distance (m,) [m] of points (m, d) from the obstacle, and unit normals (m, d) out of it.
+
+    Raises:
+        SceneError: its formulas give something else.
+    """
+    gap, normals = obstacle.signed_gap(points), obstacle.normals(points)
+    long = np.linalg.norm(normals, axis=1)
+    # by which a normal may be longer or shorter than 1
+    wrong = np.flatnonzero(~np.isfinite(gap) | ~(np.abs(long - 1) < CLOSE))
+    if len(wrong):
+        k, kind = wrong[0], type(obstacle).__name__
+        place = ", ".join(f"{x:g}" for x in points[k])
+        raise SceneError(
+            f"obstacle {kind}: at ({place}) its distance is {gap[k]:g} and its normal {long[k]:g} long; expected a "
+            "number, and a unit vector"
+        )
+    return gap, normals
+
+
+def _points(surface: Surface, obstacle: Obstacle, degree: int) -> Points:
+    """The quadrature points of the facets: with them the rows give exactly the form j_n."""
+    weights = surface.quadrature(degree)[0]
+    dual = surface.dual_basis(degree)
+    (f, q), k, n = weights.shape, surface.facets.shape[1], len(surface.points)
+    row = np.repeat(np.arange(f * q), k)
+    node = np.repeat(surface.facets[:, None, :], q, axis=1).ravel()
+    own = On(np.repeat(np.arange(f), q), np.tile(dx.reference_rule(surface.shape, degree)[0], (f, 1)))
+    relative = own.basis(surface)
+    psi = sparse.csr_matrix(((dual * weights[:, :, None]).ravel(), (node, row)), shape=(n, f * q))
+    gap, normals = seen_from(obstacle, relative @ surface.points)
+    return Points(
+        weights=weights.ravel(),
+        relative=relative,
+        gap=gap,
+        normals=-normals,
+        psi=psi,
+        phi=shares(own, surface, weights.ravel()),
+        own=own,
+        other=None,
+    )
+
+
+def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
+    """Coupling at the slave's nodes, with their own weights; a node that meets no facet carries no multiplier.
+
+    Args:
+        slave, master: the two surfaces.
+        reach: farthest gap [m] across which a facet is looked for.
+    """
+    along = slave.node_normals()
+    found = pair(slave.points, along, master, reach)
+    partners = found.weights(master)
+    missed = (found.facet < 0).astype(float)
+    met = abs(slave.transform) @ missed == 0  # a coefficient of phi~ may need several nodes
+    weights = np.where(met, slave.node_weights(), 0.0)
+    relative = sparse.hstack([slave.transform, -(slave.transform @ partners)], format="csr")
+    gap = np.where(met, slave.transform @ np.where(missed, 0.0, found.gap), 0.0)
+    normals, gap = midway_normals(along, partners @ master.node_normals(), gap)
+
+    def points(degree: int) -> Points:
+        """The nodes that meet a facet, for every degree."""
+        psi = sparse.diags(weights, format="csc")[:, met]
+        return Points(
+            weights=weights[met],
+            relative=relative[met],
+            gap=gap[met],
+            normals=normals[met],
+            psi=psi.tocsr(),
+            phi=psi.tocsr(),
+            own=_on_nodes(slave, met),
+            other=On(found.facet[met], found.local[met]),
+        )
+
+    return Coupling(
+        surface=slave,
+        master=master,
+        weights=weights,
+        relative=relative,
+        gap=gap,
+        normals=normals,
+        carries=met,
+        points=points,
+    )
+
+
+def _on_nodes(surface: Surface, chosen: Bools) -> On:
+    """Chosen nodes (n,) of a surface as points of it, each on the first facet that has it."""
+    k = surface.facets.shape[1]
+    at = np.unique(surface.facets.ravel(), return_index=True)[1][chosen]
+    return On(at // k, dx.reference_nodes(surface.shape, surface.degree)[at % k])

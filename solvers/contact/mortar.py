@@ -14,15 +14,13 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import DIGITS, distribute_to_neighbours
 from stickslip.solvers.contact.coupling import Coupling, On, Points, midway_normals, relative_to, shares
 
-DUAL = 1e-3  # of a facet's weights: psi whose duality is off by more is replaced by a constant
-SLIVER = 1e-9  # of a facet, or of a node's weight: less counts as not covered
 WILD = 1e6  # larger psi is replaced by a constant; on a whole facet psi is at most about 10
 
 
@@ -47,7 +45,8 @@ def mortar_integrals(slave: Surface, master: Surface, found: Overlap) -> tuple[A
     dual, lumped = _dual(slave, found.slave_facet[rows], found.slave_local[rows], found.weights[rows])
     nodes = slave.facets[found.slave_facet[rows]]
     W = np.bincount(nodes.ravel(), lumped.ravel(), n).astype(float)  # integers where nothing is covered
-    W[np.abs(W) <= SLIVER * slave.node_weights()] = 0.0
+    # of a facet, or of a node's weight: less counts as not covered
+    W[np.abs(W) <= ROUNDING * slave.node_weights()] = 0.0
     values = dual * found.weights[rows, None] * (W[nodes] != 0)
     psi = sparse.csr_matrix((values.ravel(), (nodes.ravel(), np.repeat(rows, k))), shape=(n, q))
     basis = _values(master, found.master_local)
@@ -63,7 +62,7 @@ def _covered(slave: Surface, found: Overlap) -> Bools:
     """Which of the points (q,) lie on facets of which more than a sliver is covered."""
     full = slave.quadrature(2 * slave.degree)[0].sum(axis=1)
     covered = np.bincount(found.slave_facet, found.weights, len(full))
-    return np.asarray((covered > SLIVER * full)[found.slave_facet])
+    return np.asarray((covered > ROUNDING * full)[found.slave_facet])
 
 
 def _dual(slave: Surface, facets: Ints, local: Array, weights: Array) -> tuple[Array, Array]:
@@ -89,7 +88,7 @@ def _dual(slave: Surface, facets: Ints, local: Array, weights: Array) -> tuple[A
         phi, psi, weights, first
     )  # rounding error: one step of iterative refinement
     psi = psi + _combine(L, (C @ left)[at])
-    dual = np.abs(left).max(axis=(1, 2)) <= DUAL * np.abs(D).max(axis=1)  # false where T is singular to rounding
+    dual = np.abs(left).max(axis=(1, 2)) <= SLIGHT * np.abs(D).max(axis=1)  # false where T is singular to rounding
     wild = ~((np.maximum.reduceat(np.abs(psi).max(axis=1), first) <= WILD) & dual)
     mean = D[wild] / D[wild].sum(axis=1, keepdims=True)
     psi[wild[at]] = np.repeat(mean, np.bincount(at, minlength=f)[wild], axis=0)

@@ -1,24 +1,32 @@
-"""Contact rows of all pairs of a problem, where the surfaces are: obstacles by their shape, bodies by a search."""
+"""Contact operators by name, and contact rows of all pairs: obstacles by their shape, bodies by a search."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import build_rows
-from stickslip.solvers.contact.operators import OPERATORS
-from stickslip.solvers.contact.rigid_obstacle import rigid_coupling
+from stickslip.solvers.contact.coupling import Coupling, nodal_coupling, rigid_coupling
+from stickslip.solvers.contact.mortar import mortar_coupling
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.scene.problem import Problem
 
+Operator = Callable[[Surface, Surface, float], Coupling]  # slave, master, reach [m]: farthest gap looked across
+
+OPERATORS: Mapping[str, Operator] = {
+    "mortar": mortar_coupling,
+    "node-to-segment": nodal_coupling,
+    "node-to-face": nodal_coupling,
+}
+
+
 REACH = 0.2  # of the sides' extent: as far as contact is searched for where the scene does not say
-SLACK = 1 + 1e-6  # a gap may be as wide as the reach to rounding
 
 
 def pair_up(
@@ -50,7 +58,8 @@ def pair_up(
         assert known.master is not None
         # of the start, and the same for a scene that is turned as a whole
         reach = known.contact.search_distance or REACH * _spread(sides[known.slave], sides[known.master])
-        couplings[name] = known.contact, OPERATORS[known.contact.operator or "mortar"](slave, master, reach * SLACK)
+        operator = OPERATORS[known.contact.operator or "mortar"]
+        couplings[name] = known.contact, operator(slave, master, reach * (1 + CLOSE))  # as wide a gap to rounding
         if not np.any(couplings[name][1].weights > 0):
             raise SceneError(
                 f"contacts.{name}: nothing of {known.slave} faces {known.master} within {reach:g} "

@@ -8,13 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import ROUNDING, TINY, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.coupling import Points
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
-
-TINY = 1e-9  # of the friction bound; smaller tractions have no direction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +106,7 @@ class ContactRows:
 
     def tangential_mean(self, values: Array) -> Array:
         """Mean (m_t, ...) at each tangential point of values (n, ...) at the nodes that it stands for."""
-        return np.asarray(self.share_t.multiply(1 / np.maximum(self.share_t.sum(axis=1), 1e-300)) @ values)
+        return np.asarray(self.share_t.multiply(1 / np.maximum(self.share_t.sum(axis=1), TINY)) @ values)
 
     def along_traction(self, bound: Array, t: Array) -> Array:
         """Friction bounds (m_t,) [Pa] in the directions of t (m_t, d-1): those of an orthotropic law differ."""
@@ -116,7 +114,8 @@ class ContactRows:
             return bound
         size = np.linalg.norm(t * self.free, axis=1)
         true = np.linalg.norm(np.einsum("mc,mcd->md", t * self.free, self.tangents), axis=1)
-        return np.asarray(bound * np.divide(true, size, out=np.ones_like(size), where=size > TINY * bound))
+        # of the friction bound; smaller tractions have no direction
+        return np.asarray(bound * np.divide(true, size, out=np.ones_like(size), where=size > ROUNDING * bound))
 
     def _per_weight(self, values: Array) -> Array:
         weights = self.node_weights.reshape(-1, *[1] * (values.ndim - 1))

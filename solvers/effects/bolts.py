@@ -9,6 +9,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.errors import SceneError, require, require_known
 from stickslip.geometry.keys import Key
 from stickslip.geometry.obstacles.obstacle import unit
@@ -18,7 +19,7 @@ from stickslip.solvers.scene.loads import Link
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.record import Number
 from stickslip.solvers.scene.scene import EffectTable, Scene
-from stickslip.solvers.scene.timeline import CLOSE, Place
+from stickslip.solvers.scene.timeline import Place
 
 SOLID = ("body", "shank")
 SPRING = ("head", "nut", "axis", "stiffness")
@@ -92,7 +93,7 @@ class Bolt(EffectTable):
             scene.require_side(str(self.head), f"{key}.head")
             scene.require_side(str(self.nut), f"{key}.nut")
             require(len(axis) == scene.dim, f"{key}.axis", list(axis), expected)
-        times = [t for t in scene.requested_times() if self.held_from is None or abs(t - self.held_from) < CLOSE * t]
+        times = [t for t in scene.requested_times() if self.held_from is None or abs(t - self.held_from) < EXACT * t]
         require(len(times) > 0, f"{key}.held_from", self.held_from, "no step ends there; list that time in force")
         radial = scene.axisymmetric and axis[0] != 0
         where = f"{key}.axis" if self.shank is None else f"{key}.shank"

@@ -16,7 +16,7 @@ from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.terms import InitialStrain, LoadTerm
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.record import Record, RecordType
-from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Place, Timeline
 
 T = TypeVar("T")
@@ -53,6 +53,11 @@ class Effect(ABC):
 
     name: ClassVar[str]  # row of the plan, and name of the scene's table if the effect has one
     table: ClassVar[Any] = None  # type of that table: an `EffectTable`, or a Mapping of them by name
+
+    def __init_subclass__(cls, **kwargs: object) -> None:
+        super().__init_subclass__(**kwargs)
+        if cls.table is not None:
+            EffectTable.kinds[cls.name] = cls.table
 
     def because(self, scene: Scene) -> str | None:
         """The scene key that switches the effect on; None: it is off. An effect with a table is on with its table."""

@@ -1,9 +1,9 @@
-"""Orthotropic bodies: a stiffness of their own along axes; see `stickslip.solvers.scene.orthotropic`."""
+"""Orthotropic bodies: a stiffness of their own along axes; see `stickslip.solvers.scene.material`."""
 
 from __future__ import annotations
 
 from stickslip.solvers.effects.effect import Effect
-from stickslip.solvers.scene.orthotropic import Orthotropic
+from stickslip.solvers.scene.material import Orthotropic
 from stickslip.solvers.scene.scene import Scene
 
 

@@ -15,8 +15,7 @@ from stickslip.geometry.expression import Expression, Varying, check_varying
 from stickslip.geometry.keys import Key
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.fem.terms import InitialStrain
-from stickslip.solvers.scene.material import Elastic
-from stickslip.solvers.scene.orthotropic import Orthotropic
+from stickslip.solvers.scene.material import Elastic, Orthotropic
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Place

@@ -19,18 +19,16 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import null_space
 
-from stickslip.geometry.arrays import Array, Bools, Ints, cross
+from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Comm, Mat
-from stickslip.solvers.fem.links import Links
 from stickslip.solvers.fem.remote_points import RemotePoint, RemotePoints
+from stickslip.solvers.fem.springs import Links
 from stickslip.solvers.scene.timeline import Course, Drive, Place
 
 AXES = {"x": 0, "y": 1, "z": 2}
 AXIS = "axis of symmetry"
-ROUNDED = 1e-14  # of the largest value of an expression: smaller ones are zero, as sin(pi) is
-SMALL = 1e-10  # sine of the angle below which two directions count as parallel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,7 +246,8 @@ class Constraints:
                     at=at,
                     rows=rows,
                     directions=directions,
-                    inverse=np.linalg.pinv(directions, rcond=SMALL) if count > 1 else np.swapaxes(directions, 1, 2),
+                    # sine of the angle below which two directions count as parallel
+                    inverse=np.linalg.pinv(directions, rcond=ROUNDING) if count > 1 else np.swapaxes(directions, 1, 2),
                     own=self.is_own(self.held[at]),
                 )
             )
@@ -272,7 +271,8 @@ class Constraints:
             except SceneError as error:
                 failure = failure or error
             largest = self.comm.allreduce(float(np.abs(exact).max(initial=0.0)), op=MPI.MAX)
-            values[at] = np.where(np.abs(exact) > ROUNDED * largest, exact, 0.0)
+            # of the largest value of an expression: smaller ones are zero, as sin(pi) is
+            values[at] = np.where(np.abs(exact) > LAST_DIGITS * largest, exact, 0.0)
         self._raise_together(failure)
         return [values[alike.rows] for alike in self.alike]
 
@@ -286,7 +286,7 @@ class Constraints:
         for alike, wanted in zip(self.alike, self.wanted(time), strict=True):
             found[alike.at] = np.einsum("kdr,kr->kd", alike.inverse, wanted)
             off = np.abs(np.einsum("krd,kd->kr", alike.directions, found[alike.at]) - wanted)
-            wrong.append(alike.at[np.any(off > 1e-9 * np.abs(wanted).max(axis=1, keepdims=True), axis=1)])
+            wrong.append(alike.at[np.any(off > ROUNDING * np.abs(wanted).max(axis=1, keepdims=True), axis=1)])
         own = self.held[np.concatenate(wrong)]
         first = int(own[self.is_own(own)].min(initial=self.nodes.total))
         least = self.comm.allreduce(first, op=MPI.MIN)
@@ -370,7 +370,7 @@ def _free_basis(directions: Array) -> tuple[Array, Bools]:
     if np.all(np.count_nonzero(directions, axis=1) == 1):
         free = ~directions.any(axis=0)
         return np.diag(free.astype(float)), free
-    basis = null_space(directions, rcond=SMALL)
+    basis = null_space(directions, rcond=ROUNDING)
     return np.pad(basis, ((0, 0), (0, d - basis.shape[1]))), np.arange(d) < basis.shape[1]
 
 

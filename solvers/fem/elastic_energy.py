@@ -1,15 +1,19 @@
-"""The elastic energy of the bodies, written a second time: the audit's forces share no stress with the solver's."""
+"""The elastic energy of the bodies, written a second time: the audit's forces share no stress with the solver's.
+
+That of orthotropic bodies is written in their own axes: it shares no tensor with the solver either.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.dolfinx_versions import ufl
-from stickslip.geometry.protocols import Function, UflExpr, UflForm
+from stickslip.geometry.protocols import Constant, Function, UflExpr, UflForm
 from stickslip.solvers.fem.forms import WeakForms
-from stickslip.solvers.fem.own_axes import energy_density
+from stickslip.solvers.scene.material import Orthotropic
 
 
 def forces_of_energy(weak: WeakForms, u: Function, dilatation: Mapping[str, Function]) -> list[UflForm]:
@@ -52,3 +56,74 @@ def forces_of_energy(weak: WeakForms, u: Function, dilatation: Mapping[str, Func
         density = energy_density(material, normal, gradient, problem.model == "plane stress", weak.constant)
         found.append(forces(density, name))
     return found
+
+
+def energy_density(
+    body: Orthotropic,
+    normal: Sequence[UflExpr],
+    gradient: UflExpr,
+    plane_stress: bool,
+    constant: Callable[[float | Array], Constant],
+) -> UflExpr:
+    """Half of sigma : eps [Pa], by strains along the axes: (sum_ij c_ij eps_ii eps_jj + sum_ij G_ij (2 eps_ij)²) / 2.
+
+    Args:
+        normal: strains along x, y, and z or around the axis of symmetry, as many as the model has.
+        gradient: of the displacement (d, d).
+        plane_stress: whether sigma_33 = 0.
+        constant: of a number or a matrix.
+    """
+    dim = gradient.ufl_shape[0]
+    strain: list[list[UflExpr | int]] = [[0] * 3 for _ in range(3)]
+    for i in range(3):
+        for j in range(3):
+            if i == j and i < len(normal):
+                strain[i][j] = normal[i]
+            elif i != j and max(i, j) < dim:
+                strain[i][j] = (gradient[i, j] + gradient[j, i]) / 2
+    Q = constant(body.axes)
+    along, c = Q * ufl.as_matrix(strain) * ufl.transpose(Q), normal_stiffness(body, plane_stress)
+    stretch, stiffness = ufl.as_vector([along[a, a] for a in range(len(c))]), constant(c)
+    found: UflExpr = ufl.inner(stretch, stiffness * stretch)
+    shears = ((0, 1, body.G_12), (1, 2, body.G_23), (0, 2, body.G_13))
+    for a, b, G in shears if dim == 3 else shears[:1]:
+        assert G is not None
+        found += constant(G) * (along[a, b] + along[b, a]) ** 2
+    density: UflExpr = found / 2
+    return density
+
+
+def normal_stiffness(body: Orthotropic, plane_stress: bool) -> Array:
+    """c_ij from strains to stresses along the axes [Pa]: (3, 3), in plane stress (2, 2).
+
+    Source: Jones, Mechanics of Composite Materials (1999), equations 2.23 and 2.61.
+
+    >>> cork = Orthotropic(E_1=4.0, E_2=1.0, E_3=1.0, G_12=1.0, nu_12=0.5, nu_13=0.0, nu_23=0.0)
+    >>> (normal_stiffness(cork, plane_stress=True) * 15 / 16).round(12).tolist()
+    [[4.0, 0.5], [0.5, 1.0]]
+    """
+    E_1, E_2, E_3 = body.E_1, body.E_2, body.E_3
+    nu_12, nu_13, nu_23 = body.nu_12, body.nu_13, body.nu_23
+    nu_21, nu_31, nu_32 = nu_12 * E_2 / E_1, nu_13 * E_3 / E_1, nu_23 * E_3 / E_2
+    if plane_stress:
+        return np.array([[E_1, nu_21 * E_1], [nu_12 * E_2, E_2]]) / (1 - nu_12 * nu_21)
+    rows = [
+        [E_1 * (1 - nu_23 * nu_32), E_1 * (nu_21 + nu_31 * nu_23), E_1 * (nu_31 + nu_21 * nu_32)],
+        [E_2 * (nu_12 + nu_32 * nu_13), E_2 * (1 - nu_13 * nu_31), E_2 * (nu_32 + nu_12 * nu_31)],
+        [E_3 * (nu_13 + nu_12 * nu_23), E_3 * (nu_23 + nu_21 * nu_13), E_3 * (1 - nu_12 * nu_21)],
+    ]
+    return np.array(rows) / (1 - nu_12 * nu_21 - nu_23 * nu_32 - nu_31 * nu_13 - 2 * nu_21 * nu_32 * nu_13)
+
+
+def stress_by_compliance(body: Orthotropic, strain: Array, plane_stress: bool) -> Array:
+    """Stress (n, 3, 3) [Pa] of elastic strains (n, 3, 3) [-]; in plane stress eps_33 is not read."""
+    Q = body.axes
+    along = Q @ strain @ Q.T
+    c = normal_stiffness(body, plane_stress)
+    found, count = np.zeros_like(along), len(c)
+    for a in range(count):
+        found[:, a, a] = sum(c[a, b] * along[:, b, b] for b in range(count))
+    for a, b, G in ((0, 1, body.G_12), (1, 2, body.G_23), (0, 2, body.G_13)):
+        if G is not None:
+            found[:, a, b] = found[:, b, a] = 2 * G * along[:, a, b]
+    return np.asarray(Q.T @ found @ Q)

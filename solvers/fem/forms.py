@@ -31,8 +31,7 @@ from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Springs
-from stickslip.solvers.scene.material import Elastic, Material
-from stickslip.solvers.scene.orthotropic import DOUBLED, PAIRS, Orthotropic
+from stickslip.solvers.scene.material import DOUBLED, PAIRS, Elastic, Material, Orthotropic
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Place
 

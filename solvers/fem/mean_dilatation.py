@@ -24,13 +24,11 @@ import numpy as np
 from petsc4py import PETSc
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Vec
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.terms import InitialStrain
-
-SMALL = 1e-12  # of the largest; smaller weights are rounding
 
 
 class MeanDilatation:
@@ -66,10 +64,11 @@ class MeanDilatation:
         near: Mat = dx.assemble_matrix(weak.compile(mass))
         outside = dx.assemble_vector(weak.compile(q * weak.skin()))
         within = V.duplicate()
-        within.array[:] = (V.array_r > 0) & (outside.array_r <= SMALL * outside.max()[1])
+        # of the largest; smaller weights are rounding
+        within.array[:] = (V.array_r > 0) & (outside.array_r <= EXACT * outside.max()[1])
         to = near * within  # symmetric: of each node, its weight in the neighbours within
         gone = V.duplicate()
-        gone.array[:] = (within.array_r == 0) & (to.array_r > SMALL * to.max()[1])
+        gone.array[:] = (within.array_r == 0) & (to.array_r > EXACT * to.max()[1])
         scale = V.duplicate()
         scale.array[:] = gone.array_r / np.where(gone.array_r > 0, to.array_r, 1.0)
         near.diagonalScale(within, scale)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import null_space
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import ROUNDING, Array, Ints
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
@@ -26,8 +26,6 @@ from stickslip.solvers.fem.rigid_fields import parts_of_motion, rigid_fields
 from stickslip.solvers.scene.loads import Coupling
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Course, Drive, Place
-
-SMALL = 1e-9  # singular values below this, relative to the largest, count as zero
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,8 @@ class RemotePoint:
     def free(self) -> Array:
         """Displacement (n, d, f) of the nodes by each free motion y; they are orthonormal."""
         none, (n, d, k) = np.zeros((1, self.fields.shape[2])), self.fields.shape
-        basis: Array = null_space(np.concatenate([none, self._directions]), rcond=SMALL)
+        # singular values below this, relative to the largest, count as zero
+        basis: Array = null_space(np.concatenate([none, self._directions]), rcond=ROUNDING)
         moved = (self.fields / self._scale).reshape(n * d, k) @ basis
         return np.asarray(np.linalg.qr(moved)[0].reshape(n, d, basis.shape[1]))
 
@@ -100,8 +99,8 @@ class RemotePoint:
             SceneError: what is prescribed contradicts itself.
         """
         wanted = self.wanted(course, time)
-        z = np.linalg.pinv(self._directions, rcond=SMALL) @ wanted if self.rows else np.zeros(len(self._scale))
-        if np.any(np.abs(self._directions @ z - wanted) > SMALL * np.abs(wanted).max(initial=0.0)):
+        z = np.linalg.pinv(self._directions, rcond=ROUNDING) @ wanted if self.rows else np.zeros(len(self._scale))
+        if np.any(np.abs(self._directions @ z - wanted) > ROUNDING * np.abs(wanted).max(initial=0.0)):
             key = self.coupling.key
             also = ", ".join(sorted({f"supports.{row.support}" for row in self.rows} - {f"supports.{key}"}))
             raise SceneError(f"{key}: {also} cannot hold on its side, which is rigid, at t = {time:g}")
@@ -110,7 +109,7 @@ class RemotePoint:
     def multipliers(self, forces: Array) -> Array:
         """Force (r,) of each row, from the forces out of balance (n, d) [N] at the nodes."""
         pulled = np.einsum("nd,ndk->k", forces, self.fields) / self._scale
-        return np.linalg.pinv(self._directions.T, rcond=SMALL) @ pulled / self._sizes if self.rows else np.zeros(0)
+        return np.linalg.pinv(self._directions.T, rcond=ROUNDING) @ pulled / self._sizes if self.rows else np.zeros(0)
 
     def motion_of(self, modes: Array) -> Array:
         """D z (r, c) of displacement fields (n, d, c) of the nodes that are rigid; see `wanted`."""

@@ -8,13 +8,10 @@ import numpy as np
 from mpi4py import MPI
 from scipy.linalg import null_space
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Ints
 from stickslip.geometry.mesh.joints import Joints
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.fem.rigid_fields import rigid_fields, rigid_names
-
-TURNING = 1e-6  # coefficients of motions of size 1 that differ by less are equal
-ROUNDING = 1e-12  # of the largest prescribed displacement: a smaller difference counts as zero
 
 
 class RigidModes:
@@ -92,17 +89,18 @@ class RigidModes:
     @cached_property
     def unresisted(self) -> Array:
         """Coefficients (parts k, r) of the rigid modes that supports leave free: the null space of `_resisted`."""
-        return np.asarray(null_space(self._R, rcond=1e-9))
+        return np.asarray(null_space(self._R, rcond=ROUNDING))
 
     @cached_property
     def _inverse(self) -> Array:
-        return np.asarray(np.linalg.pinv(self._R, rcond=1e-9))
+        return np.asarray(np.linalg.pinv(self._R, rcond=ROUNDING))
 
     def hinge(self, modes: Array) -> Array | None:
         """Where (d,) [m] parts turn against each other most in motions (parts k, s); None if they do so nowhere."""
         one, other = modes.reshape(self.constraints.parts, -1)[self.joints.parts.T]
         apart = np.linalg.norm(one - other, axis=1)
-        turning = len(apart) > 0 and apart.max() > TURNING
+        # coefficients of motions of size 1 that differ by less are equal
+        turning = len(apart) > 0 and apart.max() > CLOSE
         return self.joints.points[np.argmax(apart)] if turning else None
 
     def followed(self, time: float) -> Array | None:
@@ -121,7 +119,8 @@ class RigidModes:
         of_rigid = [point.wanted(of.course, time) for point in of.remote.rigid]  # all ranks raise, or none
         wanted = np.concatenate([np.zeros(1), *rows, *(of_rigid if comm.rank == 0 else [])])
         wanted = np.pad(wanted, (0, len(self._Q) - len(wanted)))
-        rounding = ROUNDING * comm.allreduce(float(np.abs(wanted).max()), op=MPI.MAX)
+        # of the largest prescribed displacement: a smaller difference counts as zero
+        rounding = EXACT * comm.allreduce(float(np.abs(wanted).max()), op=MPI.MAX)
         found = self._inverse @ comm.allreduce(self._Q.T @ wanted)
         found[np.abs(found) <= rounding] = 0.0  # periodic sides must move alike to the last digit
         off = float(np.abs(self._Q @ (self._R @ found) - wanted).max())

@@ -9,7 +9,7 @@ from itertools import chain
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stickslip.geometry.arrays import Array, Bools, Ints, cross
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools, Ints, cross
 from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
@@ -17,8 +17,8 @@ from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import FunctionSpace
 from stickslip.geometry.surfaces.surface import gather_surface, own_nodes
 from stickslip.solvers.fem.constraints import AXES, AXIS, Components, Constraints, Periodic, Sprung
-from stickslip.solvers.fem.links import find_links, vertex_at
 from stickslip.solvers.fem.remote_points import RemotePoints, RigidRow, find_remote_points
+from stickslip.solvers.fem.springs import find_links, vertex_at
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Course, Drive, Place
 
@@ -71,7 +71,7 @@ def _own_components(
         if support.boundary is not None:
             side = own_nodes(mesh, space, nodes, support.boundary)
             local, normals = side.local, side.normals
-            normals[np.abs(normals) < 1e-12] = 0.0
+            normals[np.abs(normals) < EXACT] = 0.0
         else:
             number, _, _ = vertex_at(mesh, nodes, np.array(support.point), f"supports.{name}.point")
             local = number[(number >= nodes.offset) & (number < nodes.offset + nodes.owned)] - nodes.offset
@@ -191,7 +191,7 @@ def _on_axis(mesh: Mesh, nodes: Nodes) -> Ints:
         GeometryError: the mesh reaches to x < 0.
     """
     low, high = mesh.box()
-    slack = 1e-9 * float(np.max(high - low))
+    slack = ROUNDING * float(np.max(high - low))
     if low[0] < -slack:
         raise GeometryError(f"geometry: reaches to x = {low[0]:g}; an axisymmetric model lies in x >= 0")
     return np.flatnonzero(nodes.points[: nodes.owned, 0] <= slack)
@@ -206,7 +206,7 @@ def _periodic(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) 
         shift = master.points.mean(axis=0) - slave.points.mean(axis=0)
         distance, match = cKDTree(master.points).query(slave.points + shift)
         size = float(np.ptp(master.points, axis=0).max())
-        if len(slave.nodes) != len(master.nodes) or distance.max() > 1e-6 * size:
+        if len(slave.nodes) != len(master.nodes) or distance.max() > CLOSE * size:
             raise GeometryError(f"periodic sides {slave_side} and {master_side}: their meshes do not match")
         for side in (slave, master):
             known |= zip(side.nodes.tolist(), zip(side.points, side.part.tolist(), strict=True), strict=True)

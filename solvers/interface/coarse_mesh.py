@@ -21,8 +21,7 @@ from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface, lumped_mass
 from stickslip.solvers.interface.prepare import prepare_surface, prepare_volume
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.system.sides import contact_sides
-from stickslip.solvers.system.system import System, assemble
+from stickslip.solvers.system.system import System, assemble, contact_sides
 
 DOFS = 2500  # approximate number of dofs of the coarse mesh
 COARSER = 2.0  # least ratio of edge lengths

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.arrays import HALF_DIGITS, Array, Bools
 from stickslip.geometry.protocols import Sparse, Vec
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
@@ -29,7 +29,6 @@ from stickslip.solvers.linear.block_diagonal import BlockDiagonal
 from stickslip.solvers.parallel.counters import Counters
 
 LARGEST = 2000  # rows of a part whose rank is computed: a second
-SMALL = 1e-8  # relative: eigenvalues below count as zero
 LEAST = 1e-10  # smallest flexibility of a row, relative to the largest, that scales its trial tractions
 
 
@@ -190,7 +189,7 @@ def rank(matrix: Sparse) -> int | None:
     if max(map(len, members)) > LARGEST:
         return None
     values = np.concatenate([np.abs(np.linalg.eigvalsh(matrix[rows][:, rows].toarray())) for rows in members])
-    return int((values > SMALL * values.max()).sum())
+    return int((values > HALF_DIGITS * values.max()).sum())  # relative: eigenvalues below count as zero
 
 
 def project_cone(x: Array, mu: Array) -> Array:

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.protocols import KSP, Mat, Vec
 from stickslip.solvers.linear.block_diagonal import BlockDiagonal, joined
@@ -30,7 +30,6 @@ NO_MEMORY = (*TOO_LITTLE, -5, -7, -13, -19, -22)
 NEGATIVE = 12  # INFOG: number of negative pivots
 SINGULAR = (-10, -40)  # a pivot is zero, or negative
 LOW_RANK = {35: 2, 36: 1}  # blocks of large fronts as products of low rank (BLR), compressed before they update others
-DROPPED = 1e-14  # CNTL(7), relative to the front: so S and solutions differ from those of full blocks by rounding
 # Ordering; the one MUMPS chooses by itself cost 2.7 times the flops on two ranks. Debian builds MUMPS without METIS: it
 # takes PORD, but minimum degree where it forms S, in 3D for up to five times the flops. Bodies cut by hand into pieces,
 # for a third of these, took as long.
@@ -219,7 +218,8 @@ class _Factor:
             if self.low_rank:
                 for number, value in LOW_RANK.items():
                     factor.setMumpsIcntl(number, value)
-                factor.setMumpsCntl(7, DROPPED)
+                # CNTL(7), relative to the front: so S and solutions differ from those of full blocks by rounding
+                factor.setMumpsCntl(7, LAST_DIGITS)
             if len(schur):
                 index = PETSc.IS().createGeneral(np.asarray(schur, PETSc.IntType), comm=PETSc.COMM_SELF)
                 call(petsc_library().MatFactorSetSchurIS, factor.handle, index.handle)

@@ -9,15 +9,13 @@ import numpy as np
 from scipy import sparse
 from scipy.optimize import OptimizeResult, linprog
 
-from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 
 SIDES = 32  # of the polygons that replace the disc of friction: the outer one is larger by 0.5 %
 STEEP = 1e3  # largest ratio of tangential to normal traction where any pressure holds any traction (stick)
-MISSING = 1e-6  # unbalanced part of the load that counts as zero: ten times the tolerance of the programme
-ROUNDING = 1e-10  # resultant that counts as zero, relative to the sum of the magnitudes of all forces
 EVEN = 1e-6  # cost of an uneven pressure, relative to that of pressing across the largest gap
 ROUGH = 1e2  # cost of friction, relative to that of pressing across the largest gap
 
@@ -54,7 +52,8 @@ def unbalanced_motion(problem: SurfaceProblem) -> Array | None:
         return None
     left = 2 * programme.motions
     found = programme.solve(np.concatenate([np.zeros(programme.size - left), np.ones(left)]), left=np.inf)
-    if found is None or found.fun <= MISSING + programme.rounding:
+    # unbalanced part of the load that counts as zero: ten times the tolerance of the programme
+    if found is None or found.fun <= CLOSE + programme.rounding:
         return None
     motion = problem.surface.R @ found.eqlin.marginals
     return np.asarray(motion / np.abs(motion).max())
@@ -114,6 +113,7 @@ class _Programme:
         surface, n, cone = problem.surface, problem.surface.normal_rows, problem.cone
         load, size = problem.load.resultant, np.sqrt(len(surface.R))
         force = size * float(np.linalg.norm(load))
+        # resultant that counts as zero, relative to the sum of the magnitudes of all forces
         rounding = size * ROUNDING * problem.load.magnitude
         if force <= rounding:
             return None

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.geometry.protocols import PC, Mat, Sparse, Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load, T
 from stickslip.solvers.linear.conjugate_gradients import (
@@ -147,7 +147,6 @@ class _FloatingMultigrid:
         return bedded
 
 
-EXACT = 1e-12  # relative error of the contact dofs when the allowed error is zero: rounding
 SCALE = 1e-4  # relative error of the displacement without contact, which only sets the scales of a step
 SHARE = 0.1  # of the scene's tolerance: relative error of the accepted displacement, in energy norm
 
@@ -178,6 +177,7 @@ class MatrixFreeSurface(DelassusOperator):
             free[: self.size - self.driven] = self.guess(f_q)
             return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free, rough=True)
         deformation = f_q.duplicate()
+        # relative error of the contact dofs when the allowed error is zero: rounding
         free = self._solved(f_q, deformation, resultant, error, EXACT if error else SCALE)
         return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free)
 

@@ -10,13 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EPS, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load
 
 ROUNDING = 1e-12  # of the largest motion: smaller motions count as zero
 PART = 1e-2  # of the distance from a compliant law that counts as defect
-LAST_DIGITS = 16 * float(np.finfo(float).eps)  # of motions
+LAST_DIGITS = 16 * EPS  # of motions
 SCALED = 1e-9  # relative difference up to which problems are the same in another unit
 FAR = 1e10  # times the motions that are given or expected: bodies that move farther have flown away
 BALANCED = 1e-9  # of all forces of a load on the contact dofs: a resultant below that is rounding

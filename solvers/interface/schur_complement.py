@@ -14,7 +14,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import splu
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import HALF_DIGITS, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse, Vec
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load
@@ -23,7 +23,6 @@ from stickslip.solvers.linear.memoised_map import MemoisedMap
 from stickslip.solvers.parallel.serialise import Plain
 
 CholeskyFactor = tuple[Array, bool]  # as scipy.linalg.cho_factor returns it
-SINGULAR = 1e-8  # smallest pivot of N, relative to its largest, below which the rows do not determine every dof
 
 
 class SparseLU(Protocol):
@@ -62,7 +61,8 @@ class RowStiffness:
         except RuntimeError:  # SuperLU: exactly singular
             return None
         pivots = np.abs(factor.U.diagonal())
-        if pivots.min() < SINGULAR * pivots.max():
+        # smallest pivot of N, relative to its largest, below which the rows do not determine every dof
+        if pivots.min() < HALF_DIGITS * pivots.max():
             return None
         half = factor.solve(np.asfortranarray(np.asarray(S)), "T")
         H = np.asarray(factor.solve(np.asfortranarray(half.T), "T"))

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EPS, Array
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.laws.law import NormalLaw
@@ -66,7 +66,7 @@ class Compliance(NormalLaw):
             excess = self.c_n * d**self.m_n + gamma * d - target
             step = excess / (self.c_n * self.m_n * d ** (self.m_n - 1) + gamma)
             d = np.maximum(d - step, 0.0)
-            if np.all(np.abs(step) <= 4e-16 * d):
+            if np.all(np.abs(step) <= 2 * EPS * d):
                 break
         return np.asarray(self.c_n * d**self.m_n)
 

@@ -8,15 +8,13 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.laws import mu_table
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.mu_table import MuTable
-
-ROUNDING = 1e-12  # of mu
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +33,7 @@ class PressureDependent(FrictionLaw):
         mu_table.check(self.mu, "mu")
         for (p_0, mu_0), (p_1, mu_1) in pairwise(self.mu):
             if (
-                mu_1 + p_1 * (mu_1 - mu_0) / (p_1 - p_0) < -ROUNDING * mu_0
+                mu_1 + p_1 * (mu_1 - mu_0) / (p_1 - p_0) < -EXACT * mu_0  # of mu
             ):  # ds/dp at the end of the piece, where it is least
                 raise SceneError(
                     f"mu = {[[p_0, mu_0], [p_1, mu_1]]}: mu falls so fast that the bound mu p_n falls as the pressure "

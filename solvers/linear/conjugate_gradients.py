@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from mpi4py import MPI
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Comm, Mat, Vec
 from stickslip.solvers.parallel.counters import Counters
@@ -224,7 +224,6 @@ class ResidualCriterion:
         return False
 
 
-ROUNDING = 1e-14  # of the solution, in energy norm: no criterion asks for less
 MOST_ITERATIONS = 1000  # of one solve; with multigrid 10 to 25 are usual
 
 
@@ -277,7 +276,8 @@ class ConjugateGradients:
             if not left >= 0.0:  # the preconditioner is not positive definite, or NaN
                 break
             size = max(size, left)  # a start at zero is as far off as the solution is large
-            if criterion.met(x, d, left) or left <= ROUNDING**2 * size:
+            # of the solution, in energy norm: no criterion asks for less
+            if criterion.met(x, d, left) or left <= LAST_DIGITS**2 * size:
                 return
             self.directions.conjugate(d)
             Ad = self._apply(self.A.mult, d)

@@ -6,12 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import LAST_DIGITS, Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.parallel.serialise import Own, Plain
 
 KEPT = 8  # vectors; loads that turn steadily through more directions gain nothing from it
-ROUNDING = 1e-13  # remainder of a vector that lies in the span, relative to the vector
 
 
 class MemoisedMap:
@@ -38,7 +37,7 @@ class MemoisedMap:
                 rest.axpy(-part, direction)
                 image += part * its_image
         length = rest.norm()
-        if length > ROUNDING * size:
+        if length > LAST_DIGITS * size:  # remainder of a vector that lies in the span, relative to the vector
             rest.scale(1 / length)
             its_image = self._apply(rest)
             image += length * its_image

@@ -15,6 +15,7 @@ from functools import cache
 import numpy as np
 from petsc4py import PETSc
 
+from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.errors import MachineError, SceneError, SolverError
 from stickslip.geometry.protocols import KSP, PC, Mat, Vec
 from stickslip.solvers.parallel.counters import Counters
@@ -128,7 +129,6 @@ def _is_name(word: str) -> bool:
 
 MUMPS: Mapping[str, str] = {"icntl_7": "5", "icntl_14": "200"}  # ordering by METIS, and percent of memory for pivots
 FACTORS = ("lu", "cholesky")
-EXACT = 1e-13  # relative residual of an iterative solve that stands for an exact one: rounding
 MAX_IT = 10000
 NOISE = 8 * float(np.finfo(float).eps)  # rounding of K u, relative to the largest diagonal entry of K times u
 Allowed = Callable[[float], float]  # from ||delta|| at the start of an inner solve to the largest one at its end
@@ -210,6 +210,7 @@ class InnerSolver:
             pc = ksp.getPC()
             pc.setType("cholesky")
             pc.setFactorSolverType("mumps")
+        # relative residual of an iterative solve that stands for an exact one: rounding
         ksp.setTolerances(rtol=EXACT, atol=0.0, max_it=MAX_IT)
         ksp.setFromOptions()
         if ksp.getType() == "preonly" and not direct(ksp):

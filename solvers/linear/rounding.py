@@ -11,10 +11,9 @@ from itertools import pairwise
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import LAST_DIGITS, Array
 from stickslip.geometry.protocols import Mat
 
-ROUNDED = 1e-14  # of the diagonal
 WORTH = 0.1  # share of the entries that pays for another matrix
 LOOKED_AT = 300  # rows of each rank that tell the share
 CHUNK = 5000  # rows at a time: memory
@@ -26,7 +25,7 @@ def without_rounding(K: Mat) -> Mat:
     They are added to the entries of their node, so that a body that moves as a whole feels no more forces than before;
     but columns get other sums.
     """
-    size = ROUNDED * np.abs(K.getDiagonal().array_r)
+    size = LAST_DIGITS * np.abs(K.getDiagonal().array_r)  # of the diagonal
     if _share(K, size) < WORTH:
         return K
     dim, low = K.block_size, K.getOwnershipRange()[0]

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from stickslip.geometry.arrays import Array, Bools, Ints, products
+from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array, Bools, Ints, products
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator
@@ -27,11 +27,8 @@ from stickslip.solvers.tangent.operator import CoarseMotions, LoadScale, Tangent
 SWEEPS = 2  # over the contact points alone, before each iteration
 SMOOTHING = 6  # at the contact, before and after a multigrid cycle: with four, points that slip take up to a sixth more
 LOWEST = 1 / 20  # eigenvalue that they solve for, relative to the highest
-SHORTEST = 1e-3  # step that is halved no more
 PATIENCE = 150  # iterations of a step, if another form of the bodies can take over
 STALL_WINDOW = 40  # iterations in which the error must halve; usual are 7 to 20 in all
-ROUNDING = 1e-12  # of the energy: a growth that counts as none
-LEAST = 1e-3  # of the displacement at the start: smaller ones are measured against it, for a full release leaves none
 FASTEST, SLOWEST = 0.2, 0.9  # limits of the contraction of an iteration that is counted on
 UNKNOWN = 0.75  # contraction that is counted on before one is seen
 SEVERAL = 5  # iterations: errors that fall unevenly say little by the last one alone
@@ -39,7 +36,6 @@ SLOW = 0.55  # contraction at which, for the second time, multigrid may be adapt
 OTHERS, GROWN = 0.1, 0.4  # of the slave nodes, and of those that touch; with fewer changes multigrid stays
 FEW, MANY = 0.05, 0.3  # sticking shares of the closed area below which, and up to which, multigrid lets it slide
 COARSE = 0.25  # the same below which coarse motions are made
-RESISTED = 1e-6  # squared jumps of the rigid motion that nodes resist least, relative to that they resist most
 MARGIN = 2.9  # of the error that is stated: over all ready scenes it is 1.2 to 15 times the true one then, most often 5
 
 
@@ -175,7 +171,8 @@ class OnTangent(Ready):
             surface.volume.contact.write(motion, column)
             jumps.append(operator.coordinates(motion)[operator.at] * nodes.repeat(operator.dim))
         sizes = np.linalg.eigvalsh(operator.comm.allreduce(np.array(jumps) @ np.array(jumps).T))
-        return bool(sizes[0] > RESISTED * sizes[-1])
+        # squared jumps of the rigid motion that nodes resist least, relative to that they resist most
+        return bool(sizes[0] > CLOSE * sizes[-1])
 
     def held_here(self, coordinates: ContactCoordinates) -> Ints | None:
         """As `held`, of the same nodes with the contact rows of other coordinates; collective."""
@@ -233,7 +230,8 @@ class Iteration:
         """Yield relative errors in the energy norm, as they are estimated, and at the end the natural residual."""
         operator, rtol, natural = self.operator, self.ready.method.rtol, self.ready.method.rtol
         expected, slow = np.inf, 0
-        least = LEAST * self._size()
+        # of the displacement at the start: smaller ones are measured against it, for a full release leaves none
+        least = SLIGHT * self._size()
         first = 1 if self.earlier else 0  # residual that counts: a good guess is no contraction
         residuals: list[float] = []
         for k in count():
@@ -381,7 +379,7 @@ class Iteration:
                 break
         step, kept = 1.0, [] if changed else self.earlier[:1]
         self.earlier = [*kept, (c, K_c)] if lower else []
-        while not lower and step > SHORTEST:
+        while not lower and step > SLIGHT:  # step that is halved no more
             step /= 2
             moved, K_moved, lower = self._tried(tangent, c, K_c, step)
         self._move(moved, K_moved)
@@ -405,7 +403,8 @@ class Iteration:
         beside = self.points.project(tangent, v, v + step * c[operator.at]) - v - step * c[operator.at]
         moved, K_moved = step * c, step * K_c
         operator.slaves.move(beside, moved, K_moved)
-        allowed = ROUNDING * abs(operator.dot(self.v, self.f) + operator.dot(self.v, self.g)) / 2
+        # of the energy: a growth that counts as none
+        allowed = EXACT * abs(operator.dot(self.v, self.f) + operator.dot(self.v, self.g)) / 2
         return moved, K_moved, self._growth(tangent, moved, K_moved) <= allowed
 
     def _galerkin(self, D: list[Array], AD: list[Array], r: Array) -> Array:
@@ -413,7 +412,7 @@ class Iteration:
         found = self.operator.comm.allreduce(np.array([[d @ x for x in (*AD, r)] for d in D]))
         G, rhs = found[:, :-1], found[:, -1]
         scale = 1 / np.sqrt(np.where(np.diag(G) > 0, np.diag(G), 1.0))
-        return np.asarray(scale * np.linalg.lstsq(G * scale[:, None] * scale, rhs * scale, rcond=1e-12)[0])
+        return np.asarray(scale * np.linalg.lstsq(G * scale[:, None] * scale, rhs * scale, rcond=EXACT)[0])
 
     def _growth(self, tangent: Tangent, moved: Array, K_moved: Array) -> float:
         """Growth of the energy [J] by a motion, friction bounds frozen; collective."""

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.solvers.interface.limit_analysis import balancing_tractions
 from stickslip.solvers.interface.problem import LEAST, SurfaceProblem
 from stickslip.solvers.iteration import Driver, Iterate, OnStep, Solution, Stall, Status, ignore
@@ -50,9 +50,6 @@ class LineSearch:
         return float(np.linalg.norm(residual / np.sqrt(self.gamma)))
 
 
-SLIPPING = 1e-6  # relative distance from the friction bound at which a point of an answer slips
-
-
 @dataclass(frozen=True, kw_only=True)
 class Start:
     """Starting point of an attempt."""
@@ -76,7 +73,8 @@ class Start:
         What is at its friction bound slips: rounding would decide.
         """
         p_hat = answer + factor * problem.gamma * problem.cone.give(answer)
-        p_hat[problem.surface.normal_rows :] *= 1 + SLIPPING
+        # relative distance from the friction bound at which a point of an answer slips
+        p_hat[problem.surface.normal_rows :] *= 1 + CLOSE
         return Start(p=p, u_c=problem.u_before, p_hat=p_hat, factor=factor, in_equilibrium=False)
 
     @staticmethod

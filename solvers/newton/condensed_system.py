@@ -10,14 +10,11 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import cho_solve
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, HALF_DIGITS, ROUNDING, Array
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.schur_complement import CondensedSurface, RowStiffness
 from stickslip.solvers.newton.active_set import ActiveSet
 
-BALANCE = 1e-8  # relative force out of balance above which the linear system counts as singular
-ROUNDING = 1e-12  # of the entries of S times the prescribed motion: force that counts as zero
-FELT = 1e-9  # of gamma: stiffness of slip below which it does not resist a motion
 FEW = 0.5  # ratio of unknown tractions to unknown motions below which the inverse that tractions need pays
 
 
@@ -48,9 +45,10 @@ def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
     else:
         p, u_c = by_tractions(laws, surface) if bodies is None or few else by_motion(laws, bodies)
     load, contact = problem.load.f_c, surface.forces(p)
-    allowed = BALANCE * (np.abs(load).sum() + np.abs(contact).sum())
+    # relative force out of balance above which the linear system counts as singular
+    allowed = HALF_DIGITS * (np.abs(load).sum() + np.abs(contact).sum())
     carried_along = np.abs(problem.offset - problem.gap).max(initial=0.0)
-    allowed += ROUNDING * surface.total * carried_along  # a common motion causes no force but rounding
+    allowed += EXACT * surface.total * carried_along  # a common motion causes no force but rounding
     if np.abs(surface.R.T @ (load - contact)).sum() > allowed:
         raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
     return p, u_c
@@ -63,7 +61,8 @@ def _unfelt(laws: ActiveSet, surface: CondensedSurface) -> Array:
     scale = np.where(laws.k > 0, laws.k, laws.problem.gamma)
     resisted = sparse.diags(1 / scale) @ laws.A_w @ (surface.N @ surface.R)
     _, sizes, motions = np.linalg.svd(np.linalg.qr(resisted, mode="r"))
-    free = motions[np.count_nonzero(sizes > FELT) :]
+    # of gamma: stiffness of slip below which it does not resist a motion
+    free = motions[np.count_nonzero(sizes > ROUNDING) :]
     return np.asarray(free.T @ free)
 
 

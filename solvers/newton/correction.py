@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, LAST_DIGITS, Array
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, Solution
@@ -22,8 +22,6 @@ from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.newton.surface_model import Flexibility, nearest_in_cone
 
-ROUNDING = 1e-14  # natural residual that no correction makes smaller
-FLOOR = 1e-12  # rounding of a displacement, relative, in the energy norm; two exact solutions differ by less
 ENOUGH = 0.01  # part of the first residual, or of the correction, that may be left in what serves as the exact solution
 NEWTON_STEPS = 12  # from the final iterate, whose active set is nearly right; then all starts are tried
 MAX_IT = 300
@@ -57,9 +55,9 @@ def by_schur_complement(problem: SurfaceProblem, found: Solution) -> tuple[Solut
         The solution, and an upper estimate of its distance from `found` in the energy norm [J^(1/2)]; nan: not found.
     """
     residual = problem.natural_residual(found.p, found.w)
-    if residual <= ROUNDING:
+    if residual <= LAST_DIGITS:  # natural residual that no correction makes smaller
         return found, 0.0
-    goal = max(ENOUGH * residual, ROUNDING)
+    goal = max(ENOUGH * residual, LAST_DIGITS)
     exact = _newton(problem, found, goal) or _from_all_starts(problem, found.p, goal)
     if exact is None:
         return found, np.nan
@@ -74,7 +72,8 @@ def _newton(problem: SurfaceProblem, found: Solution, goal: float) -> tuple[Arra
     Newton's iterate is exact if its residual is small, or if it repeats itself: the residual alone may end in rounding.
     """
     p, u_c, gamma = found.p, found.u_c, problem.gamma
-    negligible = FLOOR * elastic_norm(problem, u_c)
+    # rounding of a displacement, relative, in the energy norm; two exact solutions differ by less
+    negligible = EXACT * elastic_norm(problem, u_c)
     for _ in range(NEWTON_STEPS):
         before, p_hat = u_c, p + gamma * (problem.relative_displacement(u_c) - problem.gap)
         try:
@@ -116,7 +115,7 @@ def by_flexibility(
     """
     surface, p, w = problem.surface, found.p, found.w
     residual = problem.natural_residual(p, w)
-    if residual <= ROUNDING:
+    if residual <= LAST_DIGITS:
         return found, 0.0
     nothing = surface.R[:, :0]
     learning = Secants(known.F, nothing, nothing, known.metric.comm)

@@ -33,7 +33,7 @@ from itertools import islice
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array, Bools, Ints
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
@@ -43,12 +43,10 @@ from stickslip.solvers.newton.attempts import Start, closed
 
 OPEN, CLOSED = 0, 1  # states of normal rows
 DEAD, STICK, FORWARD, BACKWARD = 2, 3, 4, 5  # states of tangential rows; dead: the friction bound is zero or less
-PERTURBATION = 1e-6  # of tractions and gaps at the start, against kinks that come at once
 SOFT = (1e-6, 1e-9, 1e-12)  # springs that hold floating bodies, relative to the bodies' own stiffness
 KINKS = (150, 600, 3000)  # budgets of paths from iterates, one after the other
 MOST_KINKS = 20000  # of the path from all open
 REFRESH = 40  # kinks after which the inverse is computed anew
-SINGULAR = 1e-11  # relative change of the determinant that counts as zero
 BACK = 2.0  # s at which the path is given up: it leads away
 
 
@@ -85,7 +83,8 @@ def path_from(problem: SurfaceProblem, p: Array, u_c: Array, kinks: int, seed: i
         seed: of the perturbation of z_0.
     """
     maps = _Map.of(problem)
-    away = PERTURBATION * problem.p_ref * np.random.default_rng(seed).standard_normal(len(p))
+    # of tractions and gaps at the start, against kinks that come at once
+    away = CLOSE * problem.p_ref * np.random.default_rng(seed).standard_normal(len(p))
     p = np.where(problem.cone.carrying, p + away, 0.0)
     yield from _follow(maps, p, problem.surface.R.T @ u_c, np.zeros_like(p), kinks)
 
@@ -297,7 +296,7 @@ class _Path:
         a = int(np.searchsorted(self.map.rows, row))
         by_row = (self.map.gradient(row, to) - self.map.gradient(row, int(self.state[row]))) @ self.inverse
         ratio = 1 + by_row[a]  # of the determinants
-        if abs(ratio) < SINGULAR:
+        if abs(ratio) < EXACT:  # relative change of the determinant that counts as zero
             return False
         self.crossed = row, int(self.state[row])
         self.state[row] = to
@@ -327,8 +326,6 @@ class _Path:
 ENOUGH = 1.0  # coefficient of friction above which others are looked for; one node of steel has others above 1.5
 MOST = 200  # rows up to which they are looked for; on 160 rows it takes 0.1 s a step, on 640 rows 6 s
 FOLLOWED = 2000  # on the path that is followed
-SOLVED = 1e-6  # natural residual of another solution: it is the end of a path, not iterated
-APART = 1e-3  # of the largest traction: solutions that differ by less are one
 
 
 def others(
@@ -348,10 +345,12 @@ def others(
     known = [p]
     for found in path_from_open(problem, FOLLOWED):
         w = problem.relative_displacement(found.u_c)
-        if problem.natural_residual(found.p, w) > SOLVED or not keeps(found.p, w):
+        # natural residual of another solution: it is the end of a path, not iterated
+        if problem.natural_residual(found.p, w) > CLOSE or not keeps(found.p, w):
             continue
         size = max(problem.scale(found.p), problem.scale(p))
-        if all(np.abs(found.p - one).max(initial=0.0) > APART * size for one in known):
+        # of the largest traction: solutions that differ by less are one
+        if all(np.abs(found.p - one).max(initial=0.0) > SLIGHT * size for one in known):
             known.append(found.p)
             yield found.p
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import HALF_DIGITS, Array
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.limit_analysis import balancing_tractions
@@ -79,7 +79,6 @@ def gmres(
 
 
 DENSE = 200  # largest number of contact rows for a dense factorisation
-BALANCE = 1e-8  # relative force out of balance above which the linear system counts as singular
 FAILED = 0.5  # of the first residual: if GMRES leaves more, it failed
 
 
@@ -177,7 +176,8 @@ class SurfaceSystem:
         full[self.rows] = found[:m]
         surface, load = self.problem.surface, self.problem.load.resultant
         forces = surface.forces(full)
-        if np.abs(load - surface.R.T @ forces).sum() > BALANCE * (np.abs(forces).sum() + np.abs(load).sum()):
+        # relative force out of balance above which the linear system counts as singular
+        if np.abs(load - surface.R.T @ forces).sum() > HALF_DIGITS * (np.abs(forces).sum() + np.abs(load).sum()):
             raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
         return full, found[m:]
 

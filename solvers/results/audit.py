@@ -15,7 +15,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EPS, LAST_DIGITS, ROUNDING, SLIGHT, TINY, Array, Ints
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.protocols import CompiledForm, Vec
@@ -42,12 +42,8 @@ from stickslip.solvers.stepping.tightening import recall, tension_off
 from stickslip.solvers.system.nodal_contact import relative_to_obstacle
 from stickslip.solvers.system.system import System, assemble
 
-EPS = float(np.finfo(float).eps)
-ROUNDED = 1e-9  # of the mean traction that all forces make on the contact area; smaller tractions are rounding
-PAST = 1e-3  # of the largest tractions so far: errors of earlier steps stay when a contact is unloaded
 FRICTION = 0.1  # of the pressures; smaller friction bounds are judged as if so large: tolerances are of all tractions
-ROUNDING = 1e3  # times the rounding error of K u; smaller forces count as zero
-LENGTHS = 64 * EPS  # of coordinates and motions: smaller relative displacements count as zero
+SUMMED = 1e3  # times the rounding error of K u; smaller forces count as zero
 
 
 @dataclass(frozen=True)
@@ -208,8 +204,10 @@ class Auditor:
         relative = (np.abs(self._motion(place.rows, record)).max(initial=0.0) for place in self.cone.places)
         motion = float(max(np.abs(record.displacement).max(), *relative, 0.0))
         digit = EPS * self._largest_stiffness * motion / area
-        noise, found = ROUNDED * (sum_of_sizes(inner) + load) / area + digit, dict[str, float]()
-        p_top = max(p_top, PAST * self._largest, noise) or 1.0
+        # of the mean traction that all forces make on the contact area; smaller tractions are rounding
+        noise, found = ROUNDING * (sum_of_sizes(inner) + load) / area + digit, dict[str, float]()
+        # of the largest tractions so far: errors of earlier steps stay when a contact is unloaded
+        p_top = max(p_top, SLIGHT * self._largest, noise) or 1.0
         for place in self.cone.places:
             rows = place.rows
             own = penetration(rows.normal, np.array([p_top]))
@@ -217,13 +215,14 @@ class Auditor:
             softness = 1 / rows.friction.k_T if rows.friction is not None and rows.friction.k_T else 0.0
             found[rows.name] = p_top * (self._give(rows, record.p[place.normal]) + softness) + give
         rest = digit + EPS * motion * sum(_law_stiffness(place, record.p) for place in self.cone.places) / area
-        rest = 0.0 if load or motion > system.extent else min(ROUNDING * rest, ROUNDED / EPS * digit)  # else: drifting
-        lengths = LENGTHS * max(system.extent, motion)
+        # else bodies drift
+        rest = 0.0 if load or motion > system.extent else min(SUMMED * rest, ROUNDING / EPS * digit)
+        lengths = LAST_DIGITS * max(system.extent, motion)
         return Scales(p=p_top, u=found, area=area, rounding=lengths, noise=noise, rest=rest)
 
     def _give(self, rows: ContactRows, p_n: Array) -> float:
         """Motion by unit traction [m/Pa]: the extent of the closed part, at most a body's depth, by E of each body."""
-        closed = float(rows.W_n[np.abs(p_n) > ROUNDED * np.abs(p_n).max(initial=0.0)].sum())
+        closed = float(rows.W_n[np.abs(p_n) > ROUNDING * np.abs(p_n).max(initial=0.0)].sum())
         powers = self.system.mesh.dim - 1 + self.system.mesh.axisymmetric
         extent = (closed or float(rows.W_n.sum())) ** (1 / powers)
         problem, normals = self.system.problem, rows.frames[:, 0]
@@ -255,8 +254,8 @@ class Auditor:
         free, last_digit = system.T.createVecRight(), system.T.createVecRight()
         system.T.multTranspose(out, free)
         scale = sum(map(sum_of_sizes, (inner, load, contact))) + applied
-        rounding = ROUNDING * EPS * self._largest_stiffness * sum_of_sizes(u)
-        rounding += max(scales.rest, ROUNDED * self._largest) * scales.area
+        rounding = SUMMED * EPS * self._largest_stiffness * sum_of_sizes(u)
+        rounding += max(scales.rest, ROUNDING * self._largest) * scales.area
         if sum_of_sizes(load) == 0 and scale <= rounding:  # bodies move as a whole, or are released
             return 0.0, 0.0
         shaken = u.copy()
@@ -476,10 +475,10 @@ class Auditor:
         least = FRICTION * scales.p
         s_top = max(_largest(s[finite]), least)
         length, slip = np.linalg.norm(t, axis=1), np.linalg.norm(du, axis=1)
-        inside = t * np.minimum(1.0, s / np.maximum(length, 1e-300))[:, None]
+        inside = t * np.minimum(1.0, s / np.maximum(length, TINY))[:, None]
         trial = inside + s_top / u_top * du
         far = np.linalg.norm(trial, axis=1)
-        back = trial * np.minimum(1.0, s / np.maximum(far, 1e-300))[:, None]
+        back = trial * np.minimum(1.0, s / np.maximum(far, TINY))[:, None]
         work = np.einsum("mi,mi->m", t, du)
         some = float(rows.W_t @ (np.maximum(length, least) * slip)) + s_top * u_top * float(rows.W_t.sum())
         excess = _largest((length - s)[finite] - scales.rest) / s_top

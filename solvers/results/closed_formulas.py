@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import TINY, Array
 from stickslip.geometry.obstacles.cone import Cone
 from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.obstacles.plane import Plane
@@ -67,7 +67,7 @@ def gap(obstacle: Obstacle, x: Array) -> Array | None:
 def penetration(law: NormalLaw, p: Array) -> Array | None:
     """u_n - g (m,) [m] at pressures p (m,) [Pa] where the contact is closed; None: no second formula."""
     if type(law) is Compliance:
-        return np.where(p > 0, np.exp((np.log(np.maximum(p, 1e-300)) - np.log(law.c_n)) / law.m_n), 0.0)
+        return np.where(p > 0, np.exp((np.log(np.maximum(p, TINY)) - np.log(law.c_n)) / law.m_n), 0.0)
     return np.zeros_like(p) if type(law) in (Unilateral, Bilateral, Tied) else None
 
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.system.nodal_contact import NodalContact, traction_fields
 from stickslip.solvers.system.system import System
-
-NEGLIGIBLE = 1e-9  # of the step's scale of traction; a smaller bound is no unit to measure lambda in
 
 
 class MultiplierForces:
@@ -67,7 +65,8 @@ class MultiplierForces:
             self._weigh()
         normal, tangential = traction_fields(rows)
         bound = rows.share_t.T @ s
-        bound[~np.isfinite(bound) | (bound <= NEGLIGIBLE * scale)] = 1.0
+        # of the step's scale of traction; a smaller bound is no unit to measure lambda in
+        bound[~np.isfinite(bound) | (bound <= ROUNDING * scale)] = 1.0
         fields = (self._pressure, normal.T @ p_n), (self._bound, np.repeat(bound, d))
         for function, values in (*fields, (self._lam, tangential.T @ t.ravel() / np.repeat(bound, d))):
             dx.fill(function, nodal.spread(values).array_r)

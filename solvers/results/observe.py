@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints, cross
+from stickslip.geometry.arrays import EXACT, ROUNDING, Array, Ints, cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.effects.effect import Equilibrium
-from stickslip.solvers.newton.correction import FLOOR
 from stickslip.solvers.parallel.gather import Gather, cells_of, nodes_of
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import (
@@ -40,7 +39,6 @@ from stickslip.solvers.system.system import System
 
 Estimate = Callable[["Observer", "Accepted", StepResult], StepResult]
 LINEAR = 4.0  # the error of conjugate gradients is estimated from below; measured up to 3.7 times too small
-STATUS = 1e-9  # of the largest traction, and of the motion that it causes: less than that is none
 
 
 def iteration_error(accepted: Accepted) -> float:
@@ -52,7 +50,7 @@ def iteration_error(accepted: Accepted) -> float:
     state = accepted.state
     if state.correction is None or state.peak <= 0:
         return 0.0
-    return FLOOR + LINEAR * accepted.linear_error + state.correction.size / float(np.sqrt(2 * state.peak))
+    return EXACT + LINEAR * accepted.linear_error + state.correction.size / float(np.sqrt(2 * state.peak))
 
 
 def law_error(accepted: Accepted) -> float:
@@ -388,10 +386,11 @@ def _status(
     problem = accepted.problem
     before = float(np.abs(accepted.substep_start.p).max(initial=0.0))  # a release leaves a rest of it
     scale = max(problem.scale(accepted.state.p), before)  # p_ref is far too large where bodies bend freely
-    touching = (pressure > STATUS * scale) | (c.normal.sides == 2)
+    # of the largest traction, and of the motion that it causes: less than that is none
+    touching = (pressure > ROUNDING * scale) | (c.normal.sides == 2)
     at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - accepted.slack)
     motion = min(problem.u_ref, scale / problem.stiffness)
-    moving = np.linalg.norm(increment, axis=1) > STATUS * motion
+    moving = np.linalg.norm(increment, axis=1) > ROUNDING * motion
     slipping = at_bound & (moving | (not bound.any()))  # nothing sticks without friction
     return np.where(touching, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
 

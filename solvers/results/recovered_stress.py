@@ -23,8 +23,7 @@ import numpy as np
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints, inverse_and_determinant
 from stickslip.geometry.protocols import Vec
-from stickslip.solvers.scene.material import Elastic, Material
-from stickslip.solvers.scene.orthotropic import DOUBLED, Orthotropic
+from stickslip.solvers.scene.material import DOUBLED, Elastic, Material, Orthotropic
 from stickslip.solvers.system.system import System
 
 CHUNK = 20_000  # cells at a time: memory

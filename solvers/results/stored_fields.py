@@ -10,9 +10,8 @@ import numpy as np
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import AnyArray, Array, inverses
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.fem.own_axes import stress_by_compliance
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.orthotropic import Orthotropic
+from stickslip.solvers.fem.elastic_energy import stress_by_compliance
+from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.system.system import System
 
 OPEN = 0  # of `ContactState.status`

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 
+from stickslip.geometry.arrays import CLOSE, ROUNDING, SLIGHT
 from stickslip.solvers.results.audit import Audit
 
-EXACT = 1e-9  # what no iteration decides: supports, and fields that follow from displacement and tractions
-BALANCE = 1e-6  # out of balance; the ready scenes stay below 2e-9
 DIGITS = 10.0  # times the rounding of the displacement: the solver's own rounding comes on top
-NOISE = 1e-3  # rounding of the displacement: beyond that stresses and forces are noise
 LAWS = 1e-5  # contact laws; the ready scenes stay below 1e-7
 LOOSE = 30.0  # times solver.tolerance: the scales of the audit are the step's own, smaller than those of the tolerance
 ROUGH = 0.1  # with any method
@@ -42,15 +40,18 @@ def limits(tolerance: float, law_error: float = 0.0, rounding: float = 0.0) -> A
     iterated = LOOSE * tolerance
     laws = max(LAWS, iterated, min(APART * law_error, ROUGH))
     return Audit(
-        equilibrium=max(BALANCE, iterated, DIGITS * min(rounding, NOISE)),
-        rounding=NOISE,
-        supports=EXACT,
+        # out of balance; the ready scenes stay below 2e-9
+        # rounding of the displacement: beyond that stresses and forces are noise
+        equilibrium=max(CLOSE, iterated, DIGITS * min(rounding, SLIGHT)),
+        rounding=SLIGHT,
+        # what no iteration decides: supports, and fields that follow from displacement and tractions
+        supports=ROUNDING,
         penetration=laws,
         negative_pressure=laws,
         cone=laws,
         complementarity=laws,
         dissipation=laws,
-        fields=EXACT,
+        fields=ROUNDING,
     )
 
 

@@ -17,8 +17,7 @@ from stickslip.geometry.shape import Model, Request, Shape
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
-from stickslip.solvers.scene.material import Elastic, Material
-from stickslip.solvers.scene.orthotropic import Orthotropic
+from stickslip.solvers.scene.material import Elastic, Material, Orthotropic
 from stickslip.solvers.scene.settings import Probe, Solver
 from stickslip.solvers.scene.timeline import Timeline
 

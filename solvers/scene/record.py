@@ -34,7 +34,7 @@ class Number(Key):
     """
 
     shape: Literal["", "vector", "turn", "stress"] = ""
-    words: str = ""  # that reports and comparisons show it by; empty: they do not
+    words: str = ""  # by which reports and comparisons show it; empty: they do not
     column: bool = True  # whether steps.csv has it by the name that goals use
     error: bool = True  # whether its error is estimated
 
@@ -95,8 +95,8 @@ class BodyState(NamedTuple):
 class ContactNumbers:
     """A contact as a whole: resultants act on the side that the scene calls `surface`."""
 
-    force: Annotated[Array, Number("N", "by component", "vector", "force", column=False)]
-    moment: Annotated[Array, Number("N m", "about the origin, in the plane about z", "turn", "moment", column=False)]
+    force: Annotated[Array, Number("N", "by component", "vector", column=False)]
+    moment: Annotated[Array, Number("N m", "about the origin, in the plane about z", "turn", column=False)]
     normal_force: Annotated[float, Number("N", "integral of the pressure", words="normal force")]
     tangential_force: Annotated[
         float, Number("N", "length of the resultant of the tangential traction", words="tangential force")
@@ -173,6 +173,11 @@ def _is_getter(found: object) -> bool:
 CONTACT_NUMBERS = tuple(key for key, number in numbers_of(ContactNumbers).items() if number.column)
 
 
+def singular(table: str) -> str:
+    """What one record of a table is called: support, spring, elastic_support."""
+    return table.removesuffix("s")
+
+
 def flat_names(table: str, name: str, key: str, number: Number, size: int) -> list[str]:
     """Names of the components of a number, as goals and steps.csv have them.
 
@@ -184,7 +189,7 @@ def flat_names(table: str, name: str, key: str, number: Number, size: int) -> li
     >>> flat_names("supports", "top", "moment", numbers_of(Reaction)["moment"], 2)
     ['support.top.moment.z']
     """
-    owner = name if table == "contacts" else f"{table.removesuffix('s')}.{name}"
+    owner = name if table == "contacts" else f"{singular(table)}.{name}"
     return [".".join(filter(None, (owner.strip("."), key, axis))) for axis in number.axes(size)]
 
 

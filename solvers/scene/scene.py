@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, get_origin
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
 from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, require, require_known, shortened
 from stickslip.geometry.expression import CONSTANTS, Expression, Varying
-from stickslip.geometry.keys import Key, Noun, completed
+from stickslip.geometry.keys import Key, Keys, Noun, completed
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request
 from stickslip.geometry.units import Units
@@ -30,12 +30,14 @@ SOFTER = 10.0  # ratio of E from which the softer body's side carries the tracti
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 Change = Callable[[Place, Amplitude], Amplitude]
 Driven = tuple[Place, Varying]
+Section = Any  # the table of an effect, or several by name
 SAMPLES = 30  # points of a body at which an expression is looked at before there is a mesh
 
 
 class EffectTable(Noun):
     """A table of the scene that an effect owns: [gravity], or several by name, [periodic.NAME]."""
 
+    kinds: ClassVar[dict[str, Any]] = {}  # by section, its type: a table, or a Mapping of them; filled by `Effect`
     reports: ClassVar[RecordType | None] = None  # what a step reports of each table, see `Effect.read`
 
     def amplitudes(self) -> Mapping[tuple[str, str], Varying]:
@@ -79,7 +81,10 @@ class EffectTable(Noun):
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(Noun):
-    """Frozen and validated; `sections` holds the tables that effects own."""
+    """Frozen and validated; `sections` holds the tables that effects own.
+
+    Each of these is also given, replaced and read by its own name, as gravity or springs; None or {}: there is none.
+    """
 
     model: Annotated[Model, Key("-", "kinematics; plane: per metre; axisymmetric: x radius, y axis, full circle")]
     geometry: Builder | UserFile
@@ -100,6 +105,27 @@ class Scene(Noun):
     exact: Exact = Exact()
     accuracy: Accuracy = Accuracy()
     sections: Mapping[str, EffectTable | Mapping[str, EffectTable]] = field(default_factory=dict)
+
+    @classmethod
+    def added(cls) -> Keys:
+        return EffectTable.kinds
+
+    @classmethod
+    def gathered(cls, values: Keys) -> Keys:
+        given = {key: value for key, value in values.items() if key in EffectTable.kinds}
+        kept = {key: table for key, table in values.get("sections", {}).items() if key not in given}
+        sections = {"sections": kept | {key: table for key, table in given.items() if table}}
+        return {key: value for key, value in values.items() if key not in given} | sections
+
+    def __getattr__(self, name: str) -> Section:
+        """The table of an effect, or several by name.
+
+        Raises:
+            AttributeError: no effect has one of this name.
+        """
+        if name not in EffectTable.kinds:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        return self.sections.get(name, {} if get_origin(EffectTable.kinds[name]) else None)
 
     def __post_init__(self) -> None:
         """Check all tables against each other; what rests on names is checked where all names are right.
@@ -198,7 +224,7 @@ class Scene(Noun):
             found |= {(section, name): table for name, table in named.items()}
         return found
 
-    def springs(self) -> tuple[Springs, ...]:
+    def ground_springs(self) -> tuple[Springs, ...]:
         """Springs to the ground of all effects."""
         return tuple(springs for key, table in self._tables_by_key().items() for springs in table.springs(key))
 

@@ -11,11 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, listed_times, turns, value_at
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.expression import Expression
-
-CLOSE = 1e-12  # relative to the end: requested times that differ by less count as one
 
 
 class Place(NamedTuple):
@@ -62,7 +60,8 @@ class Timeline:
             found.add(0.0)
         ordered = sorted(found)
         later = [*ordered[1:], np.inf]
-        return tuple(t for t, after in zip(ordered, later, strict=True) if after - t > CLOSE * self.end)
+        # relative to the end: requested times that differ by less count as one
+        return tuple(t for t, after in zip(ordered, later, strict=True) if after - t > EXACT * self.end)
 
     @cached_property
     def turns(self) -> frozenset[float]:

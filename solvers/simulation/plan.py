@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from stickslip.geometry.amplitude import value_at
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.user_files.child_process import walls
 from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.solvers.contact.rigid_obstacle import seen_from
+from stickslip.solvers.contact.coupling import seen_from
 from stickslip.solvers.effects import active
 from stickslip.solvers.method_registry import METHODS, Solver, method_of
 from stickslip.solvers.methods.method import RIGID, Applicability, Method, Refusal, keys_of
@@ -20,13 +21,10 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.material import NEARLY, Elastic, Material
 from stickslip.solvers.scene.problem import PlanRow, Problem, Setup
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.timeline import CLOSE
 from stickslip.solvers.simulation.resolve import set_up, with_rigid_modes
 from stickslip.solvers.simulation.unresisted_modes import is_faint, least_springs
 
-FACING = 1e-6  # cosine of the angle between normals, below which two surfaces do not face each other
 INWARD = 0.99  # component along -r of the outward normal of a facet on the axis of symmetry
-AXIS = 1e-9  # relative to the scene's size: points closer than this to the axis of symmetry lie on it
 UNLOCKED = {True: 'formulation = "auto"', False: "geometry.order = 2"}  # by whether the body is isotropic
 STIFF = 1e15  # times the softest spring that can hold a body: the answer keeps some ten digits
 
@@ -97,7 +95,7 @@ def _cut(setup: Setup) -> tuple[str, ...]:
     end, late = setup.timeline.end, dict[str, float]()
     for place, amplitude in setup.timeline.amplitudes.items():
         table = () if isinstance(amplitude, float | int) else amplitude
-        if any(t > end * (1 + CLOSE) and value != value_at(amplitude, end, end) for t, value in table):
+        if any(t > end * (1 + EXACT) and value != value_at(amplitude, end, end) for t, value in table):
             late[str(place)] = table[-1][0]
     if not late:
         return ()
@@ -148,7 +146,7 @@ def _refuse_on_axis(setup: Setup) -> None:
     """
     if not setup.axisymmetric:
         return
-    small = AXIS * setup.extent
+    small = ROUNDING * setup.extent
     sides = {f"contacts.{name}.surface": pair.contact.surface for name, pair in setup.pairs.items()}
     of_loads = {f"loads.{name}.boundary": load.boundary for name, load in setup.loads.items()}
     for key, side in (sides | of_loads).items():
@@ -193,7 +191,7 @@ def _refuse_reversed(setup: Setup) -> None:
             continue
         points, outward = setup.sample(pair.slave)
         facing = np.einsum("kd,kd->k", seen_from(setup.obstacles[pair.obstacle], points)[1], outward)
-        if np.all(facing > -FACING):
+        if np.all(facing > -CLOSE):
             raise SceneError(
                 f"obstacles.{pair.obstacle}: its normal must point against {pair.slave} (contacts.{name}), and "
                 f"does so nowhere; the side's outward normal is {np.round(outward[0], 6).tolist()}, reverse it"

@@ -36,7 +36,7 @@ def set_up(scene: Scene) -> Setup:
         pairs=pairs,
         supports=scene.supports,
         loads=scene.loads,
-        springs=scene.springs(),
+        springs=scene.ground_springs(),
         links=scene.links(),
         couplings=scene.couplings(),
         probes=scene.probes,

@@ -10,6 +10,7 @@ from reprlib import repr as shortly
 from typing import Any, TypeGuard
 
 from stickslip.geometry.amplitude import Amplitude, value_at
+from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.errors import SceneError, nearest, prefixed, require
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.observe import Observer
@@ -19,7 +20,7 @@ from stickslip.solvers.scene.scene import Scene, over, with_values
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.solvers.stepping.state import EQUAL, State
+from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 
 Values = Mapping[str, Mapping[str, float]]  # by name and component
@@ -147,7 +148,7 @@ class Script:
         *listed, last = replace(tables.timeline(), end=to, count=1).times
         if to > end and any(not found.in_time for found in scene.expressions().values()):
             listed = sorted({*listed, end})
-        return (*(t for t in listed if t - self.time > EQUAL * to or not self._times), last)
+        return (*(t for t in listed if t - self.time > EXACT * to or not self._times), last)
 
     def _of_contacts(self, given: Values) -> tuple[dict[Place, float], Scene]:
         """Values in time of friction laws by their place, and the scene with all else that contacts are given.

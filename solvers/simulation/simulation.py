@@ -8,18 +8,20 @@ from dataclasses import dataclass, field, fields, replace
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Comm
+from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.accuracy.errors import joined, with_errors
 from stickslip.solvers.accuracy.lower_order import LowerOrderRun
 from stickslip.solvers.accuracy.nested_run import NestedRun
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.accuracy.two_level import MeshCorrection
+from stickslip.solvers.interface.factorised import FactorisedVolume
+from stickslip.solvers.interface.prepare import Volume
 from stickslip.solvers.parallel.counters import Clock, Counters
 from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.observe import Observer, mesh_data
 from stickslip.solvers.results.step_result import Errors, MeshData, StepResult
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.bodies import Bodies
 from stickslip.solvers.simulation.memory import Counts, Demand, affordable, memory_of, spare
 from stickslip.solvers.simulation.plan import planned
 from stickslip.solvers.simulation.script import Script
@@ -30,6 +32,37 @@ from stickslip.solvers.stepping.method_chain import MethodChain, Reached
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
 from stickslip.solvers.system.system import System, assemble
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """A mesh and, if it was factorised, its stiffness."""
+
+    problem: Problem  # that they were prepared for
+    mesh: Mesh
+    volume: Volume
+    content: str  # hash of the geometry's file, if there is one
+
+    @classmethod
+    def of(cls, problem: Problem, mesh: Mesh, volume: Volume) -> Bodies:
+        """Those of a simulation."""
+        return cls(problem, mesh, volume, _content(problem))
+
+    def mesh_for(self, problem: Problem) -> Mesh | None:
+        """The mesh, if that of another problem is the same."""
+        same = problem.shape == self.problem.shape and replace(problem.request, sizes=None) == self.problem.request
+        return self.mesh if same and _content(problem) == self.content else None
+
+    def factor_for(self, system: System) -> FactorisedVolume | None:
+        """The factor, if a system on this mesh has the same stiffness, to the last bit; collective."""
+        factor = self.volume
+        if system.mesh is not self.mesh or not isinstance(factor, FactorisedVolume) or not factor.K.equal(system.K_B):
+            return None
+        return factor.counting(system.counters)
+
+
+def _content(problem: Problem) -> str:
+    return problem.shape.digest() if isinstance(problem.shape, UserFile) else ""
 
 
 @dataclass

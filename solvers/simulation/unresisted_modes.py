@@ -12,10 +12,10 @@ from itertools import chain
 import numpy as np
 from scipy.linalg import null_space
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.joints import is_rigid
-from stickslip.solvers.contact.rigid_obstacle import seen_from
+from stickslip.solvers.contact.coupling import seen_from
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.constraints import AXES
 from stickslip.solvers.fem.rigid_fields import rigid_fields, rigid_names
@@ -24,9 +24,6 @@ from stickslip.solvers.scene.loads import Coupling, End, Support
 from stickslip.solvers.scene.problem import Pair, Setup
 from stickslip.solvers.system.contact_interface import UNTOUCHED, loose_part
 from stickslip.solvers.system.system import System
-
-FAINT = 1e-9  # of E / extent: a body held by softer tangential springs slides until rounding takes its stresses
-PARALLEL = 1e-9  # singular values below this, relative to the largest, count as zero
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,11 +68,11 @@ def unresisted_modes(setup: Setup) -> UnresistedModes:
         if pair.contact.normal.at_quadrature:
             bedding += _touching(setup, replace(pair, contact=replace(pair.contact, friction=None)), motions)
         blocks += _touching(setup, pair, motions)
-    left = np.asarray(null_space(np.concatenate(blocks), rcond=PARALLEL))
+    left = np.asarray(null_space(np.concatenate(blocks), rcond=ROUNDING))
     most = int(np.argmax(np.linalg.norm(left, axis=1))) if left.shape[1] else -1
     return UnresistedModes(
-        rigid_modes=np.asarray(null_space(supported, rcond=PARALLEL)),
-        bedded=not null_space(np.concatenate(bedding)[:, : len(motions.bodies) * motions.each], rcond=PARALLEL).size,
+        rigid_modes=np.asarray(null_space(supported, rcond=ROUNDING)),
+        bedded=not null_space(np.concatenate(bedding)[:, : len(motions.bodies) * motions.each], rcond=ROUNDING).size,
         unheld=motions.kinds[most] if most >= 0 else "",
     )
 
@@ -176,7 +173,8 @@ def is_faint(setup: Setup, pair: Pair) -> bool:
 def least_springs(setup: Setup) -> float:
     """Stiffness [Pa/m] of the softest springs that can hold a body."""
     softest = min(material.least_modulus for material in setup.bodies.values())
-    return FAINT * softest / setup.extent
+    # of E / extent: a body held by softer tangential springs slides until rounding takes its stresses
+    return ROUNDING * softest / setup.extent
 
 
 def _nearest_body(setup: Setup, point: Array) -> str:

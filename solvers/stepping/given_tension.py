@@ -17,7 +17,7 @@ from itertools import count
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Ints
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
@@ -31,8 +31,6 @@ from stickslip.solvers.stepping.tightening import Tightening
 from stickslip.solvers.stepping.update import displacement
 from stickslip.solvers.system.system import System
 
-FREE = 1e-9  # of the stiffness of a bolt: less is rounding; it can be stretched between its ends without force
-STIFF = 1e-6  # likewise: more is stiffness, of a shank whose ends cut through cells
 log = logging.getLogger(__name__)
 
 
@@ -144,9 +142,11 @@ class GivenTensions:
         M, moved = C - D, surface.flexibility @ self._H
         self._factor = cho_factor(M)
         resists = np.abs(M - self._H.T @ moved).max(axis=0) / np.diag(M)
-        if np.any((resists > FREE) & (resists < STIFF)):
+        # of the stiffness of a bolt: less is rounding; it can be stretched between its ends without force
+        # likewise: more is stiffness, of a shank whose ends cut through cells
+        if np.any((resists > ROUNDING) & (resists < CLOSE)):
             raise np.linalg.LinAlgError("a bolt resists to be stretched, or does not: rounding decides")
-        self.surface = surface.softened(self._H, self._compliant(self._H.T), moved[:, resists <= FREE])
+        self.surface = surface.softened(self._H, self._compliant(self._H.T), moved[:, resists <= ROUNDING])
 
     def posed(self, problem: SurfaceProblem, missing: Array) -> SurfaceProblem:
         """The problem with bolts that give way, of one with shortenings a_0; missing: F - F_0 (b,) [N]."""

@@ -12,14 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import ROUNDING, Array, Ints
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.fem.constraints import AXES
 from stickslip.solvers.interface.limit_analysis import decide
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.stepping.method_chain import MethodChain
-from stickslip.solvers.stepping.state import HALVINGS, ROUNDING, State
+from stickslip.solvers.stepping.state import HALVINGS, State
 from stickslip.solvers.stepping.substep import Attempt, Substep
 from stickslip.solvers.system.system import System
 

@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, EXACT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.laws.law import touching
 from stickslip.solvers.newton import path
-from stickslip.solvers.newton.correction import ENOUGH, FLOOR
+from stickslip.solvers.newton.correction import ENOUGH
 
 TURNS = 200  # of slip and mu; near the edge of stability they are slow
 CLEAR = 100.0  # times the tolerance; differences of less may be what the method has left
@@ -127,7 +127,7 @@ class LawMemory:
             return at if np.isfinite(size) else replace(at, status=Status.BROKEN), turned
 
         off = self._apart(problem, at.p, self.after(problem, at.p, at.w))
-        nearer = replace(self, tolerance=max(ENOUGH * off, FLOOR))
+        nearer = replace(self, tolerance=max(ENOUGH * off, EXACT))
         ended, turned = nearer.around(solve)(problem, at.p)
         return at, size if ended.status is found.status else np.nan, self.after(turned, at.p, at.w)
 
@@ -140,7 +140,7 @@ class LawMemory:
         """
 
         def keeps(p: Array, w: Array) -> bool:
-            return self._apart(problem, p, self.after(problem, p, w)) <= path.SOLVED
+            return self._apart(problem, p, self.after(problem, p, w)) <= CLOSE
 
         return tuple(path.others(problem, p, keeps) if self.start else path.others(problem, p))
 

@@ -7,16 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, ROUNDING, Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.iteration import Correction
 from stickslip.solvers.scene.record import Energy
 
-EQUAL = 1e-12  # relative; times that differ by less are equal
 FAR = 100.0  # times the last substep; an extrapolation farther ahead would amplify what its iteration left
 HALVINGS = 8  # a step is cut down to 1/256 before it is given up
-ROUNDING = 1e-9  # relative; sizes that differ by less are equal
 ENOUGH = 3  # easy substeps in a row after which the size doubles: if every second one is hard, a larger one would fail
 
 
@@ -41,7 +39,7 @@ class StepControl:
             smallest: lower bound of the size [s].
         """
         size = max(self.size, smallest)
-        if remaining <= size * (1 + ROUNDING):
+        if remaining <= size * (1 + ROUNDING):  # relative; sizes that differ by less are equal
             return remaining
         return size if remaining > 2 * size * (1 - ROUNDING) else remaining / 2
 
@@ -124,6 +122,7 @@ class State:
         if self.previous is None:
             return self.p
         far = (time - self.time) / (self.time - self.previous.time)
-        if far > FAR or any(abs(turn - self.time) <= EQUAL * self.time for turn in turns):
+        # relative; times that differ by less are equal
+        if far > FAR or any(abs(turn - self.time) <= EXACT * self.time for turn in turns):
             return self.p
         return self.p + far * (self.p - self.previous.p)

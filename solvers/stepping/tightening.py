@@ -17,18 +17,14 @@ import logging
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, TINY, Array, Bools
 from stickslip.geometry.protocols import Vec
-from stickslip.solvers.scene.timeline import CLOSE
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.system import System
 
-TIGHT = 1e-9  # deviation of a tension, relative to the largest of all bolts and times, that is aimed at
 LOOSE = 10.0  # times solver.tolerance: that is allowed where another solution comes no nearer
 MOST, EACH = 30, 3  # solutions of a step, and for each bolt and spring
 SLIGHT = 1e-5  # of the force that displacements would make of a bolt's stiffness: less is known by rounding only
-TINY = 1e-300  # [m]
-FLAT = 1e-6  # of its stiffness: a spring that answers with less is made as long as the bodies, where others may hold
 log = logging.getLogger(__name__)
 
 
@@ -49,7 +45,7 @@ class Tightening:
         self.before, self.pulled = start.initial[self.places], self.tension(start)
         self.springs = np.array([bolt.tension is None for bolt in self.bolts])
         self.least = np.array([-bolt.gap for bolt in self.bolts])
-        self.free = np.array([start.time < bolt.held_from * (1 - CLOSE) for bolt in self.bolts])
+        self.free = np.array([start.time < bolt.held_from * (1 - EXACT) for bolt in self.bolts])
         self.wanted = self._given(target)
         self.largest = largest_tension(system)
         guessed = self.free & ~self.springs
@@ -99,7 +95,8 @@ class Tightening:
         allowed = self._allowed(scale)
         log.info("t = %g: tension of bolts and springs off by %.1e", self.target, np.abs(defect / scale).max())
         near = np.all(np.abs(defect) <= allowed)  # with a loose solver no length need be better
-        exact = np.all(np.abs(defect) <= np.where(taut, 0.0, TIGHT * scale))
+        # deviation of a tension, relative to the largest of all bolts and times, that is aimed at
+        exact = np.all(np.abs(defect) <= np.where(taut, 0.0, ROUNDING * scale))
         if exact or (near and self.tried and _worse(off, self.tried[1]) and not defect[taut].any()):
             return True
         if self.tried is None:  # how much the bodies give way is known now: as if bolts did not loosen each other
@@ -116,8 +113,8 @@ class Tightening:
         self.tried = self.x, off
         step, moves = np.where(taut, self.least - self.x, 0.0), self.free & ~taut
         off = off + self.J @ step
-        flat = np.flatnonzero(self.springs & (np.diag(self.J) < FLAT * self.k))  # longer ones answer with no force
-        self.J[flat, flat] = FLAT * self.k[flat]
+        flat = np.flatnonzero(self.springs & (np.diag(self.J) < CLOSE * self.k))  # longer ones answer with no force
+        self.J[flat, flat] = CLOSE * self.k[flat]
         step[moves] = np.linalg.lstsq(self.J[np.ix_(moves, moves)], -off[moves], rcond=None)[0]
         longest = np.where(self.springs, self.system.extent, np.inf)
         self.lost = bool(np.any(self.springs & (self.x >= longest) & (step > 0)))
@@ -174,7 +171,7 @@ def largest_tension(system: System) -> float:
 
 def stretched(k: Array, far: float) -> Array:
     """Forces (b,) [N] of bolts or springs of stiffness k (b,) [N/m] that are longer by `far` [m]; never zero."""
-    return k * max(far, TINY)
+    return k * max(far, TINY)  # [m]
 
 
 def recall(system: System, time: float, shortened: Array) -> None:
@@ -189,7 +186,7 @@ def tension_off(system: System, u: Vec, time: float) -> Array:
     Of a spring that acts in one way it is the smaller one of its force and of what its slack would take.
     """
     course, bolts = system.course, system.initial.tightened
-    held = [time > bolt.held_from * (1 + CLOSE) for bolt in bolts]
+    held = [time > bolt.held_from * (1 + EXACT) for bolt in bolts]
     if all(held):
         return np.zeros(0)
     values, k = system.initial.values(course, time), np.diag(system.initial.coupling)

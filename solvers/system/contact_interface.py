@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Ints
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import Mat, Sparse, Vec
@@ -19,8 +19,6 @@ from stickslip.solvers.fem.rigid_modes import RigidModes
 from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.system.obstacles import Obstacles
 
-STILL = 1e-9  # of a rigid mode; a part that it moves by less is not moved
-ROUNDED = 1e-14  # of the largest entry of the rows; a displacement with less is not touched
 UNTOUCHED = "that no contact touches "  # a part of the mesh, in words
 
 
@@ -54,7 +52,8 @@ class ContactInterface:
             return self.dofs
         rows = sparse.vstack([c.N_n @ self.trace(c) for c in self.contacts])
         largest = np.asarray(abs(rows).max(axis=0).todense()).ravel()
-        touched: Ints = self.dofs[largest > ROUNDED * largest.max(initial=0.0)]
+        # of the largest entry of the rows; a displacement with less is not touched
+        touched: Ints = self.dofs[largest > LAST_DIGITS * largest.max(initial=0.0)]
         return touched
 
     def trace(self, c: ContactRows) -> Sparse:
@@ -97,7 +96,7 @@ class ContactInterface:
         if not count:
             return
         _, sizes, directions = np.linalg.svd(np.linalg.qr(np.pad(resisted, ((0, count), (0, 0))), mode="r"))
-        loose = directions[sizes <= STILL]
+        loose = directions[sizes <= ROUNDING]  # of a rigid mode; a part that it moves by less is not moved
         if not len(loose):
             return
         raise loose_part(which, self.motions.hinge(self.motions.unresisted @ loose.T))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -15,26 +15,24 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
-from stickslip.geometry.protocols import Function, FunctionSpace, Mat, UflExpr, UflForm, Vec
-from stickslip.geometry.surfaces.surface import gather_surface
+from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Sparse, UflExpr, UflForm, Vec
+from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.contact.pairing import pair_up
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.fem.forms import WeakForms
-from stickslip.solvers.fem.ground_springs import GroundSprings
-from stickslip.solvers.fem.links import Links
 from stickslip.solvers.fem.mean_dilatation import MeanDilatation
 from stickslip.solvers.fem.rigid_modes import RigidModes
+from stickslip.solvers.fem.springs import GroundSprings, Links
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.fem.terms import InitialStrain
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.released import watch
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Course, Place
-from stickslip.solvers.system.applied_loads import AppliedLoads
+from stickslip.solvers.system.applied_loads import AppliedLoads, InitialStrains
 from stickslip.solvers.system.contact_interface import ContactInterface
-from stickslip.solvers.system.initial_strain import InitialStrains
 from stickslip.solvers.system.obstacles import Obstacles
 from stickslip.solvers.system.stiffness import AveragedStiffness, Products, Stiffness
 
@@ -325,3 +323,17 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         loads=applied_loads(problem, weak, constraints, T.createVecLeft()),
         initial=_initial_strains(problem, weak, dilatation, constraints.links, T.createVecLeft()),
     )
+
+
+def contact_sides(system: System) -> Iterator[tuple[str, Surface, Sparse]]:
+    """Name, surface, and the sparse matrix (n d, c) from contact dofs to the displacement of the side's nodes."""
+    seen = set[str]()
+    for rows in system.contacts:
+        pair, trace, first = system.problem.pairs[rows.name], system.interface.trace(rows), 0
+        for name, side in ((pair.slave, rows.surface), (pair.master, rows.master)):
+            if side is not None and name is not None:
+                last = first + side.dim * len(side.nodes)
+                if name not in seen:
+                    yield name, side, trace[first:last]
+                seen.add(name)
+                first = last

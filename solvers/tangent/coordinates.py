@@ -18,7 +18,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, SLIGHT, Array, Bools, Ints
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Mat, Sparse
@@ -27,9 +27,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.system.system import System
 
-SINGULAR = 1e-3  # smallest singular value of a node's rows, relative to the largest
 LONGEST = 40  # chain of slave nodes, each coupled to the next
-ROUNDED = 1e-14  # entries of T; its largest are about 1
 
 
 @dataclass(frozen=True)
@@ -274,7 +272,8 @@ def _measured(
         few = np.flatnonzero(count == k)
         measured[few, k:] = np.linalg.svd(measured[few, :k])[2][:, k:]
     sizes = np.linalg.svd(measured, compute_uv=False)
-    if np.any(sizes[:, -1] <= SINGULAR * sizes[:, 0]):
+    # smallest singular value of a node's rows, relative to the largest
+    if np.any(sizes[:, -1] <= SLIGHT * sizes[:, 0]):
         raise SolverError("the contact rows of a node are nearly the same")
     by_axis = _nearest(measured)
     measured = np.take_along_axis(measured, by_axis[:, :, None], axis=1)
@@ -312,7 +311,7 @@ def _inverse(inverse: Sparse, coupling: Sparse) -> Sparse:
     found = term = inverse
     for _ in range(LONGEST):
         term = (inverse @ (coupling @ term)).tocsr()
-        term.data = np.where(np.abs(term.data) > ROUNDED, -term.data, 0.0)
+        term.data = np.where(np.abs(term.data) > LAST_DIGITS, -term.data, 0.0)  # entries of T; its largest are about 1
         term.eliminate_zeros()
         if not term.nnz:
             return found

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import Array, Ints, inverses, products
+from stickslip.geometry.arrays import CLOSE, Array, Ints, inverses, products
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import PC, Mat, Vec
 from stickslip.solvers.linear.multigrid import multigrid
@@ -352,7 +352,6 @@ def _cleared(K: Mat, held: Ints) -> Mat:
 
 
 CYCLES = 3  # of conjugate gradients for each motion
-SAME = 1e-6  # relative; motions that differ by less are one
 
 
 class CoarseMotions:
@@ -382,7 +381,7 @@ class CoarseMotions:
             of_side[own] = motions[own]
             jumps = np.array([operator.jump(column) * self.slides for column in of_side.T])
             sizes, mixed = np.linalg.eigh(operator.comm.allreduce(jumps @ jumps.T))
-            keep = sizes > SAME * sizes.max(initial=0.0)
+            keep = sizes > CLOSE * sizes.max(initial=0.0)  # relative; motions that differ by less are one
             found += list((mixed[:, keep] / np.sqrt(sizes[keep])).T @ jumps)
         return found
 
@@ -429,9 +428,9 @@ class LoadScale:
         if self.loads:
             F = np.array([known for known, _ in self.loads])
             products = self.operator.comm.allreduce(F @ np.vstack([F, f.array_r]).T)
-            share = np.linalg.lstsq(products[:, :-1], products[:, -1], rcond=SAME**2)[0]
+            share = np.linalg.lstsq(products[:, :-1], products[:, -1], rcond=CLOSE**2)[0]
             left = f.array_r - share @ F
-        if dot(left, left) <= SAME**2 * dot(f.array_r, f.array_r):
+        if dot(left, left) <= CLOSE**2 * dot(f.array_r, f.array_r):
             nothing = np.zeros(len(self.contact.rows))
             return np.asarray(sum((k * u for k, (_, u) in zip(share, self.loads, strict=True)), nothing))
         u_c = self.contact.read(self.operator.guess(f))

@@ -85,7 +85,7 @@ ORTHOTROPIC = """
 import json
 from mpi4py import MPI
 import stickslip
-from stickslip.solvers.results.error_parts import Quantity
+from stickslip.solvers.results.step_result import Quantity
 words = ["geometry.mesh_size=0.02", "steps.count=3", "solver.tolerance=1e-11"]
 found = []
 for order in (1, 2):

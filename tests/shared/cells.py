@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.keys import Key
-from stickslip.solvers.contact.operators import OPERATORS
+from stickslip.solvers.contact.pairing import OPERATORS
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.methods.method import RIGID
 from stickslip.solvers.results.step_result import StepResult

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.audited import record_of, stored_by
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EPS, ROUNDING, SLIGHT, Array
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Tresca
 from stickslip.solvers.results import audit as module
@@ -344,7 +344,7 @@ def test_scales_are_those_of_the_largest_tractions(scene_of: SceneOf, simulation
     u = audit.system.vector()
     largest = float(np.abs(record.p).max())
     tiny = replace(record, p=1e-5 * record.p)
-    for each, p_top in ((tiny, 1e-5 * largest), (record, largest), (tiny, module.PAST * largest)):
+    for each, p_top in ((tiny, 1e-5 * largest), (record, largest), (tiny, SLIGHT * largest)):
         scales = audit._scales(each, audit._inner(u))
         assert scales.p == pytest.approx(p_top)
         give = audit._give(place.rows, each.p[place.normal])
@@ -362,7 +362,7 @@ def test_tractions_are_not_smaller_than_the_rounding_of_all_forces(
     u = audit.system.vector()
     u.array[:] = record.displacement[audit.system.nodes.input].ravel()
     inner, load = audit._inner(u), audit.system.load(1.0)
-    noise = module.ROUNDED * (np.abs(inner.array).sum() + np.abs(load.array).sum())  # on a side of 2 m
+    noise = ROUNDING * (np.abs(inner.array).sum() + np.abs(load.array).sum())  # on a side of 2 m
     noise += module.EPS * audit._largest_stiffness * np.abs([*u.array, *audit._motion(place.rows, record).flat]).max()
     assert audit._scales(replace(record, p=0 * record.p), inner).p == pytest.approx(noise / 2.0, rel=1e-9)
 
@@ -494,7 +494,7 @@ def test_forces_of_a_body_that_moves_as_a_whole_are_rounding_up_to_a_limit(
     u, one = audit.system.vector(), audit.system.vector()
     one.array[len(one.array) // 2] = 1.0
     u.set(0.3)
-    limit = module.ROUNDING * module.EPS * audit._largest_stiffness * float(np.abs(u.array).sum())
+    limit = module.SUMMED * EPS * audit._largest_stiffness * float(np.abs(u.array).sum())
     u += one * (part * limit / audit._inner(one).norm(0))
     found = audit._equilibrium(still, u, audit._inner(u), scales)
     assert (found != (0.0, 0.0)) is judged_at_all

@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.workflows.lab.studies.block_price import measure, verdicts
+from stickslip.workflows.lab.studies.block_price import measure
+from stickslip.workflows.lab.studies.block_price import page as verdicts
 from stickslip.workflows.lab.studies.block_price.__main__ import measured
-from stickslip.workflows.lab.studies.block_price.cases import (
+from stickslip.workflows.lab.studies.block_price.measure import (
     EXACTLY,
     INEXACT,
     LIKE,
@@ -21,8 +22,7 @@ from stickslip.workflows.lab.studies.block_price.cases import (
     Sizes,
     tables,
 )
-from stickslip.workflows.lab.studies.block_price.page import NAME, conditions, verdict, write_page
-from stickslip.workflows.lab.studies.block_price.verdicts import CLAIMS, SIDE_BY_SIDE
+from stickslip.workflows.lab.studies.block_price.page import CLAIMS, NAME, SIDE_BY_SIDE, conditions, verdict, write_page
 from stickslip.workflows.lab.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen
 
 MASS, COMPLETE, DROP, IC0 = EXACTLY

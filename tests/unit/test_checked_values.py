@@ -50,8 +50,23 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
         r"^displacement.y.1 = \[1\]: expected a pair \[time, value\]$",
     ),
     "direction": (lambda: s.Support(boundary="a.b", displacement={"q": 1.0}), "^displacement.q = .*known: normal, x"),  # type: ignore[dict-item]
+    "effect": (lambda: scene(gravity=9.81), "^gravity = 9.81: expected a Gravity$"),
+    "misspelt effect": (lambda: scene(gravty=None), r"^gravty: unknown key; did you mean gravity\?$"),
+    "effect's table": (lambda: scene(springs={"s": 1.0}), "^springs.s = 1.0: expected a Spring$"),
     "replaced": (lambda: replace(scene(), model="4d"), '^model = "4d": not one of these'),  # type: ignore[arg-type]
 }  # fmt: skip
+
+
+def test_tables_of_effects_are_given_and_replaced_like_all_others() -> None:
+    spring = s.Spring(at="block.top", stiffness=(1.0, 1.0))
+    found = scene(bodies={"block": s.Material(E=1.0, nu=0.3, density=1.0)}, springs={"s": spring})
+    heavy: s.Scene = replace(found, gravity=s.Gravity(acceleration=(0.0, -9.81)))  # type: ignore[call-arg]
+    assert (heavy.springs, heavy.bolts, heavy.gravity.acceleration) == ({"s": spring}, {}, (0.0, -9.81))
+    assert heavy == replace(found, sections=heavy.sections)
+    assert replace(heavy, gravity=None) == found  # type: ignore[call-arg]
+    assert replace(heavy, springs={}).sections.keys() == {"gravity"}  # type: ignore[call-arg]
+    with pytest.raises(AttributeError, match="no attribute 'gravty'"):
+        _ = found.gravty
 
 
 @pytest.mark.parametrize("name", WRONG)

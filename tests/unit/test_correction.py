@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.cases import often
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, LAST_DIGITS, Array
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -249,7 +249,7 @@ def test_where_nothing_is_left_or_nothing_holds_the_bodies_there_is_no_correctio
         patch.setattr(correction, "nearest_in_cone", lambda *given: None)
         lost = by_flexibility(problem, known, p, w)
     assert np.isnan(lost.size)
-    monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: correction.ROUNDING / 2)
+    monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: LAST_DIGITS / 2)
     none = by_flexibility(problem, known, p, w)
     assert none.size == 0.0
     for found in (lost, none):
@@ -301,7 +301,7 @@ def test_volume_solves_for_it_are_counted_apart(scene_of: SceneOf, simulation_of
 
 def test_exact_solution_has_the_error_of_rounding(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     simulation = simulation_of(scene_of(**DRAGGED))
-    assert [step.iteration_error for step in simulation.steps()] == pytest.approx([correction.FLOOR] * 4, rel=0.5)
+    assert [step.iteration_error for step in simulation.steps()] == pytest.approx([EXACT] * 4, rel=0.5)
 
 
 def test_where_newton_fails_all_starts_are_tried(

@@ -12,6 +12,7 @@ from scipy import sparse
 from shared.cases import slow
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.solvers.classical.gram_uzawa import (
+    Gram,
     GramIteration,
     GramMetric,
     contact_last,
@@ -22,7 +23,6 @@ from stickslip.solvers.classical.gram_uzawa import (
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution
 from stickslip.solvers.laws.compliance import Compliance
-from stickslip.solvers.scene.gram import Gram
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation

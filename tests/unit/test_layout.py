@@ -43,7 +43,7 @@ LIMITS = {  # what the house may weigh; a limit is lowered when the house got li
     ("tests", "gross"): 43_700,
 }
 IMPORTS, DOCSTRINGS = 0.14, 0.24  # lines per net line outside tests: no more imports, no fewer docstrings
-UFL = ("elastic_energy", "smoothed_laws", "contact_forms", "point_laws", "mean_dilatation", "forms", "own_axes")
+UFL = ("elastic_energy", "contact_forms", "mean_dilatation", "forms")
 FORMS = tuple(f"solvers/fem/{name}.py" for name in UFL)  # where UFL is written
 
 

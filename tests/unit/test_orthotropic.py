@@ -15,11 +15,10 @@ from shared.audited import audit, record_of, stored_by
 from shared.cases import every_nth
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.shape import Model
-from stickslip.solvers.fem.own_axes import stress_by_compliance
+from stickslip.solvers.fem.elastic_energy import stress_by_compliance
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.results.step_result import Quantity, StepResult
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.orthotropic import Orthotropic
+from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan, warnings
 from stickslip.workflows.lab.verification.units import in_millimetres

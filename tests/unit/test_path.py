@@ -207,7 +207,7 @@ def test_no_kink_ahead_is_the_end_on_the_way_to_zero_alone(monkeypatch: pytest.M
 
 def test_a_singular_piece_is_no_end(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = problem_of("coulomb")
-    monkeypatch.setattr(path, "SINGULAR", np.inf)
+    monkeypatch.setattr(path, "EXACT", np.inf)
     assert not list(path.path_from_open(problem, path.MOST_KINKS))
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import stickslip
-from stickslip.workflows.lab.benchmarks import price_page
-from stickslip.workflows.lab.benchmarks.peers import page, programs
+from stickslip.workflows.lab.benchmarks import price
+from stickslip.workflows.lab.benchmarks.peers import programs
 from stickslip.workflows.lab.benchmarks.peers.ours import OURS
 from stickslip.workflows.lab.benchmarks.peers.problem import write_problem
 from stickslip.workflows.lab.benchmarks.price_run import Case
@@ -62,7 +62,7 @@ def test_a_peer_that_is_missing_is_said_to_be_so(tmp_path: Path, monkeypatch: py
     ours, *others = programs.measured(tmp_path, 3, [2], 1.0)
     assert (ours["name"], ours["status"]) == (OURS, "converged")
     assert [run["status"] for run in others] == ["not installed: Debian: nothing", "not installed: is ours too"]
-    assert "not installed: Debian: nothing" in page.section(3, [ours, *others])
+    assert "not installed: Debian: nothing" in price.section(3, [ours, *others])
 
 
 def test_a_peer_that_would_take_too_long_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,10 +83,10 @@ def test_a_row_has_the_price_in_our_unit_and_the_errors_of_the_forces(tmp_path: 
     ours = common | {"name": OURS, "seconds": 1.0, "unit": 0.5, "steps": [step, step]}
     wrong = step | {"normal_force": 2.02, "tangential_force": 0.49, "iterations": 6}
     peer = common | {"name": "GetFEM", "seconds": 6.0, "steps": [step, wrong]}
-    found = page.row(peer, [ours, peer])
+    found = price.row(peer, [ours, peer])
     assert (found["price"], found["iterations"]) == (12.0, 10)
     assert found["error of N"] == pytest.approx(0.01)
     assert found["error of T"] == pytest.approx(-0.02)
-    text = price_page.write_page(tmp_path, [], [ours, peer]).read_text()
+    text = price.write_page(tmp_path, [], [ours, peer]).read_text()
     assert "<td>GetFEM<td>1<td>9<td>12<td>6<td>10<td>0.50<td>1.0e-02<td>-2.0e-02" in text
-    assert "Peers on the same meshes" not in price_page.write_page(tmp_path, []).read_text()
+    assert "Peers on the same meshes" not in price.write_page(tmp_path, []).read_text()

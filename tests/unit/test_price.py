@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from stickslip.workflows.lab.benchmarks import price, price_page, price_run
+from stickslip.workflows.lab.benchmarks import price, price_run
 from stickslip.workflows.lab.benchmarks.price_run import REFERENCE, Case
 
 SECONDS = ((0.9, 0.3), (0.6, 0.1), (0.8, 0.1))  # of both steps, of the reference; the first one is cold
@@ -27,7 +27,7 @@ def test_a_price_is_the_median_of_ratios_taken_side_by_side(monkeypatch: pytest.
     assert found["repeated"] == len(SECONDS)  # 0.9 + 0.6 + 0.8 s fill two
     assert found["price"] == pytest.approx(median(s / r for s, r in SECONDS))
     assert found["further_price"] == pytest.approx(0.1 * found["price"])
-    row = price_page._row(found, [found])
+    row = price._row(found, [found])
     assert (row["price"], row["reference"]) == (found["price"], 0.1)
 
 
@@ -59,12 +59,12 @@ def test_growth_is_the_slope_of_counts_that_are_powers_of_n() -> None:
     kind = {"method": "uzawa", "surface": "auto", "tolerance": 1e-8, "price": 1.0}
     rows = [kind | {"n": n, "volume_solves": 3 * n**1.5} for n in (8, 16, 64)]
     stopped = kind | {"n": 128, "price": None, "volume_solves": 7}
-    assert price_page.growth([*rows, stopped]) == {("uzawa", "auto", 1e-8): pytest.approx(1.5)}
-    assert price_page.growth(rows[:1]) == {}
+    assert price.growth([*rows, stopped]) == {("uzawa", "auto", 1e-8): pytest.approx(1.5)}
+    assert price.growth(rows[:1]) == {}
 
 
 def test_a_page_of_which_nothing_was_measured_is_a_page(tmp_path: Path) -> None:
     stopped = {"case": vars(Case(3, 64)), "status": "not run: 900 s expected"}
-    page = price_page.write_page(tmp_path, [stopped])
+    page = price.write_page(tmp_path, [stopped])
     assert "not run: 900 s expected" in page.read_text()
     assert (tmp_path / "price.png").stat().st_size > 1000

@@ -8,14 +8,12 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.workflows.lab.studies.published import claims_uzawa as u
+from stickslip.workflows.lab.studies.published import claims as u
 from stickslip.workflows.lab.studies.published.__main__ import measured
-from stickslip.workflows.lab.studies.published.contact import march
+from stickslip.workflows.lab.studies.published.contact import LEARNING, PLAIN, march, scene
 from stickslip.workflows.lab.studies.published.finding import HOLDS, HOLDS_NOT, Row, Rows, chosen
 from stickslip.workflows.lab.studies.published.measurements import MEASURED, Measurement, Sizes, measurements
 from stickslip.workflows.lab.studies.published.page import CLAIMS, claims, write_page
-from stickslip.workflows.lab.studies.published.scenes import scene
-from stickslip.workflows.lab.studies.published.spectrum import LEARNING, PLAIN
 
 TINY = Sizes(
     meshes=((2, 4), (2, 8)),

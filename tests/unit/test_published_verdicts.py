@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip.workflows.lab.studies.published import claims_tangent as t
-from stickslip.workflows.lab.studies.published import claims_uzawa as u
+from stickslip.workflows.lab.studies.published import claims as c
+from stickslip.workflows.lab.studies.published.contact import PLAIN
 from stickslip.workflows.lab.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows
 from stickslip.workflows.lab.studies.published.measurements import MEASURED
 from stickslip.workflows.lab.studies.published.page import CLAIMS, claims
-from stickslip.workflows.lab.studies.published.spectrum import PLAIN
 
 EMPTY: Rows = {name: [] for name in MEASURED}
 
@@ -62,7 +61,7 @@ def system(solver: str, n: int = 8, **more: Any) -> Row:
         "residual": 1e-15,
         "iterations": None,
     }
-    return mesh(n) | found | (about if solver == t.DIRECT else {}) | more
+    return mesh(n) | found | (about if solver == c.DIRECT else {}) | more
 
 
 def systems(*found: Row) -> Rows:
@@ -90,68 +89,68 @@ def ended(key: str, status: str) -> Rows:
 
 
 OK, BAD = "converged", "the iterations ran out"
-RELAXED, STABILISED = f"{t.RELAXED}0.9", f"{t.STABILISED}0.01"
+RELAXED, STABILISED = f"{c.RELAXED}0.9", f"{c.STABILISED}0.01"
 FLIPS: list[tuple[Callable[[Rows], Finding], Rows, Rows]] = [
-    (u.bound, {"linear": [part(0.99, 0.98), part(1.01, 1.02)], "step": []}, {"linear": [part(0.99, 1.02)], "step": []}),
-    (u.bound, bounded(OK, BAD, "stick"), bounded(OK, OK, "stick")),
-    (u.bound_with_friction, bounded(OK, OK, "coulomb"), bounded(BAD, OK, "coulomb")),
-    (u.richardson, {"linear": [part(0.99, 0.981)]}, {"linear": [part(0.99, 0.9)]}),
-    (u.inexact_bound, {"linear": [part(0.9, 0.99, False)]}, {"linear": [part(0.9, 1.01, False)]}),
-    (u.inexact_contact, inner(105), inner(120)),
-    (u.superlinear, falling(0.9, 0.4), falling(0.9, 0.9)),
-    (u.condition_grows, spectra(PLAIN, 10, 20, 40), spectra(PLAIN, 10, 11, 10)),
-    (u.gram_is_free_of_h, spectra("volume, complete", 9.4, 9.5), spectra("volume, complete", 9.4, 12)),
-    (u.gram_iterations, {"h": counted("gram-uzawa", 80, 82)}, {"h": counted("gram-uzawa", 80, 120)}),
+    (c.bound, {"linear": [part(0.99, 0.98), part(1.01, 1.02)], "step": []}, {"linear": [part(0.99, 1.02)], "step": []}),
+    (c.bound, bounded(OK, BAD, "stick"), bounded(OK, OK, "stick")),
+    (c.bound_with_friction, bounded(OK, OK, "coulomb"), bounded(BAD, OK, "coulomb")),
+    (c.richardson, {"linear": [part(0.99, 0.981)]}, {"linear": [part(0.99, 0.9)]}),
+    (c.inexact_bound, {"linear": [part(0.9, 0.99, False)]}, {"linear": [part(0.9, 1.01, False)]}),
+    (c.inexact_contact, inner(105), inner(120)),
+    (c.superlinear, falling(0.9, 0.4), falling(0.9, 0.9)),
+    (c.condition_grows, spectra(PLAIN, 10, 20, 40), spectra(PLAIN, 10, 11, 10)),
+    (c.gram_is_free_of_h, spectra("volume, complete", 9.4, 9.5), spectra("volume, complete", 9.4, 12)),
+    (c.gram_iterations, {"h": counted("gram-uzawa", 80, 82)}, {"h": counted("gram-uzawa", 80, 120)}),
     (
-        u.gram_saves,
+        c.gram_saves,
         {"h": [*counted("gram-uzawa", 50), *counted("uzawa", 100)]},
         {"h": [*counted("gram-uzawa", 150), *counted("uzawa", 100)]},
     ),
-    (u.any_friction, ended("mu", OK), ended("mu", BAD)),
-    (u.given_friction, ended("given", OK), ended("given", BAD)),
-    (t.quadratic, {"newton": [mesh(4, history=[1, 1e-4, 1e-7])]}, {"newton": [mesh(4, history=[1, 1e-4, 1e-5])]}),
-    (t.first_order, springs(1e-1, 1e-2), springs(1e-1, 3e-2)),
-    (t.stated, springs(0.9, 0.1), springs(1.1, 1.2)),
-    (t.unsymmetric, systems(system(t.DIRECT)), systems(system(t.DIRECT, unsymmetry=1e-17))),
+    (c.any_friction, ended("mu", OK), ended("mu", BAD)),
+    (c.given_friction, ended("given", OK), ended("given", BAD)),
+    (c.quadratic, {"newton": [mesh(4, history=[1, 1e-4, 1e-7])]}, {"newton": [mesh(4, history=[1, 1e-4, 1e-5])]}),
+    (c.first_order, springs(1e-1, 1e-2), springs(1e-1, 3e-2)),
+    (c.stated, springs(0.9, 0.1), springs(1.1, 1.2)),
+    (c.unsymmetric, systems(system(c.DIRECT)), systems(system(c.DIRECT, unsymmetry=1e-17))),
     (
-        t.ill_conditioned,
-        two(t.DIRECT, "n", condition=(1e5, 4e5)),
-        two(t.DIRECT, "n", condition=(1e5, 1.1e5)),
+        c.ill_conditioned,
+        two(c.DIRECT, "n", condition=(1e5, 4e5)),
+        two(c.DIRECT, "n", condition=(1e5, 1.1e5)),
     ),
     (
-        t.direct_is_slow,
-        systems(system(t.DIRECT), system(t.PLAIN, ratio=0.5)),
-        systems(system(t.DIRECT), system(t.PLAIN, ratio=2.0)),
+        c.direct_is_slow,
+        systems(system(c.DIRECT), system(c.INCOMPLETE, ratio=0.5)),
+        systems(system(c.DIRECT), system(c.INCOMPLETE, ratio=2.0)),
     ),
-    (t.direct_is_wrong, systems(system(t.DIRECT, error=1e-3)), systems(system(t.DIRECT))),
+    (c.direct_is_wrong, systems(system(c.DIRECT, error=1e-3)), systems(system(c.DIRECT))),
     (
-        t.classical_is_slow,
-        systems(system(t.DIRECT), system(t.CLASSICAL, status="diverged")),
-        systems(system(t.DIRECT), system(t.CLASSICAL)),
-    ),
-    (
-        t.relaxed,
-        systems(system(t.PLAIN), system(RELAXED, iterations=9)),
-        systems(system(t.PLAIN), system(RELAXED, iterations=11)),
+        c.classical_is_slow,
+        systems(system(c.DIRECT), system(c.CLASSICAL, status="diverged")),
+        systems(system(c.DIRECT), system(c.CLASSICAL)),
     ),
     (
-        t.stabilised,
-        systems(system(t.PLAIN), system(STABILISED, iterations=9)),
-        systems(system(t.PLAIN), system(STABILISED, status="broke down")),
-    ),
-    (t.ilu_is_free_of_h, two(t.PLAIN, "n", iterations=(20, 20)), two(t.PLAIN, "n", iterations=(20, 40))),
-    (
-        t.ilu_stands_penalties,
-        two(t.PLAIN, "omega_factor", iterations=(20, 19)),
-        two(t.PLAIN, "omega_factor", iterations=(20, 30)),
+        c.relaxed,
+        systems(system(c.INCOMPLETE), system(RELAXED, iterations=9)),
+        systems(system(c.INCOMPLETE), system(RELAXED, iterations=11)),
     ),
     (
-        t.ilu_stands_penalties,
-        two(t.PLAIN, "omega_factor", error=(1e-6, 1e-4)),
-        two(t.PLAIN, "omega_factor", error=(1e-6, 1e-2)),
+        c.stabilised,
+        systems(system(c.INCOMPLETE), system(STABILISED, iterations=9)),
+        systems(system(c.INCOMPLETE), system(STABILISED, status="broke down")),
+    ),
+    (c.ilu_is_free_of_h, two(c.INCOMPLETE, "n", iterations=(20, 20)), two(c.INCOMPLETE, "n", iterations=(20, 40))),
+    (
+        c.ilu_stands_penalties,
+        two(c.INCOMPLETE, "omega_factor", iterations=(20, 19)),
+        two(c.INCOMPLETE, "omega_factor", iterations=(20, 30)),
     ),
     (
-        t.quadratic,
+        c.ilu_stands_penalties,
+        two(c.INCOMPLETE, "omega_factor", error=(1e-6, 1e-4)),
+        two(c.INCOMPLETE, "omega_factor", error=(1e-6, 1e-2)),
+    ),
+    (
+        c.quadratic,
         {"newton": [mesh(4, history=[1e-5, 1e-11, 1e-16])]},
         {"newton": [mesh(4, history=[1e-5, 2e-7, 1e-9])]},
     ),
@@ -173,4 +172,4 @@ def test_every_claim_is_tried_both_ways_and_none_is_decided_without_rows() -> No
 def test_a_claim_that_holds_in_some_cases_says_in_which() -> None:
     both: Rows = {**EMPTY, "mu": [*ended("mu", OK)["mu"], *({"method": "other", **ended("mu", BAD)["mu"][0]},)]}
     both["mu"][1]["method"] = "other"
-    assert u.any_friction(both).verdict == "holds only for uzawa"
+    assert c.any_friction(both).verdict == "holds only for uzawa"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shared.ranks import mpirun
-from stickslip.workflows.lab.benchmarks.scaling import PAGE
+from stickslip.workflows.lab.benchmarks.scaling import LEAST, MOST, PAGE, page, ratios
 from stickslip.workflows.lab.benchmarks.scaling_model import (
     EACH,
     ONCE,
@@ -22,7 +22,6 @@ from stickslip.workflows.lab.benchmarks.scaling_model import (
     seconds_of,
     size_of,
 )
-from stickslip.workflows.lab.benchmarks.scaling_page import LEAST, MOST, page, ratios
 from stickslip.workflows.lab.benchmarks.scaling_run import Case
 
 COSTS = {name: np.array([1e-6, 1e-5, 1e-3]) for name in PHASES}

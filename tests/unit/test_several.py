@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
 from stickslip.solvers.newton import path
@@ -121,12 +121,12 @@ def test_each_solution_is_said_once(
     problem = problem_of(MUCH)
     p, other = size * np.random.default_rng(0).random((2, len(problem.gap)))
     met: list[tuple[Array, float]] = [
-        (p * (1 + 0.5 * path.APART), 0.0),  # the known one
-        (2 * other, 2 * path.SOLVED),  # no solution
-        (other, 0.5 * path.SOLVED),
-        (other * (1 + 0.5 * path.APART), 0.0),
+        (p * (1 + 0.5 * SLIGHT), 0.0),  # the known one
+        (2 * other, 2 * CLOSE),  # no solution
+        (other, 0.5 * CLOSE),
+        (other * (1 + 0.5 * SLIGHT), 0.0),
         (-p, 0.0),
-        (p * (1 - 2 * path.APART), 0.0),
+        (p * (1 - 2 * SLIGHT), 0.0),
         (np.zeros_like(p), 0.0),
     ]
     nowhere = np.zeros(problem.surface.size)
@@ -138,7 +138,7 @@ def test_each_solution_is_said_once(
     monkeypatch.setattr(path, "path_from_open", starts)
     monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: next(residuals))
     found = list(path.others(problem, p))
-    assert_array_equal(found, [other, -p, p * (1 - 2 * path.APART), 0 * p])
+    assert_array_equal(found, [other, -p, p * (1 - 2 * SLIGHT), 0 * p])
 
 
 def test_solutions_are_apart_by_a_part_of_the_larger_one(

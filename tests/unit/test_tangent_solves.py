@@ -13,8 +13,7 @@ from stickslip.solvers.classical.contact_element import SLIP, penalties
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.workflows.lab.analysis.slip_tangent import SlipTangent, unsymmetry
 from stickslip.workflows.lab.analysis.tangent_solves import ILU, condition, dropped_fill, gauss_seidel, gmres, mumps
-from stickslip.workflows.lab.studies.published.contact import march
-from stickslip.workflows.lab.studies.published.scenes import scene
+from stickslip.workflows.lab.studies.published.contact import march, scene
 
 Array = NDArray[np.float64]
 ILUS = [ILU(), ILU(relaxation=0.9), ILU(relaxation=1.0), ILU(shift=1e-2), ILU(levels=1)]

@@ -13,7 +13,7 @@ from shared.cases import slow
 from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Round, Sphere
-from stickslip.solvers.contact.rigid_obstacle import rigid_coupling
+from stickslip.solvers.contact.coupling import rigid_coupling
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.capped_coulomb import CappedCoulomb

@@ -26,7 +26,7 @@ from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read, to_dict
 from stickslip.workflows.writers import paraview_view
-from stickslip.workflows.writers.vtu import VtuFiles
+from stickslip.workflows.writers.vtu import VIEW, VtuFiles
 from stickslip.workflows.writers.writer import Ended
 
 ENDED = Ended(status="converged", steps=[])
@@ -231,3 +231,9 @@ def test_a_full_disk_is_said_and_the_old_files_stay_readable(tmp_path: Path, mon
             files.step(2, results[1])
     assert names_in(tmp_path) == before
     assert_array_equal(shown(tmp_path, 0.5)["contacts"]["base"]["gap"], results[0].contacts["base"].gap)
+
+
+def test_the_macro_for_paraview_needs_nothing_but_paraview() -> None:
+    """It is copied to the results, and ParaView's Python does not know this program."""
+    assert "import stickslip" not in VIEW.read_text()
+    assert "from stickslip" not in VIEW.read_text()

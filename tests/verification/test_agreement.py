@@ -1,4 +1,4 @@
-"""All methods agree on the ready scenes, wherever the table of applicability allows one."""
+"""All methods, and the assembled block system, agree on the ready scenes wherever they are applicable."""
 
 from dataclasses import replace
 from typing import Any
@@ -6,12 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shared.cases import often
+from stickslip.geometry.errors import SceneError
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.lab.verification.cases import agreement as agreement_case
-from stickslip.workflows.lab.verification.cases.agreement import ALL, REFERENCE, SCENES
+from stickslip.workflows.lab.verification.cases.agreement import ALL, REFERENCE, SCENES, Answer
 from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.scene_file.read import READY, read
 
 UZAWA = ("uzawa", "inexact-uzawa", "nonlinear-uzawa", "gram-uzawa")
 OTHERS = [(name, method) for name in SCENES for method in ALL if method != REFERENCE]
@@ -19,8 +24,8 @@ PAIRS = [pair for pair in OTHERS if agreement_case.fits(*pair)]
 
 
 @pytest.mark.parametrize("method", agreement_case.SLOW)
-def test_slow_methods_agree_on_the_cube(method: str) -> None:
-    """On all scenes they and the others are compared by test_cases."""
+def test_methods_agree_on_the_cube(method: str) -> None:
+    """On all scenes they are compared by test_cases."""
     assert not failures(agreement_case.compared("cube", method))
 
 
@@ -61,3 +66,52 @@ def test_a_limit_takes_the_first_orders_away() -> None:
     levels = np.array([0.1, 0.03, 0.01])
     found = [{"u": np.array([3.0 + 2.0 * h, -1.0 + 5.0 * h - 7.0 * h**2])} for h in levels]
     assert np.allclose(agreement_case.limit(levels, found)["u"], [3.0, -1.0], rtol=1e-13)
+
+
+BALLS = {"half_ball", "spheres"}  # of order 1: those of order 2 take half a minute
+STEPS = 4  # at most, beside the times that a scene lists
+TOLERANCE = 1e-13  # of the residual
+AGREEMENT = 1e-8  # of u in the energy norm, and of the tractions of all rows
+HELD_BY_CONTACT = {
+    *("arch", "dam", "hysteresis", "lap_joint", "rotor", "rubber_mount"),
+    *("shrink_fit", "sledge", "spruce", "stack", "strip"),
+}
+DRIVEN = {"half_space", "sphere"}  # obstacles that forces move
+SOLVED = sorted({path.stem for path in READY.glob("*.toml")} - HELD_BY_CONTACT - DRIVEN)
+QUICK = {"block", "foundation", "sliding", "spheres"}
+
+
+def by(method: str, name: str, **keys: Any) -> Scene:
+    scene = read(name, ["geometry.order=1"] if name in BALLS else [])
+    scene = replace(scene, steps=replace(scene.steps, count=min(scene.steps.count, STEPS)))
+    return replace(scene, solver=replace(scene.solver, method=method, tolerance=TOLERANCE, **keys))
+
+
+def answer(scene: Scene) -> Answer:
+    simulation = prepare(scene)
+    return Answer(simulation, tuple(simulation.steps()))
+
+
+def off(name: str, **keys: Any) -> tuple[float, float]:
+    """Largest difference from condensed-newton: of u in the energy norm, and of tractions; both relative."""
+    found, expected = answer(by("block-uzawa", name, **keys)), answer(by("condensed-newton", name))
+    pairs = zip(found.steps, expected.steps, strict=True)
+    tractions = max(np.abs(mine.p - theirs.p).max() / np.abs(theirs.p).max() for mine, theirs in pairs)
+    return max(found.energy_norm(expected)), float(tractions)
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in SOLVED])
+def test_ready_scenes_have_the_answer_of_the_condensed_methods(name: str) -> None:
+    assert max(off(name)) < AGREEMENT
+
+
+@pytest.mark.parametrize("name", often(SOLVED, sorted(QUICK)[::2]))
+def test_newton_on_the_nest_has_it_too(name: str) -> None:
+    assert max(off(name, outer="ksp")) < AGREEMENT
+
+
+@pytest.mark.parametrize("name", sorted(HELD_BY_CONTACT | DRIVEN))
+def test_what_it_cannot_solve_is_refused_in_one_line(name: str) -> None:
+    with pytest.raises(SceneError, match="use condensed-newton") as refused:
+        make_plan(by("block-uzawa", name))
+    assert "\n" not in str(refused.value)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from shared.cells import FORMS, MODELS, REFERENCE, Cell, largest, reference, refused, solved, whole
-from stickslip.solvers.contact.operators import OPERATORS
+from stickslip.solvers.contact.pairing import OPERATORS
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.methods.method import RIGID

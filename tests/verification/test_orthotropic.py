@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from stickslip.solvers.metrics import mean_compliance, surface_compliance
-from stickslip.solvers.scene.orthotropic import Orthotropic
+from stickslip.solvers.scene.material import Orthotropic
 from stickslip.workflows.lab.verification.cases import orthotropic as case
 from stickslip.workflows.lab.verification.closed_forms import orthotropic as exact
 

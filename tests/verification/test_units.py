@@ -12,8 +12,10 @@ from stickslip.geometry.keys import Choice, Key, Noun
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent
 from stickslip.solvers.method_registry import METHODS
+from stickslip.solvers.results.step_result import ContactState
 from stickslip.workflows.lab.verification.cases import units as units_case
 from stickslip.workflows.lab.verification.check import failures
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.units import Units, convert, in_millimetres
 from stickslip.workflows.scene_file.read import from_dict, read, to_dict
 
@@ -115,3 +117,20 @@ def test_tables_have_both_columns_converted() -> None:
     law = PressureDependent(mu=((0.0, 0.4), (2e6, 0.3)))
     assert convert(law, MM).mu == ((0.0, 0.4), (2.0, 0.3))
     assert convert(SlipDependent(mu=((0.5, 0.4),)), MM).mu == ((500.0, 0.4),)
+
+
+SIZES = ["geometry.mesh_size=0.3", "geometry.lower_mesh_size=0.4", "geometry.contact_mesh_size=0.15"]
+
+
+def joint(E: float) -> ContactState:
+    """Two blocks of the same stiffness [Pa], moved: forces are proportional to it."""
+    simulation = prepare(read("two_blocks", [*SIZES, f"bodies.upper.E={E}", f"bodies.lower.E={E}"]))
+    *_, last = simulation.steps()
+    return last.contacts["joint"]
+
+
+@pytest.mark.parametrize("E", [1e-24, 1e-16, 1e24])
+def test_forces_are_proportional_to_the_stiffness_of_all_bodies(E: float) -> None:
+    found, one = joint(E), joint(1.0)
+    assert_allclose(found.force / E, one.force, rtol=1e-9)
+    assert_allclose(found.pressure / E, one.pressure, rtol=0, atol=1e-8 * one.max_pressure)

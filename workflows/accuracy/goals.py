@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stickslip.geometry.arrays import ROUNDING, SLIGHT
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.step_result import (
     PARTS,
@@ -20,9 +21,6 @@ from stickslip.solvers.results.step_result import (
     values,
 )
 from stickslip.solvers.scene.record import Value
-
-LEAST = 1e-3  # of its vector: a smaller component is not what a relative error is asked of, it may as well be 0
-ROUNDING = 1e-9  # of the largest number of its kind: a smaller one is 0
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,9 @@ def _least(key: Quantity, known: Mapping[Quantity, Value]) -> float:
     largest = max(float(np.abs(value).max()) for other, value in known.items() if number_of(other).unit == unit)
     whole = known[key._replace(quantity="force")] if key.quantity == "tangential_force" else known[key]
     cancels = np.ndim(whole) == 1
-    return max(ROUNDING * largest, LEAST * float(np.linalg.norm(whole)) if cancels else 0.0)
+    # of its vector: a smaller component is not what a relative error is asked of, it may as well be 0
+    # of the largest number of its kind: a smaller one is 0
+    return max(ROUNDING * largest, SLIGHT * float(np.linalg.norm(whole)) if cancels else 0.0)
 
 
 def _missing(parts: ErrorParts) -> str:

@@ -30,7 +30,6 @@ SETUP = 2  # steps that take as long as mesh, assembly and preparation; 1.4 to 3
 RATE = 2.0  # with which errors of numbers fall, by that of the energy norm
 ALIKE = 1.3  # times the least error that a move can lead to: others up to there are as good, if they are cheaper
 ITERATION = 0.1  # of what is asked: more needs a smaller tolerance
-SMALLEST = 1e-12  # tolerance
 AT_SIDE = 0.6  # of a facet: nodes of the other side that lie nearer, and no nodes behind the surface
 
 

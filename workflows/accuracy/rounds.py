@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.memory import available, peak
 from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
@@ -28,10 +28,9 @@ from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.results.step_result import OPEN, Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy
-from stickslip.solvers.simulation.bodies import Bodies
-from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.simulation.simulation import Bodies, Simulation
 from stickslip.workflows.accuracy.goals import Standing, percent, standings
-from stickslip.workflows.accuracy.level import ITERATION, SMALLEST, Level, Move, Round, finer_sides, nearness, next_move
+from stickslip.workflows.accuracy.level import ITERATION, Level, Move, Round, finer_sides, nearness, next_move
 from stickslip.workflows.accuracy.saved_rounds import SavedRounds
 from stickslip.workflows.formats.files import read_json
 from stickslip.workflows.formats.marker import certify, is_certified
@@ -242,7 +241,7 @@ class Rounds:
         self._refuse_too_large(simulation.mesh.comm, move)
         level, tolerance = self._level, self._level.tolerance or self.scene.solver.tolerance
         if any(goal.rest > ITERATION * goal.asked for goal in goals):
-            tolerance = max(tolerance / 100, SMALLEST)
+            tolerance = max(tolerance / 100, EXACT)
         level = replace(level, order=move.order, splits=level.splits * move.splits, tolerance=tolerance)
         if move.finer == 1 and not move.raises:
             return level

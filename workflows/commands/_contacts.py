@@ -12,6 +12,7 @@ import numpy as np
 from mpi4py import MPI
 from rich.table import Table
 
+from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.errors import FolderError, SceneError
 from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.parts import FACET_WORD
@@ -31,7 +32,6 @@ from stickslip.workflows.scene_file.proposal import (
 )
 from stickslip.workflows.scene_file.read import find, named, read_geometry
 
-SHOWN = 1e-3  # accuracy of a gap relative to it, from which on it is said
 PICTURE = re.compile(r"\d+_\w+\.png")
 
 
@@ -104,7 +104,8 @@ def _list(source: str, unit: str | None, units: str | None, within: float | None
             row += [names[side], ", ".join(map(str, side.numbers))]
         low, high = (pair.fit, pair.fit) if pair.exact else pair.gap
         gap = f"{max(0.0, low):.3g}" + (f" to {high:.3g}" if high > max(0.0, low) else "")
-        if not pair.exact and pair.accuracy > SHOWN * max(-low, high):
+        # accuracy of a gap relative to it, from which on it is said
+        if not pair.exact and pair.accuracy > SLIGHT * max(-low, high):
             gap += f" ± {pair.accuracy:.1g}"
         table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposed_law(pair, found)[0])
     if found.pairs:

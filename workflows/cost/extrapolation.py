@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 
 WINDOW = 4  # finest meshes used: coarser ones do not follow the power yet; fewer cannot show divergence
 SLOWEST, FASTEST = 0.25, 6.0  # powers
@@ -107,7 +107,7 @@ def _fit(x: Array, y: Array) -> tuple[float, float, float]:
     near = powers[int(np.argmin([solve(power)[1] for power in powers]))]
     step = powers[1] - powers[0]
     bounds = (max(SLOWEST, near - step), min(FASTEST, near + step))
-    best = minimize_scalar(lambda power: solve(power)[1], bounds=bounds, method="bounded", options={"xatol": 1e-10})
+    best = minimize_scalar(lambda power: solve(power)[1], bounds=bounds, method="bounded", options={"xatol": EXACT})
     power = float(best.x) if best.fun < solve(near)[1] else float(near)
     found, scatter = solve(power)
     return float(found[0]), power, scatter

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.errors import GeometryError, SceneError, SolverError, prefixed
 from stickslip.solvers.results.step_result import Errors, Quantity, StepResult
 from stickslip.solvers.scene.scene import Scene
@@ -36,7 +37,6 @@ OVERHEAD = 0.9  # of the seconds of the fastest version are those of a mesh with
 FAR = 100.0  # two decades
 USUAL = 1.3  # power of the cells' size with which errors fall at order 1, between corners and smooth solutions
 SURE = 0.64  # how much that counts beside what is observed: (scatter of log errors .4 over that of powers .5)²
-LEAST = 1e-3  # of the largest of its kind: a smaller number is as good as zero
 HIGHEST = 60  # levels above the coarsest one that are looked at
 SPLITS = [2**doublings for doublings in range(13)]  # steps for each of the scene that are looked at
 
@@ -158,7 +158,8 @@ def _numbers(step: StepResult, errors: Errors) -> Iterator[tuple[str, Known]]:
         areas = dict.fromkeys(("contact_area", "stick_area", "slip_area"), contact.contact_area)
         for key in NUMBERS:
             value = abs(float(getattr(contact, key)))
-            if value > LEAST * ({**kinds, **areas}.get(key) or 0.0):
+            # of the largest of its kind: a smaller number is as good as zero
+            if value > SLIGHT * ({**kinds, **areas}.get(key) or 0.0):
                 parts = errors[Quantity("contacts", name, key)]
                 if parts.converges is False:
                     yield f"{name}.{key}", Known(value, why_not="grows without end as the mesh is refined")

@@ -6,18 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from stickslip.geometry.arrays import CLOSE, EPS, ROUNDING
 from stickslip.geometry.errors import SceneError, nearest
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Exact
 from stickslip.workflows.cost.extrapolation import Limit, limit, rate_of
 from stickslip.workflows.cost.run_record import RATIO, Run, Rung
 
-LAW_ERROR = 1e-6  # relative law error (energy norm) above which a method solves other laws than the scene's
 SEQUENCE = 3  # meshes of one order that say more than two of another
 NOISE = 10.0  # times the tolerance: differences that the iteration alone can leave
 USUAL = ("max_pressure", "normal_force", "tangential_force")
-ZERO = 1e-9  # relative to the largest of its kind: smaller numbers count as zero
-LEAST = 1e-16  # smallest error, so that an exact answer has a logarithm
 SPAN = 2  # levels: the error of a mesh that is still coarser says nothing of the trend
 
 
@@ -109,7 +107,8 @@ def _sequence(name: str, order: int, runs: Sequence[Run], tolerance: float) -> d
         if run.converged
         and run.rung.order == order
         and run.rung.tolerance == tolerance
-        and (run.law_error or 0.0) <= LAW_ERROR
+        # relative law error (energy norm) above which a method solves other laws than the scene's
+        and (run.law_error or 0.0) <= CLOSE
     }
 
 
@@ -139,7 +138,8 @@ def chosen(asked: Sequence[str], scene: Scene, runs: Sequence[Run]) -> tuple[str
     usual = [f"{contact}.{key}" for contact in scene.contacts for key in USUAL]
     largest = {key: max((_size(f"{c}.{key}", runs) for c in scene.contacts), default=0.0) for key in USUAL}
     pushed = largest["normal_force"]
-    least = {"max_pressure": 0.0, "normal_force": ZERO * pushed, "tangential_force": ZERO * pushed}
+    # relative to the largest of its kind: smaller numbers count as zero
+    least = {"max_pressure": 0.0, "normal_force": ROUNDING * pushed, "tangential_force": ROUNDING * pushed}
     alive = [name for name in usual if _size(name, runs) > least[name.rpartition(".")[2]]]
     return tuple(dict.fromkeys([*scene.exact.values, *alive]))
 
@@ -165,7 +165,8 @@ class Study:
     def errors(self) -> Mapping[Rung, float]:
         """Relative error of every run."""
         truth = self.truth
-        return {run.rung: max(LEAST, abs(run.quantities[truth.name] - truth.value) / truth.scale) for run in self.runs}
+        # smallest error, so that an exact answer has a logarithm
+        return {run.rung: max(EPS, abs(run.quantities[truth.name] - truth.value) / truth.scale) for run in self.runs}
 
     def known(self, rung: Rung) -> bool:
         """Whether the error is larger than the uncertainty of what it is measured by."""

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from stickslip import VERSION
+from stickslip.geometry.arrays import CLOSE
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.run_record import PHASES, Run
@@ -88,7 +89,7 @@ def percent(value: float) -> str:
     """
     if value >= 0.1:
         return f"{100 * value:.0f} %"
-    return f"{100 * value:.2g} %" if value >= 1e-6 else f"{100 * value:.0e} %"
+    return f"{100 * value:.2g} %" if value >= CLOSE else f"{100 * value:.0e} %"
 
 
 def _changes(run: Run, following: Run) -> str:

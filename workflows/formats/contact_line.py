@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import ROUNDING, Array, Bools, Ints
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def walk(points: Array, facets: Ints) -> Line:
     arc = np.cumsum(np.where(begin, 0.0, lengths))
     spread = np.ptp(points, axis=0)
     along = int(np.argmax(spread))
-    if spread[1 - along] <= 1e-9 * spread[along]:
+    if spread[1 - along] <= ROUNDING * spread[along]:
         return Line(order, begin, np.array(tangents), arc, points[order, along], f"{'xy'[along]} [m]")
     return Line(order, begin, np.array(tangents), arc, arc, "arc length [m]")
 

@@ -21,14 +21,13 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from stickslip.geometry.arrays import AnyArray, Array
+from stickslip.geometry.arrays import CLOSE, AnyArray, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.protocols import Sparse
 from stickslip.workflows.formats.files import write_aside
 
 COLUMNS, ROWS = -1, -2  # values of nz: compressed columns, compressed rows; others: the number of triplets
 ASYMMETRY = 1e-2  # of the largest entry: files of the collection reach 1e-3
-SOLVED = 1e-6  # relative residual that a factorisation of M may leave
 BLOCK = 256  # columns of H that are solved together
 
 
@@ -196,7 +195,8 @@ def _solved(A: Sparse, H: Sparse, right: Array) -> Array:
     blocks = [factor.solve(H[:, k : k + BLOCK].toarray()) for k in range(0, H.shape[1], BLOCK)]
     found = np.column_stack([*blocks, factor.solve(right)])
     asked = np.column_stack([H.toarray(), right])
-    if not np.abs(A @ found - asked).max(initial=0.0) <= SOLVED * np.abs(asked).max(initial=0.0):
+    # relative residual that a factorisation of M may leave
+    if not np.abs(A @ found - asked).max(initial=0.0) <= CLOSE * np.abs(asked).max(initial=0.0):
         raise SceneError("M is nearly singular on the motions that G leaves free: not supported")
     return found
 

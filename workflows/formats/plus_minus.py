@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from stickslip.geometry.arrays import CLOSE
 from stickslip.solvers.results.step_result import PARTS, ErrorParts
 
-DIGITS = 1e-6  # of a number: a smaller error is not shown
 MOST_PLACES = 6  # behind the point
 PLAIN = 1e5  # smaller numbers have no exponent
 MISSING = "*"  # behind a stated error that lacks a part
@@ -31,7 +31,7 @@ def plus_minus(value: float, error: float | None, converges: bool | None = None,
     """
     if converges is False:
         return f"{value:.2g} (grows)"
-    if error is None or not error > DIGITS * abs(value):
+    if error is None or not error > CLOSE * abs(value):  # of a number: a smaller error is not shown
         return f"{value:.5g}"
     star = MISSING if incomplete else ""
     error = float(f"{error:.0e}")

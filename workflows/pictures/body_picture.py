@@ -13,7 +13,7 @@ from matplotlib import colormaps
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, Array, Ints
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, MeshData, StepResult
 from stickslip.workflows.formats.mesh_file import corner_cells
@@ -130,7 +130,7 @@ def displacement_scale(mesh: MeshData, result: StepResult | StoredStep) -> float
     if wanted * closed > APART * size:
         wanted = min(wanted, 1 + APART * size / closed)
     decade = 10.0 ** math.floor(math.log10(wanted))
-    return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= wanted * (1 + 1e-12))
+    return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= wanted * (1 + EXACT))
 
 
 def plain(scale: float) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import pyvista as pv
 from matplotlib.colors import to_rgb
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array, Ints
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, ContactState
 from stickslip.workflows.formats.mesh_file import corner_cells
@@ -122,7 +122,7 @@ def _arrows(points: Array, contact: ContactState, view: View) -> tuple[Any, floa
     size = np.linalg.norm(contact.traction, axis=1)
     longest = float(size.max(initial=0.0))
     chosen = _spread(points, ARROWS)
-    chosen = chosen[size[chosen] > 1e-3 * longest]
+    chosen = chosen[size[chosen] > SLIGHT * longest]
     if longest == 0.0 or not len(chosen):
         return None, 0.0
     extent = float(np.ptp(points, axis=0).max())
@@ -139,5 +139,5 @@ def _spread(points: Array, count: int) -> Ints:
         return np.arange(len(points))
     low, extent = points.min(axis=0), np.ptp(points, axis=0)
     box = extent.max() / np.sqrt(count)
-    keys = np.floor((points - low) / box + 1e-9).astype(np.int64)
+    keys = np.floor((points - low) / box + ROUNDING).astype(np.int64)
     return np.sort(np.unique(keys, axis=0, return_index=True)[1])

@@ -11,16 +11,14 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array
 from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.pictures.sheet import COLOURS, INK, PALE, Sheet, frame
 
 MOST = 3  # largest number of panels in a row
-SMALL = 1e-3  # relative to the largest variation: forces that vary less are not drawn
 FEW = 80  # largest number of steps with a mark for each
 WIDE, HIGH, LEFT, GAP = 2.45, 2.2, 0.95, 1.0  # of a panel [inch]
-ROUNDING = 1e-9  # relative to the motion: smaller slips count as zero
 STRAIGHT = 0.9  # smallest |resultant| of a flat contact, relative to the sums of its pressure and friction
 HEAD, FOOT = 1.1, 0.6  # above and below the panels [inch]
 Columns = Mapping[str, Array]
@@ -85,7 +83,8 @@ def from_rest(columns: Columns) -> dict[str, Array]:
 def largest(panels: Sequence[Panel]) -> list[Panel]:
     """The panels whose force varies most, in their original order."""
     swings = sorted((panel.swing for panel in panels), reverse=True)
-    least = max(swings[min(MOST, len(swings)) - 1], SMALL * swings[0]) if swings else 0.0
+    # relative to the largest variation: forces that vary less are not drawn
+    least = max(swings[min(MOST, len(swings)) - 1], SLIGHT * swings[0]) if swings else 0.0
     return [panel for panel in panels if panel.swing >= least > 0][:MOST]
 
 
@@ -123,6 +122,7 @@ def sliding(scene: Scene, steps: Columns) -> Iterator[Panel]:
     for name, contact in scene.contacts.items():
         flat = contact.friction is not None and _is_flat(name, scene, steps)
         for axis in "xyz"[: scene.dim] if flat else "":
+            # relative to the motion: smaller slips count as zero
             if _travel(steps[f"{name}.slip.{axis}"]) <= ROUNDING * _motion(name, steps):
                 continue
             x, y = steps[f"{name}.slip.{axis}"], -steps[f"{name}.tangential_force.{axis}"]

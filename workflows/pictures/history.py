@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.patches import Patch
 
 from stickslip.geometry.amplitude import value_at
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.builders.builder import modelled
 from stickslip.geometry.keys import Key
 from stickslip.geometry.obstacles.obstacle import AXES
@@ -145,7 +145,7 @@ def most(curves: Curves) -> Curves:
     """The curves with the largest values, in their original order, without those that stay zero."""
     size = {name: float(np.abs(values).max()) for name, values in curves.items()}
     kept = sorted(size, key=lambda name: -size[name])[:MOST]
-    least = 1e-9 * max(size.values(), default=0.0)
+    least = ROUNDING * max(size.values(), default=0.0)
     return {name: values for name, values in curves.items() if name in kept and size[name] > least}
 
 

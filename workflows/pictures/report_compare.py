@@ -6,11 +6,13 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from stickslip.geometry.errors import FolderError
+from stickslip.solvers.effects import records
 from stickslip.solvers.results.step_result import ErrorParts
+from stickslip.solvers.scene.record import numbers_of, singular
 from stickslip.workflows.formats.plus_minus import missing, of_parts, parts_of, plus_minus, stated
 from stickslip.workflows.formats.results import Results
 from stickslip.workflows.formats.templates import render
-from stickslip.workflows.pictures.report_page import ENERGIES, NUMBERS, PHASES, as_written
+from stickslip.workflows.pictures.report_page import PHASES, as_written
 
 NOTHING = "–"
 APART = ("title", "hash", "output")  # of a scene: nothing that is asked of the solution
@@ -96,20 +98,18 @@ def _numbers(a: Results, b: Results) -> Iterator[tuple[str, ...]]:
     def unit(of: str) -> str:
         return " or ".join(dict.fromkeys((a.unit(of), b.unit(of))))
 
-    def both(kind: str) -> Iterator[tuple[str, Told, Told]]:
-        mine, theirs = ((step.get(kind) or {}) for step in last)
+    for kind, record in records().items():
+        told = [step.get(kind) or {} for step in last]
+        mine, theirs = ({"": each} if kind == "energy" else each for each in told)
         for name in dict.fromkeys([*mine, *theirs]):
-            yield name, mine.get(name) or {}, theirs.get(name) or {}
-
-    for name, mine, theirs in both("contacts"):
-        for key, words, of in NUMBERS:
-            yield _difference(f"{name}: {words} [{unit(of)}]", mine, theirs, key, alike=alike(of))
-    for name, mine, theirs in both("supports"):
-        for place, axis in enumerate("xyz"[: 3 if a.solid else 2]):
-            yield _difference(f"{name}: force {axis} [{unit('N')}]", mine, theirs, "force", place, alike("N"))
-    mine, theirs = ((step.get("energy") or {}) for step in last)
-    for words, key in ENERGIES:
-        yield _difference(f"{words} [{unit('J')}]", mine, theirs, key, alike=alike("J"))
+            owner = {"contacts": f"{name}: ", "supports": f"{name}: ", "energy": ""}.get(
+                kind, f"{singular(kind)} {name}: "
+            )
+            both = mine.get(name) or {}, theirs.get(name) or {}
+            for key, number in numbers_of(record).items():
+                for place, axis in enumerate(number.axes(3 if a.solid else 2) if number.words else ()):
+                    words = f"{owner}{f'{number.words} {axis}'.rstrip()} [{unit(number.unit)}]"
+                    yield _difference(words, *both, key, place, alike(number.unit))
 
 
 def _difference(

@@ -16,10 +16,12 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib import colormaps
 
-from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.arrays import ROUNDING, Array, Bools
 from stickslip.geometry.builders.builder import modelled
 from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import SI
+from stickslip.solvers.effects import records
+from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of, singular
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
 from stickslip.workflows.formats.results import HEAD, Results, profile_rows
@@ -31,23 +33,8 @@ NAME = "report.html"
 PARTS = files("stickslip.workflows.pictures") / "report"
 BESIDE = 3  # contacts
 SHADES = 33  # of the colour scale
-# quantities of a contact: key, words, unit in space
-NUMBERS = (
-    ("normal_force", "normal force", "N"),
-    ("tangential_force", "tangential force", "N"),
-    ("max_pressure", "largest pressure", "Pa"),
-    ("contact_area", "touching", "m²"),
-    ("stick_area", "stick", "m²"),
-    ("slip_area", "slip", "m²"),
-    ("max_slip", "largest slip", "m"),
-    ("dissipation_total", "dissipated", "J"),
-)
-ENERGIES = (
-    ("external work", "external"),
-    ("elastic energy", "stored"),
-    ("contact work", "contact"),
-    ("dissipated", "dissipated"),
-)
+NUMBERS = tuple((key, number.words, number.unit) for key, number in numbers_of(ContactNumbers).items() if number.words)
+ENERGIES = tuple((number.words, key) for key, number in numbers_of(Energy).items() if number.words)
 ASKED = ("geometry", "bodies", "obstacles", "contacts", "supports", "loads", "probes", "steps")  # first, in this order
 DOUBT = ("doubtful", "inaccurate", "interrupted", "not ended")
 LATER = ("title", "model", "units", "solver", "output", "exact", "accuracy", "hash")
@@ -240,7 +227,7 @@ def _panels(results: Results) -> list[Panel]:
 
 
 def _forces(results: Results) -> dict[str, Table]:
-    """Contact forces of each step, then what supports and obstacles carry in the last one, and the probes."""
+    """Contact forces of each step, then what supports, obstacles and effects carry in the last one, and the probes."""
     keys = [(key, f"{words} [{results.unit(unit)}]") for key, words, unit in NUMBERS[:6]]
     rows = [
         (f"{step['time']:g}", name, *(number(contact or {}, key) for key, _ in keys), str(step.get("iterations", "–")))
@@ -249,10 +236,17 @@ def _forces(results: Results) -> dict[str, Table]:
     ]
     axes, last = "xyz"[: 3 if results.solid else 2], results.reported[-1]
     held = [
-        (f"{kind[:-1]} {name}", *(number(owner, "force", place) for place in range(len(axes))), _moment(owner))
-        for kind in ("contacts", "supports", "obstacles")
+        (f"{singular(kind)} {name}", *(number(owner, "force", place) for place in range(len(axes))), _moment(owner))
+        for kind, record in records().items()
         for name, owner in (last.get(kind) or {}).items()
-        if owner and owner.get("force")
+        if "force" in numbers_of(record) and owner and owner.get("force")
+    ]
+    alone = [
+        (f"{singular(kind)} {name}", f"{declared.words} [{results.unit(declared.unit)}]", number(owner, key))
+        for kind, record in records().items()
+        for name, owner in (last.get(kind) or {}).items()
+        for key, declared in numbers_of(record).items()
+        if kind not in ("contacts", "energy") and declared.words and not declared.shape
     ]
     heads = (*(f"{axis} [{results.unit('N')}]" for axis in axes), f"moment [{results.unit('N m')}]")
     moved = (f"{axis} [{results.unit('m')}]" for axis in axes)
@@ -263,6 +257,7 @@ def _forces(results: Results) -> dict[str, Table]:
     return {
         "by_step": Table(("t [s]", "contact", *(words for _, words in keys), "iterations"), rows, words=2),
         "resultants": Table(("force of", *heads), held),
+        "numbers": Table(("of", "number", ""), alone, words=2),
         "probes": Table(("displacement of", *moved), probes),
     }
 
@@ -397,7 +392,7 @@ class Panel:
 def panel(name: str, times: Array, curves: Sequence[Curve]) -> Panel | None:
     """Draw these curves, those that stay zero left out; None if none is left, or there is one step alone."""
     size = max((_largest(curve) for curve in curves), default=0.0)
-    shown = [curve for curve in curves if _largest(curve) > 1e-9 * size][:MOST]
+    shown = [curve for curve in curves if _largest(curve) > ROUNDING * size][:MOST]
     if len(times) < 2 or not shown:
         return None
     reach = [c.values + sign * np.nan_to_num(c.error) for c in shown for sign in (-1, 1)]
@@ -406,7 +401,7 @@ def panel(name: str, times: Array, curves: Sequence[Curve]) -> Panel | None:
     ticks, power = _ticks(low, high)
     low, high = ticks[0], ticks[-1]
     end = float(times[-1])
-    along = [tick for tick in _ticks(0.0, end)[0] if tick <= end * (1 + 1e-9)]
+    along = [tick for tick in _ticks(0.0, end)[0] if tick <= end * (1 + ROUNDING)]
 
     def x(time: Array) -> Array:
         return LEFT + (WIDTH - LEFT - RIGHT) * time / end
@@ -447,7 +442,7 @@ def _ticks(low: float, high: float) -> tuple[list[float], int]:
     width = high - low or 1.0
     decade = 10.0 ** math.floor(math.log10(width / 5))
     step = next(factor * decade for factor in (1, 2, 2.5, 5, 10) if factor * decade >= width / 6)
-    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    first, last = math.floor(low / step + ROUNDING), math.ceil(high / step - ROUNDING)
     ticks = [float(f"{k * step:.12g}") for k in range(first, last + 1)]
     exponent = math.floor(math.log10(max(abs(low), abs(high)) or 1.0))
     power = 0 if -2 < exponent < 4 else 3 * math.floor(exponent / 3)

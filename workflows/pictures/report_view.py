@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.geometry.amplitude import value_at
-from stickslip.geometry.arrays import AnyArray, Array, Ints
+from stickslip.geometry.arrays import EXACT, AnyArray, Array, Ints
 from stickslip.geometry.keys import parse
 from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.workflows.formats.results import Results
@@ -172,7 +172,7 @@ def factors(size: float, largest: float) -> dict[str, Any]:
     """
     wanted = 1.0 if largest >= VISIBLE * size else DRAWN * size / largest
     rounds = [step * 10.0**decade for decade in range(15) for step in (1.0, 2.0, 5.0)]
-    start = max(k for k, factor in enumerate(rounds) if factor <= wanted * (1 + 1e-12))
+    start = max(k for k, factor in enumerate(rounds) if factor <= wanted * (1 + EXACT))
     return {"values": [0.0, *rounds[: start + 4]], "start": start + 1}
 
 

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
-from stickslip.geometry.arrays import Bools
+from stickslip.geometry.arrays import ROUNDING, Bools
 from stickslip.geometry.mesh.cell_quality import worst_quality
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh.nodes import Nodes
@@ -133,9 +133,9 @@ def report_mesh(scene: Scene, mesh: Mesh, nodes: int, contacts: Sequence[Contact
 
 
 def _report_contact(scene: Scene, c: ContactRows, size: float) -> ContactReport:
-    overlap = c.node_gap < -1e-9 * size
+    overlap = c.node_gap < -ROUNDING * size
     facing = c.node_weights > 0
-    nearest = facing & (c.node_gap <= np.min(c.node_gap[facing], initial=np.inf) + 1e-9 * size)
+    nearest = facing & (c.node_gap <= np.min(c.node_gap[facing], initial=np.inf) + ROUNDING * size)
     return ContactReport(
         normal_points=len(c.W_n),
         tangential_points=len(c.W_t),
@@ -180,7 +180,7 @@ def can_touch(scene: Scene, gap: Any, size: float) -> Any:
     forced = forced or any(_largest(a, end) > 0 for place, a in scene.drives().items() if _pushes(place))
     if forced:
         gap, reach = gap - max(0.0, float(np.min(gap))), reach + INDENTED * size
-    return gap <= reach + 1e-9 * size
+    return gap <= reach + ROUNDING * size
 
 
 def _pushes(place: Place) -> bool:

@@ -19,9 +19,8 @@ from stickslip.solvers.parallel.serialise import serialise
 from stickslip.solvers.results.linear_reference import LinearReference, linear_reference
 from stickslip.solvers.results.step_result import Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.bodies import Bodies
 from stickslip.solvers.simulation.checkpoint import Checkpoints
-from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.simulation.simulation import Bodies, Simulation, prepare
 from stickslip.solvers.stepping.history import HistoryRow, HistoryTuple
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError

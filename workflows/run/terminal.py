@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.units import Units
 from stickslip.solvers.results.step_result import PARTS, ErrorParts, StepResult
 from stickslip.solvers.simulation.plan import warnings
@@ -25,7 +26,6 @@ from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.writers.writer import registered
 
 Content = dict[str, Any]
-ROUNDING = 1e-13  # of the displacement: so small a penetration is that of the solution's digits
 
 
 class Reporter:
@@ -241,7 +241,8 @@ def contact_cells(contact: Content | None, keys: Iterable[str], moved: float = 0
 
 def _cell(contact: Content, key: str, moved: float) -> str:
     value, parts = contact[key], _parts(contact, key)
-    if key == "max_penetration" and value + (stated(parts) or 0.0) <= ROUNDING * moved:
+    # of the displacement: so small a penetration is that of the solution's digits
+    if key == "max_penetration" and value + (stated(parts) or 0.0) <= EXACT * moved:
         return "0"
     return of_parts(value, parts)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Bools, Ints, inverse_and_determinant
+from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, inverse_and_determinant
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.resolution import elements_touched, unresolved
 from stickslip.solvers.contact.rows import ContactRows
@@ -24,7 +24,6 @@ NO_TURN = 0.01  # spread of displacements of the size of a body below which no l
 PART = 0.95  # of a body's volume turns by less than what counts: a corner's singularity is no rotation of the body
 LARGE_TIME_ERROR = 0.05  # relative; more steps are then asked for
 MINOR = 0.1  # of all dissipation; a contact with less is not judged
-ROUNDED = 1e-9  # of the work and energy; what friction dissipated is less where nothing slips
 SOFT = 0.4  # Poisson's ratio up to which no mesh locks
 LARGE_JUMP = 0.25  # of the equivalent stress: the maximum pressure is then 15 % off and more, as measured
 FEWEST = {2: 4, 3: 9}  # closed facets (in 3D of four corners) for a maximum pressure within 10 %, by dimension
@@ -33,7 +32,6 @@ LARGE_PEAK = 0.1  # a peak higher by that than the mean of its neighbours is noi
 LARGE_SAGITTA = 0.05  # of the motion that the contact's pressure causes
 CREASE = 30.0  # [degrees]; where facets meet at a larger angle the side has a corner, and is no curve
 LARGE_MISS = 0.05  # of the same motion
-ROUNDING = 1e-14  # strain below which a contact transmits nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -255,7 +253,8 @@ def large_time_errors(problem: Problem, steps: Sequence[StepResult], errors: Seq
         work = abs(step.energy.external) + step.energy.stored
         for name, contact in step.contacts.items():
             numbers = {f"{area} area": (f"{area}_area", touching[name]) for area in ("contact", "stick", "slip")}
-            if step is steps[-1] and contact.dissipation_total > max(MINOR * step.energy.dissipated, ROUNDED * work):
+            # of the work and energy; what friction dissipated is less where nothing slips
+            if step is steps[-1] and contact.dissipation_total > max(MINOR * step.energy.dissipated, ROUNDING * work):
                 numbers["dissipation"] = "dissipation_total", contact.dissipation_total
             for what, (key, scale) in numbers.items():
                 off = its[Quantity("contacts", name, key)].time_step
@@ -309,7 +308,7 @@ def _few_points(rows: ContactRows, problem: Problem, state: ContactState) -> Ite
     closed, beside, pair = state.status != OPEN, rows.surface.neighbours(), problem.pairs[rows.name]
     ring = closed | (beside @ closed > 0)
     gap = rows.node_gap[ring]
-    flat = closed.all() or float(np.ptp(gap)) <= 1e-9 * float(np.ptp(rows.surface.points, axis=0).max())
+    flat = closed.all() or float(np.ptp(gap)) <= ROUNDING * float(np.ptp(rows.surface.points, axis=0).max())
     if flat and not unresolved(rows, state):
         return  # all of the side, or flat on flat
     facets = int(closed[rows.surface.facets].all(axis=1).sum())
@@ -381,4 +380,5 @@ def _motion(rows: ContactRows, problem: Problem, state: ContactState) -> float:
         1 / problem.bodies[body].modulus_along(rows.frames[:, 0]) for body in problem.pairs[rows.name].bodies
     )
     strain = float(np.abs(state.pressure).max(initial=0.0)) * give
-    return strain * float(state.contact_area ** (1 / powers)) if strain > ROUNDING else np.inf
+    # strain below which a contact transmits nothing
+    return strain * float(state.contact_area ** (1 / powers)) if strain > LAST_DIGITS else np.inf

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.shape import Model
 from stickslip.geometry.units import LENGTHS, Units
@@ -136,7 +136,7 @@ def bolts(found: Assembly) -> list[Bolt]:
             for pair in found.pairs
             for side, other in ((pair.one, pair.other), (pair.other, pair.one))
             if pair.kind == "plane" and side.body in (shank.body, *own) and other.body not in (shank.body, *own)
-            if abs(abs(side.form.axis @ axis) - 1) < 1e-3
+            if abs(abs(side.form.axis @ axis) - 1) < SLIGHT
         ]
         levels = [level for _, level in pressed]
         if not levels or max(levels) == min(levels):
@@ -311,7 +311,7 @@ def _ends(found: Assembly) -> dict[Side, str]:
             continue
         for number, word in enumerate(ENDS[dim]):
             axis, upper = divmod(number, 2)
-            near = np.abs(boxes[:, :, axis] - (high if upper else low)[axis]).max(axis=1) <= 1e-6 * whole
+            near = np.abs(boxes[:, :, axis] - (high if upper else low)[axis]).max(axis=1) <= CLOSE * whole
             flat = tuple(face for face, at_end in zip(faces, near, strict=True) if at_end and face.number not in used)
             if flat and f"{body}.{word}" not in taken:
                 ends[Side.of(body, flat, dim)] = f"{body}.{word}"

@@ -10,8 +10,7 @@ from typing import Any
 
 from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.user_files.child_process import end_with
-from stickslip.solvers.simulation.bodies import Bodies
-from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.simulation.simulation import Bodies, Simulation
 from stickslip.workflows.formats.files import read_json
 from stickslip.workflows.run.folder import BEGUN, OF_MEMBER, place_of, work_of
 from stickslip.workflows.run.run import run

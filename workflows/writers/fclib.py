@@ -15,7 +15,7 @@ from typing import Annotated
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import EXACT, Array, Ints
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.contact.admissible_set import ContactBlock
@@ -29,7 +29,6 @@ from stickslip.workflows.formats.files import disk_errors, make_folder
 from stickslip.workflows.writers.writer import Job, Keys, Turn, Writer, keys_of
 
 FOLDER, KEY = "fclib", "output.fclib"
-SAME = 1e-12  # relative difference of weights that counts as rounding
 NO_ROW = -1  # for a direction that carries no friction: W, q and the force are zero there
 
 
@@ -145,8 +144,9 @@ def _points(place: ContactBlock) -> tuple[Ints, Array]:
     pressed = contact.average.tocsr()
     pressed.eliminate_zeros()
     alone = (np.diff(pressed.indptr) == 1).all() and len(np.unique(pressed.indices)) == len(pressed.indices)
-    same = alone and np.allclose(pressed.data, 1.0, atol=SAME, rtol=0)
-    same = same and np.allclose(contact.W_n[pressed.indices], contact.W_t, atol=0, rtol=SAME)
+    # relative difference of weights that counts as rounding
+    same = alone and np.allclose(pressed.data, 1.0, atol=EXACT, rtol=0)
+    same = same and np.allclose(contact.W_n[pressed.indices], contact.W_t, atol=0, rtol=EXACT)
     _require(bool(same), f"contacts.{contact.name} has friction and pressure at different points")
     free = contact.free
     _require(bool((free.all(axis=1) | ~free.any(axis=1)).all()), f"supports stop some slip at contacts.{contact.name}")

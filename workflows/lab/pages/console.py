@@ -21,7 +21,7 @@ from typing import Annotated
 
 import typer
 
-ROOT = Path(__file__).absolute().parents[4]
+ROOT = Path(__file__).resolve().parents[3]
 WORK = ROOT / "build" / "pages"
 FENCE = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 FILE_NAME = re.compile(r"(?:#|//) ([\w./-]+\.\w+)\n")

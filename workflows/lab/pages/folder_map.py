@@ -9,7 +9,7 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-ROOT = Path(__file__).absolute().parents[4]
+ROOT = Path(__file__).resolve().parents[3]
 PAGE = ROOT / "docs" / "folders.md"
 PACKAGES = ("geometry", "solvers", "workflows")
 BEGIN = "<!-- folders: generated from the packages' docstrings, do not edit -->"

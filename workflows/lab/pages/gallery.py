@@ -20,7 +20,7 @@ from stickslip import VERSION
 from stickslip.workflows.formats.plus_minus import plus_minus
 from stickslip.workflows.scene_file.read import READY
 
-ROOT = Path(__file__).absolute().parents[4]
+ROOT = Path(__file__).resolve().parents[3]
 PAGES = ROOT / "docs" / "gallery"
 RUNS = ROOT / "build" / "gallery"
 MACHINES = (  # what is built and worn

@@ -7,7 +7,7 @@ from pathlib import Path
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.methods.method import Applicability
 
-PAGE = Path(__file__).absolute().parents[4] / "docs" / "theory" / "methods.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "theory" / "methods.md"
 COLUMNS = ("normal laws", "friction", "operators", "bodies", "`solver.surface`")
 HEAD = f"| `solver.method` | when | {' | '.join(COLUMNS)} |"
 

@@ -18,8 +18,7 @@ from rich.progress import Progress
 
 from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.formats.files import make_folder
-from stickslip.workflows.lab.studies.block_price.cases import SMALL, Sizes, tables
-from stickslip.workflows.lab.studies.block_price.measure import row_of
+from stickslip.workflows.lab.studies.block_price.measure import SMALL, Sizes, row_of, tables
 from stickslip.workflows.lab.studies.block_price.page import NAME, write_page
 from stickslip.workflows.lab.studies.published.finding import Rows
 

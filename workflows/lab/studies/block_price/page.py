@@ -1,16 +1,325 @@
-"""The page: verdicts, then the measurements side by side."""
+"""The page of `block-uzawa` beside the condensed methods: verdicts on the claims of the source, and tables."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.workflows.formats.files import write_aside
-from stickslip.workflows.lab.studies.block_price.cases import AS_EXACT, EXACT, METHODS, REFERENCE, TOLERANCE
-from stickslip.workflows.lab.studies.block_price.verdicts import CLAIMS, done
-from stickslip.workflows.lab.studies.published.finding import Finding, Row, Rows, chosen, different, slopes
-from stickslip.workflows.lab.studies.published.tables import judged, markdown, pivot
+from stickslip.workflows.lab.studies.block_price.measure import (
+    AS_EXACT,
+    BLOCK,
+    CONDENSED,
+    EXACT,
+    EXACTLY,
+    FACTORS,
+    INEXACT,
+    LIKE,
+    METHODS,
+    REFERENCE,
+    TOLERANCE,
+    Q,
+)
+from stickslip.workflows.lab.studies.published.finding import (
+    FREE_OF_H,
+    Claim,
+    Finding,
+    Row,
+    Rows,
+    between,
+    chosen,
+    different,
+    judged,
+    markdown,
+    pivot,
+    said,
+    slopes,
+)
+
+GROWS = 0.5  # log-log slope above which a number grows as h falls
+AS_MANY = 1.1  # ratio up to which two numbers of iterations count as equal
+SAME = 0.02  # relative difference up to which two runs are the same iteration
+AGREES = {"lam_max": 1e-4, "u_error": 1e-6}  # at a tolerance of 1e-8
+SIDE_BY_SIDE = ("h", "mu", "c_n", "steps")
+
+
+def factor_is_slow(rows: Rows) -> Finding:
+    """On the finest mesh, conjugate gradients with multigrid take less time than a factor, for every Q."""
+    cases, ratios, failed = {}, dict[str, float](), list[str]()
+    for mesh, found in finest(rows["h"]).items():
+        for q in Q:
+            exact, inexact = (_one(found, f"{BLOCK}, {q}{kind}") for kind in ("", INEXACT))
+            name = f"{mesh}, {q}"
+            if exact is None and inexact is None:
+                continue
+            cases[name] = exact is None or (inexact is not None and inexact["seconds"] < exact["seconds"])
+            if exact and inexact:
+                ratios[name] = inexact["seconds"] / exact["seconds"]
+            else:
+                failed.append(f"{name}: {'the factor' if exact is None else 'conjugate gradients'}")
+    return Finding(cases, f"seconds by conjugate gradients over seconds by a factor: {said(ratios)}{_and(failed)}")
+
+
+def direct_is_slow(rows: Rows) -> Finding:
+    """The fastest method without a factor takes less time than condensed-newton, which condenses by a factor."""
+    cases, ratios = {}, dict[str, float]()
+    for mesh, found in meshes(rows["h"]).items():
+        direct, best = _one(found, REFERENCE), _fastest(row for row in found if row["method"].endswith(INEXACT))
+        if direct is None:
+            continue
+        cases[mesh] = best is not None and best["seconds"] < direct["seconds"]
+        if best is not None:
+            ratios[mesh] = best["seconds"] / direct["seconds"]
+    return Finding(cases, f"seconds of the fastest inexact {BLOCK} over those of {REFERENCE}: {said(ratios)}")
+
+
+def incomplete_is_free_of_h(rows: Rows) -> Finding:
+    return _free_of_h(rows, [f"gram {factor}" for factor in FACTORS if factor != "complete"])
+
+
+def complete_is_free_of_h(rows: Rows) -> Finding:
+    return _free_of_h(rows, ["gram complete"])
+
+
+def mass_grows(rows: Rows) -> Finding:
+    found = slopes(rows["h"], "iterations", method=EXACTLY[0])
+    return Finding({dim: value > GROWS for dim, value in found.items()}, f"slope against 1/h: {said(found)}")
+
+
+def gram_saves_iterations(rows: Rows) -> Finding:
+    return _gram_saves(rows, "iterations")
+
+
+def gram_saves_seconds(rows: Rows) -> Finding:
+    return _gram_saves(rows, "seconds")
+
+
+def inexact_is_as_fast(rows: Rows) -> Finding:
+    """As many outer iterations as with exact inner solves, mesh by mesh; one that fails has not."""
+    cases, ratios, failed = dict[str, bool](), list[float](), list[str]()
+    for q in Q:
+        for mesh, found in meshes(rows["h"]).items():
+            exact, inexact = (_one(found, f"{BLOCK}, {q}{kind}") for kind in ("", INEXACT))
+            if exact is None:
+                continue
+            ratio = inexact["iterations"] / exact["iterations"] if inexact else None
+            cases[q] = cases.get(q, True) and ratio is not None and ratio <= AS_MANY
+            if ratio is None:
+                failed.append(f"{q}, {mesh}")
+            else:
+                ratios.append(ratio)
+    return Finding(cases, f"outer iterations over those with exact solves: {between(ratios)}{_and(failed)}")
+
+
+def inexact_saves(rows: Rows) -> Finding:
+    """Fewer conjugate gradient iterations than with inner solves to 1e-8."""
+    cases, figures = {}, list[str]()
+    for (dim, n, method), found in _inner(rows):
+        wholes = [row for row in chosen(found, rule=AS_EXACT[0], share=AS_EXACT[1]) if done(row)]
+        usuals = chosen(found, rule="elman-golub", share=0.3)
+        if not wholes or not usuals:
+            continue
+        whole, usual = wholes[0], usuals[0]
+        name = f"{dim}D n = {n}, {_q(method).removesuffix(INEXACT)}"
+        cases[name] = done(usual) and usual["linear_iterations"] < whole["linear_iterations"]
+        if done(usual):
+            figures.append(f"{name}: {usual['linear_iterations']} for {whole['linear_iterations']}")
+    return Finding(cases, f"conjugate gradient iterations: {'; '.join(figures)}")
+
+
+def any_delta(rows: Rows) -> Finding:
+    """Every inner tolerance converges."""
+    cases, failed = {}, list[str]()
+    for (dim, n, method), found in _inner(rows):
+        bad = [f"{row['rule']} {row['share']:g}" for row in found if not done(row)]
+        cases[f"{dim}D n = {n}, {_q(method).removesuffix(INEXACT)}"] = not bad
+        failed += [f"{dim}D n = {n}, {_q(method).removesuffix(INEXACT)}, {each}" for each in bad]
+    return Finding(cases, f"fails: {'; '.join(failed) or 'none'}")
+
+
+def bound(rows: Rows) -> Finding:
+    """Base glued, a linear problem: all runs below the bound converge, none above it."""
+    glued = chosen(rows["alpha"], sticks=True)
+    cases = {f"αλ₁/2 = {row['part']:g}": done(row) == (row["part"] < 1) for row in glued}
+    kept = [row["part"] for row in glued if done(row)]
+    lost = [row["part"] for row in glued if not done(row)]
+    return Finding(cases, f"αλ₁/2 that converge: {between(kept)}; that do not: {between(lost, '.3g')}")
+
+
+def bound_with_friction(rows: Rows) -> Finding:
+    """With Coulomb's law: all runs below the bound converge."""
+    slipping = chosen(rows["alpha"], sticks=False)
+    cases = {f"{_q(row['method'])}, αλ₁/2 = {row['part']:g}": done(row) for row in slipping if row["part"] < 1}
+    beyond = [f"{row['part']:g}" for row in slipping if row["part"] > 1 and done(row)]
+    return Finding(cases, f"beyond the bound it still converges at αλ₁/2 = {', '.join(beyond) or 'none'}")
+
+
+def condensing_saves(rows: Rows) -> Finding:
+    """condensed-newton takes less time than every block-uzawa, mesh by mesh."""
+    cases, figures = {}, list[str]()
+    for mesh, found in meshes(rows["h"]).items():
+        direct, best = _one(found, REFERENCE), _fastest(row for row in found if row["method"].startswith(BLOCK))
+        if direct is None:
+            continue
+        cases[mesh] = best is None or direct["seconds"] < best["seconds"]
+        if best is not None:
+            solves, seconds = (best[key] / direct[key] for key in ("volume_solves", "seconds"))
+            figures.append(f"{mesh}, {direct['dofs']} unknowns: {solves:.0f} and {seconds:.2g} ({_q(best['method'])})")
+    many = f"the fastest {BLOCK}, in multiples of the volume solves and of the seconds of {REFERENCE}"
+    return Finding(cases, f"{many}: {'; '.join(figures)}")
+
+
+def twins_agree(rows: Rows) -> Finding:
+    """The condensed form of the same iteration takes as many iterations, and less time."""
+    cases, ratios = dict[str, bool](), list[str]()
+    for twin, method in LIKE.items():
+        found, counts = list[float](), list[float]()
+        for at in meshes(rows["h"]).values():
+            condensed, whole = _one(at, twin), _one(at, method)
+            if condensed and whole:
+                found.append(whole["seconds"] / condensed["seconds"])
+                counts.append(whole["iterations"] / condensed["iterations"])
+        if found:
+            cases[f"{twin}: as many iterations"] = all(abs(ratio - 1) <= SAME for ratio in counts)
+            cases[f"{twin}: less time"] = all(ratio > 1 for ratio in found)
+            ratios.append(f"{method} over {twin}: iterations {between(counts, '.3g')}, seconds {between(found, '.2g')}")
+    return Finding(cases, "; ".join(ratios))
+
+
+def all_agree(rows: Rows) -> Finding:
+    """All methods end at the same λ and u."""
+    done_rows = [row for row in side_by_side(rows) if done(row) and row.get("u_error") is not None]
+    cases, figures = {}, list[str]()
+    for key, limit in AGREES.items():
+        worst = max(done_rows, key=lambda row: float(row[key]), default=None)
+        if worst is not None:
+            name = {"lam_max": "λ", "u_error": "u"}[key]
+            cases[name] = worst[key] <= limit
+            figures.append(f"largest error of {name} {worst[key]:.1e} ({worst['method']}, {worst['dim']}D)")
+    return Finding(cases, "; ".join(figures))
+
+
+def always_converges(rows: Rows) -> Finding:
+    """Every friction, stiffness, mesh and number of steps is solved within the time limit."""
+    cases, failed = {}, list[str]()
+    for method in different(side_by_side(rows), "method"):
+        if method in CONDENSED:
+            continue
+        bad = [row for row in chosen(side_by_side(rows), method=method) if not done(row)]
+        cases[method.removeprefix(f"{BLOCK}, ")] = not bad
+        failed += [f"{_q(method)}: {len(bad)}" for _ in bad[:1]]
+    return Finding(cases, f"measurements that fail or are stopped: {'; '.join(failed) or 'none'}")
+
+
+def done(row: Row) -> bool:
+    return bool(row["status"] == "converged")
+
+
+def side_by_side(rows: Rows) -> list[Row]:
+    """Rows of the tables that show all methods, each once."""
+    found: dict[tuple[object, ...], Row] = {}
+    for table in SIDE_BY_SIDE:
+        for row in rows[table]:
+            found[tuple(row[key] for key in ("dim", "n", "method", "mu", "c_n", "steps"))] = row
+    return list(found.values())
+
+
+def meshes(rows: Sequence[Row]) -> Mapping[str, list[Row]]:
+    """Rows by mesh: "2D n = 8"."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(f"{row['dim']}D n = {row['n']}", []).append(row)
+    return found
+
+
+def finest(rows: Sequence[Row]) -> Mapping[str, list[Row]]:
+    """Rows of the finest mesh of each dimension."""
+    last = {dim: max(row["n"] for row in rows if row["dim"] == dim) for dim in different(rows, "dim")}
+    return meshes([row for row in rows if row["n"] == last[row["dim"]]])
+
+
+def _one(rows: Iterable[Row], method: str) -> Row | None:
+    """The row of a method that converged."""
+    return next((row for row in rows if row["method"] == method and done(row)), None)
+
+
+def _fastest(rows: Iterable[Row]) -> Row | None:
+    return min(filter(done, rows), key=lambda row: float(row["seconds"]), default=None)
+
+
+def _free_of_h(rows: Rows, names: Sequence[str]) -> Finding:
+    """The number of iterations with exact inner solves does not grow, between the two finest meshes that converge."""
+    found = {
+        f"{name}, {dim}": value
+        for name in names
+        for dim, value in slopes(rows["h"], "iterations", method=f"{BLOCK}, {name}").items()
+    }
+    return Finding({name: abs(value) < FREE_OF_H for name, value in found.items()}, f"slope against 1/h: {said(found)}")
+
+
+def _gram_saves(rows: Rows, key: str) -> Finding:
+    """Less of it than with Q = W, on the finest mesh where both converge; exact inner solves."""
+    cases, shares = {}, dict[str, float]()
+    for dim in different(rows["h"], "dim"):
+        for method in EXACTLY[1:]:
+            both = [
+                (name, own, plain)
+                for name, at in meshes(chosen(rows["h"], dim=dim)).items()
+                if (own := _one(at, method)) and (plain := _one(at, EXACTLY[0]))
+            ]
+            if both:
+                name, own, plain = both[-1]
+                shares[f"{name}, {_q(method)}"] = own[key] / plain[key]
+                cases[f"{name}, {_q(method)}"] = own[key] < plain[key]
+    return Finding(cases, f"{key} over those with Q = W: {said(shares)}")
+
+
+def _inner(rows: Rows) -> Iterator[tuple[tuple[int, int, str], list[Row]]]:
+    inexact = [row for row in rows["inner"] if row["method"].endswith(INEXACT)]
+    for key in dict.fromkeys((row["dim"], row["n"], row["method"]) for row in inexact):
+        yield key, chosen(inexact, dim=key[0], n=key[1], method=key[2])
+
+
+def _q(method: str) -> str:
+    """
+    >>> _q("block-uzawa, mass, inexact")
+    'mass, inexact'
+    """
+    return method.removeprefix(f"{BLOCK}, ")
+
+
+def _and(failed: Sequence[str]) -> str:
+    return f"; fails: {'; '.join(failed)}" if failed else ""
+
+
+CLAIMS = (
+    Claim("§1", "direct methods are not efficient: inner solves by multigrid beat those by a factor", factor_is_slow),
+    Claim(
+        "§1",
+        "direct methods are not efficient: an iteration without a factor beats the fastest with one",
+        direct_is_slow,
+    ),
+    Claim("§5, end", "without a preconditioner the iteration slows down as the mesh is refined", mass_grows),
+    Claim(
+        "§1", "an incomplete factor of the Gram matrix frees the iterations of the mesh size", incomplete_is_free_of_h
+    ),
+    Claim("§1", "the complete factor of the Gram matrix does", complete_is_free_of_h),
+    Claim("§5, end", "the preconditioner saves iterations", gram_saves_iterations),
+    Claim("§5, end", "the preconditioner saves time", gram_saves_seconds),
+    Claim("(1.2)", "inexact inner solves cost no outer iterations", inexact_is_as_fast),
+    Claim(
+        "(1.2)", "inexact inner solves save conjugate gradient iterations, compared with solves to 1e-8", inexact_saves
+    ),
+    Claim("(1.2)", "δ_k may be of any size: every inner tolerance up to .6 converges", any_delta),
+    Claim("§5, remarks", "Uzawa converges if and only if 0 < α < 2/λ₁ (base glued: a linear problem)", bound),
+    Claim("§5, remarks", "0 < α < 2/λ₁ is enough with Coulomb's law and a projection", bound_with_friction),
+    Claim("§5", "every friction, compliance, mesh and number of steps is solved", always_converges),
+    Claim("here", "condensed-newton takes less time than any block-uzawa", condensing_saves),
+    Claim("here", "the same iteration, condensed, takes as many iterations in less time", twins_agree),
+    Claim("here", "all methods end at the same λ and u", all_agree),
+)
+
 
 NAME = "block_uzawa_price.md"
 BUSY = 0.9  # share of a core below which seconds are not those of the method alone

@@ -1,23 +1,128 @@
-"""A scene solved by one method: iterations, volume solves, and the residuals of the last step."""
+"""Measured rows: iterations, volume solves and residuals of a scene, spectra of metrics, linear saddle points.
+
+The scenes are the ready ones, `block` and `cube`, with n cells over the height, any friction, sheared until they slip.
+"""
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from scipy.linalg import eigh
 
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.classical.perturbed_lagrangian import PerturbedLagrangian
 from stickslip.solvers.classical.uzawa import Uzawa
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.metrics import surface_metric
 from stickslip.solvers.results.observe import law_error
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import Accepted
+from stickslip.workflows.lab.analysis.saddle_points import Exact, membrane
+from stickslip.workflows.lab.studies import gram
 from stickslip.workflows.lab.studies.published.finding import Row
-from stickslip.workflows.lab.studies.published.scenes import scene
-from stickslip.workflows.lab.studies.published.spectrum import plain
+from stickslip.workflows.lab.studies.saddle_points import NODES, RULES, SOFTNESS, STEPS, factors
+from stickslip.workflows.scene_file.read import read
+
+PRESSED = {2: 0.1, 3: 0.05}  # m, in the first step
+DRAGGED = {2: 0.05, 3: 0.02}  # m, in the second
+PULL = 2.0  # shear over (mu times indentation) at which a part of the base slips, for any mu
+
+
+def slipping(dim: int, mu: float) -> float:
+    """Shear displacement [m] at which a part of the base slips."""
+    return round(PULL * mu * PRESSED[dim], 9)
+
+
+def scene(
+    dim: int,
+    n: int,
+    mu: float = 0.3,
+    normal: str = "unilateral",
+    drag: float | None = None,
+    sticks: bool = False,
+    given: float | None = None,
+    **solver: Any,
+) -> Scene:
+    """
+    Args:
+        sticks: without a bound of friction.
+        given: that bound itself [Pa], whatever mu.
+        normal: "unilateral" or "compliance", of 20 Pa/m: twenty times as stiff as the body over its depth, or more.
+        drag: m, absent as the ready scene has it.
+        solver: keys of [solver].
+    """
+    size, pressed, dragged = (2.0 if dim == 2 else 1.0) / n, PRESSED[dim], DRAGGED[dim] if drag is None else drag
+    across = f", y = [[0, 0], [1, 0], [2, {dragged / 2!r}]]" if dim == 3 else ""
+    down = f"{'xyz'[dim - 1]} = [[0, 0], [1, {-pressed!r}]]"
+    law = '{ law = "compliance", c_n = 20.0, m_n = 1.0 }' if normal == "compliance" else f'{{ law = "{normal}" }}'
+    keys = ", ".join(f"{key} = {_toml(value)}" for key, value in ({"tolerance": 1e-6} | solver).items())
+    friction = '{ law = "stick" }' if sticks else f'{{ law = "coulomb", mu = {mu!r} }}'
+    if given is not None:
+        friction = f'{{ law = "tresca", bound = [[0, {given!r}]] }}'
+    settings = [
+        f"geometry.mesh_size={size!r}",
+        'geometry.cells="tensor"',
+        f"supports.top.displacement={{ x = [[0, 0], [1, 0], [2, {dragged!r}]]{across}, {down} }}",
+        f"contacts.base.friction={friction}",
+        f"contacts.base.normal={law}",
+        f"solver={{ {keys} }}",
+    ]
+    if dim == 2:
+        settings.append(f"geometry.contact_mesh_size={size!r}")
+    return read("block" if dim == 2 else "cube", settings)
+
+
+def _toml(value: Any) -> str:
+    return json.dumps(value)
+
+
+PLAIN, LEARNING = "W (uzawa)", "boundary operator (surface-uzawa)"
+
+
+def plain(surface: CondensedSurface, cone: AdmissibleSet, give: Array | float = 0.0) -> Array:
+    """Eigenvalues of W^-1 (B K_B^-1 B^T - K_C) on the rows that carry tractions [m/Pa], increasing; see (5.5).
+
+    Args:
+        give: 1/ω (rows,) [m/Pa].
+    """
+    N, root = surface.N.toarray(), np.sqrt(surface.W)
+    S = root[:, None] * (N @ surface.flexibility @ N.T) * root + np.diag(np.broadcast_to(give, root.shape))
+    return np.asarray(np.linalg.eigvalsh(S[np.ix_(cone.carrying, cone.carrying)]))
+
+
+def spectrum(dim: int, n: int) -> list[Row]:
+    """A row for each metric, with all eigenvalues."""
+    rows = [(row.reading, row.spectrum, row.fill) for row in gram.rows(n, dim)]
+    system = gram.block(n, dim=dim)
+    surface, cone = gram.surface_of(system)
+    guessed = surface_metric(system)(np.eye(surface.size))
+    on, N = cone.carrying, surface.N.toarray()
+    given, guess = ((N @ F @ N.T)[np.ix_(on, on)] for F in (surface.flexibility, guessed))
+    rows.append((PLAIN, plain(surface, cone), None))
+    rows.append((LEARNING, eigh(given, guess, eigvals_only=True), None))
+    return [
+        {"dim": dim, "n": n, "metric": metric, "least": values[0], "largest": values[-1]}
+        | {"condition": values[-1] / values[0], "fill": fill, "values": values.tolist()}
+        for metric, values, fill in rows
+    ]
+
+
+def linear(softness: str, rule: str) -> list[Row]:
+    """C and the inner solve by name; every part of the limit 2 / lambda_1."""
+    problem, Q = membrane(NODES, SOFTNESS[softness]), np.eye(NODES) / (NODES + 1)
+    rows: list[Row] = []
+    for part in STEPS:
+        theory, measured, iterations = factors(problem, Q, RULES[rule], part)
+        row = {"C": softness, "inner": rule, "exact": isinstance(RULES[rule], Exact), "part": part}
+        rows.append(row | {"theory": theory, "measured": measured, "iterations": iterations})
+    return rows
+
 
 EXACT = 1e-10  # tolerance of a reference
 TRIED = 3000  # iterations after which a step size has shown whether it converges

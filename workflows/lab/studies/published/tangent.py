@@ -11,12 +11,11 @@ from stickslip.solvers.classical.contact_element import SLIP
 from stickslip.solvers.classical.perturbed_lagrangian import PerturbedLagrangian
 from stickslip.workflows.lab.analysis.slip_tangent import SlipTangent, unsymmetry
 from stickslip.workflows.lab.analysis.tangent_solves import ILU, Solve, condition, gauss_seidel, gmres, mumps
-from stickslip.workflows.lab.studies.published.contact import march
+from stickslip.workflows.lab.studies.published.contact import march, scene, slipping
 from stickslip.workflows.lab.studies.published.finding import Row
-from stickslip.workflows.lab.studies.published.scenes import scene, slipping
 
 FORMS = ("displacements", "displacements and forces")
-DIRECT, PLAIN, CLASSICAL = "MUMPS", "GMRES, ILU(0)", "Gauss-Seidel"
+DIRECT, INCOMPLETE, CLASSICAL = "MUMPS", "GMRES, ILU(0)", "Gauss-Seidel"
 RELAXED, STABILISED = "GMRES, relaxed ILU, ", "GMRES, stabilised ILU, "
 
 
@@ -27,7 +26,7 @@ def _by(ilu: ILU | None) -> Callable[[Any, Any], Solve]:
 SOLVERS: Mapping[str, Callable[[Any, Any], Solve]] = {
     CLASSICAL: gauss_seidel,
     "GMRES": _by(None),
-    PLAIN: _by(ILU()),
+    INCOMPLETE: _by(ILU()),
     **{f"{RELAXED}{part:g}": _by(ILU(relaxation=part)) for part in (0.5, 0.9, 0.95, 1.0)},
     **{f"{STABILISED}{shift:g}": _by(ILU(shift=shift)) for shift in (1e-3, 1e-2, 1e-1)},
     "GMRES, ILU(1)": _by(ILU(levels=1)),

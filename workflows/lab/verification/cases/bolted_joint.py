@@ -15,6 +15,7 @@ from stickslip.workflows.lab.verification.closed_forms.bolted_joint import BOLT,
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.solver import solver
 
+SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 TOLERANCE = 1e-7  # the tolerance of an iterative method, 1e-11, times what bolt and plates differ in stiffness
 LENGTH, WIDTH = 2.0, 0.5  # of the plates [m]
 LOAD = 6.0  # at the end [N]

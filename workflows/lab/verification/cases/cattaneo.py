@@ -32,7 +32,7 @@ from stickslip.workflows.lab.verification.cycles import CYCLES, accounted, repea
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.solver import solver
 
-SLOW = ("uzawa",)  # methods that take more than some seconds
+SLOW = ("uzawa", "surface-uzawa")  # methods that take more than some seconds
 R, E, NU, MU = 8.0, 200.0, 0.3, 0.2
 P = 10.0  # [N/m]
 A = cattaneo(P, 0.0, R / 2, hertz.plane_strain(E, NU) / 2, MU).pressed.a  # [m]

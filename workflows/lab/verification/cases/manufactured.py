@@ -26,7 +26,7 @@ from stickslip.workflows.lab.verification.closed_forms.manufactured import LAWS,
 from stickslip.workflows.lab.verification.prepared import accepted, system_of
 from stickslip.workflows.lab.verification.solver import solver
 
-SLOW = ("surface-uzawa",)  # methods that take more than some seconds
+SLOW = ("uzawa", "surface-uzawa")  # methods that take more than some seconds
 MESHES = (4, 8, 16, 32)
 DEGREE = 10  # quadrature degree: exact for polynomial fields, else far below the discretisation error
 NORMS = ("L2(u)", "L2(stress)", "L2(p)")

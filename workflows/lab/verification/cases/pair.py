@@ -25,6 +25,7 @@ from stickslip.workflows.lab.verification.prepared import observed
 from stickslip.workflows.lab.verification.solver import solver
 from stickslip.workflows.lab.verification.turned import rotation, turned_system
 
+SLOW = ("uzawa", "surface-uzawa")  # methods that take more than some seconds
 REACH = 0.3  # [m]; by default a part of the box along the axes, which is another one when turned
 TOLERANCE = 1e-9  # of the largest value: the solver's 1e-12 over three steps
 HORIZONTAL: tuple[Direction, ...] = ("x", "y")

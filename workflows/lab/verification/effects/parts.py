@@ -52,7 +52,7 @@ class Part:
     serves: tuple[str, ...] = ()  # files that serve it alone
 
 
-LINKS = "solvers/fem/links.py"
+LINKS = "solvers/fem/springs.py"
 TWO_BLOCKS = {
     "geometry": {"builder": "two_blocks", "length": 1.0, "height": 1.0, "mesh_size": 0.125},
     "bodies": {name: block(2)["bodies"]["block"] for name in ("upper", "lower")},
@@ -65,7 +65,7 @@ TWO_BLOCKS = {
 }
 SLIDING = TWO_BLOCKS | {"contacts": {"base": TWO_BLOCKS["contacts"]["base"] | {"sliding": True}}}
 EFFECTS: Mapping[str, Part] = {
-    "contact": Part(base="held, 2D", calls=touching(2), serves=("solvers/contact/rigid_obstacle.py",)),
+    "contact": Part(base="held, 2D", calls=touching(2), serves=("solvers/contact/coupling.py",)),
     "unilateral": Part(base="held, 2D", calls=touching(2), serves=("solvers/laws/unilateral.py",)),
     "compliance": Part(
         base="tilted, 2D",
@@ -78,7 +78,7 @@ EFFECTS: Mapping[str, Part] = {
     "tied": Part(base="tilted, 2D", calls=touching(2, normal={"law": "tied"}), serves=("solvers/laws/tied.py",)),
     "friction": Part(base="tilted, 3D", calls=touching(3, friction=COULOMB), serves=("solvers/laws/friction.py",)),
     "quasistatic": Part(base="held, 2D", calls=STEPS),
-    "multibody": Part(calls=TWO_BLOCKS, serves=("solvers/contact/mortar.py", "solvers/contact/node_to_facet.py")),
+    "multibody": Part(calls=TWO_BLOCKS, serves=("solvers/contact/mortar.py", "solvers/contact/coupling.py")),
     "sliding": Part(calls=SLIDING, serves=("solvers/stepping/pairs.py",)),
     "gravity": Part(calls={"gravity": {"acceleration": [0.0, -9.81]}}),
     "body_force": Part(calls={"body_force": {"block": {"force": ["sin(pi*x)", 0.0]}}}),
@@ -87,7 +87,7 @@ EFFECTS: Mapping[str, Part] = {
     "periodic": Part(calls={"periodic": {"walls": {"boundary": "block.right", "with": "block.left"}}}),
     "thermal": Part(
         calls={"thermal": {"block": {"expansion": 1e-4, "temperature": "10*y"}}},
-        serves=("solvers/system/initial_strain.py",),
+        serves=("solvers/system/applied_loads.py",),
     ),
     "springs": Part(
         calls={"springs": {"wall": {"at": "block.left", "stiffness": [100.0, 0.0]}}}, serves=(LINKS,)
@@ -127,7 +127,7 @@ EFFECTS: Mapping[str, Part] = {
                 }
             }
         },
-        serves=("solvers/scene/orthotropic.py", "solvers/metrics.py"),
+        serves=("solvers/scene/material.py", "solvers/metrics.py"),
     ),
 }  # fmt: skip
 

@@ -1,7 +1,12 @@
-"""Springs between places of bodies: rows of weights of nodes, whose product with a displacement is the elongation."""
+"""Springs: links between places, and what springs per area between sides and the ground exert on the bodies.
+
+The stress of the latter is linear and symmetric, so a component of the force or moment is the work of it on a rigid
+motion, which is in every finite element space: one row of forces a component, assembled once.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,12 +14,15 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import CLOSE, Array, Ints
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
-from stickslip.geometry.protocols import FunctionSpace, Mat, Sparse, Vec
+from stickslip.geometry.protocols import Comm, FunctionSpace, Mat, Sparse, Vec
 from stickslip.geometry.surfaces.surface import gather_surface
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.rigid_fields import parts_of_motion, rigid_names
 from stickslip.solvers.scene.loads import End, Link
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Drive, Place
@@ -193,7 +201,41 @@ def vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, A
     )
     nearest, number, x, found = min(offers, key=lambda offer: offer[0])
     low, high = mesh.box()
-    if nearest > 1e-6 * float(np.max(high - low)):
+    if nearest > CLOSE * float(np.max(high - low)):
         at = ", ".join(f"{c:.6g}" for c in x)
         raise SceneError(f"{key} = {point.tolist()}: no mesh vertex there; the nearest is ({at})")
     return np.array([number]), np.array([x]), np.array([found])
+
+
+@dataclass(frozen=True)
+class GroundSprings:
+    """All springs to the ground of a problem, each with k components: force [N], and moment about the origin [N m]."""
+
+    keys: tuple[str, ...]
+    forces: Sparse  # (keys k, own dofs) by unit translation [N/m] or rotation [N]
+    comm: Comm
+
+    @classmethod
+    def of(cls, weak: WeakForms) -> GroundSprings:
+        """Assemble the rows; collective."""
+        rows, dim = list[Sparse](), weak.mesh.dim
+        modes = np.eye(len(rigid_names(dim, weak.mesh.axisymmetric)))
+        for springs in weak.problem.springs:
+            translation, rotation = (weak.constant(part) for part in parts_of_motion(0 * modes[0], dim))
+            form = weak.compile(weak.springs(springs, weak.rigid_motion(translation, rotation)))
+            for mode in modes:
+                translation.value[:], rotation.value[:] = parts_of_motion(mode, dim)
+                rows.append(sparse.csr_matrix(dx.assemble_vector(form).array_r))
+        forces = sparse.vstack(rows).tocsr() if rows else sparse.csr_matrix((0, 0))
+        return cls(tuple(springs.key for springs in weak.problem.springs), forces, weak.mesh.comm)
+
+    def exerted(self, u: Vec) -> Array:
+        """All components on the bodies (keys k,) in a displacement [m]; collective."""
+        if not self.keys:
+            return np.zeros(0)
+        return np.asarray(self.comm.allreduce(-(self.forces @ u.array_r)))
+
+    def by_key(self, components: Array, dim: int) -> Mapping[str, tuple[Array, Array]]:
+        """Force (d,) [N] and moment (1,) or (3,) [N m] of each; radial forces and moments are 0 over a full circle."""
+        each = np.split(components, max(len(self.keys), 1))
+        return {key: parts_of_motion(own, dim) for key, own in zip(self.keys, each, strict=False)}
