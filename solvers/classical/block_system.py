@@ -11,7 +11,7 @@ Source: Pop (1999), (1.3), and (2.1), b(u, v) = a(u, v) + j_n(u, v); Chen, SIAM 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from petsc4py import PETSc
@@ -28,6 +28,7 @@ from stickslip.solvers.classical.block_matrices import (
     nested,
     solve,
 )
+from stickslip.solvers.classical.uzawa import NEWTON_STEPS, step_length
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.fem.contact_forms import ComplianceForms, PointLaw
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -39,9 +40,6 @@ from stickslip.solvers.parallel.replicated import distributed
 from stickslip.solvers.system.nodal_contact import FormOfPart, relative_to_obstacle
 from stickslip.solvers.system.system import System
 
-NEWTON_STEPS = 100
-HALVINGS = 30
-OVERSHOOT = 0.9  # largest slope of the energy at the end of a step, relative to that at its start, of opposite sign
 SLOW = 0.1  # factor by which ||delta|| falls in an iteration; if less, F' is assembled and factorised anew
 INEXACT = 0.1  # of the first residual of a linear solve in Newton's method, where inner solves are iterative
 
@@ -125,7 +123,7 @@ class InnerProblem:
             rounding = LAST_DIGITS * max(first, float(np.sqrt(max((self.K * q).dot(q), 0.0))))
             if size <= max(allowed(first) if allowed else 0.0, rounding) or delta.norm() <= self.rounding(q):
                 return
-            q.axpy(self._length(rhs, q, dq, slope), dq)
+            q.axpy(step_length(partial(self._force, rhs, q, dq), slope), dq)
             before = size
         raise SolverError(
             "the inner Newton iteration for F(u) = K u + j_n(u) does not converge: try method = condensed-newton"
@@ -193,6 +191,10 @@ class InnerProblem:
         self.counters.forms += 2
         return CompliantFace(place, PointLaw(law, len(place.rows.W_n)), law, form)
 
+    def _force(self, rhs: Vec, q: Vec, dq: Vec, length: float) -> float:
+        """Work [J] of delta along dq [m] at a length of that step."""
+        return float((rhs - self.F(q + length * dq)).dot(dq))
+
     def _newton(self, delta: Vec) -> tuple[Vec, float]:
         """Newton's step V^-1 delta, and delta . V^-1 delta [J], with V the tangent as last prepared."""
         dq = delta.duplicate()
@@ -234,15 +236,6 @@ class InnerProblem:
         dofs, free = self.contact.rows, self.K.createVecRight()
         entries = local.data, (dofs[local.row], dofs[local.col])
         return distributed(sparse.csr_matrix(entries, shape=(free.getSize(), free.getSize())), free, free)
-
-    def _length(self, rhs: Vec, q: Vec, dq: Vec, slope: float) -> float:
-        """Length in (0, 1] of the step, along which the convex energy falls; slope: minus that at its start [J]."""
-        length = 1.0
-        for _ in range(HALVINGS):
-            if (rhs - self.F(q + length * dq)).dot(dq) >= -OVERSHOOT * slope:
-                break
-            length /= 2
-        return length
 
 
 class BlockSystem:

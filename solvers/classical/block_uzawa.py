@@ -21,7 +21,7 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.classical.block_matrices import PREFIX, SPLITS
 from stickslip.solvers.classical.block_system import BlockSystem, NestedSystem
 from stickslip.solvers.classical.gram_uzawa import DenseMetric, GramKeys, GramMetric, inverse_root
-from stickslip.solvers.classical.uzawa import FixedStep, InnerKeys, Outer, Solved, projected
+from stickslip.solvers.classical.uzawa import LANCZOS, FixedStep, InnerKeys, Outer, Solved, projected
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import uncondensed
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -35,7 +35,6 @@ from stickslip.solvers.scene.problem import Problem
 
 TOLERANCE = 1e-3  # relative change of the Rayleigh quotient, four iterations in a row, at which it stops
 MOST = 60  # iterations
-LANCZOS = 1e-4  # relative error of the smallest eigenvalue
 VECTORS = 40  # that Lanczos' method keeps
 
 
@@ -90,7 +89,6 @@ def smallest_eigenvalue(apply: Callable[[Array], Array], start: Array) -> float:
 
 log = logging.getLogger(__name__)
 ENOUGH = 8  # iterations of which the second half tells a rate
-NEVER = -1
 SAFE = 0.3  # of tau_k by elman-golub: the natural norm of an inner residual is an estimate
 # keys without effect where outer = "ksp"
 OF_UZAWA = (
@@ -196,7 +194,7 @@ class OnBlocks(Ready):
         self.blocks = BlockSystem(setup.system, self.surface)
         self.lambda_1: float | None = None
         self._direction: Array | None = known._direction if known else None  # of lambda_1: tractions
-        self._measured_at = NEVER
+        self._measured_at: int | None = None
         self.peak: float = known.peak if known else 0.0  # largest q . K q so far [J], where inner solves are not exact
         gram = method.preconditioner == "gram" and method.outer == "uzawa" and len(self.blocks.rows) > 0
         self._gram = GramMetric(setup.system, method.gram) if gram else None
@@ -210,7 +208,7 @@ class OnBlocks(Ready):
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
         self.peak, self.lambda_1, self._direction = (snapshot[key] for key in ("peak", "lambda_1", "direction"))
-        self._measured_at = NEVER if self.lambda_1 is None else 0
+        self._measured_at = None if self.lambda_1 is None else 0
 
     def after(self, state: Before) -> Solve:
         return partial(self.step, state.u)

@@ -35,7 +35,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.scene.material import Elastic
 from stickslip.solvers.system.system import System
 
-OPEN, STICK, SLIP = 0, 1, 2
+OPEN, STICK, SLIP = range(3)
 
 
 def press(G_n: Array, omega_n: Array, sides: int) -> tuple[Array, Array]:

@@ -385,8 +385,8 @@ class GramIteration(SameEveryStep):
 
     metric: GramMetric
     relaxation: float = 1.5  # [-]
-    rtol: float = 1e-8
-    max_it: int = 10000
+    rtol: float = Method.rtol
+    max_it: int = Method.max_it
 
     def renewed(self, setup: Setup) -> Ready:
         return self  # the metric is of the bodies, `on` that of the rows

@@ -6,7 +6,7 @@ The bodies with these faces, F(u) = K_B u + j_n'(u), are a nonlinear problem, so
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -19,6 +19,8 @@ from stickslip.geometry.errors import SolverError, require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.classical.gram_uzawa import DenseMetric, inverse_root
 from stickslip.solvers.classical.uzawa import (
+    LANCZOS,
+    NEWTON_STEPS,
     FrictionUpdates,
     InnerKeys,
     Outer,
@@ -26,6 +28,7 @@ from stickslip.solvers.classical.uzawa import (
     Solved,
     negligible,
     projected,
+    step_length,
 )
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.discrete import GivenSurface
@@ -37,11 +40,6 @@ from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.linear.petsc_solver import Allowed
 from stickslip.solvers.methods.method import Applicability, Stateless
 from stickslip.solvers.newton.surface_model import nearest_in_cone
-
-NEWTON_STEPS = 100
-HALVINGS = 30
-OVERSHOOT = 0.9  # largest slope of the energy at the end of a step, relative to that at its start, of opposite sign
-LANCZOS = 1e-4  # relative error of an eigenvalue
 
 
 @dataclass(frozen=True)
@@ -111,7 +109,7 @@ class CompliantBodies:
             # relative accuracy of the displacement, in energy norm, that rounding allows
             if np.sqrt(slope) <= max(allowed(first), LAST_DIGITS * np.sqrt(stored)):
                 return p, u_c, V
-            u_c = u_c + self._length(p, u_c, du, slope) * du
+            u_c = u_c + step_length(partial(self._force, p, u_c, du), slope) * du
         raise SolverError("the compliant faces' own Newton iteration does not converge; use solver.method = uzawa")
 
     def lambda_max(self, V: CholeskyFactor) -> float:
@@ -138,25 +136,14 @@ class CompliantBodies:
         """Residual delta (c,) [N] of the equilibrium at the contact dofs."""
         return np.asarray(self.problem.load.f_c - self.surface.forces(p) - self.surface.S @ u_c)
 
+    def _force(self, p: Array, u_c: Array, du: Array, length: float) -> float:
+        """Work [J] of delta along du (c,) [m] at a length of that step."""
+        end = u_c + length * du
+        return float(self._left(self.tractions(p, end), end) @ du)
+
     def _factor(self, p: Array) -> CholeskyFactor:
         N, k = self.surface.N, self.springs(p)
         return self.surface.factor((N.T @ sparse.diags(self.surface.W * k) @ N).toarray())
-
-    def _length(self, p: Array, u_c: Array, du: Array, slope: float) -> float:
-        """Length in (0, 1] of the step du (c,) [m], along which the energy falls.
-
-        The energy is convex, so its slope at the end of the step shows whether the step is too long.
-
-        Args:
-            slope: minus the slope of the energy at the start [J].
-        """
-        length = 1.0
-        for _ in range(HALVINGS):
-            end = u_c + length * du
-            if self._left(self.tractions(p, end), end) @ du >= -OVERSHOOT * slope:
-                break
-            length /= 2
-        return length
 
 
 OuterMetric = Literal["points", "jacobian"]

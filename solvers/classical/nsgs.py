@@ -20,7 +20,7 @@ from stickslip.solvers.contact.admissible_set import ContactBlock, project_disc
 from stickslip.solvers.interface.discrete import DiscreteProblem, GivenSurface
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Driver, Iterate, OnStep, Solution, Stall, ignore
+from stickslip.solvers.iteration import PATIENT, Driver, Iterate, OnStep, Solution, Stall, ignore
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.methods.method import Applicability, Method, Ready, SameEveryStep, Setup, Solve, Turn
 
@@ -163,7 +163,6 @@ def _own_blocks(W: Sparse, d: int) -> Array:
     return blocks
 
 
-STALL_WINDOW = 500  # sweeps in which the smallest residual must halve
 NEWTON_STEPS = 50  # for the equation of a slipping point; it converges monotonically, about five are enough
 
 
@@ -230,7 +229,7 @@ class Sweeps(SameEveryStep):
             sweep,
             rtol=self.method.rtol,
             max_it=self.method.max_it,
-            window=STALL_WINDOW,
+            window=PATIENT,
             on_step=on_step,
         )
 

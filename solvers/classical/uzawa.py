@@ -19,7 +19,7 @@ from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Driver, Iterate, OnStep, Plateau, Solution, ignore
+from stickslip.solvers.iteration import PATIENT, Driver, Iterate, OnStep, Plateau, Solution, ignore
 from stickslip.solvers.linear.petsc_solver import Allowed
 from stickslip.solvers.methods.method import Applicability, Keys, Stateless
 
@@ -90,7 +90,6 @@ class FixedStep(Relaxation, FrictionUpdates):
         return self.relaxation / problem.surface.lambda_max
 
 
-STALL_WINDOW = 500  # iterations in which the largest residual must fall
 GIVEN = 0.1  # residual of a problem of given friction, relative to the whole one, at which its bounds are updated
 
 
@@ -132,7 +131,7 @@ class Outer:
         self, problem: SurfaceProblem, p: Array, solve: Callable[[Array], Solved], on_step: OnStep
     ) -> Solution:
         driver = Driver(problem.surface.counters, self.rtol, self.max_it, on_step)
-        return driver.run(self._iterates(problem, p, solve), Plateau(STALL_WINDOW))
+        return driver.run(self._iterates(problem, p, solve), Plateau(PATIENT))
 
     def _iterates(self, problem: SurfaceProblem, p: Array, solve: Callable[[Array], Solved]) -> Iterator[Iterate]:
         frozen, moved = self.friction_update == "outer", p
@@ -220,6 +219,22 @@ def constant(problem: SurfaceProblem, value: float) -> Allowed:
     """A tolerance [J^(1/2)] that does not depend on the start of the inner solve, the same on every rank."""
     agreed = float(problem.surface.agreed(value))  # inner solves are collective
     return lambda start: agreed
+
+
+NEWTON_STEPS = 100  # of an inner solve
+LANCZOS = 1e-4  # relative error of an eigenvalue
+
+
+def step_length(force: Callable[[float], float], slope: float) -> float:
+    """Length in (0, 1] of a step along which a convex energy falls, at most halved 30 times.
+
+    Its slope at the end of the step shows whether the step is too long: 0.9 of that at its start, of opposite sign.
+
+    Args:
+        force: minus the slope of the energy at a length [J].
+        slope: the same at the start.
+    """
+    return next((length for length in (0.5 ** np.arange(30)).tolist() if force(length) >= -0.9 * slope), 0.5**30)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,6 +23,7 @@ from stickslip.solvers.methods.method import Applicability, Solve, Stateless, Tu
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import ActiveSet
 from stickslip.solvers.newton.semismooth import SemismoothNewton
+from stickslip.solvers.newton.surface_model import DENSE
 
 FIRST, FACTOR, LEAST, MOST = 1e-2, 10.0, 1e-10, 1e2  # epsilon, relative to the largest diagonal entry of W
 INNER = 40  # Newton iterations for one regular problem, before epsilon is raised
@@ -76,9 +77,6 @@ class ProximalPoints:
         if not np.isfinite(residual):
             residual, status = np.inf, Status.NOT_FINITE
         return Solution(p, w, u_c, status, residual, (Step(count, residual, problem.volume_solves),))
-
-
-DENSE = 200  # largest number of rows for a dense factorisation
 
 
 def solve_given(laws: ActiveSet, u: Array) -> tuple[Array, Array]:

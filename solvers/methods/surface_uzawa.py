@@ -16,14 +16,12 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.discrete import LEAST, GivenSurface
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Driver, Iterate, OnStep, Solution, Stall, ignore
+from stickslip.solvers.iteration import QUICK, USUAL, Driver, Iterate, OnStep, Solution, Stall, ignore
 from stickslip.solvers.methods.method import Applicability, Method, Ready, SameEveryStep, Setup, Solve, Turn
 from stickslip.solvers.metrics import Secants, SurfaceMetric, surface_metric
 from stickslip.solvers.newton.surface_model import Flexibility, nearest_in_cone
 from stickslip.solvers.parallel.serialise import Plain
 
-STALL_WINDOW = 50  # iterations in which the smallest residual must halve
-HURRIED = 20  # likewise, if another form of the bodies can take over; usual are 5 to 15 iterations in all
 PATIENCE = 600  # iterations of conjugate gradients in a step, until then; usual are 20 to 75
 VOLUME = 0.3  # accuracy of a volume solve, relative to the residual that is expected after it
 DROP = 0.5  # expected factor, on the safe side, by which one iteration reduces the residual
@@ -72,8 +70,8 @@ class LearningIteration(SameEveryStep):
     """The iteration with the updates of F from earlier solves."""
 
     metric: SurfaceMetric
-    rtol: float = 1e-8
-    max_it: int = 10000
+    rtol: float = Method.rtol
+    max_it: int = Method.max_it
     drop: float = 0.0  # of the first residual: that is enough, too
     safety: float = 1.0  # factor on F: shorter steps; if it is not 1, earlier updates are not used
     hurried: bool = False  # whether another form of the bodies can take over: a slow step is given up earlier
@@ -88,7 +86,7 @@ class LearningIteration(SameEveryStep):
         enough = counters.linear_iterations + PATIENCE
         return Driver(counters, self.rtol, self.max_it, on_step).run(
             self._iterates(problem, p),
-            Stall(HURRIED if self.hurried else STALL_WINDOW),
+            Stall(QUICK if self.hurried else USUAL),
             slow=lambda k, residual: self.hurried and counters.linear_iterations > enough,
         )
 

@@ -17,7 +17,17 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Correction, Driver, Iterate, OnStep, Solution, Stall, Status, ignore
+from stickslip.solvers.iteration import (
+    USUAL,
+    Correction,
+    Driver,
+    Iterate,
+    OnStep,
+    Solution,
+    Stall,
+    Status,
+    ignore,
+)
 from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Setup, Solve, Turn
 from stickslip.solvers.parallel.serialise import Own, Plain
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
@@ -28,7 +38,6 @@ SWEEPS = 2  # over the contact points alone, before each iteration
 SMOOTHING = 6  # at the contact, before and after a multigrid cycle: with four, points that slip take up to a sixth more
 LOWEST = 1 / 20  # eigenvalue that they solve for, relative to the highest
 PATIENCE = 150  # iterations of a step, if another form of the bodies can take over
-STALL_WINDOW = 40  # iterations in which the error must halve; usual are 7 to 20 in all
 FASTEST, SLOWEST = 0.2, 0.9  # limits of the contraction of an iteration that is counted on
 UNKNOWN = 0.75  # contraction that is counted on before one is seen
 SEVERAL = 5  # iterations: errors that fall unevenly say little by the last one alone
@@ -221,9 +230,7 @@ class Iteration:
     def solve(self, on_step: OnStep) -> Solution:
         """Iterate until the error that is expected is small enough; collective."""
         driver = Driver(self.operator.counters, 0.0, self.ready.method.max_it, on_step)
-        found = driver.run(
-            self._iterates(), Stall(STALL_WINDOW), slow=lambda k, error: self.ready.hurried and k == PATIENCE
-        )
+        found = driver.run(self._iterates(), Stall(USUAL), slow=lambda k, error: self.ready.hurried and k == PATIENCE)
         return self._solution(found)
 
     def _iterates(self) -> Iterator[Iterate]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.solvers.interface.limit_analysis import balancing_tractions
 from stickslip.solvers.interface.problem import LEAST, SurfaceProblem
-from stickslip.solvers.iteration import Driver, Iterate, OnStep, Solution, Stall, Status, ignore
+from stickslip.solvers.iteration import QUICK, Driver, Iterate, OnStep, Solution, Stall, Status, ignore
 from stickslip.solvers.newton.active_set import ActiveSet, linearise
 
 MEMORY = 5  # merits of earlier iterates: the largest of them must fall
@@ -151,7 +151,7 @@ def _balanced(problem: SurfaceProblem, factor: float = 1.0) -> Iterator[Start]:
         yield Start.as_if(problem, rigid, rigid, factor)
 
 
-STALL_WINDOW = 20  # iterations in which the smallest residual must halve; fronts of slip go on by a node in each
+FIRM = (1e-3, 1e-5)  # weights of the proximal term of damped attempts [-]
 RETREATS = 6  # how often trial tractions that leave the bodies without hold are halved towards earlier ones
 ATTEMPT = 60  # iterations of an attempt
 
@@ -186,6 +186,19 @@ class Attempts(Driver):
         super().__init__(problem.surface.counters, rtol, max_it, on_step)
         self.problem, self.bodies = problem, bodies
 
+    def follow(self, chain: Iterator[tuple[Start, float | None]]) -> Solution:
+        """Make attempts until one is enough; the best iterate, with the history of all.
+
+        Args:
+            chain: arguments of each attempt.
+        """
+        for start, proximal in chain:
+            self(start, proximal)
+            if self.over:
+                break
+        assert self.best is not None
+        return replace(self.best, history=tuple(self.history))
+
     def __call__(self, start: Start, proximal: float | None = None) -> None:
         """Iterate until it converges, cycles or stalls.
 
@@ -194,9 +207,7 @@ class Attempts(Driver):
             proximal: weight of the proximal term of a damped attempt [-]; None: plain Newton.
         """
         number = self.history[-1].iteration + start.in_equilibrium if self.history else 0  # of the start
-        found = self.run(
-            self._iterates(start, proximal or 0.0, number), Stall(STALL_WINDOW, number), cycles=proximal is None
-        )
+        found = self.run(self._iterates(start, proximal or 0.0, number), Stall(QUICK, number), cycles=proximal is None)
         if found.status is Status.NO_HOLD and (self.best is None or np.isnan(self.best.residual)):
             w = self.bodies.relative(start.p, start.u_c)
             self.best = Solution(start.p, w, start.u_c, Status.NO_HOLD, np.inf, ())

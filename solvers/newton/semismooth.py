@@ -27,11 +27,10 @@ from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
 from stickslip.solvers.laws.law import NormalLaw
 from stickslip.solvers.newton import path
 from stickslip.solvers.newton.active_set import ActiveSet
-from stickslip.solvers.newton.attempts import Attempts, Start, again, first_starts, other_starts
+from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again, first_starts, other_starts
 
 HOPPING = 1e-2  # weight of the proximal term where plain Newton hops between active sets [-]
-FIRM = (1e-3, 1e-5)  # weights of the proximal term from the first start [-]
-FIRMER = (1e-3, 1e-4, 1e-2, 1e-6, 1e-5)  # likewise from the best iterate so far
+FIRMER = (1e-3, 1e-4, 1e-2, 1e-6, 1e-5)  # weights of the proximal term from the best iterate so far [-]
 
 Linear = Callable[[ActiveSet, Array], tuple[Array, Array]]  # linearised laws, u_c of the iterate: p [Pa] and u_c [m]
 
@@ -57,12 +56,7 @@ class SemismoothNewton:
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         attempt = Attempts(problem, _Exact(problem, self.linear), self.rtol, self.max_it, on_step)
-        for start, proximal in self._chain(problem, p, attempt):
-            attempt(start, proximal)
-            if attempt.over:
-                break
-        assert attempt.best is not None
-        return replace(attempt.best, history=tuple(attempt.history))
+        return attempt.follow(self._chain(problem, p, attempt))
 
     def _chain(self, problem: SurfaceProblem, p: Array, attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
         """Starts, and the weight of the proximal term of a damped attempt; None: plain Newton.

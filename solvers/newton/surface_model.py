@@ -22,7 +22,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Status
 from stickslip.solvers.metrics import Secants, SurfaceMetric
 from stickslip.solvers.newton.active_set import ActiveSet
-from stickslip.solvers.newton.attempts import Attempts, Start, again
+from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again
 
 
 def gmres(
@@ -243,7 +243,6 @@ class SurfaceSystem:
 
 
 MOST = 1000  # Newton iterations
-FIRM = (1e-3, 1e-5)  # weights of the proximal term of damped attempts [-]
 INNER = 0.1  # of the residual of the step: residual to which the model is solved
 INEXACT = 0.3  # of that residual: what each linear system may leave
 
@@ -307,12 +306,8 @@ def nearest_in_cone(
     """
     model = SurfaceModel(problem=problem, flexibility=metric, p=p, w=w, enough=INNER * min(residual, 1.0))
     attempt = Attempts(problem, model, rtol=model.enough, max_it=MOST)
-    for start, proximal in _chain(model, residual, attempt):
-        attempt(start, proximal)
-        if attempt.over:
-            break
-    best = attempt.best
-    if best is None or best.status is Status.NO_HOLD:
+    best = attempt.follow(_chain(model, residual, attempt))
+    if best.status is Status.NO_HOLD:
         return None
     return ModelSolution(p=best.p, b=best.u_c, residual=best.residual)
 

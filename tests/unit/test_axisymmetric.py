@@ -1,6 +1,5 @@
 """Axisymmetric models: a full circle of material, one rigid motion, no radial motion on the axis."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +8,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.drawn import draw, scene_data
+from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.system.system import System
 from stickslip.workflows.scene_file.read import from_dict
 
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
-SimulationOf = Callable[[Scene], Simulation]
 E, NU = 1.0, 0.3
 GEOMETRIES: list[dict[str, Any]] = [{"order": 1}, {"order": 2}, {"order": 2, "cells": "tensor"}]
 BASE = {"base": {"surface": "block.bottom", "against": "foundation"}}
@@ -81,18 +76,6 @@ def test_only_the_shift_along_the_axis_is_rigid(scene_of: SceneOf, system_of: Sy
     free = scene_of(model="axisymmetric", geometry={"mesh_size": 0.5})
     with pytest.raises(SceneError, match="nothing resists the translation along y of the body"):
         make_plan(free)
-
-
-@pytest.mark.parametrize(
-    ("tables", "sentence"),
-    [
-        ({"loads": {"a": {"boundary": "block.right", "force": [1.0, 0.0]}}}, r"loads.a.force = .*no resultant"),
-        ({"gravity": {"acceleration": [1.0, 0.0]}}, r"gravity.acceleration = .*along the axis"),
-    ],
-)
-def test_what_breaks_the_symmetry_is_refused(tables: dict[str, Any], sentence: str, scene_of: SceneOf) -> None:
-    with pytest.raises(SceneError, match=sentence):
-        scene_of(model="axisymmetric", bodies={"block": {"E": 1.0, "nu": 0.3, "density": 1.0}}, **tables)
 
 
 def test_a_contact_side_of_which_a_part_lies_on_the_axis_is_refused(tmp_path: Path) -> None:

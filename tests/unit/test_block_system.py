@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 
 from shared.cases import every_nth, often
 from shared.cells import Cell
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical.block_system import BlockSystem
 from stickslip.solvers.classical.block_uzawa import OnBlocks
@@ -23,7 +23,6 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.verification.prepared import prepare
 
-Array = NDArray[np.float64]
 CELLS = [
     Cell("block-uzawa"),
     Cell("block-uzawa", more="order 2"),

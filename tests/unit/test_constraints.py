@@ -1,6 +1,6 @@
 """Supports and periodic sides: what is prescribed holds for every free displacement, and nothing else is held."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,24 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 
 from shared.matrices import dense, whole
-from stickslip.geometry.arrays import cross
+from shared.problems import SceneOf, SimulationOf, SystemOf
+from stickslip.geometry.arrays import Array, cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.fem.constraints import Components, Constraints
 from stickslip.solvers.fem.rigid_fields import rigid_fields
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.stiffness import Stiffness
 from stickslip.solvers.system.system import System
 from stickslip.workflows.scene_file.read import from_dict
 
-Array = NDArray[np.float64]
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
 AXES = {"x": 0, "y": 1, "z": 2}
 SIDES = {"periodic": {"sides": {"boundary": "block.right", "with": "block.left"}}}
 
@@ -245,9 +241,7 @@ def test_a_periodic_block_moves_but_does_not_turn(scene_of: SceneOf, system_of: 
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_reactions_contact_and_loads_balance(
-    dim: int, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
-) -> None:
+def test_reactions_contact_and_loads_balance(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     pull = {"x": 0.02, "y": -0.05} if dim == 2 else {"x": 0.02, "y": 0.01, "z": -0.05}
     wall = {} if dim == 2 else {"wall": support("left", normal=-0.02)}  # shares an edge with the top
     scene = scene_of(
@@ -305,9 +299,7 @@ def two_blocks(folder: Path, *held: str) -> Scene:
     )
 
 
-def test_each_part_of_a_mesh_that_falls_apart_is_held_by_its_own(
-    tmp_path: Path, simulation_of: Callable[[Scene], Simulation]
-) -> None:
+def test_each_part_of_a_mesh_that_falls_apart_is_held_by_its_own(tmp_path: Path, simulation_of: SimulationOf) -> None:
     (step,) = simulation_of(two_blocks(tmp_path, "a", "b")).steps()
     a, b = (step.contacts[name].normal_force for name in "ab")
     assert_allclose(b, 2 * a, rtol=0.02)  # the same block of a material twice as stiff; their meshes differ

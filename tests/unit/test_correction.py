@@ -1,6 +1,5 @@
 """The correction from what a method returned to the exact solution of the same steps."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.cases import often
+from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.arrays import EXACT, LAST_DIGITS, Array
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
@@ -15,13 +15,10 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, Solution, Status
 from stickslip.solvers.newton import correction, surface_model
 from stickslip.solvers.newton.surface_model import Flexibility
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping import certificate
 from stickslip.solvers.stepping.state import State
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 MOVED = {"x": [[0, 0], [1, 0], [2, 0.02]], "y": [[0, 0], [1, -0.05]]}
 BASE = {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}
 DRAGGED: dict[str, Any] = {

@@ -1,6 +1,5 @@
 """Energy over histories: what is put in is stored or left at the contact, in every step. What contact remembers."""
 
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -8,13 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from shared.problems import SceneOf, SimulationOf
 from stickslip.solvers.results.step_result import OPEN, SLIP
 from stickslip.solvers.scene.record import Energy
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 BALANCE = 1e-8  # DESIGN's, relative to the largest term so far
 COULOMB = {"law": "coulomb", "mu": 0.3}
 BASE = {"surface": "block.bottom", "against": "foundation", "friction": COULOMB}

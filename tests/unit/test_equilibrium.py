@@ -9,16 +9,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import often
-from shared.problems import times
+from shared.problems import SceneOf, SimulationOf, times
 from stickslip.solvers.interface.limit_analysis import Balance, balancing_tractions, decide, unbalanced_motion
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.simulation.simulation import prepare
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.scene_file.read import read
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 PRESS = 0.2  # N on a block of 2 m (and 1 m wide in 3D)
 
 

@@ -1,6 +1,5 @@
 """Floating bodies that nothing loads: obstacles push them, and where contact leaves them they stay."""
 
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -9,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.audited import record_of, stored_by
-from shared.problems import surface_problem
+from shared.problems import SceneOf, SimulationOf, surface_problem
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import LEAST, NOTHING, SurfaceProblem
 from stickslip.solvers.laws.compliance import Compliance
@@ -17,11 +16,7 @@ from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.attempts import Start, closed, first_starts
 from stickslip.solvers.results.audit import Auditor
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 LINEAR = {"law": "compliance", "c_n": 1e9, "m_n": 1.0}
 COULOMB = {"law": "coulomb", "mu": 0.3}
 UP_DOWN = [[0.0, 0.0], [1.0, 0.01], [2.0, -0.01]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Annotated, Any
@@ -13,6 +12,7 @@ from mpi4py import MPI
 from numpy.testing import assert_array_equal
 
 from shared.matrices import whole
+from shared.problems import SceneOf
 from stickslip import Block
 from stickslip.geometry.arrays import Ints
 from stickslip.geometry.errors import SceneError
@@ -123,7 +123,7 @@ def system_of(scene: Scene, places: Places, degree: int = 1) -> System:
 @pytest.mark.parametrize(
     ("model", "degree"), [("plane strain", 1), ("plane strain", 2), ("axisymmetric", 1), ("3d", 1)]
 )
-def test_modes_are_those_of_the_stiffness(model: str, degree: int, seed: int, scene_of: Callable[..., Scene]) -> None:
+def test_modes_are_those_of_the_stiffness(model: str, degree: int, seed: int, scene_of: SceneOf) -> None:
     """Motions without strain are the null space of K, found from its eigenvalues."""
     dim = 3 if model == "3d" else 2
     scene = scene_of(dim, model=model, contacts={})
@@ -149,7 +149,7 @@ def simulation_of(scene: Scene, places: Places) -> Simulation:
     return prepare(replace(scene, geometry=voxels(places), output=Output(error=False)), MPI.COMM_SELF)
 
 
-def test_part_that_turns_is_refused_and_the_place_named(scene_of: Callable[..., Scene]) -> None:
+def test_part_that_turns_is_refused_and_the_place_named(scene_of: SceneOf) -> None:
     scene = scene_of(contacts={"base": BASE}, supports=NEAR)
     said = (
         r"supports: a part of the mesh that no contact touches can turn about \(1, 1\), where it hangs on the rest by"
@@ -159,27 +159,27 @@ def test_part_that_turns_is_refused_and_the_place_named(scene_of: Callable[..., 
     simulation_of(scene, (*HINGED, (0, 1)))  # joined by facets
 
 
-def test_chain_that_is_held_at_its_ends_gives_way_between(scene_of: Callable[..., Scene]) -> None:
+def test_chain_that_is_held_at_its_ends_gives_way_between(scene_of: SceneOf) -> None:
     """Each of its parts is held at one end or hangs in two hinges; together they move."""
     ends = NEAR | {"end": {"point": [4.0, 4.0], "displacement": {"x": 0.0, "y": 0.0}}}
     with pytest.raises(SceneError, match=r"that no contact touches can turn about \([123], [123]\)"):
         simulation_of(scene_of(contacts={"base": BASE}, supports=ends), ((0, 0), (1, 1), (2, 2), (3, 3)))
 
 
-def test_thousands_of_parts_are_refused_at_once(scene_of: Callable[..., Scene]) -> None:
+def test_thousands_of_parts_are_refused_at_once(scene_of: SceneOf) -> None:
     """Their rigid motions would fill the memory."""
     places = tuple((i, j) for i in range(80) for j in range(80) if (i + j) % 2 == 0 and (i, j) != (0, 2))
     with pytest.raises(SceneError, match=r"can turn about \(\d+, \d+\)"):
         simulation_of(scene_of(contacts={"base": BASE}, supports=NEAR), places)
 
 
-def test_part_that_turns_is_no_mechanism_where_a_support_holds_it(scene_of: Callable[..., Scene]) -> None:
+def test_part_that_turns_is_no_mechanism_where_a_support_holds_it(scene_of: SceneOf) -> None:
     held = NEAR | {"end": {"point": [2.0, 1.0], "displacement": {"y": 0.0}}}
     simulation = simulation_of(scene_of(contacts={"base": BASE}, supports=held), HINGED)
     assert simulation.system.interface.rigid_modes.shape[1] == 0
 
 
-def test_part_that_hangs_in_a_hinge_rests_on_contact(scene_of: Callable[..., Scene]) -> None:
+def test_part_that_hangs_in_a_hinge_rests_on_contact(scene_of: SceneOf) -> None:
     """Moments about the hinge: the pressure under the square balances its weight."""
     scene = scene_of(contacts={"base": BASE}, supports=FAR, **GRAVITY)
     simulation = simulation_of(scene, HINGED)
@@ -193,13 +193,13 @@ def test_part_that_hangs_in_a_hinge_rests_on_contact(scene_of: Callable[..., Sce
     assert base.normal_force * 1.0 - base.moment[0] != pytest.approx(0.5 * 6.0, rel=0.1)
 
 
-def test_what_contact_alone_holds_is_refused_to_methods_that_cannot(scene_of: Callable[..., Scene]) -> None:
+def test_what_contact_alone_holds_is_refused_to_methods_that_cannot(scene_of: SceneOf) -> None:
     scene = scene_of(contacts={"base": BASE}, supports=FAR, solver={"method": "uzawa"}, **GRAVITY)
     with pytest.raises(SceneError, match=r"solver\.method = uzawa: needs bodies that their supports hold in all parts"):
         simulation_of(scene, HINGED)
 
 
-def test_part_that_slides_without_friction_is_refused(scene_of: Callable[..., Scene]) -> None:
+def test_part_that_slides_without_friction_is_refused(scene_of: SceneOf) -> None:
     apart = ((0, 0), (2, 2))
     held = {"top": {"point": [3.0, 3.0], "displacement": {"x": 0.0, "y": 0.0}},
             "too": {"point": [3.0, 2.0], "displacement": {"x": 0.0}}}  # fmt: skip
@@ -211,7 +211,7 @@ def test_part_that_slides_without_friction_is_refused(scene_of: Callable[..., Sc
     assert step.contacts["base"].normal_force == pytest.approx(6.0, rel=1e-9)  # its weight
 
 
-def test_cubes_turn_about_an_edge(scene_of: Callable[..., Scene]) -> None:
+def test_cubes_turn_about_an_edge(scene_of: SceneOf) -> None:
     held = {f"at_{k}": {"point": [0.0, *x], "displacement": dict.fromkeys("xyz", 0.0)}
             for k, x in enumerate(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))}  # fmt: skip
     scene = scene_of(3, contacts={"base": BASE}, supports=held)

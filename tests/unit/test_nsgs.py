@@ -1,6 +1,5 @@
 """The method `nsgs`: point by point on the Delassus operator, to the answer that Newton's method finds."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,17 +8,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import slow
+from shared.problems import SimulationOf
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical.nsgs import NSGS, Sweeps, in_disc
 from stickslip.solvers.iteration import Status
 from stickslip.solvers.methods.method import Setup
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.cases import agreement
 from stickslip.workflows.scene_file.read import read
 
-SimulationOf = Callable[[Scene], Simulation]
 BLOCK = ("geometry.mesh_size=0.4", "geometry.contact_mesh_size=0.2", "solver.method=nsgs", "solver.tolerance=1e-10")
 
 
@@ -79,7 +77,7 @@ def test_the_residual_is_that_of_the_tractions_that_it_returns(simulation_of: Si
 
 
 def test_what_rounding_forbids_stalls_by_name(simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stickslip.solvers.classical.nsgs.STALL_WINDOW", 20)
+    monkeypatch.setattr("stickslip.solvers.classical.nsgs.PATIENT", 20)
     method, problem = first_step(simulation_of(read("block", BLOCK)), rtol=1e-18)
     assert method(problem, np.zeros(problem.cone.size)).status is Status.STALLED
 

@@ -1,6 +1,5 @@
 """The method `perturbed-lagrangian`: its contact elements, its Newton iteration, and the error that it states."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -8,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 
 from shared.cases import slow
+from shared.problems import SceneOf, SimulationOf
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical import perturbed_lagrangian as module
 from stickslip.solvers.classical.contact_element import OPEN, SLIP, STICK, ContactElements, held_from, penalties
@@ -25,9 +25,6 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.scene_file.read import from_dict, read
 
-Array = NDArray[np.float64]
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 COULOMB = {"law": "coulomb", "mu": 0.4}
 
 

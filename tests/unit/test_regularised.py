@@ -1,6 +1,5 @@
 """The method `regularised`: smoothed laws lead to the answer of the laws themselves, as closely as it says."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise, product
 from typing import Any
@@ -10,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import often
+from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical import regularised as module
 from stickslip.solvers.classical.regularised import NextStep
@@ -20,8 +20,6 @@ from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 NORMAL: dict[str, dict[str, Any]] = {
     "unilateral": {"law": "unilateral"},
     "bilateral": {"law": "bilateral"},

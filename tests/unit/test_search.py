@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from shared.cases import every_nth
 from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.surfaces import search
 from stickslip.geometry.surfaces.search import Pairing, intersect, orthogonal_frames, pair
 from stickslip.geometry.surfaces.surface import Surface
 
-Array = NDArray[np.float64]
 Map = Callable[[Array], Array]
 KINDS = [(shape, degree) for shape in ("interval", "triangle", "quadrilateral") for degree in (1, 2)]
 DIM = {"interval": 1, "triangle": 2, "quadrilateral": 2}

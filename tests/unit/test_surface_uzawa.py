@@ -1,16 +1,15 @@
 """surface-uzawa: the answers of condensed-newton, for a number of volume solves that no mesh size changes."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 
 from shared.cases import often, slow
-from shared.problems import surface_problem
+from shared.problems import SceneOf, SimulationOf, surface_problem
+from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface import schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
@@ -24,9 +23,6 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.state import State
 from stickslip.workflows.scene_file.read import read
 
-Array = NDArray[np.float64]
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 SMALL = {
     "block": ("geometry.mesh_size=0.4", "geometry.contact_mesh_size=0.2"),
     "cube": ("geometry.mesh_size=0.25",),

@@ -1,6 +1,5 @@
 """The estimated error of the time steps: exact where it is of first order, None where it is not known."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -10,19 +9,18 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.cases import slow
+from shared.problems import SceneOf, SimulationOf
 from stickslip.solvers.accuracy import time_steps
 from stickslip.solvers.accuracy.time_steps import doubled, halved, stretches
 from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.results.step_result import PARTS, ErrorParts, Quantity, StepResult, quantities
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.simulation.simulation import prepare
 from stickslip.solvers.stepping.stepper import StepError, Stepper
 from stickslip.workflows.lab.verification.accuracy.problems import PROBLEMS
 from stickslip.workflows.scene_file.read import read
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 BASE = {"surface": "block.bottom", "against": "foundation"}
 RUBBED = BASE | {"friction": {"law": "coulomb", "mu": 0.3}}
 LOST = Quantity("contacts", "base", "dissipation_total")
