@@ -10,9 +10,8 @@ from stickslip.geometry.errors import FolderError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.run_record import Run, from_plain
 from stickslip.workflows.cost.study import Study
-from stickslip.workflows.formats.files import make_folder
+from stickslip.workflows.formats.files import make_folder, write_json
 from stickslip.workflows.run.folder import RUNS, SCENE, ResultsFolder
-from stickslip.workflows.run.result import write_json
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 
 

@@ -15,8 +15,8 @@ from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.run_record import PHASES, Run
 from stickslip.workflows.cost.study import Study
-from stickslip.workflows.formats.files import write_aside
-from stickslip.workflows.run.result import scene_hash, write_json
+from stickslip.workflows.formats.files import write_aside, write_json
+from stickslip.workflows.run.result import scene_hash
 from stickslip.workflows.scene_file.read import to_dict
 
 FIRST = 1e-2  # first relative error; each next digit divides it by ten

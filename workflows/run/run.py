@@ -24,6 +24,7 @@ from stickslip.solvers.simulation.simulation import Bodies, Simulation, prepare
 from stickslip.solvers.stepping.history import HistoryRow, HistoryTuple
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip.workflows.formats.files import write_json
 from stickslip.workflows.formats.marker import LOG, is_marked
 from stickslip.workflows.formats.mesh_file import mesh_checksum
 from stickslip.workflows.formats.results import profile_lines
@@ -32,7 +33,7 @@ from stickslip.workflows.run.audit import Audited, audit_steps
 from stickslip.workflows.run.folder import BEGUN, FORMER, ResultsFolder, work_of
 from stickslip.workflows.run.mesh_report import report_mesh
 from stickslip.workflows.run.ranks import Interrupt, all_act, raise_together
-from stickslip.workflows.run.result import Outcome, summary, write_json, write_result
+from stickslip.workflows.run.result import Outcome, summary, write_result
 from stickslip.workflows.run.resume import (
     FINISHED,
     VERSIONS,
