@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from stickslip.solvers import effects
+
 Tables = dict[str, Any]
 COULOMB = {"law": "coulomb", "mu": 0.3}
 SOFT = {"law": "compliance", "c_n": 1e6, "m_n": 2.0}
@@ -129,6 +131,7 @@ EFFECTS: Mapping[str, Part] = {
         },
         serves=("solvers/scene/material.py", "solvers/metrics.py"),
     ),
+    **{effect.name: Part(calls=dict(effect.example)) for effect in effects.EFFECTS if effect.example},
 }  # fmt: skip
 
 NEEDS: Tables = {"compliance": {"normal": SOFT}}  # laws that need more of the contact
