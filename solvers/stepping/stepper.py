@@ -100,7 +100,7 @@ class Stepper(SubstepSolver):
         """
         super().__init__(system, chain or MethodChain(system))
         self.companion: Companion | None = None  # follows each substep, see `State.refined`
-        self.bolts = BoltsAndSprings(system)
+        self.bolts: BoltsAndSprings = BoltsAndSprings(system)
         self.follow()
 
     def start(self) -> State:
@@ -127,9 +127,9 @@ class Stepper(SubstepSolver):
         def innermost(state: State, end: float) -> Attempt:
             return pairs.present.solve(state, end)
 
-        step: Substep = reduce(
-            lambda inner, loop: loop.around(inner), filter(lambda loop: loop.active(), loops), innermost
-        )
+        step: Substep = innermost
+        for loop in (loop for loop in loops if loop.active()):
+            step = loop.around(step)
         tried = step(start, target)
         rows = self.chain.history.rows
         if tried.state is None:
