@@ -36,7 +36,7 @@ from stickslip.workflows.lab.verification.cases.sheared_column import (
 )
 from stickslip.workflows.lab.verification.check import Check, accounted, failures, repeats
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.run.doubts import doubts
+from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict
 
 METHODS = ("condensed-newton", "uzawa")
