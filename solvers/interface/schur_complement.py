@@ -47,7 +47,7 @@ class MemoisedMap:
                 rest.axpy(-part, direction)
                 image += part * its_image
         length = rest.norm()
-        if length > LAST_DIGITS * size:  # remainder of a vector that lies in the span, relative to the vector
+        if length > 10 * LAST_DIGITS * size:  # else it lies in the span
             rest.scale(1 / length)
             its_image = self._apply(rest)
             image += length * its_image
