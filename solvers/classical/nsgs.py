@@ -183,7 +183,7 @@ class NSGS(Method):
         "point's laws answered exactly. 70–180 sweeps a step at tolerance 1e-11 on coarse `block`, `cube` and "
         "`cylinders`; they grow with the number of points"
     )
-    WORKS_WITH: ClassVar = Applicability(floating=False, matrix_free=False, contends=False)
+    WORKS_WITH: ClassVar = Applicability(floating=False, rates=False, matrix_free=False, contends=False)
     TURNS: ClassVar = (Turn("condensed", 3),)
 
     def build(self, setup: Setup) -> Ready:

@@ -56,7 +56,7 @@ class PerturbedLagrangian(Method):
     )
     EXACT_LAWS: ClassVar = False
     WORKS_WITH: ClassVar = Applicability(
-        floating=True, normal=("unilateral", "bilateral", "tied"), matrix_free=False, contends=False
+        floating=True, normal=("unilateral", "bilateral", "tied"), rates=False, matrix_free=False, contends=False
     )
     ROW: ClassVar = 8
 

@@ -20,6 +20,7 @@ from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import PATIENT, Driver, Iterate, OnStep, Plateau, Solution, ignore
+from stickslip.solvers.laws.law import Trial
 from stickslip.solvers.linear.petsc_solver import Allowed
 from stickslip.solvers.methods.method import Applicability, Keys, Stateless
 
@@ -33,8 +34,8 @@ class GivenFriction(AdmissibleSet):
 
     given: Array  # (rows,) [Pa]
 
-    def bound(self, place: ContactBlock, p_n: Array) -> Array:
-        return super().bound(place, self.given[place.normal])
+    def bound(self, place: ContactBlock, p_n: Array, trial: Trial | None = None) -> Array:
+        return super().bound(place, self.given[place.normal], trial)
 
     def bound_slope(self, place: ContactBlock, p_n: Array) -> Sparse:
         found: Sparse = sparse.csr_matrix(place.average.shape)

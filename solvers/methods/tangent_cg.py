@@ -58,7 +58,7 @@ class TangentCG(Method):
         "large bodies in 3D, where `auto` takes it first: contact is decided while the bodies are solved; two steps "
         "for one to three linear solves"
     )
-    WORKS_WITH: ClassVar = Applicability(floating=True, driven=False, condensed=False)
+    WORKS_WITH: ClassVar = Applicability(floating=True, driven=False, rates=False, condensed=False)
     ROW: ClassVar = 2
     TURNS: ClassVar = (Turn("matrix-free", 0, dims=(3,)),)
 
