@@ -57,7 +57,7 @@ from stickslip.workflows.pictures.sheet import STATUS_COLOURS, Sheet
 from stickslip.workflows.pictures.solid_bodies import outline_of
 from stickslip.workflows.pictures.view import View
 from stickslip.workflows.run.run import run
-from stickslip.workflows.writers.steps_table import StepsTable
+from stickslip.workflows.writers.tables import StepsTable
 from stickslip.workflows.writers.writer import Job
 
 Ints = NDArray[np.int64]

@@ -9,8 +9,8 @@ from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import ContactState, Errors, MeshData, Quantity, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import make_folder
+from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.formats.plus_minus import MISSING, with_error
-from stickslip.workflows.formats.steps_csv import read_steps_table
 from stickslip.workflows.pictures.body_picture import BodyPictures
 from stickslip.workflows.pictures.contact_curves import draw_line
 from stickslip.workflows.pictures.history_picture import draw_history
