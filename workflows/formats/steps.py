@@ -22,6 +22,9 @@ from stickslip.workflows.formats.hdf5 import read_arrays, write_arrays
 from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
 
 CHECKPOINT = "checkpoint"  # a group
+NUMBERS = ("time", "p_ref", "u_ref")
+STATE = ("p", "w", "reference", "driven", "shortened")  # arrays of the group "state"
+GROUPS = ("searched", "slid")  # arrays by contact
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,13 +123,8 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
         "stress": result.stress.reshape(-1, 9),
         "von_mises": result.von_mises,
         "stress_error": result.stress_error,
-        "state/p": result.p,
-        "state/w": result.w,
-        "state/reference": result.reference,
-        "state/driven": result.driven,
-        "state/shortened": result.shortened,
-        **{f"searched/{name}": moved for name, moved in result.searched.items()},
-        **{f"slid/{name}": length for name, length in result.slid.items()},
+        **{f"state/{name}": getattr(result, name) for name in STATE},
+        **{f"{group}/{name}": array for group in GROUPS for name, array in getattr(result, group).items()},
     }
     for name, contact in result.contacts.items():
         arrays |= {f"contacts/{name}/{key}": value for key, value in _columns(contact).items()}
@@ -134,16 +132,7 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
     arrays |= {f"{CHECKPOINT}/{name}": array for name, array in to_arrays(plain, arrays).items()}
     path = folder / step_name(index)
     make_folder(path.parent)
-    write_arrays(
-        path,
-        arrays,
-        {
-            "index": int(index),
-            "time": float(result.time),
-            "p_ref": float(result.p_ref),
-            "u_ref": float(result.u_ref),
-        },
-    )
+    write_arrays(path, arrays, {"index": int(index), **{name: float(getattr(result, name)) for name in NUMBERS}})
     return path
 
 
@@ -173,21 +162,12 @@ def read_step(path: Path) -> StoredStep:
     try:
         return StoredStep(
             index=int(numbers["index"]),
-            time=numbers["time"],
-            p_ref=numbers["p_ref"],
-            u_ref=numbers["u_ref"],
-            displacement=arrays["displacement"],
             stress=arrays["stress"].reshape(-1, 3, 3),
-            von_mises=arrays["von_mises"],
-            stress_error=arrays["stress_error"],
             contacts={name: StoredContact(**columns) for name, columns in contacts.items()},
-            p=arrays["state/p"],
-            w=arrays["state/w"],
-            reference=arrays["state/reference"],
-            driven=arrays["state/driven"],
-            shortened=arrays["state/shortened"],
-            searched={name.split("/")[1]: moved for name, moved in arrays.items() if name.startswith("searched/")},
-            slid={name.split("/")[1]: length for name, length in arrays.items() if name.startswith("slid/")},
+            **{name: numbers[name] for name in NUMBERS},
+            **{name: arrays[name] for name in ("displacement", "von_mises", "stress_error")},
+            **{name: arrays[f"state/{name}"] for name in STATE},
+            **{group: {n.split("/")[1]: a for n, a in arrays.items() if n.startswith(f"{group}/")} for group in GROUPS},
         )
     except (KeyError, TypeError, ValueError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error

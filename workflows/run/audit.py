@@ -12,7 +12,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.results.stored_fields import Record, StoredFields
 from stickslip.solvers.results.verdict import passed
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.formats.steps import light_name, read_step, step_name
+from stickslip.workflows.formats.steps import GROUPS, STATE, light_name, read_step, step_name
 from stickslip.workflows.run.collective import from_rank_0
 
 
@@ -60,19 +60,9 @@ def _record(folder: Path, index: int, dim: int) -> Record | None:
     if (folder / light_name(index)).exists() and not path.exists():
         return None
     stored = read_step(path)
+    contacts = {name: vars(contact) for name, contact in stored.contacts.items()}
     return Record(
-        time=stored.time,
         displacement=stored.displacement[:, :dim],
-        p=stored.p,
-        w=stored.w,
-        reference=stored.reference,
-        driven=stored.driven,
-        shortened=stored.shortened,
-        searched=stored.searched,
-        slid=stored.slid,
-        stored=StoredFields(
-            stress=stored.stress,
-            von_mises=stored.von_mises,
-            contacts={name: vars(contact) for name, contact in stored.contacts.items()},
-        ),
+        stored=StoredFields(stress=stored.stress, von_mises=stored.von_mises, contacts=contacts),
+        **{name: getattr(stored, name) for name in ("time", *STATE, *GROUPS)},
     )
