@@ -5,7 +5,7 @@ multipliers of a contact with a rigid obstacle, by UFL forms.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -45,6 +45,11 @@ class Record:
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
     slid: Mapping[str, Array] = field(default_factory=dict)  # see `State.slid`; contacts without a memory have none
     stored: StoredFields = field(default_factory=StoredFields)  # fields for the reader; by default none is judged
+
+    @classmethod
+    def of(cls, step: object) -> Record:
+        """The record of a step that has these fields, as `StepResult`; without fields for the reader."""
+        return cls(**{f.name: getattr(step, f.name) for f in fields(cls) if f.name != "stored"})
 
     @property
     def finite(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.results.stored_fields import Record, StoredFields
 from stickslip.solvers.results.verdict import passed
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.formats.steps import GROUPS, STATE, light_name, read_step, step_name
+from stickslip.workflows.formats.steps import light_name, read_step, step_name
 from stickslip.workflows.run.collective import from_rank_0
 
 
@@ -61,8 +61,5 @@ def _record(folder: Path, index: int, dim: int) -> Record | None:
         return None
     stored = read_step(path)
     contacts = {name: vars(contact) for name, contact in stored.contacts.items()}
-    return Record(
-        displacement=stored.displacement[:, :dim],
-        stored=StoredFields(stress=stored.stress, von_mises=stored.von_mises, contacts=contacts),
-        **{name: getattr(stored, name) for name in ("time", *STATE, *GROUPS)},
-    )
+    fields = StoredFields(stress=stored.stress, von_mises=stored.von_mises, contacts=contacts)
+    return replace(Record.of(stored), displacement=stored.displacement[:, :dim], stored=fields)
