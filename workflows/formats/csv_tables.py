@@ -13,7 +13,7 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import MachineError
 from stickslip.solvers.scene.timeline import Place
-from stickslip.workflows.formats.aside import disk_errors, make_folder
+from stickslip.workflows.formats.files import disk_errors, make_folder
 
 STEPS = "steps.csv"
 PRESCRIBED = {  # by table; the displacement of an obstacle is among the results: a force may drive it

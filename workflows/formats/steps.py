@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +18,14 @@ from stickslip.geometry.arrays import AnyArray, Array
 from stickslip.geometry.errors import MachineError
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.results.step_result import ContactState, StepResult, from_plain, to_plain
-from stickslip.workflows.formats.aside import make_folder
+from stickslip.workflows.formats.files import make_folder
 from stickslip.workflows.formats.hdf5 import read_arrays, write_arrays
 from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
 
 CHECKPOINT = "checkpoint"  # a group
 NUMBERS = ("time", "p_ref", "u_ref")
 STATE = ("p", "w", "reference", "driven", "shortened")  # arrays of the group "state"
-GROUPS = ("searched", "slid")  # arrays by contact
+GROUPS = ("searched", "memory")  # arrays by contact
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +61,7 @@ class StoredStep:
     driven: Array  # (o,) motion of the obstacles that forces drive [m]
     shortened: Array  # (b,) that are found: shortening of bolts by force, slack of springs of one way [m]
     searched: Mapping[str, Array]  # where sliding contacts were paired [m]
-    slid: Mapping[str, Array]  # length of slip of points whose friction depends on it [m]
+    memory: Mapping[str, Array]  # what friction remembers of the slip of points
 
 
 def step_name(index: int) -> str:
@@ -160,14 +161,16 @@ def read_step(path: Path) -> StoredStep:
             _, contact, column = name.split("/")
             contacts.setdefault(contact, {})[column] = array
     try:
+        found: dict[str, Any] = {name: numbers[name] for name in NUMBERS}
+        found |= {name: arrays[name] for name in ("displacement", "von_mises", "stress_error")}
+        found |= {name: arrays[f"state/{name}"] for name in STATE}
+        for group in GROUPS:
+            found[group] = {name.split("/")[1]: each for name, each in arrays.items() if name.startswith(f"{group}/")}
         return StoredStep(
             index=int(numbers["index"]),
             stress=arrays["stress"].reshape(-1, 3, 3),
             contacts={name: StoredContact(**columns) for name, columns in contacts.items()},
-            **{name: numbers[name] for name in NUMBERS},
-            **{name: arrays[name] for name in ("displacement", "von_mises", "stress_error")},
-            **{name: arrays[f"state/{name}"] for name in STATE},
-            **{group: {n.split("/")[1]: a for n, a in arrays.items() if n.startswith(f"{group}/")} for group in GROUPS},
+            **found,
         )
     except (KeyError, TypeError, ValueError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error

@@ -19,7 +19,6 @@ from stickslip.solvers.results.step_result import ContactState, Errors, StepResu
 from stickslip.solvers.scene.record import CONTACT_NUMBERS, ContactNumbers, ProbeValue, flat_names, numbers_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.history import HistoryTuple
-from stickslip.workflows.formats.aside import disk_errors
 from stickslip.workflows.formats.contact_line import walk
 from stickslip.workflows.formats.csv_tables import (
     STEPS,
@@ -30,6 +29,7 @@ from stickslip.workflows.formats.csv_tables import (
     python_numbers,
     write_tables_again,
 )
+from stickslip.workflows.formats.files import disk_errors
 from stickslip.workflows.writers.writer import Ended, Turn, Writer
 
 PROBES, HISTORY = "probes.csv", "history.csv"

@@ -17,8 +17,8 @@ from stickslip.solvers.scene.record import CONTACT_NUMBERS
 from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_from
+from stickslip.workflows.formats.results import Results, read_results
 from stickslip.workflows.formats.steps import light_files, read_checkpoint
-from stickslip.workflows.pictures.report_results import Results, read_results
 from stickslip.workflows.run.folder import BEGUN, RESULT, work_of
 
 
