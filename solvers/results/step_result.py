@@ -211,7 +211,7 @@ class StepResult(Numbers):
         Array  # (b,) that are found: shortening of bolts by force, slack of springs of one way [m]; for the audit
     )
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) that its pairs were searched at [m]
-    slid: Mapping[str, Array]  # by contact whose friction depends on it, length of slip (m_t,) so far [m]
+    memory: Mapping[str, Array]  # by contact whose friction remembers slip: its length so far [m], or rate [m/s] (m_t,)
     p_ref: float  # scale of tractions: of statuses, and of what counts as none [Pa]
     u_ref: float  # scale of relative displacements: of statuses [m]
     history: tuple[HistoryTuple, ...]  # each iteration: time, iteration, residual, volume solves, seconds, method

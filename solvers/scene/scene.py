@@ -13,7 +13,7 @@ from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
 from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, require, require_known, shortened
-from stickslip.geometry.expression import CONSTANTS, Expression, Varying
+from stickslip.geometry.expression import CONSTANTS, RATE, Expression, Varying
 from stickslip.geometry.keys import Key, Keys, Noun, completed
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request
@@ -313,6 +313,11 @@ class Scene(Noun):
             for name, noun in getattr(self, key).items():
                 with mistakes, prefixed(f"{key}.{name}"):
                     noun.check_model(self.model)
+        for name, contact in self.contacts.items():
+            with mistakes:
+                timed = contact.friction is not None and contact.friction.timed
+                said = f"contacts.{name}.friction depends on slip rates: say that times are seconds, seconds = true"
+                require(self.steps.seconds or not timed, "steps.seconds", "false", said)
 
     def _check_rest(self, mistakes: Mistakes) -> None:
         with mistakes:
@@ -332,6 +337,7 @@ class Scene(Noun):
         for place, expression in self.expressions().items():
             for name, ok, why in (
                 ("z", self.dim == 3, "a plane model has x and y only"),
+                (RATE, False, "the slip rate, which friction laws alone depend on"),
                 *((name, name in expression.constants, _lacking(expression)) for name in CONSTANTS),
             ):
                 known = ok or name not in expression.names

@@ -45,6 +45,7 @@ CUT = ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.04", "output.pic
 LEARNING = [*SMALL, *LEARNS, "output.error=false"]
 TANGENT = ["solver={method='tangent-cg',surface='matrix-free',tolerance=1e-6}"]
 HYSTERESIS = ["geometry.mesh_size=0.1", "steps.end=5", "steps.count=5", "output.pictures=false"]
+SECONDS = "steps.seconds=true"
 STOP = "springs.stop={at='block.right',stiffness=0.3,direction=[-1.0,0.0],acts='compression',gap=0.01}"
 HISTORIES = {
     "hysteresis": ("hysteresis", HYSTERESIS),
@@ -71,13 +72,14 @@ HISTORIES = {
     "sliding": ("sliding", SLIDING),
     "sliding, iterative": ("sliding", [*SLIDING, *LEARNS]),
     "compliance": ("foundation", ["geometry.mesh_size=0.4", "output.pictures=false", "steps.count=4"]),
+    "friction by slip rate": ("block", [*SMALL, "contacts.base.friction={law='rate_dependent',mu='0.2+V'}", SECONDS]),
     "friction by slip": ("stick_slip", ["geometry.mesh_size=0.025", "output.pictures=false", "steps.count=6"]),
     "orthotropic": ("spruce", ["geometry.mesh_size=0.012", "output.pictures=false", "steps.count=6"]),
     "springs of one way": ("block", [*SMALL, STOP, "solver.method=condensed-newton"]),
     "floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"]),
 }
 QUICK = (
-    *("springs of one way", "substeps", "friction by slip", "tangent-cg"),
+    *("springs of one way", "substeps", "friction by slip", "friction by slip rate", "tangent-cg"),
     *("surface-uzawa", "sliding", "block-uzawa, compliance"),
 )
 WITHOUT_ERRORS = ("springs of one way", "friction by slip")  # others are resumed with them

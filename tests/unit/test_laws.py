@@ -24,9 +24,10 @@ from stickslip.solvers.laws.cohesion import Cohesion
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
 from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
-from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, Trial
 from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
+from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.tied import Tied
@@ -401,6 +402,45 @@ def test_laws_by_slip_are_coulombs_with_the_mu_of_each_point() -> None:
         assert_allclose(law.weakening, 0.1)
     assert not StaticKinetic(mu_s=0.0, mu_k=0.0, slip_length=1.0).resists()
     assert Coulomb(mu=0.3).at(slid) == Coulomb(mu=0.3)
+
+
+RATES = [RateDependent(mu=((0.1, 0.2), (0.5, 0.4), (2.0, 1.0))), RateDependent(mu="0.2 + 0.1*log(1 + V) + 0*abs(V)")]
+
+
+@pytest.mark.parametrize("k_T", [None, 3.0])
+@pytest.mark.parametrize("law", RATES)
+def test_the_bound_of_slip_in_a_step_is_that_of_its_rate_and_has_its_derivatives(
+    law: RateDependent, k_T: float | None
+) -> None:
+    now = replace(law, k_T=k_T).within(np.zeros(2), 0.5)
+    p, gamma, h = np.array([1.0, 4.0, 9.0, 1.0]), np.array([2.0, 5.0]), 1e-6
+    for size in (np.array([0.1, 0.2]), np.array([3.0, 6.0]), np.array([9.0, 40.0])):
+        found = now.dragged(p, SHARES, Trial(size, gamma))
+        slip = np.maximum(size - found.bound * (1 + gamma * now.softness), 0.0) / gamma  # of t + gamma (slip + t/k_T)
+        at_rest = size <= now.limit(p, average=SHARES, **NOW) * (1 + gamma * now.softness)
+        assert_allclose(np.where(at_rest, 0.0, found.bound), law.at(slip / 0.5).limit(p, SHARES, **NOW) * ~at_rest)
+        assert_allclose(found.bound[at_rest], now.limit(p, average=SHARES, **NOW)[at_rest])
+        for k, sign in ((0, 1), (1, 1)):
+            ends = [now.dragged(p, SHARES, Trial(size + s * h * np.eye(2)[k], gamma)).bound[k] for s in (sign, -sign)]
+            assert_allclose(found.by_trial[k] * ~at_rest[k], (ends[0] - ends[1]) / (2 * h), atol=1e-8)
+        ends = [[now.dragged(p + s * h * e, SHARES, Trial(size, gamma)).bound for e in np.eye(4)] for s in (1, -1)]
+        slope = (np.array(ends[0]) - np.array(ends[1])).T / (2 * h)
+        resting = law.at(np.zeros(2)).limit_slope(p, SHARES, Unilateral()).toarray()
+        own = np.where(at_rest[:, None], resting, found.by_pressure.toarray())
+        assert_allclose(own, slope, atol=1e-8)
+
+
+def test_the_rate_of_a_step_without_length_is_that_of_rest() -> None:
+    law, slip = RATES[0], np.array([0.0, 3.0])
+    assert_array_equal(law.after(np.zeros(2), slip, 0.5), [0.0, 6.0])
+    assert_array_equal(law.after(np.ones(2), slip, 0.0), [0.0, 0.0])
+    assert_array_equal(law.within(np.ones(2), 0.0).mu, [0.2, 0.2])  # type: ignore[attr-defined]
+    assert law.resists()
+    assert not RateDependent(mu="0").resists()
+    assert not RateDependent(mu=((0.0, 0.0),)).resists()
+    assert law.within(slip, 0.5).lines(Unilateral(), 1.0, 1.0) == (np.inf, 0.2, 1.0)
+    assert RATES[1].at(slip).lines(Unilateral(), 1.0, 1.0)[2] == np.inf
+    assert_allclose(RATES[1].slope(slip), 0.1 / (1 + slip))
 
 
 def test_directions_are_orthogonal_as_long_as_mu_and_along_the_axis() -> None:

@@ -260,6 +260,6 @@ def test_bent_by_the_drag_a_part_sticks_a_part_slips_and_the_audit_agrees(
         before, status = record, step.contacts["base"].status
         both = both or bool(np.any(status == SLIP) and np.any(status == STICK))
     assert both
-    for name, length in record.slid.items():  # slip that is not that of the displacement is found
-        lost = replace(record, slid={name: 0.5 * length})
+    for name, length in record.memory.items():  # slip that is not that of the displacement is found
+        lost = replace(record, memory={name: 0.5 * length})
         assert audit(lost).complementarity > 1e-3
