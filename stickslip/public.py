@@ -64,10 +64,10 @@ from stickslip.solvers.simulation.script import Script
 from stickslip.solvers.simulation.simulation import Seconds, Simulation, prepare
 from stickslip.solvers.stepping.history import HistoryRow, HistoryTuple
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
-from stickslip.workflows.accuracy.solve import run
-from stickslip.workflows.run.load import Loaded, load
+from stickslip.workflows.accuracy.rounds import run
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
+from stickslip.workflows.run.stored_results import Loaded, load
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
 from stickslip.workflows.sweep.sweep import Solved, Sweep, sweep

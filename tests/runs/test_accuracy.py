@@ -20,8 +20,8 @@ from shared.histories import Stop
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import write_msh
 from stickslip.geometry.user_files.child_process import Ended
+from stickslip.workflows.formats.results import read_results
 from stickslip.workflows.pictures.report_page import page
-from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.run.result import result_schema, scene_hash
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
@@ -29,8 +29,7 @@ from stickslip.workflows.scene_file.read import READY, read, to_dict
 from stickslip.workflows.sweep import child
 from stickslip.workflows.sweep import sweep as module
 from stickslip.workflows.sweep.child import Bench
-from stickslip.workflows.sweep.members import members
-from stickslip.workflows.sweep.sweep import Solved, sweep
+from stickslip.workflows.sweep.sweep import Solved, members, sweep
 
 COARSE = ["--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5", "--set=output.pictures=false"]
 
@@ -94,9 +93,7 @@ def test_a_budget_that_does_not_suffice_is_said(goal: str, takes: str, stickslip
         ("base.max_penetration=1%", "is 0 at the end"),
     ],
 )
-def test_goals_without_an_error_are_refused_in_one_line(
-    goal: str, said: str, stickslip: Stickslip, tmp_path: Path
-) -> None:
+def test_goals_without_errors_are_refused_in_a_line(goal: str, said: str, stickslip: Stickslip, tmp_path: Path) -> None:
     code, output = stickslip("block", *COARSE, f"--accuracy={goal}", "-o", str(tmp_path / "out"), "-q")
     assert code == 2
     assert said in output
@@ -312,9 +309,7 @@ def test_folder_that_cannot_be_is_known_before_anything_is_solved(
     assert [path.name for path in folder.iterdir()] == ["file"]
 
 
-def test_member_whose_process_is_killed_is_told_and_the_next_ones_go_on(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_member_whose_process_is_killed_is_told_others_go_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked = list[list[str]]()
 
     def child(name: str, words: list[str], folder: Path | None, seconds: float) -> Ended:

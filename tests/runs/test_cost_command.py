@@ -12,19 +12,18 @@ import pytest
 
 import stickslip.solvers.simulation.simulation as simulation
 import stickslip.workflows.cost.command
-import stickslip.workflows.cost.kept
+import stickslip.workflows.cost.study_folder
 from shared.command import Call, result, table
 from shared.processes import children, running, wait_for, words_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.memory import Counts, Demand
 from stickslip.solvers.stepping.choice import Choice, Size
-from stickslip.workflows.cost.child import solve
-from stickslip.workflows.cost.run_record import Run
-from stickslip.workflows.cost.rung import Rung, mesh_size
+from stickslip.workflows.cost.measure import solve
+from stickslip.workflows.cost.run_record import Run, Rung, mesh_size
 
 SCENE = ["cost", "block", "-o", "out", "--set=geometry.mesh_size=1.0", "--set=solver.method=condensed-newton"]
-CHILD = b"stickslip.workflows.cost.child"
+CHILD = b"stickslip.workflows.cost.measure"
 SMALL = [*SCENE, "--set=geometry.contact_mesh_size=0.5"]
 PLAIN = [*SMALL, "--set=output.pictures=false"]
 
@@ -90,7 +89,6 @@ def test_ctrl_c_keeps_the_finished_runs_and_resume_makes_none_of_them_again(
     words = [*SMALL, "--budget", "600", "--set=output.pictures=false"]
     pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
     with running([*command, *words], cwd=folder, env=environment, **pipes) as process:
-        assert process.stderr is not None
         for line in process.stderr:
             if "unknowns" in line:
                 break
@@ -111,9 +109,7 @@ def test_ctrl_c_keeps_the_finished_runs_and_resume_makes_none_of_them_again(
     assert {run["name"]: run["spent"] for run in before["runs"]}.items() < kept.items()
 
 
-def test_resume_after_any_interruption_gives_the_same_table(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_resume_after_any_stop_gives_the_same_table(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ["--budget", "90", "-q", "--set=output.pictures=false"]
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
     assert call(*SMALL, *words)[0] == 0
@@ -134,9 +130,7 @@ def test_resume_after_any_interruption_gives_the_same_table(
         assert content(folder / "out")["sentence"] == whole["sentence"]
 
 
-def test_a_study_that_was_killed_is_taken_up_where_it_was(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_study_is_taken_up_where_it_was(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     left = iter(range(3))
 
     def die(*arguments: Any) -> Run:
@@ -165,9 +159,7 @@ def test_a_study_that_was_killed_is_taken_up_where_it_was(
     assert len(content(folder / "out")["runs"]) == len(made) + 3
 
 
-def test_a_study_killed_while_it_is_taken_up_loses_no_run(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study_killed_while_taken_up_loses_no_run(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
     assert call(*PLAIN, "-q", "--budget", "20")[0] == 0
     before = content(folder / "out")["runs"]
@@ -176,7 +168,7 @@ def test_a_study_killed_while_it_is_taken_up_loses_no_run(
         raise ZeroDivisionError  # the first run is about to be copied
 
     with monkeypatch.context() as killed:
-        killed.setattr(stickslip.workflows.cost.kept, "store", die)
+        killed.setattr(stickslip.workflows.cost.study_folder, "store", die)
         with pytest.raises(ZeroDivisionError):
             call(*PLAIN, "-q", "--budget", "30", "--resume")
     made: list[Rung] = []
@@ -342,9 +334,7 @@ def test_a_run_says_its_memory_in_the_log(call: Call, folder: Path) -> None:
     assert not any("memory" in line for line in result(folder / "out")["warnings"])
 
 
-def test_errors_that_do_not_fit_are_left_out_with_a_warning(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_errors_of_no_room_are_left_out_and_said(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     swollen(monkeypatch, "error estimate")
     assert call("run", "block", "-q", "-o", "out", *COARSE)[0] == 0
     done = result(folder / "out")

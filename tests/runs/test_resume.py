@@ -29,9 +29,9 @@ from stickslip.solvers.methods.surface_uzawa import LearningIteration
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.accuracy.rounds import Rounds, aiming
+from stickslip.workflows.formats.files import read_regular
 from stickslip.workflows.formats.hdf5 import write_arrays
 from stickslip.workflows.formats.marker import MARKER
-from stickslip.workflows.formats.regular import read_regular
 from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.run.folder import BEGUN, ResultsFolder
 from stickslip.workflows.run.resume import VERSIONS
@@ -145,9 +145,7 @@ def test_methods_that_were_given_up_stay_so(name: str, tmp_path: Path, monkeypat
     assert_same(tmp_path / "out", tmp_path / "whole")
 
 
-def test_what_a_method_of_single_steps_has_learnt_is_known_after_a_resume(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_method_of_single_steps_has_learnt_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where Newton fails, surface-uzawa takes the step over; it learns of the bodies from all such steps."""
     solve = CondensedNewton.__call__
     fails = {0.5, 1.5}
@@ -272,9 +270,7 @@ def damage(path: Path, part: float = 0.5) -> None:
 
 
 @pytest.mark.parametrize("part", [0.0, 0.9])
-def test_damaged_last_step_is_solved_again_to_the_same_bits(
-    part: float, call: Call, whole: Path, stopped: Path
-) -> None:
+def test_damaged_last_step_is_solved_again_to_its_bits(part: float, call: Call, whole: Path, stopped: Path) -> None:
     damage(stopped / step_name(3), part)
     code, _, err = call(*WORDS, "--resume")
     assert (code, err.count("\n")) == (0, 1)
@@ -284,9 +280,7 @@ def test_damaged_last_step_is_solved_again_to_the_same_bits(
 
 
 @pytest.mark.parametrize("missing", [False, True])
-def test_damaged_or_missing_earlier_step_is_named_and_nothing_is_touched(
-    missing: bool, call: Call, stopped: Path
-) -> None:
+def test_damaged_or_missing_earlier_step_is_named_and_not_touched(missing: bool, call: Call, stopped: Path) -> None:
     path = stopped / step_name(2)
     path.unlink() if missing else damage(path)
     before = {name: (stopped / name).read_bytes() for name in names_in(stopped)}
@@ -306,9 +300,7 @@ def test_another_mesh_is_refused(call: Call, stopped: Path, monkeypatch: pytest.
     assert {name: (stopped / name).read_bytes() for name in names_in(stopped)} == before
 
 
-def test_without_what_was_learnt_the_answer_is_the_same_to_the_tolerance(
-    call: Call, whole: Path, stopped: Path
-) -> None:
+def test_without_what_was_learnt_the_answer_is_that_to_tolerance(call: Call, whole: Path, stopped: Path) -> None:
     for path in (stopped / "learnt").iterdir():
         damage(path)
     code, _, err = call(*WORDS, "--resume")

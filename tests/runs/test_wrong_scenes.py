@@ -400,9 +400,7 @@ def about(said: str) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize("case", WRONG, ids=lambda case: case[-1])
-def test_wrong_scene_is_refused_with_one_line_and_nothing_is_written(
-    case: tuple[str, ...], call: Call, folder: Path
-) -> None:
+def test_wrong_scene_is_refused_in_a_line_and_nothing_written(case: tuple[str, ...], call: Call, folder: Path) -> None:
     *overrides, said = case
     spoken = call("run", "block", "-q", "-o", "out", *COARSE, *options(overrides))
     assert_refused(spoken, pattern(said), folder, [])
@@ -491,9 +489,7 @@ UNKNOWN_NAMES = {
 
 
 @pytest.mark.parametrize("mistakes", [MISTAKES, UNKNOWN_NAMES])
-def test_all_mistakes_are_said_at_once_with_their_lines(
-    mistakes: dict[tuple[str, str], str], call: Call, folder: Path
-) -> None:
+def test_all_mistakes_are_said_with_their_lines(mistakes: dict[tuple[str, str], str], call: Call, folder: Path) -> None:
     text = (READY / "block.toml").read_text()
     expected = []
     for (right, wrong), said in mistakes.items():

@@ -15,12 +15,11 @@ from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
 from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, names_of
 from stickslip.solvers.scene.record import STRESSES
 from stickslip.solvers.simulation.simulation import Seconds, prepare
-from stickslip.workflows.accuracy.level import AIM, ALIKE, FINEST, GAIN, Level, Move, next_move
-from stickslip.workflows.accuracy.round import Round
+from stickslip.workflows.accuracy.goals import Standing, standings
+from stickslip.workflows.accuracy.level import AIM, ALIKE, FINEST, GAIN, Level, Move, Round, next_move
 from stickslip.workflows.accuracy.rounds import Rounds, _in_vain, _lowered, aiming, parsed
-from stickslip.workflows.accuracy.standing import Standing, standings
 from stickslip.workflows.cost.foresee import ASKED, Coarse, Known, coarse_versions, foresee, mesh_error, price, rows
-from stickslip.workflows.cost.rung import RATIO
+from stickslip.workflows.cost.run_record import RATIO
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
 
@@ -280,7 +279,6 @@ def test_errors_follow_the_observed_power_and_seconds_the_cells() -> None:
     found = [made_up(level, 0.1 * RATIO ** (-1.3 * level)) for level in range(-4, 3)]
     assert mesh_error(found, NAME, 6) == pytest.approx(0.1 * RATIO ** (-1.3 * 6))
     one = price(found, NAME, 0.01, dim=2)
-    assert one is not None
     level = np.log(10) / (1.3 * np.log(RATIO))  # a tenth of the error at level 0
     assert one.factor == pytest.approx(RATIO**-level, rel=0.2)
     assert one.seconds == pytest.approx(1.2 / one.factor**2, rel=0.3)
@@ -297,7 +295,6 @@ def test_an_error_that_changes_its_sign_is_no_luck() -> None:
 def test_steps_are_split_where_they_are_what_is_wrong() -> None:
     found = [made_up(level, 1e-5, time_step=0.018) for level in (-4, -3, -2)]
     one = price(found, NAME, 0.01, dim=2)
-    assert one is not None
     assert (one.splits, one.factor) == (2, RATIO**4)
 
 
@@ -316,8 +313,7 @@ def test_the_block_is_as_accurate_as_was_foreseen() -> None:
     found = [one for one, _ in zip(coarse_versions(scene, 60.0), range(3), strict=False)]
     assert [one.level for one in found] == [-4, -3, -2]
     one = price(found, NAME, 0.002, dim=2)
-    assert one is not None
-    shape = replace(scene.geometry.refined(one.factor), order=1)  # type: ignore[type-var]
+    shape = replace(scene.geometry.refined(one.factor), order=1)
     simulation = prepare(replace(scene, geometry=shape))
     steps = list(simulation.steps())
     errors = {str(key): parts for key, parts in simulation.errors(steps)[-1].items()}

@@ -44,18 +44,23 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.contact_line import walk
 from stickslip.workflows.formats.steps import write_step
 from stickslip.workflows.pictures.animation import animate, close_up, frames, palette, survey
-from stickslip.workflows.pictures.body_picture import displacement_scale
+from stickslip.workflows.pictures.body_picture import PlaneBodies, cells_at_pixels, displacement_scale
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
 from stickslip.workflows.pictures.draw import _said, draw, draw_course
-from stickslip.workflows.pictures.focus import focus
-from stickslip.workflows.pictures.history_picture import draw_history, errors_of, most, panels_of
-from stickslip.workflows.pictures.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
-from stickslip.workflows.pictures.plane_bodies import PlaneBodies, cells_at_pixels
-from stickslip.workflows.pictures.render import grid_of, surface_of
+from stickslip.workflows.pictures.force_displacement import (
+    Panel,
+    _draw,
+    draw_loops,
+    driving,
+    from_rest,
+    largest,
+    sliding,
+)
+from stickslip.workflows.pictures.history import draw_history, errors_of, most, panels_of
+from stickslip.workflows.pictures.render import grid_of, outline_of, surface_of
 from stickslip.workflows.pictures.rigid import Rigid
 from stickslip.workflows.pictures.sheet import STATUS_COLOURS, Sheet
-from stickslip.workflows.pictures.solid_bodies import outline_of
-from stickslip.workflows.pictures.view import View
+from stickslip.workflows.pictures.view import View, focus
 from stickslip.workflows.run.run import run
 from stickslip.workflows.writers.steps_table import StepsTable
 from stickslip.workflows.writers.writer import Job
@@ -562,9 +567,7 @@ def test_one_scale_of_colours_and_one_window_serve_all_frames(tmp_path: Path) ->
     assert_array_equal(moved[1].status["base"], steps[3].contacts["base"].status)
 
 
-def test_many_steps_are_thinned_out_and_what_is_small_is_magnified(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_many_steps_are_thinned_out_what_is_small_is_magnified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = stickslip.read("block", COARSE)
     top = replace(scene.supports["top"], displacement={"x": 0.0, "y": -1e-6})
     scene = replace(scene, supports={"top": top})
@@ -593,7 +596,6 @@ def test_what_touches_is_shown_closely_if_it_is_small() -> None:
     view = View.facing(np.array([[0.0, 0.0, 0.0], [4.0, 2.0, 0.0]]))
     small = np.array([[1.0, 0.0, 0.0], [1.4, 0.1, 0.0]])
     close = close_up(view, small)
-    assert close is not None
     assert_allclose(close.extent, [0.8, 1.6, -0.35, 0.45])  # 0.4 m, and half of that on every side
     assert close_up(view, small * [4.0, 1.0, 1.0]) is None
     assert close_up(view, small[:1]) is close_up(view, small[:0]) is None

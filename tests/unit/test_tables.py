@@ -22,10 +22,8 @@ from stickslip.solvers.results.step_result import MeshData, StepResult, values
 from stickslip.workflows.formats.marker import MARKER, mark
 from stickslip.workflows.formats.steps_csv import read_steps_table
 from stickslip.workflows.run.terminal import console, contact_cells, print_table
-from stickslip.workflows.writers.contact_tables import ContactTables
-from stickslip.workflows.writers.history_table import HistoryTable
-from stickslip.workflows.writers.probe_table import ProbeTable
 from stickslip.workflows.writers.steps_table import StepsTable, steps_row
+from stickslip.workflows.writers.tables import ContactTables, HistoryTable, ProbeTable
 from stickslip.workflows.writers.writer import Ended, Writer
 
 
@@ -232,7 +230,7 @@ def printed(width: int) -> str:
     table.add_row(*ROW)
     out = Console(file=io.StringIO(), width=width, highlight=False, markup=False)
     print_table(table, out)
-    return out.file.getvalue()  # type: ignore[attr-defined]
+    return out.file.getvalue()
 
 
 def test_units_are_no_markup(capsys: pytest.CaptureFixture[str]) -> None:

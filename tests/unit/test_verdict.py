@@ -77,7 +77,7 @@ def wrong_gap(patch: pytest.MonkeyPatch) -> None:
 
 
 def wrong_distance(kind: type, patch: pytest.MonkeyPatch) -> None:
-    true = kind.distance  # type: ignore[attr-defined]
+    true = kind.distance
     patch.setattr(kind, "distance", lambda self, x, sqrt: true(self, x, sqrt) + 0.01)
 
 
@@ -263,9 +263,7 @@ def test_what_passes_its_limit_is_said_and_no_more() -> None:
 
 
 @pytest.mark.parametrize("nu", [*slow(0.3), 0.4])
-def test_the_second_energy_gives_the_forces_of_the_first(
-    nu: float, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_the_second_energy_gives_the_first_forces(nu: float, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """In every model, at both orders, on every shape of cell: equilibrium is met to rounding."""
     for overrides in ({"model": "plane stress"}, {"geometry": {"order": 2}}, {"geometry": {"cells": "tensor"}}):
         scene = dragged(scene_of, COULOMB)

@@ -37,7 +37,7 @@ from stickslip.workflows.lab.verification.check import Check, failures
 from stickslip.workflows.lab.verification.closed_forms import sheared_column
 from stickslip.workflows.lab.verification.cycles import accounted, repeats
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.run.doubts import doubts
+from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict
 
 METHODS = ("condensed-newton", "uzawa")
@@ -62,9 +62,7 @@ def test_cycles_that_differ_are_noticed() -> None:
 
 
 @pytest.mark.parametrize(("c_T", "m_T"), [(1.001e6, 2.0), (1e6, 2.001)])
-def test_threshold_notices_another_power_of_the_penetration(
-    c_T: float, m_T: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_threshold_notices_another_power_of_depth(c_T: float, m_T: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sheared_column_case, "TangentialCompliance", lambda **_: TangentialCompliance(c_T=c_T, m_T=m_T))
     assert failures(threshold("condensed-newton", 1e6, 2.0))
     assert len(failures(penetrating("condensed-newton", 1e6, 2.0))) > 10  # of 21; the first move only sticks
@@ -217,9 +215,7 @@ def holds(friction: dict[str, Any], force: tuple[float, ...]) -> bool:
         ({"law": "slip_dependent", "mu": [[0.0, 0.3], [1e3, 0.4]]}, 0.3 * 0.4, 1.36),  # proved by the mu of all slip
     ],
 )
-def test_a_floating_block_is_held_up_to_the_bound_and_not_beyond(
-    friction: dict[str, Any], most: float, beyond: float
-) -> None:
+def test_a_floating_block_is_held_up_to_the_bound_alone(friction: dict[str, Any], most: float, beyond: float) -> None:
     assert holds(friction, (0.97 * most,))
     assert not holds(friction, (beyond * most,))
 
