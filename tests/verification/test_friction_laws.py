@@ -9,8 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.audited import record_of
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
+from stickslip.solvers.laws.friction import Coulomb, OrthotropicCoulomb
 from stickslip.solvers.laws.slip_dependent import StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.results.audit import Auditor
