@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.effects.elastic_support import ElasticSupport
+from stickslip.solvers.effects.springs import ElasticSupport
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Load
 from stickslip.solvers.scene.material import Material
