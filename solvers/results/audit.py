@@ -29,8 +29,8 @@ from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.results.closed_formulas import bound, gap, penetration, prescribed, pressure, remembered
-from stickslip.solvers.results.multiplier_forces import MultiplierForces
 from stickslip.solvers.results.stored_fields import (
+    MultiplierForces,
     Record,
     contact_differences,
     difference,
