@@ -507,7 +507,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
         found.append(scene)
         return run(scene, *more, **keys)
 
-    monkeypatch.setattr(stickslip.workflows.accuracy.rounds, "run", count)
+    monkeypatch.setattr("stickslip.workflows.run.run.run", count)
     return found
 
 

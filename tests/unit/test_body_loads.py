@@ -14,7 +14,7 @@ from shared.audited import audit, record_of, solved, stored_by
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.formats.steps_csv import read_steps_table
+from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.lab.verification.cases import by_place as case
 from stickslip.workflows.lab.verification.cases import warm_bars as fields_case
 from stickslip.workflows.lab.verification.cases.warm_bars import scene as field_scene

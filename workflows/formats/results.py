@@ -18,13 +18,12 @@ from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import Units
 from stickslip.solvers.parallel.counters import PHASES, Row
 from stickslip.solvers.scene.record import CONTACT_NUMBERS
+from stickslip.workflows.formats.csv_tables import STEPS_TABLE, read_steps_table
 from stickslip.workflows.formats.files import read_json, read_regular
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.marker import own_files
 from stickslip.workflows.formats.mesh_file import MESH_FILE
 from stickslip.workflows.formats.steps import step_files
-from stickslip.workflows.formats.steps_csv import NAME as STEPS
-from stickslip.workflows.formats.steps_csv import read_steps_table
 
 RESULT, BEGUN, LOG = "result.json", "begun.json", "run.log"
 PER_METRE = {"N": "N/m", "N m": "N m/m", "J": "J/m", "m²": "m"}
@@ -65,7 +64,7 @@ class Results:
 
     @property
     def units(self) -> Units:
-        """What the numbers are in."""
+        """Units of the numbers."""
         return Units.of(str(self.scene.get("units", "SI")))
 
     @property
@@ -102,7 +101,7 @@ def read_results(folder: Path) -> Results:
 
 
 def _without_end(folder: Path) -> dict[str, Any]:
-    """What is known of a run that is at work, or was killed: its scene, and the rows of steps.csv.
+    """Return what is known of a run that is at work, or was killed: its scene, and the rows of steps.csv.
 
     Raises:
         FolderError: no run has written the folder.
@@ -112,7 +111,7 @@ def _without_end(folder: Path) -> dict[str, Any]:
         raise FolderError(f"{folder}: holds no results of a run, neither {RESULT} nor {BEGUN}")
     names = tuple(begun["scene"].get("contacts") or ())
     table: Mapping[str, AnyArray] = {}
-    if (folder / STEPS).is_file():
+    if (folder / STEPS_TABLE).is_file():
         table = read_steps_table(folder)
 
     def numbers(row: int, name: str) -> dict[str, Any]:
@@ -170,7 +169,7 @@ def profile_rows(profile: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ..
 
 
 def profile_lines(profile: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The same as a table of plain text."""
+    """Return the profile as a table of plain text."""
     rows = [HEAD, *profile_rows(profile)]
     wide = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
     return [

@@ -14,11 +14,11 @@ from stickslip.geometry.errors import FolderError
 from stickslip.geometry.protocols import DataFrame
 from stickslip.solvers.results.step_result import MeshData, StepResult, data_frame, html_table
 from stickslip.solvers.scene.record import CONTACT_NUMBERS
+from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_from
 from stickslip.workflows.formats.results import Results, read_results
 from stickslip.workflows.formats.steps import light_files, read_checkpoint
-from stickslip.workflows.formats.steps_csv import read_steps_table
 from stickslip.workflows.run.folder import BEGUN, RESULT, work_of
 
 
@@ -50,7 +50,7 @@ class StoredSteps(Sequence[StepResult]):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Loaded:
-    """What a run has left in its folder; files are read when they are asked for."""
+    """Results that a run has left in its folder; files are read when they are asked for."""
 
     folder: Path
     result: Mapping[str, Any]  # the content of result.json; of a run without an end: its scene, and what steps.csv has
@@ -58,7 +58,7 @@ class Loaded:
 
     @property
     def status(self) -> str:
-        """How the run ended, see `Outcome`; "not ended" while it is at work, or was killed."""
+        """Status with which the run ended, see `Outcome`; "not ended" while it is at work, or was killed."""
         return str(self.result["status"])
 
     @property

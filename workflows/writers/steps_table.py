@@ -10,8 +10,7 @@ from stickslip.geometry.amplitude import value_at
 from stickslip.solvers.results.step_result import ContactState, Errors, StepResult, total_errors, values
 from stickslip.solvers.scene.record import CONTACT_NUMBERS, ContactNumbers, flat_names, numbers_of
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.formats.csv_tables import Table, write_tables_again
-from stickslip.workflows.formats.steps_csv import NAME, column, is_prescribed
+from stickslip.workflows.formats.csv_tables import STEPS_TABLE, Table, column, is_prescribed, write_tables_again
 from stickslip.workflows.writers.tables import TableWriter
 from stickslip.workflows.writers.writer import Ended
 
@@ -20,7 +19,7 @@ class StepsTable(TableWriter):
     """One row a step; what has no value then is an empty cell."""
 
     def names(self) -> list[str]:
-        return [NAME]
+        return [STEPS_TABLE]
 
     def tables(self, index: int, result: StepResult) -> Iterator[Table]:
         yield _table(steps_row(index, self.job.scene, result))
@@ -38,7 +37,7 @@ class StepsTable(TableWriter):
 
 def _table(row: dict[str, float]) -> Table:
     """A row; an empty cell for NaN."""
-    return Table(NAME, list(row), [["" if np.isnan(n) else n for n in row.values()]])
+    return Table(STEPS_TABLE, list(row), [["" if np.isnan(n) else n for n in row.values()]])
 
 
 def errors_row(step: StepResult, errors: Errors) -> dict[str, float]:
