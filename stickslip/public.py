@@ -27,19 +27,16 @@ from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.user_files.user_file import Box, UserFile
 from stickslip.solvers.classical.gram_uzawa import Gram
+from stickslip.solvers.effects.body_forces import Gravity
 from stickslip.solvers.effects.bolts import BoltState
-from stickslip.solvers.effects.gravity import Gravity
 from stickslip.solvers.effects.periodic import Periodic
 from stickslip.solvers.effects.remote_points import RemoteState
 from stickslip.solvers.effects.springs import SpringForce
 from stickslip.solvers.iteration import Convergence, Status, Step
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
-from stickslip.solvers.laws.bilateral import Bilateral
-from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
+from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
-from stickslip.solvers.laws.tied import Tied
-from stickslip.solvers.laws.unilateral import Unilateral
 from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.step_result import (

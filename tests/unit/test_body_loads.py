@@ -24,7 +24,7 @@ from stickslip.workflows.pictures.force_displacement import from_rest
 from stickslip.workflows.pictures.history import panels_of
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.writers.steps_table import steps_row
+from stickslip.workflows.writers.tables import steps_row
 
 E, NU = 200.0, 0.3
 HELD = {"left": {"boundary": "block.left", "displacement": {"x": 0.0, "y": 0.0}}}

@@ -9,8 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.audited import record_of
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
+from stickslip.solvers.laws.friction import Coulomb, OrthotropicCoulomb
 from stickslip.solvers.laws.slip_dependent import StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.results.audit import Auditor
@@ -18,6 +17,7 @@ from stickslip.solvers.results.step_result import SLIP, STICK
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.lab.verification.cases import friction_laws as case
+from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases import sheared_column as sheared_column_case
 from stickslip.workflows.lab.verification.cases.friction_laws import BRITTLE, HARDENING, SOFT, TOP, G
 from stickslip.workflows.lab.verification.cases.sheared_column import (
@@ -33,9 +33,7 @@ from stickslip.workflows.lab.verification.cases.sheared_column import (
     scene,
     threshold,
 )
-from stickslip.workflows.lab.verification.check import Check, failures
-from stickslip.workflows.lab.verification.closed_forms import sheared_column
-from stickslip.workflows.lab.verification.cycles import accounted, repeats
+from stickslip.workflows.lab.verification.check import Check, accounted, failures, repeats
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict

@@ -14,13 +14,13 @@ from shared.cases import slow
 from shared.command import result, table
 from shared.solved import Solved, coarse, solve
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output, Steps
 from stickslip.workflows.formats.steps import read_step
 from stickslip.workflows.lab.verification.cases import column as column_case
 from stickslip.workflows.lab.verification.cases import limits as limits_case
-from stickslip.workflows.lab.verification.closed_forms.limits import END, LIMITS
+from stickslip.workflows.lab.verification.cases.limits import END, LIMITS
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.run import run

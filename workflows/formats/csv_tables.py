@@ -1,4 +1,4 @@
-"""CSV tables grow by the rows of each step, and read back to the same bits; steps.csv has names for its columns."""
+"""CSV tables that grow by the rows of each step, steps.csv among them; numbers read back to the same bits."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from stickslip.geometry.errors import MachineError
 from stickslip.solvers.scene.timeline import Place
 from stickslip.workflows.formats.files import disk_errors, make_folder
 
-Row = Sequence[object]
-STEPS_TABLE = "steps.csv"
+STEPS = "steps.csv"
 PRESCRIBED = {  # by table; the displacement of an obstacle is among the results: a force may drive it
     "supports": ("displacement",),
     "loads": ("pressure", "traction", "force"),
     "obstacles": ("rotation",),
     "contacts": ("friction",),
 }
+Row = Sequence[object]
 
 
 class Table(NamedTuple):
@@ -80,28 +80,6 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
     return header, rows
 
 
-def csv_text(rows: Iterable[Row]) -> str:
-    """Lines of a table.
-
-    >>> csv_text([["time", "note"], [0.5, "a, b"]])
-    'time,note\\n0.5,"a, b"\\n'
-    """
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
-
-
-def python_numbers(numbers: Iterable[object]) -> list[object]:
-    """numpy's numbers as Python's, whose repr is the shortest that reads back the same."""
-    return [n.item() if isinstance(n, np.generic) else n for n in numbers]
-
-
-def _append(path: Path, header: Sequence[str], rows: Iterable[Row]) -> None:
-    with disk_errors(path), path.open("ab") as file:
-        first = [header] if file.tell() == 0 else []
-        file.write(csv_text([*first, *rows]).encode())
-
-
 def is_prescribed(place: Place) -> bool:
     """Whether a value in time has a column of its own; of the tables that effects own, all have."""
     return place.table not in PRESCRIBED or place.quantity in PRESCRIBED[place.table]
@@ -122,9 +100,31 @@ def read_steps_table(folder: Path) -> dict[str, Array]:
     Raises:
         MachineError: it is missing or damaged.
     """
-    header, rows = read_table(folder / STEPS_TABLE)
+    header, rows = read_table(folder / STEPS)
     try:
         table = np.array([[cell or "nan" for cell in row] for row in rows], float).reshape(len(rows), len(header))
     except ValueError as error:
-        raise MachineError(f"{folder / STEPS_TABLE}: cannot be read: {error}") from error
+        raise MachineError(f"{folder / STEPS}: cannot be read: {error}") from error
     return dict(zip(header, table.T, strict=True))
+
+
+def csv_text(rows: Iterable[Row]) -> str:
+    """Lines of a table.
+
+    >>> csv_text([["time", "note"], [0.5, "a, b"]])
+    'time,note\\n0.5,"a, b"\\n'
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
+def python_numbers(numbers: Iterable[object]) -> list[object]:
+    """numpy's numbers as Python's, whose repr is the shortest that reads back the same."""
+    return [n.item() if isinstance(n, np.generic) else n for n in numbers]
+
+
+def _append(path: Path, header: Sequence[str], rows: Iterable[Row]) -> None:
+    with disk_errors(path), path.open("ab") as file:
+        first = [header] if file.tell() == 0 else []
+        file.write(csv_text([*first, *rows]).encode())

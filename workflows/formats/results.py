@@ -18,7 +18,7 @@ from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import Units
 from stickslip.solvers.parallel.counters import PHASES, Row
 from stickslip.solvers.scene.record import CONTACT_NUMBERS
-from stickslip.workflows.formats.csv_tables import STEPS_TABLE, read_steps_table
+from stickslip.workflows.formats.csv_tables import STEPS, read_steps_table
 from stickslip.workflows.formats.files import read_json, read_regular
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.marker import own_files
@@ -111,7 +111,7 @@ def _without_end(folder: Path) -> dict[str, Any]:
         raise FolderError(f"{folder}: holds no results of a run, neither {RESULT} nor {BEGUN}")
     names = tuple(begun["scene"].get("contacts") or ())
     table: Mapping[str, AnyArray] = {}
-    if (folder / STEPS_TABLE).is_file():
+    if (folder / STEPS).is_file():
         table = read_steps_table(folder)
 
     def numbers(row: int, name: str) -> dict[str, Any]:

@@ -23,9 +23,8 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.classical.gram_uzawa import Gram
-from stickslip.solvers.laws.bilateral import Bilateral
-from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Stick
+from stickslip.solvers.laws.normal import Bilateral, Compliance
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
