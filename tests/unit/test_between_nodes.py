@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.sparse import csr_matrix
 
-from stickslip.solvers.accuracy.between_nodes import BetweenNodes
+from stickslip.solvers.accuracy.bubble_rows import BetweenNodes
 from stickslip.solvers.results.step_result import SLIP, Quantity
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.workflows.scene_file.read import from_dict

@@ -11,9 +11,8 @@ from scipy.spatial import Delaunay
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.areas import beyond_nodes, scatter, scatter_of_order_2
-from stickslip.solvers.accuracy.curved_sides import bulges
-from stickslip.solvers.accuracy.mesh_error import without_limit
-from stickslip.solvers.accuracy.peaks import grows, grows_in
+from stickslip.solvers.accuracy.facet_volume_correction import bulges
+from stickslip.solvers.accuracy.mesh_error import grows, grows_in, without_limit
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
 
 

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from shared.cases import slow
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.nested_mesh import CornerMesh
-from stickslip.solvers.accuracy.other_mesh import sides_of
+from stickslip.solvers.accuracy.lower_order import sides_of
 from stickslip.solvers.results.step_result import Quantity, quantities
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import StepError, Stepper

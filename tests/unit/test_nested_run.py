@@ -11,8 +11,7 @@ from numpy.testing import assert_allclose
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.solvers.accuracy import nested_run
 from stickslip.solvers.accuracy.bubbles import Bubbles
-from stickslip.solvers.accuracy.nested_run import NestedRun
-from stickslip.solvers.accuracy.where_to_refine import Places
+from stickslip.solvers.accuracy.nested_run import NestedRun, Places
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.results.step_result import Errors, Quantity, StepResult, quantities
 from stickslip.solvers.scene.scene import Scene

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from stickslip.solvers.accuracy.resolution import BLIND, elements_touched, unresolved
+from stickslip.solvers.accuracy.errors import BLIND, elements_touched, unresolved
 from stickslip.solvers.results.step_result import Quantity
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation

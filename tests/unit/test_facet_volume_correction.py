@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from shared.cases import every_nth
 from shared.drawn import scene_data
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
-from stickslip.solvers.accuracy.left_out import LeftOut, rim_of
+from stickslip.solvers.accuracy.facet_volume_correction import LeftOut, rim_of
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import prepare

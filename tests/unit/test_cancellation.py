@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.accuracy.by_chance import DISSIPATION, FORCE, PRESSURE, SLIP, by_chance
+from stickslip.solvers.accuracy.mesh_error import DISSIPATION, FORCE, PRESSURE, SLIP, by_chance
 from stickslip.solvers.results.step_result import OPEN, STICK
 
 WEIGHT = np.array([0.5, 1.0, 1.0, 0.5])
