@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal, Self, TypedDict
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.builders.builder import Builder, Sides
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.mesh.mesh import mesh_shape
@@ -41,15 +41,11 @@ class Part:
     turn: Turn | None = None
     shift: tuple[float, float] = (0.0, 0.0)  # along x and along the last axis [m]
 
-    def sides(self, dim: int) -> dict[str, str]:
-        """Name of each side in the assembly -> its name in the shape, as body.side."""
-        ((body, sides),) = self.shape.bodies(dim).items()
-        return {self.renamed.get(side, side): f"{body}.{side}" for side in sides}
-
-    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        """Sample points (k, d) [m] and unit outward normals (k, d) of a side, see `Shape.sample`; in place."""
-        points, normals = self.shape.sample(self.sides(dim)[side], dim)
-        return self.placed(points), self._turned(normals)
+    def sides(self, dim: int) -> Sides:
+        """Sides by their names in the assembly, in place."""
+        ((body, names),) = self.shape.bodies(dim).items()
+        samples = {name: self.shape.sample(f"{body}.{name}", dim) for name in names}
+        return {self.renamed.get(n, n): (self.placed(x), self._turned(normal)) for n, (x, normal) in samples.items()}
 
     def placed(self, points: Array) -> Array:
         """Points (k, d) of the shape where the assembly has them [m]."""
@@ -85,8 +81,9 @@ class Part:
         return replace(request, contact_sides=slaves, periodic=pairs, sizes=sizes)
 
     def _own(self, name: str, dim: int) -> dict[str, str]:
-        """Name of each side of the body `name` -> its name in the shape."""
-        return {f"{name}.{side}": there for side, there in self.sides(dim).items()}
+        """Name of each side of the body `name` -> its name in the shape, both as body.side."""
+        ((body, sides),) = self.shape.bodies(dim).items()
+        return {f"{name}.{self.renamed.get(side, side)}": f"{body}.{side}" for side in sides}
 
     def _turned(self, vectors: Array) -> Array:
         return vectors if self.turn is None else vectors @ np.asarray(self.turn, np.float64).T
@@ -96,7 +93,6 @@ class Part:
 class Assembly(Builder):
     """Base of the shapes of several bodies; each defines its `parts`."""
 
-    models: ClassVar[tuple[Model, ...]] = ("plane strain", "plane stress", "axisymmetric", "3d")
     distances: ClassVar[tuple[str, ...]] = ()  # keys in metres of any sign
 
     def __post_init__(self) -> None:
@@ -111,13 +107,11 @@ class Assembly(Builder):
         """Name -> body."""
         raise NotImplementedError
 
-    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
-        return {name: tuple(part.sides(dim)) for name, part in self.parts().items()}
+    def sides_by_body(self, dim: int) -> Mapping[str, Sides]:
+        return {name: part.sides(dim) for name, part in self.parts().items()}
 
     def check_model(self, model: Model) -> None:
-        if model not in self.models:
-            name = getattr(self, self.tag)
-            raise SceneError(f'builder = "{name}": made for model = {" or ".join(map(repr, self.models))} only')
+        super().check_model(model)
         for name, part in self.parts().items():
             with _errors_name(name):
                 part.shape.check_model(model)
@@ -127,14 +121,6 @@ class Assembly(Builder):
 
     def cell_count(self, request: Request) -> float:
         return sum(part.shape.cell_count(part.request(name, request)) for name, part in self.parts().items())
-
-    def box(self, dim: int) -> Array:
-        points = [part.sample(side, dim)[0] for part in self.parts().values() for side in part.sides(dim)]
-        return np.array([np.min(np.concatenate(points), axis=0), np.max(np.concatenate(points), axis=0)])
-
-    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        body, name = side.split(".")
-        return self.parts()[body].sample(name, dim)
 
     def put(self, gmsh: Gmsh, request: Request) -> float:
         join_meshes([part.mesh(gmsh, name, request) for name, part in self.parts().items()]).put(gmsh)
@@ -215,39 +201,3 @@ class Pair(Assembly):
     def lower_cell_keys(self) -> CellKeys:
         """Mesh keys of the lower body."""
         return self.cell_keys(self.lower_mesh_size)
-
-
-class DomeKeys(CellKeys):
-    """Keys of one of two domes."""
-
-    radius: float
-    contact_radius: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Domes(Pair):
-    """Two domes: the pole of the lower body is the origin, that of the upper body lies at `gap` above it."""
-
-    lengths: ClassVar[tuple[str, ...]] = (*Pair.lengths, "radius", "lower_radius", "contact_radius")
-
-    radius: Annotated[float, Key("m", "of the upper body")]
-    lower_radius: Annotated[float | None, Key("m", "of the lower body; absent: radius")] = None
-    contact_radius: Annotated[
-        float | None, Key("m", "cells have contact_mesh_size this far from the poles; absent: radius / 8, each its own")
-    ] = None
-
-    def check_keys(self) -> None:
-        near = self.contact_radius
-        require(near is None or near <= min(self.radius, self._lower), "contact_radius", near, "exceeds a radius")
-
-    def upper_keys(self) -> DomeKeys:
-        """Keys of the upper dome."""
-        return {**self.cell_keys(), "radius": self.radius, "contact_radius": self.contact_radius}
-
-    def lower_keys(self) -> DomeKeys:
-        """Keys of the lower dome."""
-        return {**self.lower_cell_keys(), "radius": self._lower, "contact_radius": self.contact_radius}
-
-    @property
-    def _lower(self) -> float:
-        return self.radius if self.lower_radius is None else self.lower_radius

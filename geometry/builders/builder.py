@@ -4,25 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import product
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array
-from stickslip.geometry.errors import GeometryError, require
+from stickslip.geometry.errors import GeometryError, SceneError, require
 from stickslip.geometry.keys import Choice, Key
 from stickslip.geometry.mesh_sizes import filled
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request, Shape
 
+Sides = Mapping[str, tuple[Array, Array]]  # by name: sample points (k, d) [m], and unit outward normals there (k, d)
+Places = Mapping[str, tuple[int, int]]  # flat sides: axis of the normal, and 0 for the lower or 1 for the upper end
+ONLY_PLANE = "there is one in plane models only"
+PLANE: tuple[Model, ...] = ("plane strain", "plane stress")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Builder(Choice, Shape):
-    """Keys and checks that all builders share. A builder lists its own lengths in `lengths`."""
+    """Keys and checks that all builders share. One of a single body describes its `sides`, and draws them."""
 
     tag: ClassVar[str] = "builder"
+    body: ClassVar[str]
     lengths: ClassVar[tuple[str, ...]] = ()  # keys in metres that must be positive, besides the mesh sizes
+    models: ClassVar[tuple[Model, ...]] = (*PLANE, "axisymmetric", "3d")
+    elsewhere: ClassVar[str] = ""  # what is said in other models
+    gridded: ClassVar[bool] = True  # whether cells may be quadrilaterals and hexahedra
 
     mesh_size: Annotated[float, Key("m", "edge length of the cells")]
     contact_mesh_size: Annotated[float | None, Key("m", "edge length at contact surfaces; absent: mesh_size")] = None
@@ -37,6 +47,40 @@ class Builder(Choice, Shape):
             require(value is None or value > 0, key, value, "must be positive, in metres")
         fine = self.contact_mesh_size
         require(fine is None or fine <= self.mesh_size, "contact_mesh_size", fine, "must not exceed mesh_size")
+
+    def sides(self, dim: int) -> Sides:
+        """Every side of a single body, see `Shape.sample`; their names and the box of the shape are those of these."""
+        raise NotImplementedError
+
+    def sides_by_body(self, dim: int) -> Mapping[str, Sides]:
+        """Every side of every body; asked for once."""
+        return {self.body: self.sides(dim)}
+
+    @cached_property
+    def _by_dimension(self) -> dict[int, Mapping[str, Sides]]:
+        return {}
+
+    def _described(self, dim: int) -> Mapping[str, Sides]:
+        if dim not in self._by_dimension:
+            self._by_dimension[dim] = self.sides_by_body(dim)
+        return self._by_dimension[dim]
+
+    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
+        return {body: tuple(sides) for body, sides in self._described(dim).items()}
+
+    def box(self, dim: int) -> Array:
+        points = np.concatenate([x for sides in self._described(dim).values() for x, _ in sides.values()])
+        return np.array([points.min(axis=0), points.max(axis=0)])
+
+    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
+        body, name = side.split(".")
+        return self._described(dim)[body][name]
+
+    def check_model(self, model: Model) -> None:
+        if model not in self.models:
+            said = self.elsewhere or f"made for model = {' or '.join(map(repr, self.models))} only"
+            raise SceneError(f'builder = "{getattr(self, self.tag)}": {said}')
+        require(self.gridded or self.cells == "simplex", "cells", self.cells, "this shape has no grid; use simplex")
 
     @property
     def degree(self) -> int:
@@ -80,7 +124,6 @@ class Builder(Choice, Shape):
         return (*self.lengths, "mesh_size", "contact_mesh_size")
 
 
-Flat = tuple[int, float]  # a plane across an axis: axis of the normal, position along it
 SYMMETRIC = "true: the half x >= 0 only, with a side `axis`; axisymmetric models need it"
 
 
@@ -104,8 +147,23 @@ def modelled(geometry: Mapping[str, Any], model: str) -> str:
     return "half" if geometry.get("symmetric") else str(geometry.get("symmetry", ""))
 
 
-def of_box(dim: int) -> dict[str, tuple[int, int]]:
-    """Sides of a rectangle or box by name: axis of the normal, and 0 for the lower or 1 for the upper end."""
+def touched(request: Request) -> set[str]:
+    """Names of the sides of a single body that are to be fine."""
+    return {side.split(".")[1] for side in request.contact_sides}
+
+
+def directions(angles: Array) -> Array:
+    """Unit vectors (k, 2) at angles (k,) from the x axis, in degrees.
+
+    >>> directions(np.array([0.0, 90.0])).round(15) + 0.0
+    array([[1., 0.],
+           [0., 1.]])
+    """
+    return np.stack([np.cos(np.radians(angles)), np.sin(np.radians(angles))], axis=1)
+
+
+def of_box(dim: int) -> Places:
+    """Sides of a rectangle or box."""
     middle = {"front": (1, 0), "back": (1, 1)} if dim == 3 else {}
     return {"left": (0, 0), "right": (0, 1)} | middle | {"bottom": (dim - 1, 0), "top": (dim - 1, 1)}
 
@@ -115,26 +173,20 @@ def box_corners(box: Array, axis: int, end: int) -> tuple[Array, Array]:
     dim = box.shape[1]
     ends = np.array(list(product((0, 1), repeat=dim)))
     ends = ends[ends[:, axis] == end]
-    return box[ends, np.arange(dim)], constant_normals(axis, end, ends.shape)
+    return flat_side(box[ends, np.arange(dim)], axis, end)
 
 
-def constant_normals(axis: int, end: int, shape: tuple[int, ...]) -> Array:
-    """Unit outward normals (k, d) = `shape` of a flat side across `axis`; end: 0 lower, 1 upper."""
-    return np.tile(np.eye(shape[1])[axis] * (2 * end - 1), (shape[0], 1))
+def flat_side(points: Array, axis: int, end: int) -> tuple[Array, Array]:
+    """Points (k, d) of a flat side across an axis, and its unit outward normals there; end: 0 lower, 1 upper."""
+    return points, np.tile(np.eye(points.shape[1])[axis] * (2 * end - 1), (len(points), 1))
 
 
-def lies_in(gmsh: Gmsh, dim: int, tag: int, flat: Flat) -> bool:
-    """Whether a curve (dim = 1) or surface (dim = 2) lies in the plane `flat`."""
-    low, high = np.reshape(gmsh.model.getBoundingBox(dim, tag), (2, 3))[:, flat[0]]
-    slack = CLOSE * (1 + abs(flat[1]))  # gmsh enlarges bounding boxes by 1e-7
-    return bool(abs(low - flat[1]) < slack and abs(high - flat[1]) < slack)
-
-
-def outer(gmsh: Gmsh, dim: int, flat: Mapping[str, Flat], rest: str | None = None) -> dict[str, list[int]]:
-    """Find the boundary curves (dim = 2) or surfaces (dim = 3) of each side.
+def outer(gmsh: Gmsh, box: Array, places: Places, rest: str | None = None) -> dict[str, list[int]]:
+    """Find the boundary curves (2D) or surfaces (3D) of each side.
 
     Args:
-        flat: plane of each flat side.
+        box: of the shape (2, d), in the model's unit.
+        places: of the flat sides, which lie in the faces of the box.
         rest: name of the side that all other boundary entities make up; None: they belong to no side.
 
     Returns:
@@ -143,11 +195,17 @@ def outer(gmsh: Gmsh, dim: int, flat: Mapping[str, Flat], rest: str | None = Non
     Raises:
         GeometryError: a side has no entity.
     """
-    found: dict[str, list[int]] = {name: [] for name in (*flat, *([rest] if rest else []))}
+    dim, found = box.shape[1], {name: list[int]() for name in (*places, *([rest] if rest else []))}
     for _, tag in gmsh.model.getBoundary(gmsh.model.getEntities(dim), combined=True, oriented=False):
-        name = next((name for name, plane in flat.items() if lies_in(gmsh, dim - 1, tag, plane)), rest)
-        if name is not None:
-            found[name].append(int(tag))
+        reach = np.reshape(gmsh.model.getBoundingBox(dim - 1, tag), (2, 3))
+        for name, (axis, end) in places.items():
+            at = box[end, axis]
+            if np.all(np.abs(reach[:, axis] - at) < CLOSE * (1 + abs(at))):  # gmsh enlarges bounding boxes by 1e-7
+                found[name].append(int(tag))
+                break
+        else:
+            if rest is not None:
+                found[rest].append(int(tag))
     for name, tags in found.items():
         if not tags:
             raise GeometryError(f"geometry: gmsh made no side {name}")
@@ -163,24 +221,15 @@ def name_groups(gmsh: Gmsh, dim: int, body: str, sides: Mapping[str, Sequence[in
         gmsh.model.setPhysicalName(dim - 1, group, f"{body}.{name}")
 
 
-def match_periodic(
-    gmsh: Gmsh,
-    dim: int,
-    pairs: Sequence[tuple[str, str]],
-    tags: Mapping[str, Sequence[int]],
-    places: Mapping[str, tuple[int, int]],
-    box: Array,
-) -> None:
+def match_periodic(gmsh: Gmsh, request: Request, box: Array, places: Places, tags: Mapping[str, Sequence[int]]) -> None:
     """Give periodic sides matching meshes: the first of each pair gets that of the second, moved across the box.
 
     Args:
-        pairs: sides, named body.side.
+        box, places: as for `outer`.
         tags: gmsh entities of each side.
-        places: axis and end of each side, from `of_box`.
-        box: lower and upper corner (2, d) [m].
     """
-    for slave, master in (tuple(side.split(".")[1] for side in pair) for pair in pairs):
+    for slave, master in (tuple(side.split(".")[1] for side in pair) for pair in request.periodic):
         (axis, to), (_, origin) = places[slave], places[master]
         affine = np.eye(4)
         affine[axis, 3] = (to - origin) * np.ptp(box[:, axis])
-        gmsh.model.mesh.setPeriodic(dim - 1, list(tags[slave]), list(tags[master]), list(affine.ravel()))
+        gmsh.model.mesh.setPeriodic(request.dim - 1, list(tags[slave]), list(tags[master]), list(affine.ravel()))

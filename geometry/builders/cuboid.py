@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from math import prod
 from typing import Annotated, ClassVar, Literal, Self
@@ -10,12 +10,23 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.builder import Builder, box_corners, match_periodic, name_groups, of_box, outer
+from stickslip.geometry.builders.builder import (
+    Builder,
+    Sides,
+    box_corners,
+    match_periodic,
+    name_groups,
+    of_box,
+    outer,
+    touched,
+)
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.mesh_sizes import filled, graded, graded_count, grow, refined_near
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request
+
+Fine = Collection[tuple[int, int]]  # ends (axis, 0 lower or 1 upper) at which the cells are small
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +40,8 @@ class Cuboid(Builder):
     height: Annotated[float, Key("m", "size along the last axis")]
     width: Annotated[float | None, Key("m", "size along y, 3D only")] = None
 
-    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
-        return {self.body: tuple(of_box(dim))}
+    def sides(self, dim: int) -> Sides:
+        return {name: box_corners(self.box(dim), *place) for name, place in of_box(dim).items()}
 
     def check_model(self, model: Model) -> None:
         dim = 3 if model == "3d" else 2
@@ -41,21 +52,16 @@ class Cuboid(Builder):
     def box(self, dim: int) -> Array:
         return np.array([np.zeros(dim), self.size(dim)])
 
-    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        return box_corners(self.box(dim), *of_box(dim)[side.split(".")[1]])
-
     def size(self, dim: int) -> tuple[float, ...]:
         """Edge lengths (d,) along the axes [m]."""
         return (self.length, self.height) if dim == 2 else (self.length, self.width or 0.0, self.height)
 
     def draw_box(self, gmsh: Gmsh, dim: int) -> dict[str, list[int]]:
         """Put the box with its named groups into the gmsh model; returns the tags of each side."""
-        size = self.size(dim)
         add = gmsh.model.occ.addRectangle if dim == 2 else gmsh.model.occ.addBox
-        add(0, 0, 0, *size)
+        add(0, 0, 0, *self.size(dim))
         gmsh.model.occ.synchronize()
-        flat = {name: (axis, end * size[axis]) for name, (axis, end) in of_box(dim).items()}
-        found = outer(gmsh, dim, flat)
+        found = outer(gmsh, self.box(dim), of_box(dim))
         name_groups(gmsh, dim, self.body, found)
         return found
 
@@ -65,14 +71,13 @@ def grid(
     dim: int,
     tensor: bool,
     grading: Callable[[int], tuple[int, float]],
-    fine: set[tuple[int, int]] | frozenset[tuple[int, int]] = frozenset(),
+    fine: Fine = (),
 ) -> None:
     """Mesh every rectangle or box of the model by a structured (transfinite) grid.
 
     Args:
         tensor: quadrilaterals or hexahedra, else each is cut into simplices.
         grading: number of cells along an axis, and the ratio of neighbouring cells.
-        fine: ends (axis, 0 lower or 1 upper) at which the cells are small.
     """
     for _, curve in gmsh.model.getEntities(1):
         (first,), (last,) = gmsh.model.getParametrizationBounds(1, curve)
@@ -80,7 +85,7 @@ def grid(
         axis = int(np.argmax(np.abs(np.subtract(end, start))))
         steps, ratio = grading(axis)
         from_start = (axis, 0 if start[axis] < end[axis] else 1) in fine
-        law = "Bump" if ratio != 1 and {(axis, 0), (axis, 1)} <= fine else "Progression"
+        law = "Bump" if ratio != 1 and {(axis, 0), (axis, 1)} <= {*fine} else "Progression"
         gmsh.model.mesh.setTransfiniteCurve(curve, steps + 1, law, ratio if from_start or law == "Bump" else 1 / ratio)
     transfinite(gmsh, dim, tensor)
 
@@ -106,7 +111,7 @@ class Block(Cuboid):
 
     def cell_count(self, request: Request) -> float:
         dim, size = request.dim, self.size(request.dim)
-        fine = {of_box(dim)[side.split(".")[1]] for side in request.contact_sides}
+        fine = {of_box(dim)[side] for side in touched(request)}
         if self.contact_mesh_size is None or self.cells == "tensor":
             along = [self._count(size[axis], axis, fine) for axis in range(dim)]
             return float(np.prod(along)) * self.pieces(dim)
@@ -120,34 +125,25 @@ class Block(Cuboid):
     def draw(self, gmsh: Gmsh, request: Request) -> None:
         dim, size = request.dim, self.size(request.dim)
         tags = self.draw_box(gmsh, dim)
-        fine = {of_box(dim)[side.split(".")[1]] for side in request.contact_sides}
+        fine = {of_box(dim)[side] for side in touched(request)}
         if self.contact_mesh_size is None or self.cells == "tensor":
             grid(gmsh, dim, self.cells == "tensor", lambda axis: self._grading(size[axis], axis, fine), fine)
             return
         away = [f"Abs({'xyz'[axis]} - {end * size[axis]:.17g})" for axis, end in sorted(fine)]
         grow(gmsh, self.mesh_size, [(self.contact_mesh_size, distance) for distance in away])
-        match_periodic(gmsh, dim, request.periodic, tags, of_box(dim), self.box(dim))
+        match_periodic(gmsh, request, self.box(dim), of_box(dim), tags)
 
-    def _count(self, length: float, axis: int, fine: set[tuple[int, int]]) -> float:
+    def _count(self, length: float, axis: int, fine: Fine) -> float:
         """Number of cells along an axis, not rounded: as `_grading` has it."""
-        ends = sum(1 for side in fine if side[0] == axis)
-        if not fine or ends == 0 or any(side[0] != axis for side in fine):
+        if any(side[0] != axis for side in fine) or not fine:
             return max(1.0, length / (self.fine_size if fine else self.mesh_size))
-        return graded_count(length, self.fine_size, self.mesh_size, ends)
+        return graded_count(length, self.fine_size, self.mesh_size, len(fine))
 
-    def _grading(self, length: float, axis: int, fine: set[tuple[int, int]]) -> tuple[int, float]:
-        """Number of cells along an axis and their grading coefficient, as from `graded`.
-
-        Args:
-            length: of the block along the axis [m].
-            fine: ends (axis, 0 lower or 1 upper) that are contact sides.
-        """
-        if not fine or self.contact_mesh_size is None or self.contact_mesh_size == self.mesh_size:
-            return max(1, round(length / self.mesh_size)), 1.0
-        ends = sum(1 for side in fine if side[0] == axis)
-        if ends == 0 or any(side[0] != axis for side in fine):
-            return max(1, round(length / self.contact_mesh_size)), 1.0
-        return graded(length, self.contact_mesh_size, self.mesh_size, ends)
+    def _grading(self, length: float, axis: int, fine: Fine) -> tuple[int, float]:
+        """Number of cells along an axis, `length` long [m], and their grading coefficient, as from `graded`."""
+        if any(side[0] != axis for side in fine) or not fine or self.fine_size == self.mesh_size:
+            return max(1, round(length / (self.fine_size if fine else self.mesh_size))), 1.0
+        return graded(length, self.fine_size, self.mesh_size, len(fine))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,18 +8,20 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.assembly import Domes, Part
+from stickslip.geometry.builders.assembly import CellKeys, Pair, Part
 from stickslip.geometry.builders.builder import (
+    PLANE,
     SYMMETRIC,
     Builder,
+    Sides,
     box_corners,
     check_symmetric,
-    constant_normals,
+    directions,
+    flat_side,
     name_groups,
     outer,
 )
-from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.mesh_sizes import SIMPLICES, beyond, cells_around, grow, norm
 from stickslip.geometry.protocols import Gmsh
@@ -30,6 +32,7 @@ from stickslip.geometry.shape import Model, Request
 class Dome(Builder):
     """A round body, cut by a plane, that stands on its pole."""
 
+    gridded: ClassVar[bool] = False
     lengths: ClassVar[tuple[str, ...]] = ("radius", "contact_radius")
 
     radius: Annotated[float, Key("m", "of the disc or ball")]
@@ -47,17 +50,11 @@ class Dome(Builder):
         """Distance from the pole within which cells have `contact_mesh_size` [m]."""
         return self.radius / 8 if self.contact_radius is None else self.contact_radius
 
-    def check_model(self, model: Model) -> None:
-        require(self.cells == "simplex", "cells", self.cells, "this shape has no grid; use simplex")
-
     def cell_count(self, request: Request) -> float:
         dim = request.dim
         half = cells_around(dim, self.fine_size, self.near, self.mesh_size, self.radius)
-        return SIMPLICES[dim] * half * self.share(dim)
-
-    def share(self, dim: int) -> float:
-        """How much of the half disc or ball there is: box of the body over that of the whole."""
-        return float(np.prod(np.ptp(self.box(dim), axis=0)[:-1])) / (2 * self.radius) ** (dim - 1)
+        there = float(np.prod(np.ptp(self.box(dim), axis=0)[:-1])) / (2 * self.radius) ** (dim - 1)
+        return SIMPLICES[dim] * half * there
 
     def size_cells(self, gmsh: Gmsh) -> None:
         """Set the mesh sizes of the current gmsh model."""
@@ -68,28 +65,23 @@ class Dome(Builder):
 class HalfDisc(Dome):
     """Half a disc with its pole at the origin and its flat side at y = radius; if axisymmetric, half a ball."""
 
+    body: ClassVar[str] = "disc"
+    models: ClassVar[tuple[Model, ...]] = (*PLANE, "axisymmetric")
+    elsewhere: ClassVar[str] = 'there is none in 3D; use "half_ball"'
+
     symmetric: Annotated[bool, Key("-", SYMMETRIC)] = False
     builder: Annotated[Literal["half_disc"], Key("-", "the shape's name")] = "half_disc"
 
-    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
-        return {"disc": ("arc", "top", *(("axis",) if self.symmetric else ()))}
-
     def check_model(self, model: Model) -> None:
-        if model == "3d":
-            raise SceneError('builder = "half_disc": there is none in 3D; use "half_ball"')
-        check_symmetric(self.symmetric, model)
         super().check_model(model)
+        check_symmetric(self.symmetric, model)
 
-    def box(self, dim: int) -> Array:
-        return self.radius * np.array([[0.0 if self.symmetric else -1.0, 0.0], [1.0, 1.0]])
-
-    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        name = side.split(".")[1]
-        if name == "arc":
-            angle = np.radians(np.arange(0 if self.symmetric else -90, 91, 22.5))
-            normals = np.stack([np.sin(angle), -np.cos(angle)], axis=1)
-            return self.radius * (normals + np.array([0.0, 1.0])), normals
-        return box_corners(self.box(dim), *((0, 0) if name == "axis" else (1, 1)))
+    def sides(self, dim: int) -> Sides:
+        r, left = self.radius, 0.0 if self.symmetric else -1.0
+        normals = directions(np.arange(-90 if self.symmetric else -180, 1, 22.5))
+        box = r * np.array([[left, 0.0], [1.0, 1.0]])
+        axis = {"axis": box_corners(box, 0, 0)} if self.symmetric else {}
+        return {"arc": (r * (normals + np.array([0.0, 1.0])), normals), "top": box_corners(box, 1, 1), **axis}
 
     def draw(self, gmsh: Gmsh, request: Request) -> None:
         """The pole and the centre are vertices of the mesh."""
@@ -108,13 +100,17 @@ class HalfDisc(Dome):
         self.size_cells(gmsh)
 
 
-PLANES = {"x_plane": 0, "y_plane": 1}  # sides of a quarter -> axis of the normal
+QUARTER = {"x_plane": (0, 0), "y_plane": (1, 0)}  # its further sides, see `Places`
 SYMMETRY = "quarter: x, y >= 0 only, with sides x_plane and y_plane"
 
 
 @dataclass(frozen=True, kw_only=True)
 class HalfBall(Dome):
     """Half a ball with its pole at the origin and its flat side on top, at z = radius; 3D only."""
+
+    body: ClassVar[str] = "ball"
+    models: ClassVar[tuple[Model, ...]] = ("3d",)
+    elsewhere: ClassVar[str] = 'there is one in 3D only; use "half_disc"'
 
     symmetry: Annotated[Literal["none", "quarter"], Key("-", SYMMETRY)] = "none"
     builder: Annotated[Literal["half_ball"], Key("-", "the shape's name")] = "half_ball"
@@ -123,32 +119,15 @@ class HalfBall(Dome):
     def quarter(self) -> bool:
         return self.symmetry == "quarter"
 
-    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
-        return {"ball": ("cap", "top", *(PLANES if self.quarter else ()))}
-
-    def check_model(self, model: Model) -> None:
-        if model != "3d":
-            raise SceneError('builder = "half_ball": there is one in 3D only; use "half_disc"')
-        super().check_model(model)
-
-    def box(self, dim: int) -> Array:
-        low = 0.0 if self.quarter else -1.0
-        return self.radius * np.array([[low, low, 0.0], [1.0, 1.0, 1.0]])
-
-    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        name = side.split(".")[1]
-        turns = np.radians(np.arange(0, 91 if self.quarter else 360, 45))
-        round_z = np.stack([np.cos(turns), np.sin(turns), np.zeros(len(turns))], axis=1)
-        up = np.array([0.0, 0.0, 1.0])
-        if name == "cap":
-            normals = np.concatenate([-up[None], round_z, (round_z - up) / np.sqrt(2)])
-            return self.radius * (normals + up), normals
-        if name == "top":
-            points = self.radius * np.concatenate([up[None], round_z + up])
-            return points, np.tile(up, (len(points), 1))
-        along = np.eye(3)[1 - PLANES[name]]
-        points = self.radius * np.array([0 * up, up, along + up, (along - up) / np.sqrt(2) + up])
-        return points, constant_normals(PLANES[name], 0, points.shape)
+    def sides(self, dim: int) -> Sides:
+        around = np.pad(directions(np.arange(0.0, 91.0 if self.quarter else 360.0, 45.0)), ((0, 0), (0, 1)))
+        r, up = self.radius, np.array([0.0, 0.0, 1.0])
+        normals = np.concatenate([-up[None], around, (around - up) / np.sqrt(2)])
+        sides = {"cap": (r * (normals + up), normals), "top": flat_side(r * np.array([up, *(around + up)]), 2, 1)}
+        for name, place in QUARTER.items() if self.quarter else ():
+            along = np.eye(3)[1 - place[0]]
+            sides[name] = flat_side(r * np.array([0 * up, up, along + up, (along - up) / np.sqrt(2) + up]), *place)
+        return sides
 
     def draw(self, gmsh: Gmsh, request: Request) -> None:
         """Drawn in quarters: the pole is then a vertex, and no surface has a seam or a singular point there."""
@@ -162,9 +141,45 @@ class HalfBall(Dome):
         if not self.quarter:
             occ.fragment(quarters[:1], quarters[1:])
         occ.synchronize()
-        flat = {"top": (2, r)} | ({name: (axis, 0.0) for name, axis in PLANES.items()} if self.quarter else {})
-        name_groups(gmsh, 3, "ball", outer(gmsh, 3, flat, rest="cap"))
+        flat = {"top": (2, 1)} | (QUARTER if self.quarter else {})
+        name_groups(gmsh, 3, "ball", outer(gmsh, self.box(3), flat, rest="cap"))
         self.size_cells(gmsh)
+
+
+class DomeKeys(CellKeys):
+    """Keys of one of two domes."""
+
+    radius: float
+    contact_radius: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Domes(Pair):
+    """Two domes: the pole of the lower body is the origin, that of the upper body lies at `gap` above it."""
+
+    lengths: ClassVar[tuple[str, ...]] = (*Pair.lengths, "radius", "lower_radius", "contact_radius")
+
+    radius: Annotated[float, Key("m", "of the upper body")]
+    lower_radius: Annotated[float | None, Key("m", "of the lower body; absent: radius")] = None
+    contact_radius: Annotated[
+        float | None, Key("m", "cells have contact_mesh_size this far from the poles; absent: radius / 8, each its own")
+    ] = None
+
+    def check_keys(self) -> None:
+        near = self.contact_radius
+        require(near is None or near <= min(self.radius, self._lower), "contact_radius", near, "exceeds a radius")
+
+    def keys_of_both(self) -> tuple[DomeKeys, DomeKeys]:
+        """Keys of the lower dome, and of the upper one."""
+        near = self.contact_radius
+        return (
+            {**self.lower_cell_keys(), "radius": self._lower, "contact_radius": near},
+            {**self.cell_keys(), "radius": self.radius, "contact_radius": near},
+        )
+
+    @property
+    def _lower(self) -> float:
+        return self.radius if self.lower_radius is None else self.lower_radius
 
 
 UPSIDE_DOWN = ((1.0, 0.0), (0.0, -1.0))
@@ -174,14 +189,13 @@ UPSIDE_DOWN = ((1.0, 0.0), (0.0, -1.0))
 class Cylinders(Domes):
     """Two cylinders cut by a plane; in axisymmetric models two balls."""
 
-    models: ClassVar[tuple[Model, ...]] = ("plane strain", "plane stress", "axisymmetric")
+    models: ClassVar[tuple[Model, ...]] = (*PLANE, "axisymmetric")
 
     symmetric: Annotated[bool, Key("-", SYMMETRIC)] = False
     builder: Annotated[Literal["cylinders"], Key("-", "the shape's name")] = "cylinders"
 
     def parts(self) -> Mapping[str, Part]:
-        lower = HalfDisc(symmetric=self.symmetric, **self.lower_keys())
-        upper = HalfDisc(symmetric=self.symmetric, **self.upper_keys())
+        lower, upper = (HalfDisc(symmetric=self.symmetric, **keys) for keys in self.keys_of_both())
         return {
             "lower": Part(shape=lower, renamed={"top": "base"}, turn=UPSIDE_DOWN),
             "upper": Part(shape=upper, shift=(0.0, self.gap)),
@@ -201,8 +215,7 @@ class Spheres(Domes):
     builder: Annotated[Literal["spheres"], Key("-", "the shape's name")] = "spheres"
 
     def parts(self) -> Mapping[str, Part]:
-        lower = HalfBall(symmetry=self.symmetry, **self.lower_keys())
-        upper = HalfBall(symmetry=self.symmetry, **self.upper_keys())
+        lower, upper = (HalfBall(symmetry=self.symmetry, **keys) for keys in self.keys_of_both())
         swapped = {"top": "base", "x_plane": "y_plane", "y_plane": "x_plane"}
         return {
             "lower": Part(shape=lower, renamed=swapped, turn=HALF_TURN),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
@@ -13,9 +12,12 @@ from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.builders.builder import (
     SYMMETRIC,
     Builder,
+    Places,
+    Sides,
     box_corners,
     check_symmetric,
-    constant_normals,
+    directions,
+    flat_side,
     match_periodic,
     name_groups,
     of_box,
@@ -32,6 +34,8 @@ from stickslip.geometry.shape import Model, Request
 class HalfSpace(Builder):
     """A large block below y = 0 (in 3D z = 0); the side `contact` is |x| <= contact_half_width, in 3D a disc."""
 
+    body: ClassVar[str] = "half_space"
+    gridded: ClassVar[bool] = False
     lengths: ClassVar[tuple[str, ...]] = ("size", "contact_half_width", "edge_mesh_size")
 
     size: Annotated[float, Key("m", "depth and half width, about 40 contact half widths")]
@@ -53,12 +57,9 @@ class HalfSpace(Builder):
         """Edge length at the edges of the contact part [m]."""
         return self.fine_size if self.edge_mesh_size is None else self.edge_mesh_size
 
-    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
-        return {"half_space": ("contact", *self._flat(dim))}
-
     def check_model(self, model: Model) -> None:
         check_symmetric(self.symmetric, model)
-        require(self.cells == "simplex", "cells", self.cells, "this shape has no grid; use simplex")
+        super().check_model(model)
 
     def cell_count(self, request: Request) -> float:
         dim, a = request.dim, self.contact_half_width
@@ -73,20 +74,16 @@ class HalfSpace(Builder):
             low[0] = 0.0
         return np.array([low, high])
 
-    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        name, a = side.split(".")[1], self.contact_half_width
-        if name not in ("contact", "top"):
-            return box_corners(self.box(dim), *self._flat(dim)[name])
+    def sides(self, dim: int) -> Sides:
+        a, box = self.contact_half_width, self.box(dim)
+        flat = {name: box_corners(box, *place) for name, place in self._places(dim).items()}
         if dim == 3:
-            turns = np.radians(np.arange(0, 360, 45))
-            edge = a * np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)
+            edge = a * np.pad(directions(np.arange(0.0, 360.0, 45.0)), ((0, 0), (0, 1)))
         else:
             edge = np.array([[a, 0.0]] if self.symmetric else [[-a, 0.0], [a, 0.0]])
-        inner, outer = np.zeros((1, dim)), box_corners(self.box(dim), dim - 1, 1)[0]
-        if self.symmetric:
-            outer = outer[outer[:, 0] > 0]
-        points = np.concatenate([edge, inner if name == "contact" else outer])
-        return points, constant_normals(dim - 1, 1, points.shape)
+        outside = flat["top"][0][flat["top"][0][:, 0] > 0] if self.symmetric else flat["top"][0]
+        contact, top = (np.concatenate([edge, others]) for others in (np.zeros((1, dim)), outside))
+        return {"contact": flat_side(contact, dim - 1, 1), **flat, "top": flat_side(top, dim - 1, 1)}
 
     def draw(self, gmsh: Gmsh, request: Request) -> None:
         """The contact part is cut out of the top; in 2D the origin is a vertex too."""
@@ -101,8 +98,7 @@ class HalfSpace(Builder):
             ends = [occ.addPoint(x, 0, 0) for x in cuts]
             occ.fragment([(2, block)], [(1, occ.addLine(*pair)) for pair in pairwise(ends)])
         occ.synchronize()
-        flat = {name: (axis, (low, high)[end][axis]) for name, (axis, end) in self._flat(dim).items()}
-        tags = outer(gmsh, dim, flat)
+        tags = outer(gmsh, self.box(dim), self._places(dim))
         reach = a * (1 + 1e-3) + CLOSE  # gmsh enlarges bounding boxes by 1e-7
         boxes = {tag: gmsh.model.getBoundingBox(dim - 1, tag) for tag in tags["top"]}
         contact = [tag for tag, box in boxes.items() if -reach < box[0] and box[3] < reach]
@@ -112,9 +108,8 @@ class HalfSpace(Builder):
         depth = "xyz"[dim - 1]
         near = [(self.fine_size, norm(beyond(a, across), depth)), (self.edge_size, norm(f"{across}-{a:.17g}", depth))]
         grow(gmsh, self.mesh_size, near)
-        match_periodic(gmsh, dim, request.periodic, found, self._flat(dim), self.box(dim))
+        match_periodic(gmsh, request, self.box(dim), self._places(dim), found)
 
-    def _flat(self, dim: int) -> dict[str, tuple[int, int]]:
-        """Flat sides, as in `of_box`; `top` contains the contact part."""
-        found = of_box(dim)
-        return {"axis" if self.symmetric and name == "left" else name: place for name, place in found.items()}
+    def _places(self, dim: int) -> Places:
+        """Flat sides; `top` contains the contact part."""
+        return {"axis" if self.symmetric and name == "left" else name: at for name, at in of_box(dim).items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -10,22 +10,34 @@ import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, ROUNDING, Array
 from stickslip.geometry.builders.assembly import Assembly, BodyRow, CellKeys, Part
-from stickslip.geometry.builders.builder import Builder, constant_normals, name_groups
+from stickslip.geometry.builders.builder import (
+    ONLY_PLANE,
+    PLANE,
+    Builder,
+    Sides,
+    directions,
+    flat_side,
+    name_groups,
+    touched,
+)
 from stickslip.geometry.builders.cuboid import Block, transfinite
-from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.mesh_sizes import graded, graded_count
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request
 
 ANGLE = "in degrees: 360, or 90: a quarter with sides x_axis and y_axis"
-RADIAL = {"x_axis": 1, "y_axis": 0}  # sides of a quarter -> axis of the normal
+RADIAL = {"x_axis": (1, 0), "y_axis": (0, 0)}  # further sides of a quarter, see `Places`
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ring(Builder):
     """A ring about the origin, or its quarter x, y >= 0, meshed by a grid; plane models only."""
 
+    body: ClassVar[str] = "ring"
+    models: ClassVar[tuple[Model, ...]] = PLANE
+    elsewhere: ClassVar[str] = ONLY_PLANE
     lengths: ClassVar[tuple[str, ...]] = ("inner_radius", "outer_radius")
 
     inner_radius: Annotated[float, Key("m", "of the hole")]
@@ -38,64 +50,53 @@ class Ring(Builder):
         inner = self.inner_radius
         require(inner < self.outer_radius, "inner_radius", inner, "must be smaller than outer_radius")
         thin = f"too near to outer_radius = {self.outer_radius:g}: the ring must be a millionth of it thick"
-        # of the radius: the kernel takes both circles of a thinner one for the same
+        # the kernel takes both circles of a thinner one for the same
         require(inner <= (1 - CLOSE) * self.outer_radius, "inner_radius", inner, thin)
 
-    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
-        return {"ring": ("inner", "outer", *(RADIAL if self.angle == 90 else ()))}
+    @property
+    def radii(self) -> dict[str, float]:
+        """Of the round sides [m]."""
+        return {"inner": self.inner_radius, "outer": self.outer_radius}
 
-    def check_model(self, model: Model) -> None:
-        if model in ("3d", "axisymmetric"):
-            raise SceneError('builder = "ring": there is one in plane models only')
+    def sides(self, dim: int) -> Sides:
+        outward = directions(np.arange(0, self.angle + (self.angle == 90), 22.5))
+        inner, outer = (radius * outward for radius in self.radii.values())
+        along = {
+            name: flat_side(np.outer([*self.radii.values()], np.eye(2)[1 - place[0]]), *place)
+            for name, place in RADIAL.items()
+        }
+        return {"inner": (inner, -outward), "outer": (outer, outward), **(along if self.angle == 90 else {})}
+
+    def _along(self, fine: Collection[str], angle: float) -> float:
+        """Cells along the circles over an angle [rad], as many as the larger or the finer of the two needs."""
+        return float(
+            max(angle * r / (self.fine_size if name in fine else self.mesh_size) for name, r in self.radii.items())
+        )
 
     def cell_count(self, request: Request) -> float:
-        radii = {"inner": self.inner_radius, "outer": self.outer_radius}
-        touched = {side.split(".")[1] for side in request.contact_sides} & radii.keys()
-        sizes = {name: (self.fine_size if name in touched else self.mesh_size) for name in radii}
-        along = max(np.radians(self.angle) * radii[name] / sizes[name] for name in radii)
-        across = graded_count(
-            self.outer_radius - self.inner_radius, min(sizes.values()), self.mesh_size, max(1, len(touched))
-        )
-        return float(max(1.0, along) * across) * self.pieces(2)
-
-    def box(self, dim: int) -> Array:
-        return self.outer_radius * np.array([[0.0, 0.0] if self.angle == 90 else [-1.0, -1.0], [1.0, 1.0]])
-
-    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        name, radii = side.split(".")[1], {"inner": self.inner_radius, "outer": self.outer_radius}
-        if name in radii:
-            angles = np.radians(np.arange(0, self.angle + (self.angle == 90), 22.5))
-            outward = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-            return radii[name] * outward, outward if name == "outer" else -outward
-        points = np.outer(list(radii.values()), np.eye(2)[1 - RADIAL[name]])
-        return points, constant_normals(RADIAL[name], 0, points.shape)
+        fine, across = touched(request) & {*self.radii}, self.outer_radius - self.inner_radius
+        size = self.fine_size if fine else self.mesh_size
+        layers = graded_count(across, size, self.mesh_size, max(1, len(fine)))
+        return max(1.0, self._along(fine, np.radians(self.angle))) * layers * self.pieces(2)
 
     def draw(self, gmsh: Gmsh, request: Request) -> None:
-        """Drawn in quarters, each bounded by two arcs and two straight lines."""
-        directions = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[: 4 if self.angle == 360 else 2]
-        circles, spokes = draw_sectors(gmsh, (self.inner_radius, self.outer_radius), directions, self.angle == 360)
-        found = dict(zip(("inner", "outer"), circles, strict=True))
+        """Drawn in quarters, whose cells are contact_mesh_size long at contact sides and grow from there."""
+        quarters = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[: 4 if self.angle == 360 else 2]
+        circles, spokes = draw_sectors(gmsh, (self.inner_radius, self.outer_radius), quarters, self.angle == 360)
+        found = dict(zip(self.radii, circles, strict=True))
         if self.angle == 90:
             found |= {"x_axis": [spokes[0]], "y_axis": [spokes[1]]}
         name_groups(gmsh, 2, "ring", found)
-        self._grid(gmsh, circles, spokes, {side.split(".")[1] for side in request.contact_sides})
-
-    def _grid(self, gmsh: Gmsh, circles: list[list[int]], spokes: list[int], contacts: set[str]) -> None:
-        """Grid whose cells are contact_mesh_size long at contact sides and grow from there up to mesh_size."""
-        radii = {"inner": self.inner_radius, "outer": self.outer_radius}
-        touched = contacts & radii.keys()
-        fine = self.fine_size if touched else self.mesh_size
-        counts = [np.pi / 2 * radii[name] / (fine if name in touched else self.mesh_size) for name in radii]
-        along = max(2, int(np.ceil(max(counts) * (1 - ROUNDING))))
+        fine, across = touched(request) & {*self.radii}, self.outer_radius - self.inner_radius
+        along = max(2, int(np.ceil(self._along(fine, np.pi / 2) * (1 - ROUNDING))))
         for curve in (*circles[0], *circles[1]):
             gmsh.model.mesh.setTransfiniteCurve(curve, along + 1)
-        across = self.outer_radius - self.inner_radius
         steps, ratio = max(1, round(across / self.mesh_size)), 1.0
-        if fine < self.mesh_size:
-            steps, ratio = graded(across, fine, self.mesh_size, len(touched))
-        law = "Bump" if len(touched) == 2 and ratio != 1 else "Progression"
+        if fine and self.fine_size < self.mesh_size:
+            steps, ratio = graded(across, self.fine_size, self.mesh_size, len(fine))
+        law = "Bump" if len(fine) == 2 and ratio != 1 else "Progression"
         for curve in spokes:
-            gmsh.model.mesh.setTransfiniteCurve(curve, steps + 1, law, 1 / ratio if touched == {"outer"} else ratio)
+            gmsh.model.mesh.setTransfiniteCurve(curve, steps + 1, law, 1 / ratio if fine == {"outer"} else ratio)
         transfinite(gmsh, 2, self.cells == "tensor")
 
 
@@ -129,6 +130,7 @@ def draw_sectors(
 class Sector(Builder):
     """Ring sector between two angles about the origin; the side `right` is at the start angle, `left` at the end."""
 
+    body: ClassVar[str] = "sector"
     lengths: ClassVar[tuple[str, ...]] = ("inner_radius", "outer_radius")
 
     inner_radius: Annotated[float, Key("m", "of the inside")]
@@ -136,64 +138,48 @@ class Sector(Builder):
     start: Annotated[float, Key("-", "angle of the right side from the x axis, in degrees, counterclockwise")]
     end: Annotated[float, Key("-", "angle of the left side; less than 180 beyond the start")]
 
-    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
-        return {"sector": ("left", "right", "inside", "outside")}
-
     def check_model(self, model: Model) -> None:
         require(self.contact_mesh_size is None, "contact_mesh_size", self.contact_mesh_size, "use mesh_size alone")
 
-    def cell_count(self, request: Request) -> float:
-        size, across = self.mesh_size, self.outer_radius - self.inner_radius
+    def _counts(self) -> tuple[float, float]:
+        """Number of cells along the arcs, and from the inner arc to the outer one, not rounded."""
         along = np.radians(self.end - self.start) * self.outer_radius
-        return float(max(1.0, along / size) * max(1.0, across / size)) * self.pieces(2)
+        return float(along / self.mesh_size), (self.outer_radius - self.inner_radius) / self.mesh_size
 
-    def steps(self) -> tuple[int, int]:
-        """Number of cells along the arcs, and from the inner arc to the outer one."""
-        along = np.radians(self.end - self.start) * self.outer_radius / self.mesh_size
-        across = (self.outer_radius - self.inner_radius) / self.mesh_size
-        return max(1, int(np.ceil(along * (1 - ROUNDING)))), max(1, round(across))
+    def cell_count(self, request: Request) -> float:
+        along, across = self._counts()
+        return max(1.0, along) * max(1.0, across) * self.pieces(2)
 
-    def box(self, dim: int) -> Array:
-        points = np.concatenate([self.sample(side, dim)[0] for side in ("sector.inside", "sector.outside")])
-        return np.array([points.min(axis=0), points.max(axis=0)])
-
-    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        name, radii = side.split(".")[1], {"inside": self.inner_radius, "outside": self.outer_radius}
-        if name in radii:
-            extremes = [angle for angle in range(-360, 361, 90) if self.start < angle < self.end]
-            outward = directions(np.array([*np.linspace(self.start, self.end, 5), *extremes]))
-            return radii[name] * outward, outward if name == "outside" else -outward
-        ((x, y),) = directions(np.array([self.end if name == "left" else self.start]))
-        normal = np.array([-y, x]) if name == "left" else np.array([y, -x])
-        return np.outer(list(radii.values()), [x, y]), np.tile(normal, (2, 1))
+    def sides(self, dim: int) -> Sides:
+        extremes = [angle for angle in range(-360, 361, 90) if self.start < angle < self.end]
+        outward = directions(np.array([*np.linspace(self.start, self.end, 5), *extremes]))
+        (a, b), (c, d) = ends = directions(np.array([self.end, self.start]))
+        left, right = (np.outer([self.inner_radius, self.outer_radius], end) for end in ends)
+        return {
+            "left": (left, np.tile([-b, a], (2, 1))),
+            "right": (right, np.tile([d, -c], (2, 1))),
+            "inside": (self.inner_radius * outward, -outward),
+            "outside": (self.outer_radius * outward, outward),
+        }
 
     def draw(self, gmsh: Gmsh, request: Request) -> None:
         ends = directions(np.array([self.start, self.end]))
         (inside, outside), (right, left) = draw_sectors(gmsh, (self.inner_radius, self.outer_radius), ends, False)
         names = {"left": [left], "right": [right], "inside": inside, "outside": outside}
         name_groups(gmsh, 2, "sector", names)
-        along, across = self.steps()
-        for curves, count in (((*inside, *outside), along), ((left, right), across)):
+        along, across = self._counts()
+        steps = max(1, int(np.ceil(along * (1 - ROUNDING)))), max(1, round(across))
+        for curves, count in zip(((*inside, *outside), (left, right)), steps, strict=True):
             for curve in curves:
                 gmsh.model.mesh.setTransfiniteCurve(curve, count + 1)
         transfinite(gmsh, 2, self.cells == "tensor")
-
-
-def directions(angles: Array) -> Array:
-    """Unit vectors (k, 2) at angles (k,) from the x axis, in degrees.
-
-    >>> directions(np.array([0.0, 90.0])).round(15) + 0.0
-    array([[1., 0.],
-           [0., 1.]])
-    """
-    return np.stack([np.cos(np.radians(angles)), np.sin(np.radians(angles))], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rings(Assembly):
     """Two rings about the origin, or a quarter of both; the inner one is larger than the hole by the interference."""
 
-    models: ClassVar[tuple[Model, ...]] = ("plane strain", "plane stress")
+    models: ClassVar[tuple[Model, ...]] = PLANE
     lengths: ClassVar[tuple[str, ...]] = ("inner_radius", "radius", "outer_radius", "inner_mesh_size")
     distances: ClassVar[tuple[str, ...]] = ("interference",)
 
@@ -254,7 +240,7 @@ class Arch(BodyRow):
     The sides `left` and `right` of a stone, as seen from the origin, are its joints; `top` is that of a springer.
     """
 
-    models: ClassVar[tuple[Model, ...]] = ("plane strain", "plane stress")
+    models: ClassVar[tuple[Model, ...]] = PLANE
     lengths: ClassVar[tuple[str, ...]] = ("inner_radius", "thickness", "springer_height")
 
     inner_radius: Annotated[float, Key("m", "of the inside")]

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import ROUNDING, Array
-from stickslip.geometry.builders.builder import Builder, name_groups
+from stickslip.geometry.arrays import ROUNDING
+from stickslip.geometry.builders.builder import ONLY_PLANE, PLANE, Builder, Sides, directions, name_groups, touched
 from stickslip.geometry.builders.cuboid import transfinite
-from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.mesh_sizes import graded, graded_count
 from stickslip.geometry.shape import Model, Request
-
-SIDES = ("left", "right", "bottom", "top")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wedge(Builder):
     """Trapezium between y = 0 and y = height, symmetric about x = 0, meshed by a grid; plane models only."""
 
+    body: ClassVar[str] = "wedge"
+    models: ClassVar[tuple[Model, ...]] = PLANE
+    elsewhere: ClassVar[str] = ONLY_PLANE
     lengths: ClassVar[tuple[str, ...]] = ("bottom_width", "height")
 
     half_angle: Annotated[float, Key("-", "angle between an inclined side and the vertical, in degrees")]
@@ -44,15 +44,8 @@ class Wedge(Builder):
         """Length of an inclined side [m]."""
         return float(self.height / np.cos(np.radians(self.half_angle)))
 
-    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
-        return {"wedge": SIDES}
-
-    def check_model(self, model: Model) -> None:
-        if model in ("3d", "axisymmetric"):
-            raise SceneError('builder = "wedge": there is one in plane models only')
-
     def cell_count(self, request: Request) -> float:
-        fine = {side.split(".")[1] for side in request.contact_sides}
+        fine = touched(request)
         counts: list[float] = []
         for along, length, ends in (
             ({"left", "right"}, self.side_length, {"bottom", "top"}),
@@ -64,31 +57,26 @@ class Wedge(Builder):
                 counts[-1] = graded_count(length, self.fine_size, self.mesh_size, len(fine & ends))
         return max(1.0, counts[0]) * max(1.0, counts[1]) * self.pieces(2)
 
-    def box(self, dim: int) -> Array:
-        half = self.top_width / 2
-        return np.array([[-half, 0.0], [half, self.height]])
-
-    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        """Both ends of a side."""
-        low, high, angle = self.bottom_width / 2, self.top_width / 2, np.radians(self.half_angle)
-        points, normal = {
-            "left": ([[-low, 0.0], [-high, self.height]], [-np.cos(angle), -np.sin(angle)]),
-            "right": ([[low, 0.0], [high, self.height]], [np.cos(angle), -np.sin(angle)]),
-            "bottom": ([[-low, 0.0], [low, 0.0]], [0.0, -1.0]),
-            "top": ([[-high, self.height], [high, self.height]], [0.0, 1.0]),
-        }[side.split(".")[1]]
-        return np.array(points), np.tile(normal, (2, 1))
+    def sides(self, dim: int) -> Sides:
+        """Both ends of each side: the lower or left one, then the upper or right one."""
+        low, high, top = self.bottom_width / 2, self.top_width / 2, self.height
+        (across, down), both = directions(np.array([-self.half_angle]))[0], np.ones((2, 1))
+        return {
+            "left": (np.array([[-low, 0.0], [-high, top]]), both * [-across, down]),
+            "right": (np.array([[low, 0.0], [high, top]]), both * [across, down]),
+            "bottom": (np.array([[-low, 0.0], [low, 0.0]]), both * [0.0, -1.0]),
+            "top": (np.array([[-high, top], [high, top]]), both * [0.0, 1.0]),
+        }
 
     def draw(self, gmsh: Any, request: Request) -> None:
-        """Four lines, each from its lower or left end to its upper or right one."""
         occ = gmsh.model.occ
-        ends = [[tuple(point) for point in self.sample(f"wedge.{side}", 2)[0]] for side in SIDES]
+        ends = [[tuple(point) for point in points] for points, _ in self.sides(2).values()]
         points = {corner: occ.addPoint(*corner, 0) for corner in sorted({corner for pair in ends for corner in pair})}
-        lines = {side: occ.addLine(points[a], points[b]) for side, (a, b) in zip(SIDES, ends, strict=True)}
+        lines = {side: occ.addLine(points[a], points[b]) for side, (a, b) in zip(self.sides(2), ends, strict=True)}
         occ.addPlaneSurface([occ.addCurveLoop([lines[side] for side in ("bottom", "right", "top", "left")])])
         occ.synchronize()
         name_groups(gmsh, 2, "wedge", {side: [line] for side, line in lines.items()})
-        fine = {side.split(".")[1] for side in request.contact_sides}
+        fine = touched(request)
         inclined, level = ("left", "right"), ("bottom", "top")
         for along, length, across in ((inclined, self.side_length, level), (level, self.top_width, inclined)):
             count, law, ratio = self._grading(length, bool(fine & {*along}), [end in fine for end in across])

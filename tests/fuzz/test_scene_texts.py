@@ -1,17 +1,22 @@
-"""Any text as a scene, and any words of --set, are read or refused in one line."""
+"""Scenes, keys and expressions drawn by lot are solved or refused in one line."""
 
 from __future__ import annotations
 
 import json
 import tomllib
 from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+import stickslip
 from shared.fuzzing import accepted, fuzzed
+from stickslip.geometry.expression import CONSTANTS, FUNCTIONS, NAMES, Expression, check_varying
+from stickslip.geometry.keys import Noun
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.commands.cli import app, guarded
 from stickslip.workflows.scene_file.read import READY, from_dict, read
@@ -106,3 +111,126 @@ def test_any_value_of_a_key(name: str, key: str, value: Any) -> None:
 def test_the_command_ends_with_exit_code_2(name: str, word: str) -> None:
     code = guarded(lambda: app(["plan", f"no such {name}", f"--set=model={word}"], standalone_mode=False))
     assert code == 2
+
+
+FACE = {name: getattr(stickslip, name) for name in sorted(stickslip.__all__)}
+NOUNS = {name: kind for name, kind in FACE.items() if isinstance(kind, type) and issubclass(kind, Noun)}
+KINDS = {name: kind for name, kind in NOUNS.items() if is_dataclass(kind) and kind.is_key()}
+GOOD: dict[str, dict[str, Any]] = {
+    "Material": {"E": 1.0, "nu": 0.3},
+    "Block": {"length": 4.0, "height": 2.0, "mesh_size": 0.5},
+    "Ring": {"inner_radius": 1.0, "outer_radius": 2.0, "mesh_size": 0.5},
+    "Plane": {"point": (0.0, 0.0), "normal": (0.0, 1.0)},
+    "Contact": {"surface": "block.bottom", "against": "foundation"},
+    "Support": {"boundary": "block.top", "displacement": {"y": -0.1}},
+    "Load": {"boundary": "block.left", "pressure": 1.0},
+    "Coulomb": {"mu": 0.3},
+}
+GOOD["Scene"] = {
+    "model": "plane strain",
+    "geometry": stickslip.Block(**GOOD["Block"]),
+    "bodies": {"block": stickslip.Material(**GOOD["Material"])},
+    "obstacles": {"foundation": stickslip.Plane(**GOOD["Plane"])},
+    "contacts": {"base": stickslip.Contact(**GOOD["Contact"])},
+    "supports": {"top": stickslip.Support(**GOOD["Support"])},
+}
+odd = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.floats(),
+    st.complex_numbers(),
+    st.binary(max_size=3),
+    st.text(max_size=6),
+    st.sampled_from(
+        ["3D", "axisymetric", "quad", "condensd", "x" * 5000, 10**400, object(), print, int, np.float32(1)]
+    ),
+    st.sampled_from([np.array([1.0, np.nan]), np.array(["a"]), np.zeros((2, 0)), np.int8(3), np.array(None)]),
+    st.sampled_from([stickslip.Steps(), stickslip.Material(E=1.0, nu=0.3), stickslip.Coulomb(mu=0.3)]),
+)
+names_or_odd = st.one_of(st.sampled_from(["x", "y", "top", "block", "base"]), st.integers(), st.none())
+deep = st.recursive(
+    odd,
+    lambda v: st.one_of(
+        st.lists(v, max_size=3),
+        st.tuples(v, v),
+        st.sets(st.integers(), max_size=2),
+        st.dictionaries(names_or_odd, v, max_size=3),
+    ),
+    max_leaves=6,
+)  # fmt: skip
+
+
+@fuzzed(12)
+@given(st.data())
+def test_any_values_of_a_part(data: st.DataObject) -> None:
+    name = data.draw(st.sampled_from(sorted(KINDS)))
+    names = [f.name for f in fields(KINDS[name])]
+    wild = data.draw(st.dictionaries(st.one_of(st.sampled_from(names), st.text(max_size=5)), deep, max_size=3))
+    made = accepted(lambda: KINDS[name](**(GOOD.get(name, {}) | wild)))
+    if isinstance(made, stickslip.Scene):
+        accepted(lambda: make_plan(made))
+
+
+PIECES = [
+    *NAMES, *FUNCTIONS, "+", "-", "*", "/", "**", "(", ")", ",", ".", " ", "1", "0", "2.5", "1e308", "1e-308", "1_0",
+    "0x1", "1j", "9" * 50, "(" * 30, "-" * 30, "lambda", "if", "else", "and", "not", "for", "in", "await", "yield",
+    "print", "__import__", "None", "True", "é", "[", "]", "{", ":", "=", "'", "#", "\\", "\n", "\0", "ｘ", "@", "%",
+]  # fmt: skip
+POINTS = np.array([[0.0, -1.0, 1e300], [1.0, 0.5, 2.0]])
+
+
+def examined(text: str) -> None:
+    def read() -> Expression:
+        check_varying(text, "key")
+        return Expression(text, dict.fromkeys(CONSTANTS, 0.3))
+
+    expression = accepted(read)
+    if expression is not None:
+        assert expression.names <= {*NAMES}
+        assert expression(POINTS, 0.5, 1.0).shape == (2,)
+
+
+@fuzzed(40)
+@given(st.lists(st.sampled_from(PIECES), max_size=30).map("".join))
+def test_pieces_of_formulas(text: str) -> None:
+    examined(text)
+
+
+@fuzzed(10)
+@given(st.text(max_size=500))
+def test_any_text(text: str) -> None:
+    examined(text)
+
+
+expression_leaves = st.one_of(st.sampled_from(NAMES), st.floats(0, allow_nan=False, allow_infinity=False).map(repr))
+formulas = st.recursive(
+    expression_leaves,
+    lambda part: st.one_of(
+        st.tuples(part, st.sampled_from(["+", "-", "*", "/", "**"]), part).map(lambda t: f"({t[0]} {t[1]} {t[2]})"),
+        st.tuples(st.sampled_from(sorted(FUNCTIONS)), part).map(
+            lambda t: f"{t[0]}({t[1]}, 1)" if t[0] in ("min", "max") else f"{t[0]}({t[1]})"
+        ),
+        part.map(lambda text: f"-{text}"),
+    ),
+    max_leaves=8,
+)
+
+
+@fuzzed(20)
+@given(formulas)
+def test_every_formula_is_read(text: str) -> None:
+    """And is worth what Python says of the same text, where that is a real number."""
+    check_varying(text, "key")
+    points = np.full((1, 3), 2.0)
+    values = {name: points[:, i] for i, name in enumerate("xyz")} | {
+        name: np.float64(2.0) for name in ("t", *CONSTANTS)
+    }
+    with np.errstate(all="ignore"):
+        try:
+            expected = eval(text, {"__builtins__": {}}, values | {"pi": np.float64(np.pi), **FUNCTIONS})
+        except (OverflowError, ZeroDivisionError):  # of Python's own numbers
+            return
+        found = Expression(f"{text} + 0*t", dict.fromkeys(CONSTANTS, 2.0))(points, 2.0, 1.0)
+    if not isinstance(expected, complex):
+        np.testing.assert_allclose(found, expected, rtol=1e-12)

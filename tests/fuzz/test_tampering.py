@@ -1,7 +1,4 @@
-"""Kills and tampering, drawn by lot: the same answer to the last bit, or one true line; user files are never touched.
-
-`make fuzz N=20000` draws more of them than `make test`.
-"""
+"""Files that were drawn by lot or tampered with are refused in one line."""
 
 from __future__ import annotations
 
@@ -10,20 +7,26 @@ import os
 import random
 import shutil
 import sys
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mpi4py import MPI
 
 from shared.disks import Disk
-from shared.fuzzing import assert_refusal, fuzzed
+from shared.drawn import FACES, GEO, draw, scene_data
+from shared.fuzzing import accepted, assert_refusal, fuzzed
 from shared.histories import LEARNS, SMALL, assert_same, names_in
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.commands.cli import app, guarded
 from stickslip.workflows.formats.marker import MARKER, PART
 from stickslip.workflows.run.run import run
-from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.scene_file.read import from_dict, read
 
 SCENE = [*SMALL, *LEARNS, "steps.count=3"]
 WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in SCENE)]
@@ -186,3 +189,72 @@ def test_whatever_becomes_of_the_files_the_answer_is_the_same_or_one_line(
             one, other = (found["steps"][-1]["contacts"]["base"][key] for found in (ours, theirs))
             assert one == pytest.approx(other, rel=1e-7), done  # of a tolerance of 1e-8: what was learnt may be lost
     shutil.rmtree(place.parent)
+
+
+SHARE = 0.4  # of the examples: each starts two processes
+LIMIT = 20.0  # [s] of gmsh
+FILE_WORDS = [
+    "0", "-1", "1e308", "nan", "1e-9", "9" * 400, "", ";", "{", "}", "(", "*/", "/*", '"', "\n", " ", "\0", "é",
+    'SystemCall "touch made";', 'Printf("x") > "made";', 'Merge "b.geo";', 'Include "b.geo";', "Mesh 2;",
+    "Delete Model;", "Physical Surface", "Box(9) = {0,0,0,1,1,1};", "For i In {0:9}", "EndFor",
+    "If (0)", "EndIf", "Exit;", "Abort;", "$EndElements", "$Nodes", "#10", "ISO-10303-21;", "ENDSEC;", "$",
+]  # fmt: skip
+
+
+@cache
+def original(kind: str) -> bytes:
+    with TemporaryDirectory() as folder:
+        return (
+            GEO.encode() if kind == ".geo" else draw(Path(folder) / f"b{kind}", 2 if kind == ".msh" else 3).read_bytes()
+        )
+
+
+@st.composite
+def mutated(draw_from: st.DrawFn, kind: str) -> bytes:
+    """A file of a kind with words, numbers or bytes of it changed, left out, repeated or exchanged."""
+    text = original(kind)
+    for _ in range(draw_from(st.integers(1, 3))):
+        if draw_from(st.booleans()):  # words
+            parts = text.split(b" ")
+            i, j = (draw_from(st.integers(0, len(parts) - 1)) for _ in range(2))
+            word = draw_from(st.sampled_from([*(w.encode() for w in FILE_WORDS), parts[j]]))
+            text = b" ".join([*parts[:i], word, *parts[i + draw_from(st.integers(0, 1)) :]])
+        elif draw_from(st.booleans()):  # lines
+            lines = text.split(b"\n")
+            i, j = (draw_from(st.integers(0, len(lines) - 1)) for _ in range(2))
+            text = b"\n".join([*lines[:i], lines[j], *lines[i + draw_from(st.integers(0, 1)) :]])
+        else:  # bytes
+            at = draw_from(st.integers(0, max(0, len(text) - 1)))
+            text = text[:at] + draw_from(st.binary(max_size=4)) + text[at + draw_from(st.integers(0, 4)) :]
+        if draw_from(st.integers(0, 9)) == 0:
+            text = text[: draw_from(st.integers(0, len(text)))]
+    return text
+
+
+def use(name: str, content: bytes) -> None:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        path.write_bytes(content)
+        solid = name.endswith((".step", ".brep"))
+        keys: dict[str, Any] = {"mesh_size": 0.5, "names": FACES} if solid else {}
+        data = scene_data(path, 3 if solid else 2, "part" if solid else "block", time_limit=LIMIT, **keys)
+        scene = accepted(lambda: from_dict(data))
+        if scene is not None and accepted(lambda: make_plan(scene)) is not None:
+            accepted(lambda: build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF))
+        assert [p.name for p in Path(folder).iterdir()] == [name]
+
+
+@pytest.mark.parametrize("kind", [".geo", ".msh", ".step", ".brep"])
+def test_a_mutated_file(kind: str) -> None:
+    @fuzzed(SHARE)
+    @given(mutated(kind))
+    def check(content: bytes) -> None:
+        use(f"b{kind}", content)
+
+    check()
+
+
+@fuzzed(SHARE)
+@given(st.sampled_from(["b.geo", "b.msh", "b.step", "b.brep", "b.geo.gz", "b.msh.gz"]), st.binary(max_size=300))
+def test_any_bytes(name: str, content: bytes) -> None:
+    use(name, content)

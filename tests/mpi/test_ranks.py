@@ -1,9 +1,11 @@
-"""The number of ranks changes the seconds, not the answer; and a wrong scene ends on all of them."""
+"""On several ranks bodies, surfaces, cells and errors are those of one."""
 
 import json
 import subprocess
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict
 from functools import cache
+from itertools import cycle, product
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +13,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared import on_ranks
+from shared.cases import slow
+from shared.cells import MODELS, Cell, refused, solved, whole
 from shared.command import result
 from shared.drawn import write_hinge
-from shared.ranks import mpirun, options
+from shared.ranks import each_told, mpirun, options, told
 from stickslip.geometry import dolfinx_versions as dx
+from stickslip.solvers.method_registry import METHODS
+from stickslip.workflows.commands.cli import app, guarded
 from stickslip.workflows.formats.steps import read_step, step_name
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import read
@@ -425,3 +432,255 @@ def test_meshes_that_ranks_cannot_share_are_refused_on_all_of_them(
     run(read(str(write_hinge(tmp_path)), HELD), tmp_path / "alone")
     ours, alone = (result(place)["steps"][-1]["energy"]["stored"] for place in (folder / "hinge", tmp_path / "alone"))
     assert_allclose(ours, alone, rtol=SAME)
+
+
+SAME_CELLS = 1e-8  # three decades above the tolerance: friction's condition, and hundreds of iterations
+LIMIT = 600  # s; a rank that waits for the others for ever must not hold up the tests
+TURN = 11  # how far the cell of one method lies from that of the next
+
+
+def sample() -> Iterator[Cell]:
+    """One cell of each method, in 2D and, of each second one of them, in 3D; other laws and operators for each."""
+    models = cycle(("plane strain", "plane strain", "3d", "3d"))
+    for turn, (method, model) in enumerate(zip(METHODS, models, strict=False)):
+        cells = [cell for cell in whole(method, model) if cell.friction]
+        first = turn * TURN % len(cells)
+        yield next(cell for cell in (*cells[first:], *cells[:first]) if refused(cell) is None)
+
+
+def differences(ranks: int, cells: list[Cell], folder: Path) -> list[str]:
+    """A sentence for each cell of which several ranks find something else."""
+    asked, found = folder / "cells.json", folder / "found.npz"
+    asked.write_text(json.dumps([asdict(cell) for cell in cells]))
+    done = mpirun(ranks, [str(asked), str(found)], folder, (on_ranks.__file__,), LIMIT)
+    assert done.returncode == 0, done.stderr[-2000:]  # 124: it hung until the time limit
+    wrong, many = [], np.load(found)
+    for k, cell in enumerate(cells):
+        for name, one in on_ranks.answer(solved(cell.scene(on_ranks.TOLERANCE))[1]).items():
+            off = np.abs(many[f"{k} {name}"] - one).max() / np.abs(one).max()
+            if not off <= SAME_CELLS:
+                wrong.append(f"{cell}: {name} {off:.1e} off")
+    return wrong
+
+
+@pytest.mark.parametrize("first", [0, *slow(1)])
+def test_each_method_finds_on_two_ranks_what_it_finds_on_one(first: int, tmp_path: Path) -> None:
+    assert differences(2, [*sample()][first::2], tmp_path) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("method", METHODS)
+def test_every_cell_finds_on_two_ranks_what_it_finds_on_one(method: str, model: str, tmp_path: Path) -> None:
+    """Some of them have two cells of the mesh: there is none for a third rank."""
+    cells = [cell for cell in whole(method, model) if refused(cell) is None]
+    assert differences(2, cells, tmp_path) == []
+
+
+TANGENT = """
+import json
+import numpy as np
+from mpi4py import MPI
+import stickslip
+from stickslip.solvers.interface.prepare import prepare_surface
+from stickslip.solvers.tangent.coordinates import ContactCoordinates
+simulation = stickslip.prepare(stickslip.read(SCENE, WORDS))
+steps = [*simulation.steps()]
+found = []
+for step in steps:
+    found += [step.energy.stored, *(c.normal_force for c in step.contacts.values())]
+    found += [value for force, moment in step.supports.values() for value in (*force, *moment)]
+system = simulation.system
+surface = prepare_surface(system, simulation.stepper.chain.volume)
+coordinates = ContactCoordinates.of(system, surface)
+u, v, again = (system.K_B.createVecRight() for _ in range(3))
+low, high = u.getOwnershipRange()
+u.array[:] = np.sin(np.arange(low, high))
+coordinates.inverse.mult(u, v)
+coordinates.T.mult(v, again)
+own = np.flatnonzero((coordinates.at >= low) & (coordinates.at < high))
+w = (surface.N @ surface.volume.contact.read(u))[own]
+wrong = float(max(abs((again - u).array).max(), abs(w - v.array[coordinates.at[own] - low]).max(initial=0.0)))
+comm = MPI.COMM_WORLD
+rows = comm.allreduce(len(own))
+assert rows == np.count_nonzero(coordinates.at >= 0), "a row belongs to no rank, or to several"
+everywhere = comm.gather(found), comm.gather(wrong), comm.gather(len(own)), rows
+if comm.rank == 0:
+    print(json.dumps(everywhere))
+"""
+ALWAYS_SURFACE = ["solver.tolerance=1e-11", "output.error=false", 'solver.method="tangent-cg"']
+SLAB = ["geometry.mesh_size=0.125", "geometry.height=0.25"]
+BALLS = ["geometry.order=1", "geometry.contact_mesh_size=0.1"]
+SOFT = ['contacts.base.normal={ law = "compliance", c_n = 20.0, m_n = 1.0 }']
+TWO_BLOCKS = "length=1.0, width=1.0, height=1.0, lower_length=2.0, mesh_size=0.25, lower_mesh_size=0.3"
+SEARCHED = [
+    "model=3d",
+    f'geometry={{ builder = "two_blocks", {TWO_BLOCKS} }}',
+    "supports.base.displacement={ x = 0.0, y = 0.0, z = 0.0 }",
+    "supports.top.displacement={ x = [[0, 0], [1, 0], [2, 0.4]], y = 0.0, z = [[0, 0], [1, -0.02]] }",
+    "contacts.joint.sliding=true",
+    "contacts.joint.friction.mu=0.1",
+    "steps.count=2",
+]
+CASES = {
+    "searched": ("two_blocks", SEARCHED),
+    "rigid": ("cube", SLAB),
+    "compliant": ("cube", [*SLAB, *SOFT]),
+    "mortar": ("spheres", BALLS),
+}
+
+
+QUICK = [("searched", 2)]  # two bodies whose meshes do not match, and rows that change
+
+
+def coordinates(case: str) -> str:
+    scene, words = CASES[case]
+    return TANGENT.replace("SCENE", repr(scene)).replace("WORDS", repr([*ALWAYS_SURFACE, *words]))
+
+
+@pytest.mark.parametrize(
+    ("case", "ranks"),
+    [
+        pytest.param(case, ranks, marks=[] if (case, ranks) in QUICK else pytest.mark.slow)
+        for case, ranks in product(CASES, (2, 3))
+    ],
+)
+def test_contact_coordinates_are_shared_by_slave_node(
+    case: str, ranks: int, surface_on_two: dict[str, Any], tmp_path: Path
+) -> None:
+    script = coordinates(case)
+    (alone,), _, _, count = told(script, 1, tmp_path)
+    found, wrong, shares, rows = surface_on_two[case] if (case, ranks) in QUICK else told(script, ranks, tmp_path)
+    assert rows == count == sum(shares) > 50
+    assert max(wrong) < 1e-12
+    assert all(one == found[0] for one in found)
+    assert_allclose(found[0], alone, rtol=1e-8, atol=1e-9 * max(map(abs, alone)))
+
+
+SECANTS = """
+import json
+import numpy as np
+from mpi4py import MPI
+import stickslip
+from stickslip.solvers import metrics
+metrics.SHARED = 0
+simulation = stickslip.prepare(stickslip.read("cube", WORDS))
+steps = [*simulation.steps()]
+found = [value for step in steps for value in (step.energy.stored, step.contacts["base"].tangential_force)]
+(ready,) = simulation.stepper.chain._ready.values()
+pairs = ready.learnt["F"]._S
+comm = MPI.COMM_WORLD
+everywhere = comm.gather(found), comm.gather(pairs.shape), steps[-1].volume_solves
+if comm.rank == 0:
+    print(json.dumps(everywhere))
+"""
+A_CUBE = ["geometry.mesh_size=0.25", 'solver.method="surface-uzawa"', 'solver.surface="matrix-free"']
+LEARNT = SECANTS.replace("WORDS", repr([*A_CUBE, "solver.tolerance=1e-10", "output.error=false"]))
+
+
+@pytest.fixture(scope="module")
+def surface_on_two(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What always runs on two ranks, in one mpirun."""
+    scripts = {case: coordinates(case) for case, _ in QUICK} | {"learnt": LEARNT}
+    return each_told(scripts, 2, tmp_path_factory.mktemp("on_two"))
+
+
+@pytest.mark.parametrize("ranks", [2, *slow(3)])
+def test_secants_are_shared_by_rows(ranks: int, surface_on_two: dict[str, Any], tmp_path: Path) -> None:
+    (alone,), ((rows, pairs),), _ = told(LEARNT, 1, tmp_path)
+    found, shapes, _ = surface_on_two["learnt"] if ranks == 2 else told(LEARNT, ranks, tmp_path)
+    assert sum(share for share, _ in shapes) == rows
+    assert max(share for share, _ in shapes) <= rows / ranks + 1
+    assert all(count == shapes[0][1] > 0 for _, count in shapes)
+    assert abs(shapes[0][1] - pairs) <= pairs / 3  # multigrid differs, and with it what volume solves leave
+    assert all(one == found[0] for one in found)
+    assert_allclose(found[0], alone, rtol=1e-7, atol=1e-9 * max(alone))  # the shear of the first step is zero
+
+
+MOVED = """
+import json
+import numpy as np
+from mpi4py import MPI
+import stickslip
+from shared.matrices import whole
+from stickslip.solvers.linear.rounding import without_rounding
+comm = MPI.COMM_WORLD
+K = whole(stickslip.prepare(stickslip.read("cube", ["geometry.mesh_size=0.125"])).system)
+every, found, u = comm.allreduce(len(K.getValuesCSR()[2])), [], K.createVecRight()
+u.array.reshape(-1, 3)[:] = [1.0, 2.0, 3.0]
+found.append((K * u).norm())
+K = without_rounding(K)
+found += [(K * u).norm(), comm.allreduce(len(K.getValuesCSR()[2])) / every]
+if comm.rank == 0:
+    print(json.dumps(found))
+"""
+
+
+@pytest.mark.slow  # in parts on one rank: tests/unit/test_volume.py
+def test_bodies_that_move_as_a_whole_feel_no_more_forces(tmp_path: Path) -> None:
+    before, after, share = told(MOVED, 2, tmp_path)
+    assert share < 0.75
+    assert after < 1.2 * before
+
+
+WORDS = ["run", "block", "--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5"]
+WORDS += ["--set=output.pictures=false", "--accuracy=base.normal_force=0.3%", "-q"]
+
+
+def done(ranks: int, words: list[str], folder: Path) -> Any:
+    """The result of a command on several ranks, or in this process, which is one."""
+    where = folder / f"on_{ranks}"
+    if ranks == 1:
+        assert guarded(lambda: app([*words, "-o", str(where)], standalone_mode=False)) == 0
+    else:
+        ended = mpirun(ranks, [*words, "-o", str(where)], folder)
+        assert ended.returncode == 0, ended.stderr
+    return result(where)
+
+
+def test_ranks_take_the_same_rounds(tmp_path: Path) -> None:
+    rounds = []
+    for ranks in (1, 2):
+        rounds.append(done(ranks, WORDS, tmp_path)["accuracy"]["rounds"])
+    assert len(rounds[0]) > 1
+    assert [one["unknowns"] for one in rounds[0]] == [one["unknowns"] for one in rounds[1]]
+
+
+@pytest.mark.slow  # test_recovered_stress has its siblings on one rank
+def test_ranks_state_the_same_errors_of_stress(tmp_path: Path) -> None:
+    """Each rank recovers the stress of its own cells, from those of all around its nodes."""
+    points = {f"p{i}": {"point": [0.1 + 0.4 * i, 0.45]} for i in range(5)}
+    table = ", ".join(f"{name} = {{ point = {probe['point']} }}" for name, probe in points.items())
+    words = [*WORDS[:4], "--set=output.pictures=false", f"--set=probes={{ {table} }}", "-q"]
+    one, two = (done(ranks, words, tmp_path) for ranks in (1, 2))
+    for name in points:
+        stated, same = (run["steps"][-1]["probes"][name]["error"]["stress"]["mesh"] for run in (one, two))
+        assert max(stated) > 0
+        assert same == pytest.approx(stated, rel=1e-6)
+    assert two["error"]["discretisation"] == pytest.approx(one["error"]["discretisation"], rel=1e-9)
+
+
+@pytest.mark.slow  # test_left_out has its siblings on one rank
+def test_ranks_state_the_same_errors_of_curved_bodies(tmp_path: Path) -> None:
+    words = ["run", "half_disc", "--set=geometry.order=1", "--set=steps.count=1", "--set=output.pictures=false", "-q"]
+    one, two = (done(ranks, words, tmp_path)["steps"][-1]["supports"]["top"]["error"]["force"] for ranks in (1, 2))
+    assert max(one["geometry"]) > 0
+    assert two["geometry"] == pytest.approx(one["geometry"], rel=1e-6)
+
+
+@pytest.mark.slow  # test_scripts_on_ranks has its sibling in 2D
+def test_ranks_state_the_same_errors_of_order_2_in_3d(tmp_path: Path) -> None:
+    stated = []
+    words = [
+        "run",
+        "cube",
+        "--set=geometry.order=2",
+        "--set=geometry.mesh_size=0.5",
+        "--set=output.pictures=false",
+        "-q",
+    ]
+    for ranks in (1, 2):
+        step = done(ranks, words, tmp_path)["steps"][-1]
+        stated.append(step["contacts"]["base"]["error"]["normal_force"]["mesh"])
+    assert stated[0] > 0
+    assert stated[1] == pytest.approx(stated[0], rel=1e-6)

@@ -5,7 +5,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 root=$(realpath -m "${DEBIAN13:-build/debian13}") figures=build/platforms
-tests=(tests/unit/test_{axisymmetric,checkpoint,cut_cells,linear_reference,normals,step_files,volume}.py
+tests=(tests/unit/test_{axisymmetric,nested_mesh,rows,step_files,volume}.py
     tests/runs/test_script.py)
 
 left_out() { echo "Debian 13 is left out: $*"; exit 0; }

@@ -1,18 +1,25 @@
-"""Every ready scene, end to end: what stands in the files agrees with itself and obeys mechanics."""
+"""Every ready scene is solved, and its files obey the laws, say their errors and read well."""
 
-from collections.abc import Callable
+import math
+import re
+from collections.abc import Callable, Iterator
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
+import pytest
 import pyvista
+from jsonschema import Draft202012Validator
 from numpy.testing import assert_allclose
 
-from shared.measures import facets_miss, measures
-from shared.solved import ROUNDING, ZERO, Solved
+from shared.command import READY_NAMES
+from shared.measures import bend, facets_miss, measures
+from shared.solved import ROUNDING, SIZES, ZERO, Json, Solved, solve
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array, cross
-from stickslip.geometry.builders.assembly import Domes
+from stickslip.geometry.builders.domes import Domes
 from stickslip.geometry.expression import Expression, Varying
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.laws.cohesion import Cohesion
@@ -23,6 +30,8 @@ from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.slip_dependent import StaticKinetic
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.steps import read_step, step_name
+from stickslip.workflows.run.result import result_schema
+from stickslip.workflows.scene_file.read import READY, from_dict, read
 
 MOST: dict[type[FrictionLaw], Callable[[Any], float]] = {  # largest slope of the bound
     Coulomb: lambda law: law.mu,
@@ -235,3 +244,268 @@ def test_step_files_agree_with_the_contact_table(solved: Solved) -> None:
             points = solved.points(name, step["time"])
             assert (contact.pressure == points["pressure"]).all()  # bit by bit
             assert (contact.traction[:, : solved.scene.dim] == points["traction"]).all()
+
+
+CHEAP = {"block", "raous", "sledge", "strip", "two_blocks"}
+PROMISE = re.compile(r"# Main number: (\w+)\.(\w+) ± ([\d.]+) %\n")
+ENOUGH = 5.0  # %
+FINER = 0.6  # times the mesh sizes, where the error of the mesh is not stated
+BARE = ["output.pictures=false", "output.audit=false"]
+
+
+def promised(name: str) -> tuple[str, str, float]:
+    """Contact, its number, and the largest error of that in %."""
+    found = PROMISE.match((READY / f"{name}.toml").read_text(encoding="utf-8"))
+    assert found is not None, f"{name}.toml does not begin with its main number"
+    return found[1], found[2], float(found[3])
+
+
+def error(name: str, solved: Solved, contact: str, key: str) -> float:
+    """Stated error [%] of a number of the last step; a mesh's that is not stated is the difference to a finer one."""
+    found = solved.result["steps"][-1]["contacts"][contact]
+    parts, value = found["error"][key], found[key]
+    if parts["total"] is not None:
+        return 100 * float(parts["total"] / value)
+    sizes = {size: getattr(solved.scene.geometry, size, None) for size in SIZES}
+    sets = [f"geometry.{size}={FINER * length}" for size, length in sizes.items() if length is not None]
+    finer = solve(read(name, [*BARE, *sets, "output.error=false"]), solved.folder.with_name("finer"))
+    difference = abs(value - finer.result["steps"][-1]["contacts"][contact][key])
+    known = sum(parts[part] for part in ("time_step", "law", "iteration", "linear_solver"))
+    return 100 * float((known + difference) / value)
+
+
+@pytest.mark.parametrize("name", READY_NAMES)
+def test_its_first_line_promises_five_percent_or_less(name: str) -> None:
+    contact, _, percent = promised(name)
+    assert contact in read(name).contacts
+    assert percent <= ENOUGH
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in CHEAP else pytest.mark.slow) for n in READY_NAMES])
+def test_a_run_states_the_error_that_is_promised(name: str, tmp_path: Path) -> None:
+    contact, key, percent = promised(name)
+    stated = error(name, solve(read(name, BARE), tmp_path / "out"), contact, key)
+    assert stated <= percent
+    assert stated > 0.3 * percent or percent <= 0.2  # not a promise that is met by far either
+
+
+def assert_shows_the_probes(solved: Solved, index: int, points: Any, displacement: Any) -> None:
+    """At the mesh node where a probe lies, the field is what the probe says; the probes lie on corners."""
+    for name, probe in solved.scene.probes.items():
+        distance = np.linalg.norm(points[:, : solved.scene.dim] - np.array(probe.point), axis=1)
+        assert distance.min() <= ROUNDING
+        expected = solved.result["steps"][index]["probes"][name]["displacement"]
+        scale = np.abs(displacement).max()
+        found = displacement[distance <= ROUNDING, : solved.scene.dim]  # bodies that touch have a node each there
+        assert np.abs(found - expected).max(axis=1).min() <= ROUNDING * scale
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # meshio's own
+def test_meshio_reads_the_fields(solved: Solved, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(solved.folder)  # meshio looks for the HDF5 file where it stands itself
+    with meshio.xdmf.TimeSeriesReader("fields.xdmf") as reader:
+        points, cells = reader.read_points_cells()
+        assert reader.num_steps == len(solved.result["steps"])
+        for index, step in enumerate(solved.result["steps"]):
+            time, at_points, at_cells = reader.read_data(index)
+            assert time == step["time"]
+            assert_shows_the_probes(solved, index, points, at_points["displacement"])
+            assert len(at_cells["von_mises"][0]) == sum(len(block.data) for block in cells)
+            assert at_cells["stress"][0].shape[-1] == 9
+
+
+def shown(path: Path) -> Iterator[tuple[float, Any]]:
+    """Times and grids, as VTK reads them."""
+    reader: Any = pyvista.get_reader(str(path))  # type: ignore[no-untyped-call]
+    for time in reader.time_values:
+        reader.set_active_time_value(time)
+        grid = reader.read()
+        yield time, grid[0] if isinstance(grid, pyvista.MultiBlock) else grid
+
+
+def test_vtk_reads_the_fields(solved: Solved) -> None:
+    shape, dim = solved.scene.geometry, solved.scene.dim
+    size = sum(measures(shape, dim)[body] for body in shape.bodies(dim))
+    measure = ("Area", "Volume")[dim - 2]
+    straight = bend(shape) ** 2 / 6  # VTK cuts curved cells into straight ones
+    times = []
+    for index, (time, grid) in enumerate(shown(solved.folder / "fields.xdmf")):
+        times.append(time)
+        assert_shows_the_probes(solved, index, np.array(grid.points), np.array(grid.point_data["displacement"]))
+        cells = grid.compute_cell_sizes().cell_data[measure]
+        assert_allclose(cells.sum(), size, rtol=1e-6 + straight)  # single precision, in case VTK turns to it
+    assert times == [step["time"] for step in solved.result["steps"]]
+
+
+def test_vtk_reads_the_contact_surface(solved: Solved) -> None:
+    for name in solved.scene.contacts:
+        for time, surface in shown(solved.folder / f"contact_{name}.xdmf"):
+            points, data = solved.points(name, time), surface.point_data
+            assert (np.array(data["pressure"]) == points["pressure"]).all()
+            assert_allclose(np.array(data["slip"])[:, : solved.scene.dim], points["slip"], rtol=ROUNDING)
+            words = np.array(["open", "slip", "stick"])[np.array(data["status"]).astype(int)]
+            assert (words == points["status"]).all()
+
+
+SCHEMA = Draft202012Validator(result_schema())
+
+
+def is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def is_count(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def is_text(value: Any) -> bool:
+    return isinstance(value, str) and value != ""
+
+
+def is_null(value: Any) -> bool:
+    return value is None
+
+
+def is_truth(value: Any) -> bool:
+    return isinstance(value, bool)
+
+
+def is_vector(value: Any) -> bool:
+    return isinstance(value, list) and len(value) in (2, 3) and all(map(is_number, value))
+
+
+def is_moment(value: Any) -> bool:
+    """A number in the plane, three components in space."""
+    return is_number(value) or (is_vector(value) and len(value) == 3)
+
+
+def is_error(value: Any) -> bool:
+    """Of a number, or of a vector by component."""
+    return all(is_number(part) and part >= 0 for part in (value if isinstance(value, list) else [value]))
+
+
+def is_stress(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 6 and all(map(is_number, value))
+
+
+AUDIT = dict.fromkeys(
+    ("equilibrium", "penetration", "negative_pressure", "cone", "complementarity", "dissipation"), is_number
+)
+RESULTANTS = ("normal_force", "tangential_force", "max_pressure", "max_penetration", "max_slip")
+ENERGIES = ("external", "stored", "contact", "compliance", "dissipated")
+AREAS = ("contact_area", "stick_area", "slip_area")
+CONTACT = dict.fromkeys((*RESULTANTS, *AREAS, "dissipation", "dissipation_total"), is_number) | {
+    "force": is_vector,
+    "moment": is_moment,
+}
+PARTS = ("time_step", "law", "iteration", "linear_solver")  # of every number, whatever the order
+
+
+def is_known_or_null(value: Any) -> bool:
+    """Of order 1 it is known, and of a number that has a limit."""
+    return value is None or is_error(value)
+
+
+def error_of(*names: str) -> Json:
+    """Error of each of these numbers, by its parts."""
+    by_order = dict.fromkeys(("mesh", "geometry", "total"), is_known_or_null)
+    parts = dict.fromkeys(PARTS, is_error) | by_order | {"converges": lambda value: value in (None, True, False)}
+    return {"error": {name: parts | {"corrected": lambda value: True} for name in names}}
+
+
+FORMAT_1: Json = {
+    "format": lambda value: value == 1,
+    "status": lambda value: value == "converged",
+    "version": is_text,
+    "dolfinx": is_text,
+    "ranks": lambda value: value == 1,
+    "method": lambda value: is_text(value) and value != "auto",
+    "dofs": is_count,
+    "contact_points": is_count,
+    "plan": [{"effect": is_text, "on": is_truth, "because": is_text, "adds": lambda value: isinstance(value, str)}],
+    "steps": [
+        {
+            "time": is_number,
+            "substeps": is_count,
+            "iterations": is_count,
+            "volume_solves": is_count,
+            "residual": is_number,
+            "contacts": {
+                "*": CONTACT | {"force": is_vector, "moment": is_moment} | error_of(*CONTACT, "force", "moment")
+            },
+            "supports": {"*": {"force": is_vector, "moment": is_moment} | error_of("force", "moment")},
+            "obstacles": {
+                "*": {"displacement": is_vector, "force": is_vector, "moment": is_moment}
+                | error_of("displacement", "force", "moment")
+            },
+            "probes": {"*": {"displacement": is_vector, "stress": is_stress} | error_of("displacement", "stress")},
+            "energy": dict.fromkeys((*ENERGIES, "time_remainder"), is_number) | error_of(*ENERGIES),
+            "error": {
+                "energy_norm": {
+                    **dict.fromkeys(("mesh", "law", "iteration", "linear_solver"), is_number),
+                    **dict.fromkeys(("total", "geometry", "time_step"), is_null),  # not computed yet
+                    "converges": lambda value: value is True,
+                }
+            },
+            "audit": AUDIT,
+        }
+    ],
+    "counters": {
+        "unknowns": dict.fromkeys(("displacement", "normal", "tangential"), is_count),
+        **dict.fromkeys(("forms", "searches", "factorisations", "schur_size"), is_count),
+        **dict.fromkeys(("volume_solves", "linear_iterations", "error_solves"), is_count),
+    },
+    "audit": AUDIT,
+    "error": {
+        "discretisation": is_number,
+        "law": lambda value: value == 0,  # the laws themselves are solved, not smoothed ones
+        "iteration": is_number,
+        "linear_solver": is_number,
+        "what": lambda value: value == "relative, energy norm",
+    },
+    "seconds": {
+        **dict.fromkeys(("mesh", "assemble", "prepare", "iterate", "error", "output", "total"), is_number),
+        "linear_reference": is_null,
+    },
+}
+
+
+def assert_has(value: Any, form: Any, at: str = "result.json") -> None:
+    """Every key of the form is there, of the right kind; `*` stands for any name."""
+    if isinstance(form, dict):
+        assert isinstance(value, dict), at
+        for key, inner in form.items():
+            for name in value if key == "*" else [key]:
+                assert name in value, f"{at}.{name} is missing"
+                assert_has(value[name], inner, f"{at}.{name}")
+    elif isinstance(form, list):
+        assert isinstance(value, list), at
+        assert value, at
+        for index, item in enumerate(value):
+            assert_has(item, form[0], f"{at}[{index}]")
+    else:
+        assert form(value), f"{at} = {value!r}"
+
+
+def test_result_holds_every_key_of_format_1(solved: Solved) -> None:
+    assert_has(solved.result, FORMAT_1)
+
+
+def test_result_names_what_the_scene_names_at_every_requested_time(solved: Solved) -> None:
+    assert [step["time"] for step in solved.result["steps"]] == list(solved.scene.requested_times())
+    for step in solved.result["steps"]:
+        for table in ("contacts", "supports", "probes"):
+            assert step[table].keys() == getattr(solved.scene, table).keys()
+        d = solved.scene.dim
+        assert all(len(item["force"]) == d for table in ("contacts", "supports") for item in step[table].values())
+
+
+def test_result_repeats_the_scene_so_that_it_can_be_solved_again(solved: Solved) -> None:
+    stored = dict(solved.result["scene"])
+    assert len(stored.pop("hash")) == 64
+    assert from_dict(stored) == solved.scene
+
+
+def test_is_valid_under_its_schema(solved: Solved) -> None:
+    errors = SCHEMA.iter_errors(solved.result)
+    assert [f"{error.json_path}: {error.message[:200]}" for error in errors] == []

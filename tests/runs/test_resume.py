@@ -9,25 +9,33 @@ import shlex
 import shutil
 import signal
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import stickslip
+import stickslip.workflows.accuracy.rounds
 from shared.command import Call, result
 from shared.histories import LEARNS, PUSHED, SMALL, Stop, assert_same, names_in, rows
+from stickslip.geometry.errors import FolderError, SceneError
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.accuracy.rounds import Rounds, aiming
 from stickslip.workflows.formats.hdf5 import write_arrays
 from stickslip.workflows.formats.marker import MARKER
 from stickslip.workflows.formats.regular import read_regular
 from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.run.folder import BEGUN, ResultsFolder
 from stickslip.workflows.run.resume import VERSIONS
-from stickslip.workflows.run.run import run
+from stickslip.workflows.run.run import Run, run
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import READY, from_dict, read
 
@@ -470,3 +478,156 @@ def test_what_a_killed_run_left_is_not_replaced_unasked(call: Call, whole: Path,
     assert names_in(work) == before
     assert call(*WORDS, "--resume")[0] == 0
     assert_same(stopped, whole)
+
+
+SIZES = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5", "output.pictures=false"]
+
+
+def scene(goal: str = "base.normal_force=0.5%", *sets: str) -> Scene:
+    return aiming(read("block", [*SIZES, *sets]), [goal], None)
+
+
+def solved(folder: Path, watch: Watch | None = None, resume: bool = False, of: Scene | None = None) -> Any:
+    """Rounds, outcome, and content of result.json."""
+    rounds = Rounds(of or scene(), lambda line: None)
+    return rounds, *rounds(folder / "out", watch or Watch(), resume)
+
+
+def stopping(after: int) -> Callable[[StepResult], None]:
+    """Ctrl-C after so many steps of all rounds together."""
+    left = iter(range(after))
+
+    def stop(step: StepResult) -> None:
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+
+    return stop
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
+    """Scenes that are solved or gone on with, in their order."""
+    found: list[Scene] = []
+
+    def count(scene: Scene, *more: Any, **keys: Any) -> Any:
+        found.append(scene)
+        return run(scene, *more, **keys)
+
+    monkeypatch.setattr(stickslip.workflows.accuracy.rounds, "run", count)
+    return found
+
+
+def told(content: dict[str, Any]) -> list[Any]:
+    """All rounds, without their seconds."""
+    return [{**one, "seconds": 0.0} for one in content["accuracy"]["rounds"]]
+
+
+@pytest.fixture(scope="module")
+def whole_rounds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What rounds say that were not stopped."""
+    found: dict[str, Any] = solved(tmp_path_factory.mktemp("whole"))[2]
+    return found
+
+
+@pytest.mark.parametrize("steps", [0, 3])  # the block has 2: in the first round, and in the second one
+def test_rounds_go_on_where_they_were_stopped(
+    steps: int, tmp_path: Path, counted: list[Scene], whole_rounds: dict[str, Any]
+) -> None:
+    assert len(whole_rounds["accuracy"]["rounds"]) == 2
+    _, outcome, _ = solved(tmp_path, Watch(on_step=stopping(steps)))
+    assert outcome.status == "interrupted"
+    with pytest.raises(FolderError, match="go on with --resume"):
+        solved(tmp_path)
+    counted.clear()
+    _, outcome, content = solved(tmp_path, resume=True)
+    assert outcome.status == "converged"
+    assert len(counted) == (1 if steps else 2)
+    assert told(content) == told(whole_rounds)
+    assert content["steps"][-1]["contacts"] == whole_rounds["steps"][-1]["contacts"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
+    counted.clear()
+    _, outcome, again = solved(tmp_path, resume=True)
+    assert "nothing was changed" in outcome.sentence
+    assert (counted, again) == ([], content)
+
+
+def test_a_crash_between_two_rounds_loses_neither(
+    tmp_path: Path, counted: list[Scene], whole_rounds: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def die(folder: ResultsFolder) -> None:
+        raise ZeroDivisionError  # the first round is judged, its steps still stand there
+
+    with monkeypatch.context() as killed:
+        killed.setattr(ResultsFolder, "abandon", die)
+        with pytest.raises(ZeroDivisionError):
+            solved(tmp_path)
+    assert (tmp_path / ".out.running").exists()
+    with pytest.raises(SceneError, match=r"contacts.base.friction.mu was 0.3"):
+        solved(tmp_path, resume=True, of=scene("base.normal_force=0.5%", "contacts.base.friction.mu=0.4"))
+    counted.clear()
+    content = solved(tmp_path, resume=True)[2]
+    assert len(counted) == 1
+    assert told(content) == told(whole_rounds)
+
+
+def test_a_larger_budget_goes_on_behind_the_last_round(tmp_path: Path, counted: list[Scene]) -> None:
+    poor = aiming(scene(), [], 0.01)
+    _, outcome, _ = solved(tmp_path, of=poor)
+    assert outcome.status == "inaccurate"
+    assert "--resume with a larger --budget" in outcome.sentence
+    counted.clear()
+    rounds, outcome, _ = solved(tmp_path, resume=True)
+    assert (outcome.status, len(counted), len(rounds.done)) == ("converged", 1, 2)
+
+
+def test_a_file_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / ".out.rounds").write_text("years of work")
+    with pytest.raises(FolderError, match="holds no rounds"):
+        solved(tmp_path)
+    assert (tmp_path / ".out.rounds").read_text() == "years of work"
+
+
+TWO = [*SMALL, "steps.count=2"]
+
+
+@pytest.mark.parametrize(("first", "then"), [(True, False), (False, True)])
+def test_error_is_not_known_where_that_of_a_step_is_not(first: bool, then: bool, tmp_path: Path) -> None:
+    def scene(error: bool) -> stickslip.Scene:
+        return read("block", [*TWO, f"output.error={str(error).lower()}"])
+
+    run(scene(first), tmp_path / "out", Watch(on_step=Stop(1)))
+    assert run(scene(then), tmp_path / "out", resume=True)[0].status == "converged"
+    found = result(tmp_path / "out")
+    known = [step["error"]["energy_norm"]["mesh"] is not None for step in found["steps"]]
+    assert known == [first, then]
+    assert found["error"]["discretisation"] is None
+    assert np.isfinite(found["error"]["iteration"])
+
+
+def test_finished_run_that_is_resumed_has_its_warnings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = read("block", [*TWO, "output.error=false"])
+    monkeypatch.setattr(Run, "_warnings", lambda self: ("the block is odd",))
+    first, content = run(scene, tmp_path / "out")
+    again, _ = run(scene, tmp_path / "out", resume=True)
+    assert "the block is odd" in first.warnings
+    assert list(again.warnings) == content["warnings"]
+    assert "the block is odd" in again.warnings
+
+
+def test_python_runs_rounds_towards_the_goals_of_a_scene(tmp_path: Path) -> None:
+    lines = list[str]()
+    scene = aiming(read("block", TWO), ["base.normal_force=30%"], None)
+    outcome, content = stickslip.run(scene, tmp_path / "out", Watch(on_round=lines.append))
+    assert outcome.status == "converged"
+    assert content["accuracy"]["met"]
+    assert result(tmp_path / "out")["accuracy"]["rounds"] == content["accuracy"]["rounds"]
+    assert len([line for line in lines if line.startswith("round ")]) == len(content["accuracy"]["rounds"])
+    again, _ = stickslip.run(scene, tmp_path / "out", resume=True)
+    assert "the rounds are finished" in again.sentence
+
+
+def test_without_goals_or_with_a_judge_of_ones_own_it_is_one_run(tmp_path: Path) -> None:
+    scene = read("block", [*TWO, "output.error=false"])
+    assert "accuracy" not in stickslip.run(scene, tmp_path / "plain")[1]
+    aimed = aiming(read("block", TWO), ["base.normal_force=30%"], None)
+    assert "accuracy" not in stickslip.run(aimed, tmp_path / "judged", keep=lambda *told: True)[1]

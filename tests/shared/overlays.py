@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.surfaces.surface import Surface
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Shape = Callable[[Array], Array]
 UNIT = ((0.0, 0.0), (1.0, 1.0))

@@ -1,10 +1,17 @@
-"""Surface problems of small scenes at t = 1, and their loads multiplied."""
+"""Small scenes: what makes them, their surface problems at t = 1, and their loads multiplied."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from stickslip.solvers.interface.flexibility import Load
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.system.system import System
+
+SceneOf = Callable[..., Scene]  # what the fixtures of tests/unit give
+SimulationOf = Callable[[Scene], Simulation]
+SystemOf = Callable[[Scene], System]
 
 
 def surface_problem(simulation: Simulation) -> SurfaceProblem:

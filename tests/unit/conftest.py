@@ -1,24 +1,23 @@
 """Small blocks to try the parts on: a scene in a few words, its system, its steps."""
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 from mpi4py import MPI
 
+from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation import simulation
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import System, assemble
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
 
 @pytest.fixture(scope="session")
-def scene_of() -> Callable[..., Scene]:
+def scene_of() -> SceneOf:
     """A block on the foundation y = 0 (z = 0 in 3D), E = 1 Pa, nu = 0.3; keywords replace or add whole tables."""
 
     def make(dim: int = 2, geometry: dict[str, Any] | None = None, **tables: Any) -> Scene:
@@ -36,7 +35,7 @@ def scene_of() -> Callable[..., Scene]:
 
 
 @pytest.fixture(scope="session")
-def system_of() -> Callable[[Scene], System]:
+def system_of() -> SystemOf:
     """The scene meshed and assembled; nothing is factorised."""
 
     def make(scene: Scene) -> System:
@@ -46,12 +45,12 @@ def system_of() -> Callable[[Scene], System]:
 
 
 @pytest.fixture(scope="session")
-def simulation_of() -> Callable[[Scene], Simulation]:
+def simulation_of() -> SimulationOf:
     """The scene ready to be solved, without estimates of errors."""
     return lambda scene: prepare(scene, MPI.COMM_SELF)
 
 
 @pytest.fixture(scope="session")
-def estimating() -> Callable[[Scene], Simulation]:
+def estimating() -> SimulationOf:
     """The scene ready to be solved, with estimates of errors."""
     return lambda scene: simulation.prepare(scene, MPI.COMM_SELF)

@@ -1,31 +1,54 @@
-"""Supports and periodic sides: what is prescribed holds for every free displacement, and nothing else is held."""
+"""What holds bodies: supports, hinges, contact and friction; and what nothing pushes."""
+
+from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 
+from shared.audited import record_of, stored_by
+from shared.cases import often
 from shared.matrices import dense, whole
-from stickslip.geometry.arrays import cross
+from shared.problems import SceneOf, SimulationOf, SystemOf, surface_problem, times
+from stickslip import Block
+from stickslip.geometry.arrays import Array, Ints, cross
 from stickslip.geometry.errors import SceneError
+from stickslip.geometry.keys import Key
+from stickslip.geometry.mesh.gmsh_session import gmsh_session
+from stickslip.geometry.mesh.joints import Joints, find_parts
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.shape import Request
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.fem.constraints import Components, Constraints
 from stickslip.solvers.fem.rigid_fields import rigid_fields
+from stickslip.solvers.interface.limit_analysis import Balance, balancing_tractions, decide, unbalanced_motion
+from stickslip.solvers.interface.problem import LEAST, NOTHING, SurfaceProblem
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.method_registry import METHODS
+from stickslip.solvers.newton import condensed_system
+from stickslip.solvers.newton.active_set import linearise
+from stickslip.solvers.newton.attempts import Start, closed, first_starts
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.stepping.choice import choose
+from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.solvers.system.stiffness import Stiffness
-from stickslip.solvers.system.system import System
-from stickslip.workflows.scene_file.read import from_dict
+from stickslip.solvers.system.system import System, assemble
+from stickslip.workflows.scene_file.read import from_dict, read
 
-Array = NDArray[np.float64]
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
 AXES = {"x": 0, "y": 1, "z": 2}
 SIDES = {"periodic": {"sides": {"boundary": "block.right", "with": "block.left"}}}
 
@@ -245,9 +268,7 @@ def test_a_periodic_block_moves_but_does_not_turn(scene_of: SceneOf, system_of: 
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_reactions_contact_and_loads_balance(
-    dim: int, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
-) -> None:
+def test_reactions_contact_and_loads_balance(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     pull = {"x": 0.02, "y": -0.05} if dim == 2 else {"x": 0.02, "y": 0.01, "z": -0.05}
     wall = {} if dim == 2 else {"wall": support("left", normal=-0.02)}  # shares an edge with the top
     scene = scene_of(
@@ -305,9 +326,7 @@ def two_blocks(folder: Path, *held: str) -> Scene:
     )
 
 
-def test_each_part_of_a_mesh_that_falls_apart_is_held_by_its_own(
-    tmp_path: Path, simulation_of: Callable[[Scene], Simulation]
-) -> None:
+def test_each_part_of_a_mesh_that_falls_apart_is_held_by_its_own(tmp_path: Path, simulation_of: SimulationOf) -> None:
     (step,) = simulation_of(two_blocks(tmp_path, "a", "b")).steps()
     a, b = (step.contacts[name].normal_force for name in "ab")
     assert_allclose(b, 2 * a, rtol=0.02)  # the same block of a material twice as stiff; their meshes differ
@@ -319,3 +338,518 @@ def test_each_part_of_a_mesh_that_falls_apart_is_held_by_its_own(
     loose = two_blocks(tmp_path, "a")
     with pytest.raises(SceneError, match=r"nothing resists the .* of bodies\.b"):
         make_plan(replace(loose, contacts={"a": loose.contacts["a"]}))
+
+
+Places = tuple[tuple[int, ...], ...]
+CORNERS = {2: [(0, 0), (1, 0), (1, 1), (0, 1)], 3: []}
+CORNERS[3] = [(*corner, z) for z in (0, 1) for corner in CORNERS[2]]  # type: ignore[misc]
+KINDS = {2: (3, 1, 4), 3: (5, 3, 8)}  # gmsh's types of cells and facets; corners of a cell
+SIZE = 4  # voxels along each axis
+
+
+@dataclass(frozen=True, kw_only=True)
+class Voxels(Block):
+    """Squares or cubes of 1 m at places of a grid, as images give them; sides bottom and top, where there are any."""
+
+    places: Annotated[Places, Key("m", "lower corners")]
+
+    def cell_count(self, request: Request) -> float:
+        return float(len(self.places))
+
+    def put(self, gmsh: Any, request: Request) -> float:
+        dim = request.dim
+        corners = np.array(self.places)[:, None] + np.array(CORNERS[dim])
+        points, rows = np.unique(corners.reshape(-1, dim), axis=0, return_inverse=True)
+        cells = rows.reshape(len(corners), -1)
+        kind, facet, _ = KINDS[dim]
+        gmsh.model.addDiscreteEntity(dim, 1)
+        tags = np.arange(1, len(points) + 1)
+        gmsh.model.mesh.addNodes(dim, 1, tags, np.pad(points, ((0, 0), (0, 3 - dim))).ravel().astype(float))
+        gmsh.model.mesh.addElementsByType(1, kind, [], (cells + 1).ravel())
+        gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, [1]), "block")
+        for number, (name, row, level) in enumerate((("bottom", 0, 0), ("top", 1, SIZE)), start=1):
+            local = [(0, 1), (3, 2)][row] if dim == 2 else [(0, 1, 2, 3), (4, 5, 6, 7)][row]
+            there = cells[:, local][corners[:, local[0], dim - 1] == level]
+            if len(there):
+                gmsh.model.addDiscreteEntity(dim - 1, number)
+                gmsh.model.mesh.addElementsByType(number, facet, [], (there + 1).ravel())
+                tag = gmsh.model.addPhysicalGroup(dim - 1, [number])
+                gmsh.model.setPhysicalName(dim - 1, tag, f"block.{name}")
+        return 1.0
+
+
+def voxels(places: Places, degree: Any = 1) -> Voxels:
+    width = float(SIZE) if len(places[0]) == 3 else None
+    return Voxels(length=float(SIZE), height=float(SIZE), width=width, mesh_size=1.0, order=degree, places=places)
+
+
+def found_in(places: Places) -> tuple[Ints, Joints]:
+    with gmsh_session() as gmsh:
+        voxels(places).put(gmsh, Request(model="plane strain" if len(places[0]) == 2 else "3d"))
+        return find_parts(gmsh, len(places[0]), 2.0)
+
+
+def test_squares_that_share_a_corner_are_hinged_there() -> None:
+    parts, joints = found_in(((0, 0), (1, 1)))
+    assert_array_equal(parts, [0, 0, 0, 0, 1, 1, 1])
+    assert_array_equal(joints.points, [[2.0, 2.0]])  # in metres
+    assert_array_equal(joints.parts, [[0, 1]])
+
+
+def test_cells_that_share_facets_are_one_part_and_others_are_numbered_by_their_nodes() -> None:
+    parts, joints = found_in(((2, 2), (2, 1), (0, 0)))
+    assert_array_equal(parts, [0] * 4 + [1] * 6)
+    assert len(joints.points) == 0
+
+
+def test_cubes_that_share_an_edge_are_hinged_along_it() -> None:
+    parts, joints = found_in(((0, 0, 0), (1, 1, 0)))
+    assert parts.max() == 1
+    assert_array_equal(joints.points, [[2.0, 2.0, 0.0], [2.0, 2.0, 2.0]])
+
+
+def test_corners_that_hold_each_other_make_one_part() -> None:
+    """A bow of squares closed by a square at two corners; cubes around a corner, each pair with an edge."""
+    ring: Places = ((0, 1), (0, 0), (1, 0), (2, 0), (2, 1), (1, 2))
+    for places in (ring, ((0, 0, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1), (2, 1, 0), (2, 0, 0), (1, 0, 0))):
+        parts, joints = found_in(places)
+        assert parts.max() == 0
+        assert len(joints.points) == 0
+
+
+def drawn(dim: int, seed: int) -> Places:
+    """Some places of the grid."""
+    grid = np.array(list(product(range(SIZE), repeat=dim)))
+    random = np.random.default_rng(seed)
+    return tuple(map(tuple, grid[random.random(len(grid)) < random.uniform(0.3, 0.55)].tolist()))
+
+
+def system_of(scene: Scene, places: Places, degree: int = 1) -> System:
+    problem = resolve(scene)
+    return assemble(problem, build_mesh(voxels(places, degree), scene.request(), MPI.COMM_SELF), Counters())
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(
+    ("model", "degree"), [("plane strain", 1), ("plane strain", 2), ("axisymmetric", 1), ("3d", 1)]
+)
+def test_modes_are_those_of_the_stiffness(model: str, degree: int, seed: int, scene_of: SceneOf) -> None:
+    """Motions without strain are the null space of K, found from its eigenvalues."""
+    dim = 3 if model == "3d" else 2
+    scene = scene_of(dim, model=model, contacts={})
+    system = system_of(scene, drawn(dim, seed), degree)
+    K = whole(system).convert("dense").getDenseArray()
+    if model == "axisymmetric":
+        (free,) = np.nonzero(system.T.getDiagonal().array)
+        K = K[np.ix_(free, free)]
+    sizes = np.linalg.eigvalsh((K + K.T) / 2)
+    assert system.lifting.unresisted.shape[1] == np.sum(sizes < 1e-9 * sizes[-1])
+
+
+GRAVITY = {"gravity": {"acceleration": [0.0, -2.0]}, "bodies": {"block": {"E": 1e4, "nu": 0.3, "density": 3.0}}}
+HINGED = ((0, 0), (1, 1))
+NEAR = {"near": {"point": [0.0, 0.0], "displacement": {"x": 0.0, "y": 0.0}},
+        "too": {"point": [0.0, 1.0], "displacement": {"x": 0.0}}}  # fmt: skip
+FAR = {"far": {"point": [2.0, 2.0], "displacement": {"x": 0.0, "y": 0.0}},
+       "too": {"point": [2.0, 1.0], "displacement": {"x": 0.0}}}  # fmt: skip
+BASE = {"surface": "block.bottom", "against": "foundation"}
+
+
+def simulation_of(scene: Scene, places: Places) -> Simulation:
+    return prepare(replace(scene, geometry=voxels(places), output=Output(error=False)), MPI.COMM_SELF)
+
+
+def test_part_that_turns_is_refused_and_the_place_named(scene_of: SceneOf) -> None:
+    scene = scene_of(contacts={"base": BASE}, supports=NEAR)
+    said = (
+        r"supports: a part of the mesh that no contact touches can turn about \(1, 1\), where it hangs on the rest by"
+    )
+    with pytest.raises(SceneError, match=said):
+        simulation_of(scene, HINGED)
+    simulation_of(scene, (*HINGED, (0, 1)))  # joined by facets
+
+
+def test_chain_that_is_held_at_its_ends_gives_way_between(scene_of: SceneOf) -> None:
+    """Each of its parts is held at one end or hangs in two hinges; together they move."""
+    ends = NEAR | {"end": {"point": [4.0, 4.0], "displacement": {"x": 0.0, "y": 0.0}}}
+    with pytest.raises(SceneError, match=r"that no contact touches can turn about \([123], [123]\)"):
+        simulation_of(scene_of(contacts={"base": BASE}, supports=ends), ((0, 0), (1, 1), (2, 2), (3, 3)))
+
+
+def test_thousands_of_parts_are_refused_at_once(scene_of: SceneOf) -> None:
+    """Their rigid motions would fill the memory."""
+    places = tuple((i, j) for i in range(80) for j in range(80) if (i + j) % 2 == 0 and (i, j) != (0, 2))
+    with pytest.raises(SceneError, match=r"can turn about \(\d+, \d+\)"):
+        simulation_of(scene_of(contacts={"base": BASE}, supports=NEAR), places)
+
+
+def test_part_that_turns_is_no_mechanism_where_a_support_holds_it(scene_of: SceneOf) -> None:
+    held = NEAR | {"end": {"point": [2.0, 1.0], "displacement": {"y": 0.0}}}
+    simulation = simulation_of(scene_of(contacts={"base": BASE}, supports=held), HINGED)
+    assert simulation.system.interface.rigid_modes.shape[1] == 0
+
+
+def test_part_that_hangs_in_a_hinge_rests_on_contact(scene_of: SceneOf) -> None:
+    """Moments about the hinge: the pressure under the square balances its weight."""
+    scene = scene_of(contacts={"base": BASE}, supports=FAR, **GRAVITY)
+    simulation = simulation_of(scene, HINGED)
+    assert all(METHODS[stage.method].WORKS_WITH.floating for stage in choose(simulation.system).stages)
+    (step,) = simulation.steps()
+    base = step.contacts["base"]
+    assert base.normal_force > 0
+    assert base.normal_force * 1.0 - base.moment[0] == pytest.approx(0.5 * 6.0, rel=1e-9)
+    (joined,) = simulation_of(scene, (*HINGED, (1, 0))).steps()  # by facets to a square under the hinge
+    base = joined.contacts["base"]
+    assert base.normal_force * 1.0 - base.moment[0] != pytest.approx(0.5 * 6.0, rel=0.1)
+
+
+def test_what_contact_alone_holds_is_refused_to_methods_that_cannot(scene_of: SceneOf) -> None:
+    scene = scene_of(contacts={"base": BASE}, supports=FAR, solver={"method": "uzawa"}, **GRAVITY)
+    with pytest.raises(SceneError, match=r"solver\.method = uzawa: needs bodies that their supports hold in all parts"):
+        simulation_of(scene, HINGED)
+
+
+def test_part_that_slides_without_friction_is_refused(scene_of: SceneOf) -> None:
+    apart = ((0, 0), (2, 2))
+    held = {"top": {"point": [3.0, 3.0], "displacement": {"x": 0.0, "y": 0.0}},
+            "too": {"point": [3.0, 2.0], "displacement": {"x": 0.0}}}  # fmt: skip
+    scene = scene_of(contacts={"base": BASE}, supports=held, **GRAVITY)
+    with pytest.raises(SceneError, match="that contact does not resist can move as a whole; hold it"):
+        simulation_of(scene, apart)
+    rough = BASE | {"friction": {"law": "coulomb", "mu": 0.3}}
+    (step,) = simulation_of(scene_of(contacts={"base": rough}, supports=held, **GRAVITY), apart).steps()
+    assert step.contacts["base"].normal_force == pytest.approx(6.0, rel=1e-9)  # its weight
+
+
+def test_cubes_turn_about_an_edge(scene_of: SceneOf) -> None:
+    held = {f"at_{k}": {"point": [0.0, *x], "displacement": dict.fromkeys("xyz", 0.0)}
+            for k, x in enumerate(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))}  # fmt: skip
+    scene = scene_of(3, contacts={"base": BASE}, supports=held)
+    with pytest.raises(SceneError, match=r"can turn about \(1, 1, [01]\)"):
+        simulation_of(scene, ((0, 0, 0), (1, 1, 0)))
+
+
+LINEAR = {"law": "compliance", "c_n": 1e9, "m_n": 1.0}
+COULOMB = {"law": "coulomb", "mu": 0.3}
+UP_DOWN = [[0.0, 0.0], [1.0, 0.01], [2.0, -0.01]]
+CLEAN = 1e-8
+
+
+def block_on(floor: dict[str, Any], dim: int, contact: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
+    """A block without support or load on a floor."""
+    up = [0.0] * (dim - 1) + [1.0]
+    width = {"width": 1.0} if dim == 3 else {}
+    return {
+        "model": "3d" if dim == 3 else "plane strain",
+        "geometry": {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.5, "cells": "tensor"} | width,
+        "bodies": {"block": {"E": 1e7, "nu": 0.3}},
+        "obstacles": {"floor": {"shape": "plane", "point": [0.0] * dim, "normal": up} | floor},
+        "contacts": {"base": {"surface": "block.bottom", "against": "floor", "friction": COULOMB} | contact},
+        "steps": {"end": 2.0, "count": 2},
+    } | more
+
+
+@pytest.mark.parametrize("contact", [{}, {"normal": LINEAR}, {"normal": LINEAR | {"m_n": 2.0}}, {"sliding": True}])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_floor_that_rises_lifts_a_body_and_leaves_it_there(
+    dim: int, contact: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """Its other motions are nobody's: they are those of the step before, not what rounding makes of them."""
+    axis = "xyz"[dim - 1]
+    scene = scene_of(**block_on({"displacement": {axis: UP_DOWN}}, dim, contact, {}))
+    for step in simulation_of(scene).steps():
+        moved = record_of(step).displacement.reshape(-1, dim)
+        assert_allclose(moved[:, :-1], 0.0, atol=1e-10)
+        assert_allclose(moved[:, -1], 0.01, atol=1e-6)
+
+
+def test_two_bodies_pressed_together_by_nothing_are_solved_to_rounding(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """Tractions are what a stiff law makes of the last digits of motions; pairs are searched while steps are cut."""
+    scene = scene_of(
+        model="3d",
+        geometry={"builder": "two_blocks", "length": 2.0, "height": 0.5, "width": 0.5, "mesh_size": 0.5,
+                  "lower_mesh_size": 0.4, "cells": "tensor"},
+        bodies={"upper": {"E": 1e7, "nu": 0.3}, "lower": {"E": 5e6, "nu": 0.2}},
+        obstacles={},
+        contacts={"base": {"surface": "upper.bottom", "against": "lower.top", "normal": LINEAR, "friction": COULOMB,
+                           "sliding": True}},
+        supports={"bed": {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0, "z": UP_DOWN}}},
+        steps={"end": 2.0, "count": 2},
+    )  # fmt: skip
+    simulation = simulation_of(scene)
+    audit = Auditor(simulation.problem, simulation.mesh)
+    for step in simulation.steps():
+        assert step.substeps == 1
+        assert step.iterations < 20
+        record = record_of(step)
+        assert max(asdict(audit(replace(record, stored=stored_by(step)))).values()) < CLEAN
+        assert np.abs(record.displacement).max() < 0.0101
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5, 3.0])
+def test_a_body_that_is_released_rises_to_where_it_touches(
+    power: float, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """By Newton's method alone the penetration of a power law would shrink by a factor, step for step."""
+    law = LINEAR | {"c_n": 1e7 * 1e-3 ** (1 - power), "m_n": power}
+    weight = {"boundary": "block.top", "pressure": [[0.0, 0.0], [1.0, 1e4], [2.0, 0.0]]}
+    scene = scene_of(**block_on({}, 2, {"normal": law}, {"loads": {"weight": weight}}))
+    simulation = simulation_of(scene)
+    audit = Auditor(simulation.problem, simulation.mesh)
+    pressed, released = simulation.steps()
+    assert_allclose(record_of(pressed).p[:4], 1e4, rtol=0.2)
+    assert released.iterations <= 2
+    record = record_of(released)
+    assert np.abs(record.displacement).max() < 1e-9
+    for step in (pressed, released):
+        assert max(asdict(audit(replace(record_of(step), stored=stored_by(step)))).values()) < CLEAN
+
+
+def test_rounding_of_a_stiff_law_excuses_next_to_nothing(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    floor = {"displacement": {"y": UP_DOWN}}
+    problem = surface_problem(simulation_of(scene_of(**block_on(floor, 2, {"normal": LINEAR}, {}))))
+    (rows,) = problem.cone.contacts
+    stiff = replace(rows, normal=Compliance(c_n=1e25))
+    problem = replace(problem, cone=AdmissibleSet((stiff,), problem.cone.time, problem.cone.end))
+    n, p = problem.surface.normal_rows, np.zeros(len(problem.gap))
+    for pull, noticed in ((0.5 * NOTHING, False), (10 * NOTHING, True)):
+        p[:n] = -pull * problem.p_ref
+        residual = problem.natural_residual(p, problem.gap)
+        assert residual == pytest.approx((pull - NOTHING) / LEAST if noticed else 0.0, rel=1e-6)
+
+
+@pytest.fixture
+def lifted(scene_of: SceneOf, simulation_of: SimulationOf) -> SurfaceProblem:
+    """The second step, in which the floor leaves the block."""
+    scene = scene_of(**block_on({"displacement": {"y": UP_DOWN}}, 2, {}, {}))
+    return surface_problem(simulation_of(scene))
+
+
+def test_motions_that_nothing_resists_stay_if_nothing_pushes_along_them(lifted: SurfaceProblem) -> None:
+    away, stood = np.full(len(lifted.gap), -1.0), np.random.default_rng(0).normal(size=lifted.surface.size)
+    open_everywhere = linearise(lifted, away, lifted.gamma)
+    p, u_c = condensed_system.solve(open_everywhere, stood)
+    R = lifted.surface.R
+    assert_array_equal(p, 0.0)
+    assert_allclose(u_c, R @ (R.T @ stood), atol=1e-12)
+    for mode in range(R.shape[1]):
+        push = R[:, mode]
+        load = replace(lifted.load, f_c=push, resultant=R.T @ push)
+        with pytest.raises(np.linalg.LinAlgError):
+            condensed_system.solve(replace(open_everywhere, problem=replace(lifted, load=load)), stood)
+
+
+def test_what_nothing_pushes_starts_where_it_stood(lifted: SurfaceProblem) -> None:
+    assert lifted.idle
+    surface = lifted.surface
+    lift = surface.R @ (surface.R.T @ np.tile([0.0, 0.02], surface.size // 2))
+    problem = replace(lifted, u_before=lift)
+    least = LEAST * problem.p_ref
+    p = np.zeros(len(problem.gap))
+    first = next(iter(first_starts(problem, p)))
+    assert first.u_c is lift
+    assert not first.in_equilibrium
+    r = problem.relative_displacement(lift) - problem.gap
+    assert np.all(np.abs(first.p_hat[: surface.normal_rows]) > least)
+    assert_allclose(first.p_hat, np.where(np.abs(problem.gamma * r) > least, problem.gamma * r, 0.0))
+    squeezed = problem.p_ref * np.ones(len(p))  # then its tractions tell more of what touches, and come first
+    assert next(iter(first_starts(problem, squeezed))).p_hat[0] > 0 > first.p_hat[0]
+    touching = replace(problem, offset=problem.offset - r)
+    assert not Start.where_it_stood(touching, p).p_hat.any()
+    pushed = replace(problem, load=replace(problem.load, resultant=np.ones(surface.R.shape[1])))
+    assert not pushed.idle
+    assert_allclose(next(iter(first_starts(pushed, p))).p_hat, closed(pushed))
+
+
+PRESS = 0.2  # N on a block of 2 m (and 1 m wide in 3D)
+
+
+@pytest.fixture
+def problem_of(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., SurfaceProblem]:
+    """A block pressed onto the foundation and pulled along it, held by the contact alone; nothing is solved."""
+
+    def make(
+        dim: int, pull: list[float], friction: dict[str, Any], normal: str = "unilateral", **others: Any
+    ) -> SurfaceProblem:
+        area = 2.0
+        normals = {"unilateral": {"law": "unilateral"}, "bilateral": {"law": "bilateral"},
+                   "compliance": {"law": "compliance", "c_n": 20.0, "m_n": 2.0}}  # fmt: skip
+        low = {"surface": "block.bottom", "against": "foundation", "friction": friction, "normal": normals[normal]}
+        ground = {"foundation": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}}
+        walls = {"wall": {"shape": "plane", "point": [0.0] * dim, "normal": [1.0] + [0.0] * (dim - 1)}}
+        scene = scene_of(
+            dim,
+            geometry={"cells": "tensor"},
+            obstacles=ground | (walls if others else {}),
+            contacts=others | {"base": low},
+            loads={"lid": {"boundary": "block.bottom", "traction": [*(f / area for f in pull), -PRESS / area]}},
+        )
+        seen: list[SurfaceProblem] = []
+        monkeypatch.setattr(
+            "stickslip.solvers.stepping.substep.unbalanced_motion", lambda problem: seen.append(problem) or np.ones(1)
+        )
+        monkeypatch.setattr("stickslip.solvers.stepping.halving.describe_motion", lambda system, motion, dofs: "")
+        stepper = simulation_of(scene).stepper
+        with pytest.raises(NoEquilibriumError, match="cannot balance"):
+            stepper.reach(stepper.start(), 1.0, lambda row: None)
+        return seen[0]
+
+    return make
+
+
+LAWS: list[tuple[dict[str, Any], float]] = [  # with the pull that they can just hold [N]
+    ({"law": "coulomb", "mu": 0.3}, 0.3 * PRESS),
+    ({"law": "coulomb", "mu": 0.3, "k_T": 7.0}, 0.3 * PRESS),
+    ({"law": "tresca", "bound": 0.02}, 0.02 * 2.0),
+]
+
+
+@pytest.mark.parametrize(("friction", "limit"), LAWS)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_pull_up_to_the_limit_is_possible_and_beyond_it_impossible(
+    sign: float, friction: dict[str, Any], limit: float, problem_of: Callable[..., SurfaceProblem]
+) -> None:
+    assert decide(problem_of(2, [sign * 0.9999 * limit], friction)) is Balance.POSSIBLE
+    beyond = problem_of(2, [sign * 1.0001 * limit], friction)
+    assert decide(beyond) is Balance.IMPOSSIBLE
+    motion = unbalanced_motion(beyond)
+    assert motion is not None
+    assert_allclose(np.abs(motion).max(), 1.0)
+    assert sign * motion[::2].mean() > 0.9  # it slides with the pull
+
+
+@pytest.mark.parametrize("turn", often(range(0, 91, 15), (0, 15, 60)))
+def test_polygons_enclose_the_disc_of_friction(turn: int, problem_of: Callable[..., SurfaceProblem]) -> None:
+    """In whatever direction: wrong answers never, undecided within the half per cent between the polygons."""
+    way = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
+    friction, limit = {"law": "coulomb", "mu": 0.3}, 0.3 * PRESS
+    found = {
+        share: decide(problem_of(3, (share * limit * way).tolist(), friction))
+        for share in (0.994, 0.9999, 1.0001, 1.006)
+    }
+    assert (found[0.994], found[1.006]) == (Balance.POSSIBLE, Balance.IMPOSSIBLE)
+    assert found[0.9999] is not Balance.IMPOSSIBLE
+    assert found[1.0001] is not Balance.POSSIBLE
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_balancing_tractions_balance_and_lie_in_the_cone(dim: int, problem_of: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of(dim, [0.05, 0.01][: dim - 1], {"law": "coulomb", "mu": 0.3})
+    p, surface = balancing_tractions(problem), problem.surface
+    assert p is not None
+    left = surface.R.T @ (problem.load.f_c - surface.forces(p))
+    assert_allclose(left, 0.0, atol=1e-7 * np.abs(problem.load.f_c).sum())  # the programme's own tolerance
+    assert_allclose(problem.project(p, problem.gamma), p, atol=1e-7 * np.abs(p).max())
+
+
+def test_stick_holds_any_pull_but_no_lift(problem_of: Callable[..., SurfaceProblem]) -> None:
+    assert decide(problem_of(2, [50 * PRESS], {"law": "stick"})) is Balance.POSSIBLE
+    pressed = problem_of(2, [0.0], {"law": "stick"})
+    lifted = replace(pressed, load=times(pressed.load, -1.0))
+    assert decide(lifted) is Balance.IMPOSSIBLE
+    assert balancing_tractions(lifted) is None
+
+
+def test_a_surface_that_pulls_presses_elsewhere_as_hard_as_need_be(problem_of: Callable[..., SurfaceProblem]) -> None:
+    """Bilateral contact with Coulomb friction: no pull is forbidden, for rigid bodies may be pressed and pulled."""
+    assert decide(problem_of(2, [3 * PRESS], {"law": "coulomb", "mu": 0.3}, "bilateral")) is not Balance.IMPOSSIBLE
+
+
+@pytest.mark.parametrize(("m_T", "expected"), [(2.0, Balance.IMPOSSIBLE), (1.0, Balance.UNDECIDED)])
+def test_bounds_that_are_no_lines_are_not_guessed(
+    m_T: float, expected: Balance, problem_of: Callable[..., SurfaceProblem]
+) -> None:
+    """s = c_T delta^m_T at p = 20 delta²: m_T = 2 is Coulomb's law with mu = c_T / 20."""
+    friction = {"law": "compliance", "c_T": 2.0, "m_T": m_T}
+    assert decide(problem_of(2, [0.5 * PRESS], friction, "compliance")) is expected
+
+
+def test_no_load_is_balanced_by_nothing(problem_of: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of(2, [0.01], {"law": "coulomb", "mu": 0.3})
+    problem = replace(problem, load=times(problem.load, 0.0))
+    assert decide(problem) is Balance.POSSIBLE
+    assert not balancing_tractions(problem).any()  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_the_answer_is_the_same_in_every_unit(unit: float, problem_of: Callable[..., SurfaceProblem]) -> None:
+    for share, expected in ((0.9999, Balance.POSSIBLE), (1.0001, Balance.IMPOSSIBLE)):
+        problem = problem_of(2, [share * 0.3 * PRESS], {"law": "coulomb", "mu": 0.3})
+        assert decide(replace(problem, load=times(problem.load, unit))) is expected
+
+
+def test_what_is_left_of_forces_that_cancel_is_no_load(problem_of: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of(2, [2 * PRESS], {"law": "coulomb", "mu": 0.3})
+    for left, expected in ((1e-12, Balance.POSSIBLE), (1e-6, Balance.IMPOSSIBLE)):
+        load = replace(problem.load, resultant=left * problem.load.resultant)
+        assert decide(replace(problem, load=load)) is expected
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_bilateral_contact_pulls(sign: float, problem_of: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of(2, [0.9 * 0.04], {"law": "tresca", "bound": 0.02}, "bilateral")
+    assert decide(replace(problem, load=times(problem.load, sign))) is Balance.POSSIBLE
+    p = balancing_tractions(replace(problem, load=times(problem.load, sign)))
+    assert p is not None
+    assert sign * problem.surface.W[: problem.surface.normal_rows] @ p[: problem.surface.normal_rows] > 0.9 * PRESS
+
+
+def test_stick_holds_more_than_is_proved_and_nothing_forbids_it(problem_of: Callable[..., SurfaceProblem]) -> None:
+    assert decide(problem_of(2, [5000 * PRESS], {"law": "stick"})) is Balance.UNDECIDED
+    assert decide(problem_of(2, [5000 * PRESS], {"law": "stick"}, "bilateral")) is Balance.POSSIBLE
+
+
+def test_a_wall_holds_what_is_pushed_against_it(problem_of: Callable[..., SurfaceProblem]) -> None:
+    """Two contacts: each has the rows and the friction of its own."""
+    wall = {"surface": "block.left", "against": "wall", "friction": {"law": "coulomb", "mu": 0.8}}
+    for pull, expected in ((-3.0, Balance.POSSIBLE), (0.29, Balance.POSSIBLE), (0.31, Balance.IMPOSSIBLE)):
+        assert decide(problem_of(2, [pull * PRESS], {"law": "coulomb", "mu": 0.3}, wall=wall)) is expected
+    problem = problem_of(2, [-3.0 * PRESS], {"law": "coulomb", "mu": 0.3}, wall=wall)
+    p, (first, second) = balancing_tractions(problem), problem.cone.places
+    assert p is not None
+    for place, at_least in ((first, 2.6), (second, 0.0)):
+        assert problem.surface.W[place.normal] @ p[place.normal] > at_least * PRESS
+    assert_allclose(problem.project(p, problem.gamma), p, atol=1e-6 * np.abs(p).max())
+
+
+def test_rigid_bodies_rest_where_gaps_are_small_and_evenly(problem_of: Callable[..., SurfaceProblem]) -> None:
+    """A gap that the motion of the foundation has closed is none."""
+    problem = problem_of(2, [0.0], {"law": "coulomb", "mu": 0.3})
+    n = problem.surface.normal_rows
+    rows, W = np.arange(len(problem.gap)), problem.surface.W[: problem.surface.normal_rows]
+    even = balancing_tractions(problem)
+    assert even is not None
+    assert_allclose(even[:n], PRESS / W.sum(), rtol=1e-6)
+    (corners,) = np.nonzero(W / W.max() < 0.6)
+    touching = np.isin(rows, corners)
+    assert touching.sum() == 2
+    for opening in (1e-3, 1.0, 1e3):  # small or large beside the motion without contact
+        away = np.where((rows < n) & ~touching, opening * problem.u_ref, 0.0)
+        rests = replace(problem, gap=problem.gap + away)
+        moved = replace(rests, gap=rests.gap + 50 * problem.u_ref, offset=rests.offset + 50 * problem.u_ref)
+        raised = replace(problem, offset=problem.offset - away)
+        for case in (rests, moved, raised):
+            p = balancing_tractions(case)
+            assert p is not None
+            assert_allclose(p[:n][touching[:n]], PRESS / W[touching[:n]].sum(), rtol=1e-5)
+            assert_allclose(np.delete(p[:n], corners), 0.0, atol=1e-6 * PRESS)
+    # in another unit of loads and lengths
+    small = replace(
+        rests,
+        load=times(rests.load, 1e-9), gap=1e-9 * rests.gap, offset=1e-9 * rests.offset, force=1e-9 * rests.force,
+    )  # fmt: skip
+    p = balancing_tractions(small)
+    assert p is not None
+    assert_allclose(p[:n][touching[:n]], 1e-9 * PRESS / W[touching[:n]].sum(), rtol=1e-5)
+
+
+def test_a_body_without_friction_says_where_nothing_holds_it() -> None:
+    """Its surface problem has the normal motions of contact alone."""
+    away = ["obstacles.plane.force.y=[[0, 0], [1, 2e-4], [2, -2e-4]]", "steps={ end = 2.0, count = 2 }"]
+    simulation = prepare(read("sphere", ["geometry.mesh_size=1.4", "geometry.contact_mesh_size=0.01", *away]))
+    with pytest.raises(NoEquilibriumError, match="plane moves along"):
+        list(simulation.steps())

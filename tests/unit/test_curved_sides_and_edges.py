@@ -1,19 +1,35 @@
-"""Bulges of curved sides, edges of areas between nodes, and pressures that grow without end."""
+"""Errors of curved sides, of edges of contact, between nodes, and by chance."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.sparse import csr_matrix
 from scipy.spatial import Delaunay
 
+from shared.cases import every_nth
+from shared.drawn import scene_data
 from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.areas import beyond_nodes, scatter, scatter_of_order_2
-from stickslip.solvers.accuracy.facet_volume_correction import bulges
-from stickslip.solvers.accuracy.mesh_error import grows, grows_in, without_limit
-from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
+from stickslip.solvers.accuracy.bubble_rows import BetweenNodes
+from stickslip.solvers.accuracy.facet_volume_correction import LeftOut, bulges, rim_of
+from stickslip.solvers.accuracy.mesh_error import DISSIPATION, PRESSURE, by_chance, grows, grows_in, without_limit
+from stickslip.solvers.accuracy.mesh_error import FORCE as PUSH
+from stickslip.solvers.accuracy.mesh_error import SLIP as SLID
+from stickslip.solvers.accuracy.two_level import MeshCorrection
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, Quantity
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.workflows.run.run import run
+from stickslip.workflows.scene_file.read import from_dict, read
 
 
 def side(points: Array, facets: Ints, shape: str = "interval", degree: int = 1, axisymmetric: bool = False) -> Surface:
@@ -242,3 +258,346 @@ def test_along_an_edge_pressures_behind_it_count(shape: str, power: float, expec
     facets = quads if shape == "quadrilateral" else np.concatenate([quads[:, [0, 1, 3]], quads[:, [0, 2, 3]]])
     pressure = (points[:, 0] + 0.3) ** power if power < 0 else (7 - points[:, 0]) ** power
     assert grows(side(points, facets, shape), pressure * (1 + 1e-3 * np.sin(points[:, 1] / 2))) is expected
+
+
+R, H, HOLE = 1.0, 0.5, 0.4
+Draw = Callable[[Any], None]
+DOWN = 3.0
+
+
+def disc(occ: Any) -> None:
+    occ.addCylinder(0, 0, 0, 0, 0, H, R)
+
+
+def holed(occ: Any) -> None:
+    """A block with a hole through it from the top to the bottom."""
+    box, hole = occ.addBox(-1, -1, 0, 2, 2, H), occ.addCylinder(0, 0, 0, 0, 0, H, HOLE)
+    occ.cut([(3, box)], [(3, hole)])
+
+
+def plate(occ: Any) -> None:
+    """A plane body with a round hole."""
+    occ.cut([(2, occ.addRectangle(-1, 0, 0, 2, 2))], [(2, occ.addDisk(0, 1, 0, HOLE, HOLE))])
+
+
+def dome(occ: Any) -> None:
+    """A quarter of a disc, whose revolution is half a ball on its flat side."""
+    occ.intersect([(2, occ.addRectangle(0, 0, 0, R, R))], [(2, occ.addDisk(0, 0, 0, R, R))])
+
+
+SHAPES: dict[str, tuple[Draw, str, float, float, float]] = {  # model; volume; area of the base, of the top
+    "disc": (disc, "3d", np.pi * R**2 * H, np.pi * R**2, np.pi * R**2),
+    "holed": (holed, "3d", (4 - np.pi * HOLE**2) * H, 4 - np.pi * HOLE**2, 4 - np.pi * HOLE**2),
+    "plate": (plate, "plane strain", 4 - np.pi * HOLE**2, 2.0, 2.0),
+    "dome": (dome, "axisymmetric", 2 / 3 * np.pi * R**3, np.pi * R**2, 0.0),
+}
+
+
+def scene(shape: str, tmp_path: Path, **tables: Any) -> Scene:
+    """A body under its weight on a frictionless floor, held against moving sideways only."""
+    draw, model, *_ = SHAPES[shape]
+    dim = 3 if model == "3d" else 2
+    with gmsh_session() as gmsh:
+        draw(gmsh.model.occ)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(tmp_path / "b.brep"))
+    low, high = [-2.0, -1e-3, -1.0], [2.0, 1e-3, 1.0]
+    if dim == 3:
+        low, high = [-2.0, -2.0, -1e-3], [2.0, 2.0, 1e-3]
+    top = [*low[: dim - 1], (H if dim == 3 else 2.0) - 1e-3, *low[dim:]], [*high[: dim - 1], 2.1, *high[dim:]]
+    names = {"part.base": {"box": [*low, *high]}} | (
+        {"part.top": {"box": [*top[0], *top[1]]}} if shape != "dome" else {}
+    )
+    size = 0.3 if shape == "holed" else 0.4
+    data = scene_data(tmp_path / "b.brep", dim, "part", mesh_size=size, names=names)
+    data["contacts"]["base"] = {"surface": "part.base", "against": "foundation"}
+    data |= {"model": model, "supports": {}, "bodies": {"part": {"E": 1e4, "nu": 0.3, "density": 1.0}}}
+    data["gravity"] = {"acceleration": [0.0] * (dim - 1) + [-DOWN]}
+    if model != "axisymmetric":
+        data["contacts"]["base"]["friction"] = {"law": "coulomb", "mu": 0.3}
+    return from_dict(data | tables)
+
+
+def base_of(found: Scene, folder: Path) -> dict[str, Any]:
+    """The contact after the last step, as result.json has it."""
+    return dict(run(found, folder)[1]["steps"][-1]["contacts"]["base"])
+
+
+@pytest.mark.parametrize("shape", every_nth(2, SHAPES))
+def test_weight_and_area_are_off_by_what_is_stated(shape: str, tmp_path: Path) -> None:
+    _, model, volume, area, _ = SHAPES[shape]
+    base = base_of(scene(shape, tmp_path), tmp_path / "out")
+    for name, exact in (("normal_force", DOWN * volume), ("contact_area", area)):
+        off, error = abs(base[name] - exact), base["error"][name]
+        if model != "3d" and name == "contact_area":
+            assert off < 1e-9  # its ends are nodes
+            continue
+        assert off > 0.002 * exact
+        assert 1.3 * off < error["total"] < 2 * off
+        assert error["geometry"] > 0.99 * error["total"]
+        assert abs(error["corrected"] - exact) < 0.1 * off
+
+
+@pytest.mark.parametrize(("shape", "load"), every_nth(2, ["disc", "holed"], ["pressure", "traction", "force"]))
+def test_pressure_acts_on_the_rim_too_and_a_force_is_what_it_is(shape: str, load: str, tmp_path: Path) -> None:
+    top = SHAPES[shape][4]
+    value = {"pressure": 7.0}.get(load, {"z": -7.0})
+    still = {"gravity": {"acceleration": [0.0, 0.0, 0.0]}}
+    base = base_of(
+        scene(shape, tmp_path, loads={"lid": {"boundary": "part.top", load: value}}, **still), tmp_path / "out"
+    )
+    error = base["error"]["normal_force"]
+    if load == "force":
+        assert_allclose([base["normal_force"], error["corrected"]], 7.0, rtol=1e-6)
+        assert error["total"] < 1e-6
+    else:
+        off = abs(base["normal_force"] - 7.0 * top)
+        assert off > 0.01 * 7.0
+        assert abs(error["corrected"] - 7.0 * top) < 0.1 * off
+
+
+def test_a_body_without_curved_sides_pays_nothing() -> None:
+    simulated = prepare(read("block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5"]))
+    assert not simulated.mesh.bulging
+    assert isinstance(simulated.stepper.companion, MeshCorrection)
+    assert simulated.stepper.companion._left_out is None
+
+
+def test_rims_fill_the_circle_and_empty_the_hole(tmp_path: Path) -> None:
+    for shape in ("disc", "holed"):
+        system = prepare(scene(shape, tmp_path)).system
+        (rows,) = system.contacts
+        rim = rim_of(rows.surface, system.mesh.bulging)
+        area = float(rows.surface.node_weights().sum())
+        exact = SHAPES[shape][3]
+        assert abs(area + rim.sum() - exact) < 0.05 * abs(area - exact)
+
+
+def test_stiffness_and_weight_grow_by_what_is_left_out(tmp_path: Path) -> None:
+    system = prepare(scene("disc", tmp_path)).system
+    left_out, whole = LeftOut(system), system.load(1.0)
+    weight, more = (float(f.array[2::3].sum()) for f in (whole, left_out.load(1.0)))
+    exact = -DOWN * SHAPES["disc"][2]
+    assert abs(weight + more - exact) < 0.05 * abs(weight - exact)
+    stretched = system.vector()
+    stretched.array[2::3] = system.nodes.points[: system.nodes.owned, 2]  # eps_zz = 1
+    energy, added = stretched.dot(system.K * stretched), stretched.dot(left_out.inner(stretched, np.zeros(0)))
+    assert_allclose(added / energy, more / weight, rtol=1e-9)
+
+
+def test_drawn_bolts_have_the_section_of_their_mesh(tmp_path: Path) -> None:
+    bolt = {"body": "part", "shank": [[0.0, 0.0, 0.1], [0.0, 0.0, 0.4]], "force": 1.0}
+    system = prepare(scene("disc", tmp_path, bolts={"stud": bolt})).system
+    stretched = system.vector()
+    stretched.array[2::3] = system.nodes.points[: system.nodes.owned, 2]
+    assert LeftOut(system).inner(stretched, np.ones(1)).norm() == 0
+
+
+MU, SIDE, FORCE = 0.3, 0.1, 5000.0
+MOMENT = MU * FORCE * SIDE * (np.sqrt(2) + np.log(1 + np.sqrt(2))) / 6  # of even pressure on a square
+TURN = [[1, 0], [2, 0.02]]
+EVEN = [[1, -1e-5]]
+BLOCK = {"builder": "block", "length": SIDE, "width": SIDE, "height": 0.02, "mesh_size": 0.02, "cells": "tensor"}
+TABLE = {"shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}
+TURNED = TABLE | {"rotation": {"angle": TURN, "point": [SIDE / 2, SIDE / 2, 0.0], "axis": [0, 0, 1]}}
+
+
+def turning(friction: dict[str, Any] | None = None, **tables: Any) -> Simulation:
+    data: dict[str, Any] = {
+        "model": "3d",
+        "geometry": BLOCK,
+        "bodies": {"block": {"E": 1e9, "nu": 0.0}},
+        "obstacles": {"table": TURNED},
+        "contacts": {
+            "base": {
+                "surface": "block.bottom",
+                "against": "table",
+                "friction": friction or {"law": "coulomb", "mu": MU},
+            }
+        },
+        "supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0, "z": EVEN}}},
+        "steps": {"end": 2.0, "count": 2},
+    }
+    return prepare(from_dict(data | tables))
+
+
+ALONG, ACROSS = 0.3, 0.1
+ELLIPSE = {"law": "orthotropic_coulomb", "mu_1": ALONG, "mu_2": ACROSS, "axis": [1, 0, 0]}
+
+
+def moment_of_ellipse() -> float:
+    """Its power over the turning: the mean of the friction along each point's way, times its distance."""
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    x, y = np.meshgrid(nodes * SIDE / 2, nodes * SIDE / 2)
+    return FORCE * float(weights @ np.hypot(ALONG * y, ACROSS * x) @ weights) / 4
+
+
+@pytest.mark.parametrize("form", ["condensed", "matrix-free"])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("friction", "true"), [(None, MOMENT), (ELLIPSE, moment_of_ellipse())])
+def test_the_moment_of_a_turning_table_has_the_error_that_is_stated(
+    friction: dict[str, Any] | None, true: float, order: int, form: str
+) -> None:
+    *_, last = turning(friction, geometry=BLOCK | {"order": order}, solver={"surface": form}).steps()
+    moment, support = (Quantity(*of, "moment") for of in (("obstacles", "table"), ("supports", "top")))
+    found, corrected, stated = (
+        last.obstacles["table"].moment[2],
+        last.corrected[str(moment)],
+        last.errors[str(moment)].mesh,
+    )
+    assert isinstance(corrected, np.ndarray)
+    assert isinstance(stated, np.ndarray)
+    assert abs(corrected[2] - true) < 0.05 * abs(found - true) + 4e-4 * true  # the pressure is not quite even
+    assert 0.9 < stated[2] / abs(found - true) < 3
+    assert_allclose(last.errors[str(support)].mesh, stated, rtol=1e-3, atol=1e-3 * stated[2])
+
+
+def test_the_dissipation_has_it_too() -> None:
+    *_, last = turning().steps()
+    number = str(Quantity("contacts", "base", "dissipation_total"))
+    stated, corrected, work = last.errors[number].mesh, last.corrected[number], MOMENT * TURN[-1][1]
+    true = last.contacts["base"].dissipation_total - work
+    assert abs(corrected - work) < 0.4 * true  # the block gives way a little
+    assert stated is not None
+    assert 0.9 < stated / true < 3
+
+
+def test_nothing_is_added_where_all_slip_has_one_direction() -> None:
+    moved = TABLE | {"displacement": {"x": [[1, 0], [2, 0.01]]}}
+    simulation = turning(obstacles={"table": moved})
+    *_, last = simulation.steps()
+    c = last.contacts["base"]
+    (rows,) = simulation.system.contacts
+    assert rows.quadrature is not None
+    between = BetweenNodes.of(rows, rows.quadrature(5))
+    assert between is not None
+    assert c.slip_area > 0
+    assert between.added(c.status == SLIP, c.bound, c.slip_increment) is None
+    middle = [SIDE / 2, SIDE / 2, 0.0]
+    wheel = np.cross([0.0, 0.0, 1.0], c.points - middle)
+    sizes = np.linalg.norm(wheel, axis=1, keepdims=True)
+    added = between.added(c.bound > 0, c.bound, wheel)
+    assert added is not None
+    moment = np.cross(c.points - middle, added[0])[:, 2].sum()
+    assert -1 < moment / (c.weight * c.bound * sizes[:, 0]).sum() < 0  # slip between nodes is shorter than theirs
+    assert added[1] < 0
+
+
+def test_both_sides_feel_it_in_balance() -> None:
+    """A block on a block, whose top turns."""
+    shape = {"builder": "two_blocks", "length": 1.0, "width": 1.0, "height": 0.4, "lower_height": 0.3}
+    simulation = turning(
+        geometry=shape | {"mesh_size": 0.25, "lower_mesh_size": 0.3},
+        bodies={name: {"E": 1e9, "nu": 0.0} for name in ("upper", "lower")},
+        obstacles={},
+        contacts={
+            "base": {"surface": "upper.bottom", "against": "lower.top", "friction": {"law": "coulomb", "mu": MU}}
+        },
+        supports={"floor": {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0, "z": 0.0}}},
+        remote_points={
+            "top": {
+                "boundary": "upper.top",
+                "point": [0.5, 0.5, 0.4],
+                "coupling": "rigid",
+                "displacement": {"x": 0.0, "y": 0.0, "z": [[1, -1e-5]]},
+                "rotation": {"x": 0.0, "y": 0.0, "z": [[1, 0], [2, 1e-4]]},
+            }
+        },
+    )
+    *_, last = simulation.steps()
+    assert last.contacts["base"].slip_area > 0
+    names = ("contacts", "base"), ("supports", "floor"), ("remote_points", "top")
+    contact, floor, top = (last.corrected[str(Quantity(*name, "moment"))][2] for name in names)  # type: ignore[index]
+    moment = last.contacts["base"].moment[2]
+    assert abs(contact - moment) > 1e-3 * abs(moment)
+    assert_allclose(contact, floor, rtol=1e-6)
+    assert_allclose(top, -floor, rtol=0.01)
+
+
+def test_nothing_pushes_an_obstacle_that_a_force_drives() -> None:
+    """A table that a force presses against the block may turn it; one that a force pulls along keeps its balance."""
+    (rows,) = turning().system.contacts
+    assert rows.quadrature is not None
+    pulled, pressed = (BetweenNodes.of(rows, rows.quadrature(5), axes) for axes in ([0], [2]))
+    assert pulled is not None
+    assert pressed is not None
+    away = rows.surface.points - [0.3 * SIDE, 0.4 * SIDE, 0.0]
+    wheel = np.cross([0.0, 0.0, 1.0], away)
+    bound = np.ones(len(wheel))
+    assert pulled.added(bound > 0, bound, wheel) is None
+    assert pressed.added(bound > 0, bound, wheel) is not None
+
+
+def test_slip_of_rounding_has_no_direction() -> None:
+    """All sticks on a side that bends: one node's weight is negative, and along the other's side nothing moves."""
+    between = BetweenNodes(
+        relative=csr_matrix(np.eye(2)),
+        measures=np.array([np.diag([1.0, 0.0]), np.diag([0.0, 1.0])]),
+        phi=csr_matrix([[1.1], [-0.1]]),
+        weights=np.ones(1),
+        around=None,
+        driven=(),
+    )
+    assert between.added(np.zeros(2, bool), np.ones(2), np.array([[0.0, 0.0], [0.0, 1e-18]])) is None
+
+
+WEIGHT = np.array([0.5, 1.0, 1.0, 0.5])
+
+
+def rows() -> Any:
+    """Four nodes on the line y = 0."""
+    k = np.arange(4)
+    points = np.stack([k, 0.0 * k], axis=1)
+    side = Surface("interval", 1, k, k, points, np.stack([k[:-1], k[1:]], axis=1), np.ones(3), False)
+    return SimpleNamespace(surface=side, frames=np.tile(-np.eye(2)[::-1], (4, 1, 1)))
+
+
+def state(pressure: Array, traction: Array | float = 0.0, slip: Array | float = 0.0, status: int = STICK) -> Any:
+    along = np.array([1.0, 0.0])
+    slips = np.outer(slip + np.zeros(4), along)
+    return SimpleNamespace(
+        weight=WEIGHT,
+        pressure=pressure,
+        traction=np.outer(traction + np.zeros(4), along),
+        slip=slips,
+        slip_increment=slips,
+        status=np.full(4, status),
+    )
+
+
+def test_differences_that_cancel_leave_the_root_of_their_squares() -> None:
+    own, better = state(np.ones(4)), state(np.array([1.0, 1.2, 0.8, 1.0]))
+    found = by_chance(rows(), own, better)
+    assert_allclose(found["normal_force"], PUSH * 0.2 * np.sqrt(2))
+    assert_allclose(found["force"], [0.0, PUSH * 0.2 * np.sqrt(2)], atol=1e-16)
+    assert_allclose(found["max_pressure"], PRESSURE * 0.2)
+    assert found["dissipation"] == 0.0
+
+
+def test_the_largest_values_are_off_by_what_those_around_them_are() -> None:
+    own = state(np.array([0.1, 1.0, 0.5, 0.2]), slip=np.array([0.0, 0.0, 0.1, 0.3]))
+    better = state(np.array([0.1, 1.0, 0.6, 0.9]), slip=np.array([0.5, 0.0, 0.3, 0.3]))
+    found = by_chance(rows(), own, better)
+    assert_allclose(found["max_pressure"], PRESSURE * 0.1)  # not .7 of the node farther off
+    assert_allclose(found["max_slip"], SLID * 0.2)
+
+
+def test_dissipation_counts_work_at_nodes() -> None:
+    own, better = state(np.ones(4), 2.0, 0.1), state(np.ones(4), 2.0, np.array([0.1, 0.2, 0.0, 0.1]))
+    expected = DISSIPATION * 2.0 * np.hypot(0.1, 0.1)
+    assert_allclose(by_chance(rows(), own, better)["dissipation"], expected)
+
+
+def test_pressure_and_traction_act_together_where_the_side_is_inclined() -> None:
+    """The normal (1, -1) / sqrt(2) pushes to the left as much as the traction pulls to the right."""
+    inclined = rows()
+    inclined.frames[:, 0] = np.array([1.0, -1.0]) / np.sqrt(2)
+    better = state(np.array([1.0, 1.0 + np.sqrt(2), 1.0, 1.0]), np.array([0.0, 1.0, 0.0, 0.0]))
+    found = by_chance(inclined, state(np.ones(4)), better)
+    assert_allclose(found["force"], [0.0, PUSH], atol=1e-15)
+
+
+def test_what_touches_nowhere_is_off_by_nothing() -> None:
+    apart = state(np.zeros(4), slip=np.arange(4.0), status=OPEN)
+    found = by_chance(rows(), apart, state(np.zeros(4), slip=np.zeros(4), status=OPEN))
+    assert all(np.all(value == 0) for value in found.values())

@@ -1,10 +1,11 @@
-"""Fields and contact surfaces, read by readers that are not ours."""
+"""Files of fields are read by meshio, VTK and ParaView, also those of resumed runs."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import meshio
 import numpy as np
@@ -13,10 +14,21 @@ import pyvista as pv
 from numpy.testing import assert_allclose, assert_array_equal
 from vtkmodules.vtkCommonDataModel import vtkGenericCell
 
+from shared.cases import slow
+from shared.disks import make_full
+from shared.histories import SMALL, Stop, assert_same, names_in
 from shared.synthetic import FACET, MESHES, SIZE, job_of, mesh_of, padded, reference_nodes, result_of
+from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.solvers.simulation.simulation import prepare
+from stickslip.workflows.formats.marker import MARKER, mark
 from stickslip.workflows.formats.shapes import SHAPES
-from stickslip.workflows.formats.steps import shown_as, write_step
+from stickslip.workflows.formats.steps import shown_as, step_name, write_step
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read, to_dict
+from stickslip.workflows.writers import paraview_view
+from stickslip.workflows.writers.vtu import VtuFiles
 from stickslip.workflows.writers.writer import Ended
 from stickslip.workflows.writers.xdmf import FieldFiles
 
@@ -216,3 +228,206 @@ def test_every_nth_step_is_shown_and_the_last(tmp_path: Path, every: int, count:
     for name in ("fields.xdmf", "contact_base.xdmf"):
         reader: Any = pv.get_reader(tmp_path / name)  # type: ignore[no-untyped-call]
         assert_array_equal(reader.time_values, shown)
+
+
+ASKS = [*SMALL, "steps.count=4", "output.vtu=true"]
+
+
+def files_of(folder: Path, mesh: MeshData, every: int = 1) -> VtuFiles:
+    return VtuFiles(job_of(folder, mesh, every=every, writers={"vtu": True}))
+
+
+def solved(folder: Path, mesh: MeshData, count: int) -> list[StepResult]:
+    """So many steps, in their files."""
+    results = [result_of(mesh, index / 2, seed=index) for index in range(1, count + 1)]
+    for index, result in enumerate(results, start=1):
+        write_step(folder, index, result)
+    return results
+
+
+def shown(folder: Path, time: float) -> Any:
+    """The blocks at a time, as ParaView has them."""
+    reader = pv.PVDReader(folder / "fields.pvd")  # type: ignore[no-untyped-call]
+    reader.set_active_time_value(time)
+    return reader.read()[0]
+
+
+def times_of(folder: Path) -> list[float]:
+    return list(pv.PVDReader(folder / "fields.pvd").time_values)  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize(("shape", "order"), MESHES)
+def test_every_body_and_contact_is_a_block_that_says_what_the_step_says(tmp_path: Path, shape: str, order: int) -> None:
+    mesh = mesh_of(shape, order)
+    results, files = solved(tmp_path, mesh, 2), files_of(tmp_path, mesh)
+    for index, result in enumerate(results, start=1):
+        files.step(index, result)
+    assert times_of(tmp_path) == [0.5, 1.0]
+    for result in results:
+        found = shown(tmp_path, result.time)
+        assert found.keys() == ["bodies", "contacts"]
+        assert found["bodies"].keys() == list(mesh.bodies)
+        for number, name in enumerate(mesh.bodies):
+            grid, nodes = found["bodies"][name], mesh.cells[number]  # a cell each, without a node in common
+            assert_array_equal(grid.points, padded(mesh.points[nodes]))
+            assert_array_equal(grid.celltypes, SHAPES[shape, len(nodes)].vtk)
+            assert_array_equal(grid.cell_connectivity, SHAPES[shape, len(nodes)].order)
+            sizes = grid.compute_cell_sizes()  # volumes of VTK are signed
+            assert_allclose(sizes["Volume" if mesh.points.shape[1] == 3 else "Area"], SIZE[shape], rtol=1e-12)
+            assert_array_equal(grid.point_data["displacement"], padded(result.displacement[nodes]))
+            assert_array_equal(grid.cell_data["stress"], result.stress[number].reshape(1, 9))
+            assert_array_equal(grid.cell_data["von_mises"], result.von_mises[[number]])
+            smooth = grid.point_data["nodal_stress"]  # of the only cell
+            assert_allclose(smooth, np.tile(result.stress[number].ravel(), (len(nodes), 1)), rtol=1e-15)
+            assert_allclose(grid.point_data["nodal_von_mises"], result.von_mises[number], rtol=1e-12)
+        points, facets, facet = mesh.surfaces["base"]
+        (grid,), contact = found["contacts"], result.contacts["base"]
+        assert_array_equal(grid.points, padded(points))
+        expected = facets[:, SHAPES[facet, facets.shape[1]].order]
+        assert_array_equal(grid.cell_connectivity.reshape(2, -1), expected)
+        assert_allclose(grid.compute_cell_sizes()["Length" if facet == "interval" else "Area"], SIZE[facet], rtol=1e-12)
+        for key in ("pressure", "gap", "status"):
+            assert_array_equal(grid.point_data[key], getattr(contact, key))
+        for key in ("traction", "slip", "slip_increment", "lam"):
+            assert_array_equal(grid.point_data[shown_as(key)], padded(getattr(contact, key)))
+        moved = {tuple(x): u for x, u in zip(mesh.points, result.displacement, strict=True)}
+        assert_array_equal(grid.point_data["displacement"], padded(np.array([moved[tuple(x)] for x in points])))
+
+
+@pytest.mark.parametrize("shape", FACET)
+def test_meshio_reads_a_block_alone(tmp_path: Path, shape: str) -> None:
+    mesh = mesh_of(shape)
+    (result,) = solved(tmp_path, mesh, 1)
+    files_of(tmp_path, mesh).step(1, result)
+    body = meshio.read(tmp_path / "vtu" / "000001_body_right.vtu")
+    assert_array_equal(body.points, padded(mesh.points[mesh.cells[1]]))
+    assert_array_equal(body.point_data["displacement"], padded(result.displacement[mesh.cells[1]]))
+    assert_array_equal(body.cell_data["stress"][0], result.stress[1].reshape(1, 9))
+    base = meshio.read(tmp_path / "vtu" / "000001_contact_base.vtu")
+    assert_array_equal(base.point_data["pressure"], result.contacts["base"].pressure)
+
+
+def test_the_nodes_of_a_contact_move_with_its_body_in_a_real_mesh(tmp_path: Path) -> None:
+    """Also where a node of the other body lies in the same place."""
+    sizes = [f"geometry.{key}=0.5" for key in ("mesh_size", "lower_mesh_size", "contact_mesh_size")]
+    scene = read("two_blocks", [*sizes, "steps.count=2", "output.pictures=false", "output.vtu=true"])
+    run(scene, tmp_path / "out")
+    found = shown(tmp_path / "out", times_of(tmp_path / "out")[-1])
+    upper, joint = found["bodies"]["upper"], found["contacts"]["joint"]
+    at = [np.linalg.norm(upper.points - x, axis=1).argmin() for x in joint.points]
+    assert_array_equal(joint.points, upper.points[at])
+    assert_array_equal(joint.point_data["displacement"], upper.point_data["displacement"][at])
+    sliding = np.linalg.norm(joint.point_data["slip"], axis=1)
+    lower = found["bodies"]["lower"]
+    beside = [np.linalg.norm(lower.points - x, axis=1).argmin() for x in joint.points]
+    off = joint.point_data["displacement"] - lower.point_data["displacement"][beside]
+    assert_allclose(abs(off[:, 0]), sliding, atol=0.3 * sliding.max())  # the nearest node of the other mesh
+    warped = found.combine().warp_by_vector("displacement")  # one filter moves all blocks
+    assert warped.n_points == upper.n_points + lower.n_points + joint.n_points
+
+
+@pytest.mark.parametrize(("flat", "opacity"), [(True, None), (False, 0.4)])
+def test_the_macro_asks_paraview_for_the_usual_view(flat: bool, opacity: float | None) -> None:
+    """It was tried with pvpython of ParaView 5.11; here its calls are recorded."""
+    pv, source = MagicMock(), MagicMock(TimestepValues=[0.5, 1.0])
+    source.GetDataInformation().GetBounds.return_value = (0.0, 3.0, 0.0, 4.0, 0.0, 0.0 if flat else 12.0)
+    source.PointData["displacement"].GetRange.return_value = (0.0, 0.5)
+    view = paraview_view.show(pv, source, None)
+    assert view.ViewTime == 1.0
+    assert pv.WarpByVector.return_value.ScaleFactor == pytest.approx(1.0 if flat else 2.6)  # a tenth of the size / 0.5
+    assert [c.args[1] for c in pv.ColorBy.call_args_list] == [("POINTS", "nodal_von_mises"), ("POINTS", "pressure")]
+    assert [c.kwargs["registrationName"] for c in pv.ExtractBlock.call_args_list] == ["bodies", "contacts"]
+    assert view.InteractionMode == ("2D" if flat else "3D")
+    assert opacity is None or pv.Show.return_value.Opacity == opacity
+
+
+def test_bodies_that_share_no_node_are_apart_in_a_real_mesh(tmp_path: Path) -> None:
+    sizes = [f"geometry.{key}=0.5" for key in ("mesh_size", "lower_mesh_size", "contact_mesh_size")]
+    scene = read("two_blocks", [*sizes, "steps.count=1", "output.pictures=false", "output.vtu=true"])
+    run(scene, tmp_path / "out")
+    mesh, (last,) = prepare(scene).data, [times_of(tmp_path / "out")[-1]]
+    found = shown(tmp_path / "out", last)
+    assert found["bodies"].keys() == list(mesh.bodies)
+    assert found["contacts"].keys() == list(scene.contacts)
+    assert sum(grid.n_cells for grid in found["bodies"]) == len(mesh.cells)
+    for grid in found["bodies"]:  # rectangles, covered once
+        left, right, bottom, top, *_ = grid.bounds
+        assert grid.compute_cell_sizes()["Area"].sum() == pytest.approx((right - left) * (top - bottom), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("every", "count", "expected"), [(1, 3, [1, 2, 3]), (2, 5, [2, 4, 5]), (2, 4, [2, 4]), (9, 2, [2])]
+)
+def test_every_nth_step_is_written_and_the_last(tmp_path: Path, every: int, count: int, expected: list[int]) -> None:
+    mesh = mesh_of("triangle")
+    files = files_of(tmp_path, mesh, every)
+    for index, result in enumerate(solved(tmp_path, mesh, count), start=1):
+        files.step(index, result)
+    files.finish(ENDED)
+    assert times_of(tmp_path) == [index / 2 for index in expected]
+    assert sorted(path.stem for path in (tmp_path / "vtu").glob("*.vtm")) == [f"{index:06d}" for index in expected]
+
+
+def test_whatever_is_there_a_resumed_run_has_what_its_steps_say(tmp_path: Path) -> None:
+    """As a crash leaves it: a step of which a file is missing, one that was taken away, and one shown as the last."""
+    mesh = mesh_of("triangle")
+    mark(tmp_path)
+    results, files = solved(tmp_path, mesh, 6), files_of(tmp_path, mesh, every=2)
+    for index, result in enumerate(results, start=1):
+        files.step(index, result)
+    before = {name: (tmp_path / name).read_bytes() for name in names_in(tmp_path)}
+    assert "vtu/000006.vtm" in before
+    (tmp_path / "vtu" / "000002.vtm").unlink()
+    (tmp_path / "vtu" / "000004_body_left.vtu").rename(tmp_path / "vtu" / "000005_body_left.vtu")
+    (tmp_path / "vtu" / "000004.vtm").rename(tmp_path / "vtu" / "000005.vtm")
+    (tmp_path / "vtu" / "mine.vtu").write_text("a user's own")
+    resumed = files_of(tmp_path, mesh, every=2)
+    resumed.resume(results[:4])
+    assert times_of(tmp_path) == [1.0, 2.0]
+    assert {path.name[:6] for path in (tmp_path / "vtu").glob("0*")} == {"000002", "000004"}
+    for index in (5, 6):
+        resumed.step(index, results[index - 1])
+    resumed.finish(ENDED)
+    before[MARKER] = (tmp_path / MARKER).read_bytes()
+    after = {name: (tmp_path / name).read_bytes() for name in names_in(tmp_path)}
+    assert after == before | {"vtu/mine.vtu": b"a user's own"}
+    files_of(tmp_path, mesh).resume([])
+    assert names_in(tmp_path) - {step_name(index) for index in range(1, 7)} == {"vtu/mine.vtu", MARKER}
+
+
+@pytest.mark.parametrize("asked_before", [*slow(True), False])
+def test_a_run_that_was_stopped_goes_on_to_the_same_files(tmp_path: Path, asked_before: bool) -> None:
+    """Also if this output is asked for only when the run goes on."""
+    run(read("block", ASKS), tmp_path / "whole")
+    words = ASKS if asked_before else [*ASKS, "output.vtu=false"]
+    run(read("block", [*words, "output.every=2"]), tmp_path / "out", Watch(on_step=Stop(3)))
+    outcome, _ = run(read("block", ASKS), tmp_path / "out", resume=True)
+    assert outcome.status == "converged"
+    assert "vtu/000003_contact_base.vtu" in names_in(tmp_path / "out")
+    assert_same(tmp_path / "out", tmp_path / "whole")
+
+
+def test_a_run_writes_it_on_request_only(tmp_path: Path) -> None:
+    plain, asks = read("block", [*SMALL, "steps.count=1"]), read("block", [*SMALL, "steps.count=1", "output.vtu=true"])
+    assert "vtu" not in to_dict(plain)["output"]
+    assert to_dict(asks)["output"]["vtu"] is True
+    run(plain, tmp_path / "off")
+    run(asks, tmp_path / "on")
+    more = names_in(tmp_path / "on") - names_in(tmp_path / "off")
+    assert {name.split("/")[0] for name in more} == {"fields.pvd", "vtu", "paraview_view.py"}
+    with pytest.raises(SceneError, match=r"output\.vtu = 1: expected true or false"):
+        read("block", ["output.vtu=1"])
+
+
+def test_a_full_disk_is_said_and_the_old_files_stay_readable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = mesh_of("triangle")
+    results, files = solved(tmp_path, mesh, 2), files_of(tmp_path, mesh)
+    files.step(1, results[0])
+    before = names_in(tmp_path)
+
+    with monkeypatch.context() as patched:
+        make_full(patched)
+        with pytest.raises(MachineError, match=r"000002_body_left\.vtu: cannot be written: No space left"):
+            files.step(2, results[1])
+    assert names_in(tmp_path) == before
+    assert_array_equal(shown(tmp_path, 0.5)["contacts"]["base"]["gap"], results[0].contacts["base"].gap)

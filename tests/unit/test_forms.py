@@ -1,28 +1,23 @@
 """Weak forms: what UFL writes is what the rows add up, and a constant stress comes out as it went in."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 
 from shared.cases import every_nth, slow
+from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.elastic_energy import forces_of_energy
 from stickslip.solvers.fem.forms import numbered
 from stickslip.solvers.laws.compliance import Compliance
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import System
 from stickslip.workflows.scene_file.read import read
 
-Array = NDArray[np.float64]
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
 MESHES: list[tuple[int, dict[str, Any]]] = [
     (2, {"contact_mesh_size": 0.2}),
     (2, {"cells": "tensor"}),
@@ -143,7 +138,7 @@ STATES = {
 
 @pytest.mark.parametrize(("model", "cells"), every_nth(2, STATES, ["simplex", "tensor"]))
 def test_a_pulled_block_stretches_by_the_modulus_of_its_model(
-    model: str, cells: str, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+    model: str, cells: str, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     dim, along, across = STATES[model]
     rollers = {"left": {"boundary": "block.left", "displacement": {"x": 0.0}}}
@@ -167,7 +162,7 @@ def test_a_pulled_block_stretches_by_the_modulus_of_its_model(
 
 @pytest.mark.parametrize(("mesh", "law"), every_nth(3, MESHES, ["unilateral", "bilateral", "compliance"]))
 def test_a_pressed_block_hands_its_pressure_to_the_foundation(
-    mesh: tuple[int, dict[str, Any]], law: str, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+    mesh: tuple[int, dict[str, Any]], law: str, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     dim, geometry = mesh
     normal = {"law": law} | ({"c_n": 5.0, "m_n": 2.0} if law == "compliance" else {})

@@ -1,4 +1,4 @@
-"""What a method's class says is all that the program knows of it: one new file is a new method, with its keys."""
+"""A method is one file; a chain of methods hands a step on when one of them fails."""
 
 import os
 import pickle
@@ -9,16 +9,31 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import stickslip
 import stickslip.solvers
-from stickslip.geometry.errors import SceneError
+from shared.problems import SceneOf, SimulationOf, SystemOf
+from stickslip.geometry.errors import MachineError, SceneError, SolverError
+from stickslip.solvers.interface.coarse_mesh import CoarseMesh
+from stickslip.solvers.iteration import Solution, Status
+from stickslip.solvers.linear.conjugate_gradients import MOST_ITERATIONS
 from stickslip.solvers.method_registry import METHODS, Solver, method_of
-from stickslip.solvers.methods.method import keys_of
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.methods.method import Ready, keys_of
+from stickslip.solvers.methods.surface_uzawa import PATIENCE, LearningIteration
 from stickslip.solvers.scene import settings
+from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.stepping.choice import Size, chain
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.choice import Size, Stage, chain, chosen
+from stickslip.solvers.stepping.method_chain import MethodChain
+from stickslip.solvers.stepping.stepper import StepError
+from stickslip.workflows.lab.benchmarks.auto import BARS, Case
+from stickslip.workflows.run.audit import Audited
+from stickslip.workflows.run.result import Outcome, summary
 from stickslip.workflows.scene_file.read import read, to_dict
 
 ROOT = Path(stickslip.solvers.__file__).parents[2]
@@ -161,3 +176,257 @@ def test_unknown_methods_are_refused_by_the_nearest_name() -> None:
         Solver(method="usawa")
     with pytest.raises(SceneError, match=r"method = usawa: did you mean uzawa\?"):
         make_plan(replace(read("block"), solver=settings.Solver(method="usawa")))
+
+
+CHAIN = ["surface-uzawa", "surface-uzawa", "condensed-newton", "surface-uzawa", "nsgs"]
+BASE = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}}
+FEW = 2  # iterations
+
+
+def pressed(scene_of: SceneOf, **solver: Any) -> Scene:
+    """Pressed, then dragged until a part slips."""
+    drag = {"x": [[0, 0], [1, 0], [2, 0.02]], "y": [[0, 0], [1, -0.05]]}
+    return scene_of(
+        contacts=BASE,
+        supports={"top": {"boundary": "block.top", "displacement": drag}},
+        steps={"end": 2.0, "count": 2},
+        solver=solver,
+    )
+
+
+def forces(simulation: Simulation) -> list[Any]:
+    return [step.contacts["base"].force for step in simulation.steps()]
+
+
+def hasten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """surface-uzawa gives up soon."""
+    whole = LearningIteration.__call__
+
+    def short(self: LearningIteration, *arguments: Any) -> Solution:
+        return whole(replace(self, max_it=FEW), *arguments)
+
+    monkeypatch.setattr(LearningIteration, "__call__", short)
+
+
+def test_methods_that_fail_hand_the_step_on(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exact = simulation_of(pressed(scene_of, method="condensed-newton"))
+    expected = list(exact.steps())
+    hasten(monkeypatch)
+    simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
+    chain = simulation.stepper.chain
+    assert [stage.method for stage in chain.choice.stages] == CHAIN
+    found = list(simulation.steps())
+    for step, other in zip(found, expected, strict=True):
+        assert_allclose(step.contacts["base"].force, other.contacts["base"].force, rtol=0, atol=1e-7)
+    first, second = chain.switches  # both in the first step: what failed is not tried again
+    assert (first.time, first.iteration, first.because) == (1.0, FEW, Status.MAX_IT.value)
+    assert (first.after, second.after) == ("surface-uzawa (matrix-free, safer metric)", "condensed-newton (condensed)")
+    assert found[0].iterations == 2 * FEW + expected[0].iterations
+    assert found[1].iterations == expected[1].iterations
+    choice = summary(simulation, Outcome("converged", "", Path()), [], Audited())["choice"]
+    assert (choice["method"], choice["because"]) == ("surface-uzawa", "solver.surface = matrix-free")
+
+
+def test_a_switch_on_the_same_bodies_lasts_for_one_step(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = forces(simulation_of(pressed(scene_of, method="condensed-newton")))
+    calls, whole = list[None](), CondensedNewton.__call__
+
+    def fails_once(self: CondensedNewton, *arguments: Any) -> Solution:
+        calls.append(None)
+        return whole(replace(self, max_it=1) if len(calls) == 1 else self, *arguments)
+
+    monkeypatch.setattr(CondensedNewton, "__call__", fails_once)
+    monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 0)  # the step is not cut first
+    simulation = simulation_of(pressed(scene_of))
+    found = list(simulation.steps())
+    assert_allclose([step.contacts["base"].force for step in found], expected, rtol=0, atol=1e-7)
+    (switch,) = simulation.stepper.chain.switches
+    assert (switch.time, switch.after) == (1.0, "surface-uzawa (condensed)")
+    assert [{row[-1] for row in step.history} for step in found] == [
+        {"condensed-newton", "surface-uzawa"},
+        {"condensed-newton"},
+    ]
+    assert [step.substeps for step in found] == [1, 1]
+    assert simulation.counters.factorisations == 1
+
+
+POWER = {"law": "compliance", "c_n": 40.0, "m_n": 2.0}
+
+
+@pytest.mark.parametrize("normal", [{"law": "unilateral"}, POWER])
+def test_sweeps_are_the_last_resort_in_space(
+    normal: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = scene_of(
+        dim=3,
+        contacts={"base": BASE["base"] | {"normal": normal}},
+        supports={"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": 0.0, "z": -0.05}}},
+        solver={"tolerance": 1e-10},
+    )
+    expected = forces(simulation_of(scene))
+    hasten(monkeypatch)
+    whole = CondensedNewton.__call__
+    monkeypatch.setattr(CondensedNewton, "__call__", lambda self, *rest: whole(replace(self, max_it=1), *rest))
+    monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 0)
+    simulation = simulation_of(scene)
+    assert_allclose(forces(simulation), expected, rtol=0, atol=1e-8)
+    assert [switch.after for switch in simulation.stepper.chain.switches] == [str(stage) for stage in DENSE[1:]]
+
+
+def test_a_step_that_cutting_does_not_help_is_tried_by_all_methods(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From rest, in proportion to time: half of the step is the same problem again. The second half is not."""
+    supports = {"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": -0.05}}}
+    scene = scene_of(contacts=BASE, supports=supports)
+    expected = forces(simulation_of(scene))
+    whole = CondensedNewton.__call__
+    monkeypatch.setattr(CondensedNewton, "__call__", lambda self, *rest: whole(replace(self, max_it=1), *rest))
+    simulation = simulation_of(scene)
+    assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
+    assert simulation.stepper.chain.switches[0].time == 0.5
+    (step,) = list(simulation.steps())
+    first = [row for row in step.history if row[0] == 0.5]
+    assert {row[-1] for row in first} == {"condensed-newton", "surface-uzawa"}
+    assert min(row[0] for row in step.history) == 0.5
+
+
+def test_a_linear_solve_that_fails_hands_the_step_on(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = forces(simulation_of(pressed(scene_of, method="condensed-newton")))
+    simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
+    monkeypatch.setattr("stickslip.solvers.linear.conjugate_gradients.MOST_ITERATIONS", 1)
+    assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
+    assert {switch.because for switch in simulation.stepper.chain.switches} == {Status.BROKEN.value}
+
+
+def test_a_linear_solve_that_fails_leaves_the_steps_before_it(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps = simulation_of(pressed(scene_of, method="surface-uzawa", surface="matrix-free")).steps()
+    assert next(steps).time == 1.0
+    monkeypatch.setattr("stickslip.solvers.linear.conjugate_gradients.MOST_ITERATIONS", 0)
+    with pytest.raises(StepError, match="a linear solve failed"):
+        next(steps)
+
+
+def test_a_method_that_cannot_be_prepared_on_the_way_hands_the_step_on(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last one with this form of the bodies: another form is next."""
+    expected = forces(simulation_of(pressed(scene_of, method="condensed-newton")))
+    hasten(monkeypatch)
+    simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
+    whole = MethodChain._readied
+
+    def unable(chain: MethodChain, *bodies: Any) -> Ready:
+        if chain.stage.safe:
+            raise SolverError("no safer metric")
+        return whole(chain, *bodies)
+
+    monkeypatch.setattr(MethodChain, "_readied", unable)
+    assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
+    last = simulation.stepper.chain.switches[-1]
+    assert (last.after, last.because) == ("condensed-newton (condensed)", Status.BROKEN.value)
+
+
+def test_no_switch_to_what_memory_has_no_room_for(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hasten(monkeypatch)
+    simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
+    monkeypatch.setattr("stickslip.solvers.stepping.choice.available", lambda: 0)
+    with pytest.raises(StepError, match="iterations ran out"):
+        next(simulation.steps())
+    chain = simulation.stepper.chain
+    assert {switch.after for switch in chain.switches} == {"surface-uzawa (matrix-free, safer metric)"}
+    assert chain.stage.surface == "matrix-free"
+
+
+SMALL, LARGE = Size(3, 1000, 8e4, 100), Size(3, 1_000_000, 8e7, 30_000)
+DENSE = tuple(Stage(name, "condensed") for name in ("condensed-newton", "surface-uzawa", "nsgs"))
+FREE = (
+    Stage("tangent-cg", "matrix-free"),
+    Stage("surface-uzawa", "matrix-free"),
+    Stage("surface-uzawa", "matrix-free", safe=True),
+)
+
+
+def test_the_choice_goes_by_size_and_memory() -> None:
+    assert chosen(SMALL, Solver(), 1e12).stages == DENSE
+    assert chosen(LARGE, Solver(), 1e15).stages == (*FREE, *DENSE)
+    assert chosen(SMALL, Solver(), 1e3).stages == FREE
+    assert chosen(SMALL, Solver(method="surface-uzawa"), 1e12).stages == DENSE[1:2]
+    assert chosen(replace(SMALL, floating=True), Solver(), 1e12).stages == DENSE[:2]
+    with pytest.raises(MachineError, match="more than this machine has free"):
+        chosen(LARGE, Solver(method="condensed-newton"), 1e9)
+
+
+def form(size: Size) -> str:
+    return chosen(size, Solver(), 1e12).stages[0].surface
+
+
+def test_a_factor_pays_in_many_steps() -> None:
+    """Sizes and fastest forms of the table that `stickslip.workflows.lab.benchmarks.auto` prints."""
+    cube, half_ball = Size(3, 50_700, 4.1e6, 2028), Size(3, 22_903, 1.0e6, 3048)
+    assert [form(each) for each in (cube, half_ball)] == ["matrix-free"] * 2
+    assert form(replace(cube, steps=32)) == "condensed"
+    assert form(Size(2, 3180, 44_520, 868)) == "condensed"  # bars: many of the dofs are contact dofs
+
+
+def test_multigrid_is_not_for_slender_bodies_that_float(system_of: SystemOf) -> None:
+    beam = Size(3, 50_000, 4e6, 2000)
+    assert (form(beam), form(replace(beam, slender=10.0))) == ("matrix-free", "condensed")
+    system = system_of(bars())
+    size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
+    assert size.slender == pytest.approx(10.0 / 0.3)
+
+
+def bars(*words: str) -> Scene:
+    """A bar on a bar under its own weight; nothing but contact holds the upper one."""
+    scene = Case("two_blocks", 3.0, BARS, free=("top",)).read(2)
+    return replace(scene, solver=replace(scene.solver, **dict(word.split("=") for word in words)))
+
+
+@pytest.mark.parametrize("words", [(), ("surface=matrix-free",)])
+def test_bars_of_which_one_floats(words: tuple[str, ...], simulation_of: SimulationOf) -> None:
+    """Conjugate gradients take hundreds of iterations for each solve: the step is handed on after some of them."""
+    simulation = simulation_of(bars(*words))
+    (*_, last) = simulation.steps()
+    assert last.contacts["joint"].force[1] == pytest.approx(1e-3 * 9.81 * 10.0 * 0.3, rel=1e-9)  # its weight
+    assert [switch.because for switch in simulation.stepper.chain.switches] == [Status.SLOW.value] * len(words)
+    assert simulation.counters.linear_iterations <= len(words) * (PATIENCE + MOST_ITERATIONS)
+
+
+def test_each_rank_of_a_machine_has_a_dense_stiffness_of_its_own() -> None:
+    one, four = LARGE.dense_bytes, replace(LARGE, ranks=4).dense_bytes
+    assert four - one == pytest.approx(3 * 5 * 8 * LARGE.contact_dofs**2)  # five copies of doubles
+    memory = (one + four) / 2 / 0.7  # the part of it that may be taken
+    assert DENSE[0] in chosen(LARGE, Solver(), memory).stages
+    assert DENSE[0] not in chosen(replace(LARGE, ranks=4), Solver(), memory).stages
+
+
+def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: SystemOf) -> None:
+    system = system_of(scene_of(2, {"cells": "tensor", "mesh_size": 0.05}, contacts=BASE))
+    size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
+    assert (size.dim, size.dofs, size.ranks) == (2, system.K_B.size[0], 1)
+    assert (size.steps, size.slender) == (1, 2.0)  # nothing supports it
+    assert size.contact_dofs == len(system.interface.dofs)
+    assert size.entries == pytest.approx(system.K_B.getInfo()["nz_used"], rel=0.1)  # fewer at the boundary
+
+
+def test_the_coarse_mesh_has_fewer_dofs(system_of: SystemOf) -> None:
+    fine = system_of(read("two_blocks"))
+    coarse = CoarseMesh.beside(fine)
+    assert coarse is not None
+    assert coarse.system.constraints.free_total < fine.constraints.free_total / 2
+    forces, displacements = coarse.smooth_responses(fine, np.zeros((len(fine.interface.dofs), 0)), 1.0)
+    assert forces.shape == displacements.shape
+    acting = forces.any(axis=0)  # a flat surface has nothing across
+    assert acting.any()
+    assert np.all(np.sum(forces * displacements, axis=0)[acting] > 0)  # bodies give way

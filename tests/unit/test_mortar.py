@@ -1,4 +1,4 @@
-"""Mortar integrals: what goes from one surface to the other is neither lost nor bent."""
+"""Mortar: surfaces that face each other are cut into triangles, and forces and displacements go over exactly."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,15 +8,17 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.spatial.transform import Rotation
 
-from shared.cases import every_nth
-from shared.overlays import above, ball, below, both, flat, scattered
-from stickslip.geometry.surfaces.facet_map import place
+from shared.cases import every_nth, often
+from shared.overlays import above, ball, below, both, flat, scattered, shaken
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.surfaces import overlay
+from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.mortar import mortar_coupling, mortar_integrals
 
-Array = NDArray[np.float64]
 SHAPES = ("interval", "triangle", "quadrilateral")
 KINDS = [(shape, degree) for shape in SHAPES for degree in (1, 2)]
 COUNTS = [((2, 2), (3, 3)), ((1, 1), (20, 20)), ((20, 20), (1, 1)), ((5, 3), (4, 7))]
@@ -180,3 +182,211 @@ def test_the_dual_basis_of_a_quadratic_strip_is_refined_to_rounding() -> None:
     phi = at_points(slave, found.slave_facet, found.slave_local, slave.change)
     # M is nearly singular there: the first solution is off by 5e-13
     assert_allclose((psi @ phi).toarray(), np.diag(W), atol=5e-14 * W.max())
+
+
+TURNED = [((3, 2), (3, 2)), ((2, 2), (3, 3)), ((1, 1), (20, 20)), ((20, 20), (1, 1)), ((5, 3), (4, 7))]
+PRODUCTS = 8  # the degree of phi_i phi_j on a quadratic quadrilateral, the highest of all
+DIGITS = 1e-12  # some hundred cells a facet
+
+
+def master_forces(master: Surface, found: Overlap) -> Array:
+    """What each master node gets of a unit pressure."""
+    basis = place(master, found.master_facet, found.master_local).basis
+    total = np.zeros(len(master.points))
+    np.add.at(total, master.facets[found.master_facet], found.weights[:, None] * basis)
+    return total
+
+
+def own_forces(surface: Surface) -> Array:
+    weights, basis = surface.quadrature(4)
+    return surface.scatter(weights @ basis)
+
+
+def facet_masses(surface: Surface, found: Overlap) -> Array:
+    """∫ phi_i phi_j on each slave facet."""
+    basis = place(surface, found.slave_facet, found.slave_local).basis
+    k = basis.shape[1]
+    total = np.zeros((len(surface.facets), k, k))
+    np.add.at(total, found.slave_facet, found.weights[:, None, None] * basis[:, :, None] * basis[:, None])
+    return total
+
+
+def own_masses(surface: Surface, degree: int = 6) -> Array:
+    weights, basis = surface.quadrature(degree)
+    return np.asarray(np.einsum("fq,qi,qj->fij", weights, basis, basis))
+
+
+@pytest.mark.parametrize(("kind", "counts"), every_nth(3, KINDS, TURNED))
+def test_flat_surfaces_face_each_other_exactly(kind: tuple[str, int], counts: Any) -> None:
+    shape, degree = kind
+    slave, master = below(shape, degree, counts[0]), above(shape, degree, counts[1])
+    found = overlap(slave, master, 0.2, PRODUCTS)
+    assert_allclose(facet_masses(slave, found), own_masses(slave), atol=DIGITS / len(slave.facets))
+    assert_allclose(master_forces(master, found), own_forces(master), atol=DIGITS / len(master.facets))
+    assert_allclose(found.gap, 0.1, rtol=DIGITS)
+    assert_allclose(found.normals, np.tile(np.eye(slave.dim)[-1], (len(found.gap), 1)), atol=1e-14)
+    points = place(slave, found.slave_facet, found.slave_local).points
+    partners = place(master, found.master_facet, found.master_local).points
+    assert_allclose(partners - points, found.gap[:, None] * found.normals, atol=DIGITS)
+    assert np.all(np.diff(found.slave_facet) >= 0)
+    assert found.weights.min() > 0
+
+
+@pytest.mark.parametrize("box", [((0.3, -0.4), (1.7, 0.6)), ((0.31, 0.12), (0.77, 0.93))], ids=["shifted", "inside"])
+@pytest.mark.parametrize(("shape", "degree"), KINDS)
+def test_partly_covered_surfaces_have_the_moments_of_the_common_box(shape: str, degree: int, box: Any) -> None:
+    slave, master = below(shape, degree, (3, 4)), above(shape, degree, (5, 2), box=box)
+    low, high = np.maximum(box[0], 0.0)[: slave.dim - 1], np.minimum(box[1], 1.0)[: slave.dim - 1]
+    area, centre, spread = np.prod(high - low), (low + high) / 2, (high - low) ** 2 / 12
+    for one, other in ((slave, master), (master, slave)):
+        found = overlap(one, other, 0.2, 4)
+        x = place(one, found.slave_facet, found.slave_local).points[:, :-1]
+        assert_allclose(found.weights.sum(), area, rtol=DIGITS)
+        assert_allclose(found.weights @ x / area, centre, rtol=DIGITS)
+        assert_allclose(found.weights @ (x - centre) ** 2 / area, spread, rtol=DIGITS)
+
+
+@pytest.mark.parametrize("shape", SHAPES[1:])
+def test_a_square_and_its_turned_image_have_an_octagon_in_common(shape: str) -> None:
+    slave, master = below(shape, 1, (3, 3)), above(shape, 2, (4, 5))
+    turn = Rotation.from_euler("z", 45, degrees=True).as_matrix()
+    middle = np.array([0.5, 0.5, 0.0])
+    master = replace(master, points=(master.points - middle) @ turn.T + middle)
+    assert_allclose(overlap(slave, master, 0.2, 2).weights.sum(), 2 * (np.sqrt(2) - 1), rtol=DIGITS)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_random_triangulations_of_a_square_cover_each_other(degree: int) -> None:
+    slave, master = scattered(degree, 60, 1, flat(0.0), 1.0), scattered(degree, 150, 2, flat(0.1), -1.0)
+    for one, other in ((slave, master), (master, slave)):
+        found = overlap(one, other, 0.2, 4)
+        assert_allclose(facet_masses(one, found), own_masses(one), atol=1e-14)
+        assert_allclose(master_forces(other, found), own_forces(other), atol=1e-14)
+
+
+@pytest.mark.parametrize(("shape", "degree"), KINDS)
+def test_turning_both_or_measuring_in_millimetres_changes_nothing(shape: str, degree: int) -> None:
+    slave, master = below(shape, degree, (3, 3), ball(1.0)), above(shape, degree, (4, 4), ball(1.1))
+    found = overlap(slave, master, 0.5, 4)
+    turn, d = Rotation.random(random_state=3).as_matrix(), slave.dim
+    if d == 2:
+        turn = Rotation.from_euler("z", 1.0).as_matrix()[:2, :2]
+    images = [replace(side, points=1e3 * (side.points @ turn.T + 0.7)) for side in (slave, master)]
+    image = overlap(images[0], images[1], 500.0, 4)
+    for value, scale in ((lambda one: one.weights, 1.0), (lambda one: one.weights * one.gap, 1e3)):
+        sums = [np.bincount(one.slave_facet, value(one)) for one in (found, image)]
+        assert_allclose(sums[1], scale * 1e3 ** (d - 1) * sums[0], rtol=DIGITS)
+    assert_allclose(np.einsum("qd,qd->q", image.normals, image.normals), 1.0, rtol=1e-14)
+    mean = 1e-3 ** (d - 1) * (image.weights @ image.normals)
+    assert_allclose(mean @ turn, found.weights @ found.normals, rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", often(KINDS, [KINDS[0], KINDS[1], KINDS[3], KINDS[4]]))
+def test_area_and_gap_of_concentric_balls_converge(kind: tuple[str, int]) -> None:
+    shape, degree = kind
+    # the angle of an interval, the solid angle of a square of side 1 seen from a distance of 1
+    area = 2 * np.arctan(0.5) if shape == "interval" else 4 * np.arcsin(0.25 / 1.25)
+    wide = ((-0.5, -0.5), (1.5, 1.5))
+    errors = []
+    for n in (4, 8, 16):
+        slave = below(shape, degree, (n, n), ball(1.0))
+        found = overlap(slave, above(shape, degree, (3 * n, 3 * n), ball(1.1), wide), 0.5, 6)
+        assert_allclose(found.weights.sum(), slave.quadrature(10)[0].sum(), rtol=1e-9)  # covered as a whole
+        mean = np.sqrt(found.weights @ (found.gap - 0.1) ** 2 / area)
+        errors.append((abs(found.weights.sum() / area - 1), mean))
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])[-1]
+    assert np.all(rates > (1.8 if degree == 1 else 2.8)), rates  # P_k: facets leave the ball by h^(k+1)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_skewed_quadrilaterals_are_covered_once(degree: int) -> None:
+    slave = below("quadrilateral", 1, (5, 5))
+    master = shaken(above("quadrilateral", 1, (7, 7)), 0.05, seed=1)
+    if degree == 2:  # the same facets, curved by midnodes off their edges
+        slave, master = below("quadrilateral", 2, (3, 3)), shaken(above("quadrilateral", 2, (4, 4)), 0.02, seed=1)
+    slave = shaken(slave, 0.08 / degree**2)
+    found = overlap(slave, master, 0.2, 6 if degree == 1 else 14)  # products of degree 4 or 8, area of 1 or 6
+    assert_allclose(facet_masses(slave, found), own_masses(slave, 14), atol=1e-14)
+    # straight edges of the one are curves in the coordinates of the other: 1e-4 here, and 1e-2 with affine corners
+    limit = 1e-3 if degree == 1 else 0.05
+    assert_allclose(master_forces(master, found), own_forces(master), rtol=limit)
+
+
+@pytest.mark.parametrize(("shape", "degree"), KINDS)
+def test_the_nearest_of_two_layers_counts(shape: str, degree: int) -> None:
+    slave = below(shape, degree, (4, 4))
+    near = above(shape, degree, (3, 2), flat(0.1), ((0.25, 0.0), (0.75, 1.0)))
+    far = above(shape, degree, (7, 3), flat(0.2))
+    if slave.dim == 3:  # whole cells: in space a cell is judged at its centre
+        near = above(shape, degree, (2, 4), flat(0.1), ((0.25, 0.0), (0.75, 1.0)))
+        far = above(shape, degree, (8, 4), flat(0.2))
+    found = overlap(slave, both(far, near), 0.5, PRODUCTS)
+    x = place(slave, found.slave_facet, found.slave_local).points[:, 0]
+    assert_allclose(facet_masses(slave, found), own_masses(slave), atol=1e-14)
+    wrong = np.abs(found.gap - np.where(np.abs(x - 0.5) < 0.25, 0.1, 0.2))
+    assert found.weights @ wrong < DIGITS
+
+
+def test_in_the_plane_layers_are_cut_apart_where_the_nearer_one_ends() -> None:
+    slave, far = below("interval", 1, (2, 2)), above("interval", 1, (3, 3), flat(0.3))
+    near = above("interval", 1, (2, 2), flat(0.1), ((0.123, 0.0), (0.456, 0.0)))
+    found = overlap(slave, both(near, far), 0.5, 4)
+    assert_allclose(found.weights.sum(), 1.0, rtol=DIGITS)
+    assert_allclose(found.weights[found.gap < 0.2].sum(), 0.456 - 0.123, rtol=DIGITS)
+
+
+@pytest.mark.parametrize(("shape", "degree"), KINDS)
+def test_only_what_faces_the_slave_within_reach_counts(shape: str, degree: int) -> None:
+    slave, master = below(shape, degree, (2, 2)), above(shape, degree, (3, 3))
+    assert_allclose(overlap(slave, master, 0.11, 2).weights.sum(), 1.0, rtol=DIGITS)
+    assert len(overlap(slave, master, 0.09, 2).gap) == 0
+    assert len(overlap(slave, replace(master, outward=-master.outward), 0.2, 2).gap) == 0
+    sunk = overlap(slave, above(shape, degree, (3, 3), flat(-0.05)), 0.2, 2)
+    assert_allclose(sunk.gap, -0.05, rtol=DIGITS)
+    assert len(overlap(slave, above(shape, degree, (3, 3), box=((2.0, 2.0), (3.0, 3.0))), 0.2, 2).gap) == 0
+
+
+def test_either_way_round_a_facet_the_normal_points_outward() -> None:
+    slave, master = below("triangle", 2, (2, 2)), above("triangle", 2, (3, 3))
+    turned = replace(slave, facets=slave.facets[:, [0, 2, 1, 3, 5, 4]], outward=-slave.outward)
+    found = overlap(turned, master, 0.2, 4)
+    assert_allclose(found.gap, 0.1, rtol=DIGITS)
+    assert_allclose(facet_masses(turned, found), own_masses(turned), atol=1e-14)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_axisymmetric_surfaces_weigh_full_circles(degree: int) -> None:
+    slave, master = (
+        replace(side, axisymmetric=True)
+        for side in (below("interval", degree, (3, 3)), above("interval", degree, (4, 4)))
+    )
+    found = overlap(slave, master, 0.2, 2 * degree + 1)
+    assert_allclose(found.weights.sum(), np.pi, rtol=DIGITS)
+    assert_allclose(master_forces(master, found), own_forces(master), rtol=DIGITS, atol=1e-14)
+
+
+def test_facets_of_very_different_sizes_find_each_other() -> None:
+    slave, fine = below("triangle", 1, (2, 2)), above("triangle", 1, (50, 50), box=((0.0, 0.0), (0.5, 1.0)))
+    master = both(fine, above("triangle", 1, (1, 1), box=((0.5, 0.0), (1.0, 1.0))))
+    for one, other in ((slave, master), (master, slave)):
+        assert_allclose(overlap(one, other, 0.3, 2).weights.sum(), 1.0, rtol=DIGITS)
+
+
+def test_a_line_that_misses_a_curved_facet_finds_nothing() -> None:
+    master = above("interval", 2, (1, 1), ball(1.0))
+    past = np.array([[0.0, 5.0]])
+    local = locate(master, np.array([0]), np.array([[0.4]]), past, np.array([[1.0, 0.0]]))
+    assert np.isnan(local).all()
+
+
+POLYGON = np.array([[0.1, 0.1], [0.6, 0.05], [0.7, 0.2], [0.3, 0.6], [0.05, 0.4]])
+AGAIN = POLYGON[[0, 1, 1, 2, 3, 4]]  # as clipping leaves a corner that lies on an edge: there twice
+
+
+@pytest.mark.parametrize("first", range(6))
+def test_triangles_do_not_depend_on_the_first_corner(first: int) -> None:
+    _, parts = overlay._fan(np.roll(AGAIN, -first, axis=0)[None])
+    _, expected = overlay._fan(POLYGON[None])
+    found = sorted(np.sort(part, axis=0).tolist() for part in parts)
+    assert found == sorted(np.sort(part, axis=0).tolist() for part in expected)
+    assert len(found) == 3

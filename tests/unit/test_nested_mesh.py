@@ -1,17 +1,30 @@
-"""Plane meshes cut nested: conforming, exactly the same bodies, on the circle where sides are curved."""
+"""Nested meshes: cells are cut at edges of contact, and what they find is the error of the mesh."""
 
 from dataclasses import replace
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
+from shared.problems import SceneOf, SystemOf
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.mesh_sizes import USUAL, SizeField, volumes
 from stickslip.geometry.nested_mesh import EDGES, FlatMesh
 from stickslip.geometry.shape import Request
+from stickslip.geometry.user_files.meshing import cut_to_sizes
+from stickslip.geometry.user_files.raw_mesh import LOCAL_FACETS, RawMesh, check_neighbours
+from stickslip.solvers.accuracy import nested_run
+from stickslip.solvers.accuracy.bubbles import Bubbles
+from stickslip.solvers.accuracy.nested_run import NestedRun, Places
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.results.step_result import Errors, Quantity, StepResult, quantities
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.workflows.scene_file.read import read
 
 CORNERS = {"triangle": 3, "quadrilateral": 4}
 
@@ -122,3 +135,253 @@ def test_it_becomes_a_mesh_with_the_same_names(kind: str) -> None:
     assert built.degree == 2
     assert np.array_equal(built.box(), [[0, 0], [2, 1]])
     assert built.part_count == 1
+
+
+COARSE = ["geometry.order=2", "geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.15"]
+FINE = ["geometry.order=2", "geometry.mesh_size=0.1", "geometry.contact_mesh_size=0.025"]
+
+
+def solved(name: str, *sets: str) -> tuple[Simulation, list[StepResult]]:
+    simulation = prepare(read(name, sets))
+    return simulation, [*simulation.steps()]
+
+
+def errors_of(name: str, *sets: str) -> tuple[StepResult, Errors]:
+    """The last step and its errors."""
+    simulation, steps = solved(name, *sets)
+    return steps[-1], simulation.errors(steps)[-1]
+
+
+def test_areas_that_agree_by_chance_are_not_exact(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The other mesh finds the same; the edge of contact lies somewhere in a facet all the same."""
+    simulation, steps = solved("cylinders", "geometry.mesh_size=3.0", "geometry.contact_mesh_size=0.2", "steps.count=2")
+    monkeypatch.setattr(NestedRun, "_finer", lambda *given: map(quantities, steps))
+    errors = simulation.mesh_errors(steps)[-1]
+    area, force = (errors[Quantity("contacts", "line", name)].mesh for name in ("contact_area", "normal_force"))
+    assert force == 0
+    assert area == pytest.approx(nested_run.ANYWHERE * 0.1 * np.sqrt(2), rel=0.3)  # two half facets
+
+
+@pytest.mark.parametrize("cells", ["simplex", "tensor"])
+@pytest.mark.parametrize("model", ["plane strain", "axisymmetric"])
+def test_forces_of_bubbles_are_those_of_order_3(model: str, cells: str, scene_of: SceneOf, system_of: SystemOf) -> None:
+    held = {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}}
+    base = {"base": {"surface": "block.bottom", "against": "foundation"}}
+    shape = {"order": 2, "mesh_size": 0.5, "cells": cells}
+    system = system_of(scene_of(model=model, geometry=shape, contacts=base, supports=held))
+    bubbles = Bubbles(system)
+    weak = WeakForms(system.problem, system.mesh, bubbles.space, system.counters, 8)
+    K = dx.assemble_matrix(weak.compile(weak.elasticity()))
+    random = np.random.default_rng(0)
+    x, u = bubbles.zero(), system.vector()
+    x.array[:], u.array[:] = random.random(len(x.array)), random.random(len(u.array))
+    x = bubbles.displacement(bubbles.free(x))
+    u.array[0::2] *= system.nodes.points[:, 0]  # none of the axis
+    whole, own = dx.fem.Function(bubbles.space), dx.fem.Function(system.space)
+    dx.fill(own, u.array)
+    whole.interpolate(own)
+    total = x.copy()
+    total.array[:] += whole.x.array[: len(total.array)]
+    expected = bubbles.free(K * total).array
+    slack = 3e-2 if model == "axisymmetric" else 1e-12  # 1/r is integrated by other rules
+    assert_allclose(bubbles.free(bubbles.inner(u, x)).array, expected, atol=slack * np.abs(expected).max())
+    assert u.dot(bubbles.pull(x)) == pytest.approx(x.dot(bubbles.inner(u, 0.0 * x)), rel=1e-12)
+    assert len(np.unique(bubbles.nodes.input)) == len(bubbles.nodes.input)
+
+
+def test_stated_errors_are_true() -> None:
+    step, stated = errors_of("block", *COARSE)
+    truth = quantities(solved("block", *FINE)[1][-1])
+    keys = [Quantity("contacts", "base", key) for key in ("tangential_force", "dissipation_total", "max_slip")]
+    for key in [*keys, Quantity("contacts", "base", "force"), Quantity("energy", "", "stored")]:
+        true = np.abs(quantities(step)[key] - truth[key])
+        parts = stated[key]
+        assert parts.geometry is not None
+        assert np.all(parts.geometry == 0), key
+        assert parts.total is not None, key
+        assert np.all((parts.mesh > 0.7 * true) & (parts.mesh < 3 * true)), key
+        assert np.all(np.abs(parts.corrected - truth[key]) < 0.5 * true), key
+
+
+def test_a_pressure_without_limit_has_no_error_and_one_with_a_limit_has() -> None:
+    step, corner = errors_of("block", *COARSE)
+    key = Quantity("contacts", "base", "max_pressure")
+    assert corner[key].converges is False
+    assert corner[key].mesh is None
+    step, smooth = errors_of("half_space", "geometry.order=2", "geometry.contact_mesh_size=0.05", "steps.count=4")
+    key = Quantity("contacts", "track", "max_pressure")
+    assert smooth[key].converges
+    assert 0 < smooth[key].mesh < 0.02 * step.contacts["track"].max_pressure
+
+
+def test_cells_are_cut_at_edges_of_contact_and_corners() -> None:
+    simulation, steps = solved("half_space", "geometry.order=2")
+    mesh = NestedRun(simulation.stepper, simulation.data)._flat()
+    assert mesh is not None
+    places = Places.of(simulation.problem, simulation.system.contacts, steps)
+    x = mesh.points[places.nodes(mesh)]
+    (c,), touching = simulation.system.contacts, steps[-1].contacts["track"].status > 0
+    edge = np.abs(c.surface.points[touching, 0]).max()
+    assert np.abs(x[:, 0] - edge).min() < 0.1 * edge
+    low, high = simulation.mesh.box()
+    for corner in (low, [high[0], low[1]]):  # those of the support
+        assert np.linalg.norm(x - corner, axis=1).min() < 1e-12
+    away = (np.abs(x - low) > 1e-9).all(axis=1) & (np.abs(x - high) > 1e-9).all(axis=1)
+    assert not away.any()  # on sides alone
+
+
+@pytest.mark.parametrize("name", ["sliding", "foundation", pytest.param("shaft", marks=pytest.mark.slow)])
+def test_it_follows_sliding_and_grids_and_compliance(name: str) -> None:
+    simulation, steps = solved(name, "geometry.order=2", "steps.count=2")
+    found = simulation.mesh_errors(steps)
+    (contact,) = steps[0].contacts
+    assert len(found) == len(steps)
+    force = Quantity("contacts", contact, "tangential_force")
+    assert 0 < found[-1][force].mesh < 0.1 * steps[-1].contacts[contact].normal_force
+
+
+def test_probes_and_their_displacement() -> None:
+    step, stated = errors_of("block", *COARSE, "probes.inside.point=[1.3, 0.7]")
+    found = stated[Quantity("probes", "inside", "displacement")]
+    assert found.mesh.shape == (2,)
+    assert (found.mesh > 0).all()
+    assert np.linalg.norm(found.mesh) < 0.05 * np.linalg.norm(step.probes["inside"].displacement)
+    assert stated[Quantity("probes", "inside", "stress")].mesh is None
+
+
+def test_what_is_too_dear_is_cut_once_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation, steps = solved("block", *COARSE)
+    run = NestedRun(simulation.stepper, simulation.data)
+    (twice, fine), asked = run._cut_mesh(steps), list[float]()
+
+    def price(size: Any) -> float:
+        asked.append(size.dofs)
+        return float(size.dofs)
+
+    monkeypatch.setattr(nested_run, "_seconds", price)
+    monkeypatch.setattr(nested_run, "SOON", 0.0)
+    monkeypatch.setattr(nested_run, "MOST", 1e9)
+    assert run._cut_mesh(steps)[0] == twice == 2
+    own, dear = asked
+    monkeypatch.setattr(nested_run, "MOST", 0.999 * dear / own)
+    once, coarser = run._cut_mesh(steps)
+    assert once == 1
+    assert coarser is not None
+    assert fine is not None
+    assert len(simulation.data.points) < len(coarser.points) < len(fine.points)
+    monkeypatch.setattr(nested_run, "MOST", 1.0)
+    assert run._cut_mesh(steps) == (0, None)
+    assert simulation.mesh_errors(steps) == ()
+    parts = simulation.errors(steps)[-1][Quantity("contacts", "base", "normal_force")]
+    assert parts.mesh is None
+    assert parts.total is None
+
+
+def test_its_work_is_that_of_errors() -> None:
+    simulation, steps = solved("block", *COARSE)
+    before, solves = simulation.seconds.error, simulation.counters.volume_solves
+    simulation.mesh_errors(steps)
+    assert simulation.seconds.error > before
+    assert simulation.counters.volume_solves == solves
+    assert simulation.counters.error_solves > 0
+
+
+def test_none_from_the_first_step_on_that_was_cut() -> None:
+    simulation, steps = solved(
+        "two_blocks", "geometry.order=2", "geometry.mesh_size=0.4", "geometry.lower_mesh_size=0.4"
+    )
+    cut = [*steps[:1], replace(steps[1], substeps=2), *steps[2:]]
+    assert len(simulation.mesh_errors(cut)) == 1
+    assert simulation.mesh_errors([replace(steps[0], substeps=2)]) == ()
+
+
+@pytest.mark.parametrize(("name", "sets"), [("cube", ["geometry.mesh_size=0.5"]), ("block", COARSE)])
+def test_none_with_approximate_laws(name: str, sets: list[str]) -> None:
+    simulation, steps = solved(name, "geometry.order=2", "solver.method=regularised", *sets)
+    assert simulation.mesh_errors(steps) == ()
+
+
+def square(n: int) -> tuple[Array, Ints]:
+    x = np.arange(n + 1) / n
+    points = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((n + 1, n + 1))], axis=-1).reshape(-1, 3)
+    first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    a, b, c, d = first, first + n + 1, first + n + 2, first + 1
+    return points, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def cube(n: int) -> tuple[Array, Ints]:
+    """Six tetrahedra about the diagonal of each of n³ cubes."""
+    x = np.arange(n + 1) / n
+    points = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3)
+    step = np.array([(n + 1) ** 2, n + 1, 1])
+    corner = np.array([step @ i for i in np.ndindex(n, n, n)])
+    cells = []
+    for order in ((0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2)):
+        ways = np.cumsum([0, *step[list(order)]])
+        nodes = corner[:, None] + ways
+        cells.append(nodes if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else nodes[:, [0, 2, 1, 3]])
+    return points, np.concatenate(cells)
+
+
+def mesh(d: int) -> RawMesh:
+    """Two bodies, left and right of x = 1/2, and the side x = 0 of the left one."""
+    points, cells = square(4) if d == 2 else cube(2)
+    kind = {2: 2, 3: 4}[d]
+    left = points[cells][:, :, 0].mean(axis=1) < 0.5
+    facets = cells[left][:, np.array(LOCAL_FACETS[kind])].reshape(-1, d)
+    facets = facets[np.all(points[facets][:, :, 0] == 0, axis=1)]
+    return RawMesh(d, kind, points, {"left": cells[left], "right": cells[~left]}, {"left.wall": facets})
+
+
+def measure(points: Array, facets: Ints) -> float:
+    x = points[facets]
+    if x.shape[1] == 2:
+        return float(np.linalg.norm(x[:, 1] - x[:, 0], axis=1).sum())
+    return float(np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1).sum() / 2)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_cells_are_cut_where_they_are_too_large_and_still_fit(d: int) -> None:
+    whole = mesh(d)
+    places = whole.points[:, :d]
+    wanted = (0.04 if d == 2 else 0.08) + 0.3 * np.linalg.norm(places, axis=1)
+    cells = np.concatenate(list(whole.cells.values()))
+    found = cut_to_sizes(whole, SizeField(places, cells, wanted))
+    check_neighbours(found.kind, found.cells)
+    assert_allclose(found.points[: len(whole.points)], whole.points)
+    for rows in found.cells.values():
+        assert volumes(found.points[:, :d], rows).sum() == pytest.approx(0.5)
+    assert len(found.cells["left"]) > 2 * len(whole.cells["left"])
+    rows = np.concatenate(list(found.cells.values()))
+    x = found.points[rows][:, :, :d]
+    turned = np.linalg.det(x[:, 1:] - x[:, :1])
+    assert np.all(turned > 0)
+    ends = np.array(list(combinations(range(d + 1), 2)))
+    edges = np.linalg.norm(x[:, ends[:, 0]] - x[:, ends[:, 1]], axis=2)
+    assert np.min(turned / edges.max(axis=1) ** d) > 0.2 * np.min(_shape(whole, d))  # angles stay
+    # on the outer boundary, and there alone, is a facet that one cell has: nothing hangs
+    local = np.sort(rows[:, np.array(LOCAL_FACETS[found.kind])].reshape(-1, d), axis=1)
+    facets, times = np.unique(local, axis=0, return_counts=True)
+    assert measure(found.points, facets[times == 1]) == pytest.approx({2: 4.0, 3: 6.0}[d])
+    wall = found.facets["left.wall"]
+    assert measure(found.points, wall) == pytest.approx(1.0)
+    assert np.all(found.points[wall][:, :, 0] == 0)
+    assert len(wall) > len(whole.facets["left.wall"])
+    assert {tuple(row) for row in np.sort(wall, axis=1)} <= {tuple(row) for row in facets[times == 1]}
+    sizes = (volumes(found.points[:, :d], rows) / USUAL[d]) ** (1 / d)
+    assert sizes[np.argmin(np.linalg.norm(x.mean(axis=1), axis=1))] < 0.5 * sizes.max()
+
+
+def _shape(of: RawMesh, d: int) -> Array:
+    x = of.points[np.concatenate(list(of.cells.values()))][:, :, :d]
+    ends = np.array(list(combinations(range(d + 1), 2)))
+    longest = np.linalg.norm(x[:, ends[:, 0]] - x[:, ends[:, 1]], axis=2).max(axis=1)
+    return np.asarray(np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / longest**d)
+
+
+def test_a_mesh_that_is_fine_enough_stays() -> None:
+    whole = mesh(2)
+    cells = np.concatenate(list(whole.cells.values()))
+    found = cut_to_sizes(whole, SizeField(whole.points[:, :2], cells, np.full(len(whole.points), 0.5)))
+    assert found.points is whole.points
+    assert all(np.array_equal(found.cells[body], whole.cells[body]) for body in whole.cells)

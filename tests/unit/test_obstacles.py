@@ -1,17 +1,28 @@
-"""Rigid obstacles: distances and normals against geometry, motions against rigid-body kinematics."""
+"""Obstacles: distances and normals, how they move and are driven, and balls in cones."""
 
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import cKDTree
 
+from shared.cases import every_nth
+from shared.problems import SceneOf, SimulationOf, SystemOf
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.obstacles import Obstacle
+from stickslip.geometry.obstacles.cone import Cone
 from stickslip.geometry.obstacles.obstacle import Rotation
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.shape import Model
+from stickslip.solvers.results.step_result import SLIP
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.scene_file.read import from_dict
 
 ROUND: list[tuple[Obstacle, int]] = [
     (Plane(point=(0.1, 0.2), normal=(1.0, 3.0)), 2),
@@ -136,3 +147,356 @@ def test_wrong_rotations_and_motions_are_refused() -> None:
         Rotation(angle=late, point=(0.0, 0.0))
     with pytest.raises(SceneError, match=r"^displacement\.y = .*: times must increase"):
         Plane(point=(0.0, 0.0), normal=(0.0, 1.0), displacement={"y": late})
+
+
+CONES = [
+    Cone(apex=(0.0, 0.2), axis=(0.0, 3.0), half_angle=30.0),
+    Cone(apex=(0.0, 0.2), axis=(0.0, -1.0), half_angle=70.0, inside=True),
+    Cone(apex=(0.3, -0.2, 0.1), axis=(1.0, 2.0, -2.0), half_angle=50.0),
+    Cone(apex=(0.3, -0.2, 0.1), axis=(1.0, 2.0, -2.0), half_angle=40.0, inside=True),
+]
+
+
+def generators(cone: Cone, count: int, reach: float) -> Array:
+    """Points (k, d) that fill the cone's surface from the apex to a distance."""
+    axis = np.array(cone.axis) / np.linalg.norm(cone.axis)
+    around = np.linalg.svd(axis[None])[2][1:]  # directions across the axis
+    turns = np.linspace(0, 2 * np.pi, count, endpoint=False) if len(axis) == 3 else np.array([0.0, np.pi])
+    out = np.stack([np.cos(turns), np.sin(turns)][: len(around)], axis=1) @ around
+    angle = np.radians(cone.half_angle)
+    lines = np.cos(angle) * axis + np.sin(angle) * out
+    return np.asarray((np.array(cone.apex) + np.linspace(0, reach, 2000)[:, None, None] * lines).reshape(-1, len(axis)))
+
+
+def scattered(cone: Cone) -> Array:
+    """Points within, without and behind the apex."""
+    return np.asarray(np.array(cone.apex) + np.random.default_rng(5).normal(size=(60, len(cone.apex))))
+
+
+def regions(cone: Cone, x: Array) -> tuple[Any, Any]:
+    """Which points lie within the cone, and which of the others have the apex as the nearest point of it."""
+    axis, arm = np.array(cone.axis) / np.linalg.norm(cone.axis), x - np.array(cone.apex)
+    from_axis = np.degrees(np.arccos(arm @ axis / np.linalg.norm(arm, axis=1)))
+    return from_axis < cone.half_angle, from_axis > cone.half_angle + 90
+
+
+@pytest.mark.parametrize("cone", CONES)
+def test_distance_is_that_of_the_nearest_point_and_positive_where_the_body_may_be(cone: Cone) -> None:
+    x, surface = scattered(cone), generators(cone, 720, 6.0)
+    nearest = cKDTree(surface).query(x)[0]
+    within, behind = regions(cone, x)
+    assert min(within.sum(), behind.sum(), (~within & ~behind).sum()) > 2
+    sign = np.where(within, -1.0, 1.0) * (-1.0 if cone.inside else 1.0)
+    # points of the surface lie up to 0.003 m apart along it and 0.03 m around it
+    assert_allclose(cone.signed_gap(x), sign * nearest, atol=2e-3)
+
+
+@pytest.mark.parametrize("cone", CONES)
+def test_normal_of_a_cone_is_the_gradient_and_leads_to_its_surface(cone: Cone) -> None:
+    x, step = scattered(cone), 1e-6
+    normals = cone.normals(x)
+    assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-14)
+    for axis, shift in enumerate(step * np.eye(x.shape[1])):
+        slope = (cone.signed_gap(x + shift) - cone.signed_gap(x - shift)) / (2 * step)
+        assert_allclose(slope, normals[:, axis], atol=1e-8)  # central difference: step² and rounding / step
+    closest = x - cone.signed_gap(x)[:, None] * normals
+    assert_allclose(cone.signed_gap(closest), 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_on_the_axis_and_at_the_apex_the_normal_is_along_it(inside: bool) -> None:
+    cone = Cone(apex=(0.0, 1.0), axis=(0.0, 1.0), half_angle=30.0, inside=inside)
+    x, out = np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 3.0]]), -1.0 if inside else 1.0
+    assert_allclose(cone.signed_gap(x), [out * 1.0, 0.0, -out * 1.0], atol=1e-15)  # 2 m sin 30°
+    assert_allclose(cone.normals(x), [[0.0, -out]] * 3, atol=0)
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_symbols_have_the_gradient_that_numbers_have_on_the_surface_too(
+    inside: bool, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    """Vertices of the mesh lie within, on and outside the cone of 45 degrees, and behind its apex."""
+    cone = Cone(apex=(0.0, 0.5), axis=(0.0, 1.0), half_angle=45.0, inside=inside)
+    hold = {"base": {"boundary": "block.bottom", "displacement": {"y": 0.0}}}
+    domain = system_of(scene_of(2, {"cells": "tensor"}, model="axisymmetric", supports=hold)).mesh.domain
+    x = ufl.SpatialCoordinate(domain)
+    corners = dx.reference_nodes("quadrilateral", 1)
+    distance = cone.distance([x[0], x[1]], ufl.sqrt)
+    cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
+    places, values, slopes = (
+        dx.CellExpression(e, corners, domain)(cells).reshape(len(cells) * 4, -1)
+        for e in (x, distance, ufl.grad(distance))
+    )
+    off_axis = places[:, 0] > 1e-9  # on it the distance has an edge
+    assert_allclose(values[:, 0], cone.signed_gap(places), atol=1e-14)
+    assert_allclose(slopes[off_axis], cone.normals(places[off_axis]), atol=1e-12)
+    assert np.sum(np.abs(values) < 1e-15) > 4  # on the surface itself
+
+
+@pytest.mark.parametrize(("dim", "inside"), [(2, False), (3, False), (3, True)])
+def test_compliance_meets_a_cone_at_every_quadrature_point(
+    dim: int, inside: bool, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    """The form in UFL and the rows in numbers: two ways of one distance."""
+    law = {"law": "compliance", "c_n": 3.0, "m_n": 2.0}
+    middle, low = ([0.0] if dim == 2 else [0.9, 0.45]), [1.0]  # between the nodes
+    cone = {"shape": "cone", "apex": middle + ([-0.6] if inside else [0.05]), "half_angle": 70.0, "inside": inside}
+    cone["axis"] = [0.0] * (dim - 1) + (low if inside else [-1.0])
+    base = {"surface": "block.bottom", "against": "foundation", "normal": law, "gap_offset": -0.2}
+    tables: dict[str, Any] = {"obstacles": {"foundation": cone}, "contacts": {"base": base}}
+    system = system_of(scene_of(dim, {"mesh_size": 0.5}, model="axisymmetric" if dim == 2 else "3d", **tables))
+    u = dx.fem.Function(system.space)
+    u.x.array[:] = np.random.default_rng(11).normal(size=len(u.x.array))
+    (rows,), (contact,) = system.contacts, (pair.contact for pair in system.problem.pairs.values())
+    form = dx.assemble_vector(system.weak.compile(system.weak.normal_compliance(u, contact, rows.normal))).array
+    values = u.x.array.reshape(-1, dim)
+    pressure = 3.0 * np.maximum(rows.N_n @ values[rows.surface.nodes].ravel() - rows.gap, 0.0) ** 2
+    by_rows = np.zeros_like(values)
+    by_rows[rows.surface.nodes] = (rows.N_n.T @ (rows.W_n * pressure)).reshape(-1, dim)
+    assert np.any(pressure > 0)
+    assert_allclose(by_rows.ravel(), form, atol=1e-12 * np.abs(form).max())
+
+
+WRONG_CONES: list[tuple[dict[str, Any], Model, str]] = [
+    ({"half_angle": 0.0}, "3d", "half_angle = 0.0: must lie between 0 and 90"),
+    ({"half_angle": 90.0}, "3d", "half_angle = 90.0: must lie between 0 and 90"),
+    ({"axis": (0.0, 0.0, 0.0)}, "3d", "axis = .*must not be zero"),
+    ({"apex": (0.0, 0.0)}, "3d", "apex = .*expected 3 components"),
+    ({"axis": (0.0, 1.0)}, "3d", "axis = .*expected 3 components"),
+    ({}, "plane strain", 'shape = "cone": there is none in a plane model'),
+    ({}, "plane stress", 'shape = "cone": there is none in a plane model'),
+    ({"apex": (1.0, 0.0), "axis": (0.0, 1.0)}, "axisymmetric", "apex = .*axis of symmetry"),
+    ({"apex": (0.0, 0.0), "axis": (1.0, 1.0)}, "axisymmetric", "axis = .*expected"),
+]
+
+
+@pytest.mark.parametrize(("data", "model", "sentence"), WRONG_CONES)
+def test_wrong_cones_are_refused_by_key(data: dict[str, Any], model: Model, sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        Cone(**({"apex": (0.0, 0.0, 0.0), "axis": (0.0, 0.0, 1.0), "half_angle": 30.0} | data)).check_model(model)
+
+
+def test_a_needle_is_a_cone() -> None:
+    Cone(apex=(0.0, 0.0), axis=(0.0, -1.0), half_angle=0.5).check_model("axisymmetric")
+    Cone(apex=(1.0, 0.0, 0.0), axis=(1.0, 0.0, 1.0), half_angle=89.5).check_model("3d")
+
+
+def ball_in_socket(half_angle: float, mu: float, dim: int, order: int) -> None:
+    """N = P / (sin + mu cos) of the half angle: a ball, its flat side up, that is pressed into a conical socket.
+
+    All normals have the same slope, so the balance along the axis is exact on any mesh; at mu = 0.1 all of it slips.
+    """
+    angle, radius = np.radians(half_angle), 1.0
+    tip = [0.0] * (dim - 1) + [radius - radius / np.sin(angle)]  # the cone touches the ball
+    if dim == 2:
+        shape: dict[str, Any] = {"builder": "half_disc", "symmetric": True}
+        body, side, supports = "disc", "arc", {}
+    else:
+        shape, body, side = {"builder": "half_ball", "symmetry": "quarter"}, "ball", "cap"
+        supports = {p: {"boundary": f"ball.{p}", "displacement": {p[0]: 0.0}} for p in ("x_plane", "y_plane")}
+    shape |= {"radius": radius, "mesh_size": 0.05 if dim == 2 else 0.25, "order": order}
+    data = {
+        "model": "axisymmetric" if dim == 2 else "3d",
+        "geometry": shape,
+        "bodies": {body: {"E": 1.0, "nu": 0.3}},
+        "obstacles": {
+            "socket": {
+                "shape": "cone", "apex": tip, "axis": [0.0] * (dim - 1) + [1.0], "half_angle": half_angle,
+                "inside": True,
+            }
+        },
+        "contacts": {
+            "seat": {"surface": f"{body}.{side}", "against": "socket", "friction": {"law": "coulomb", "mu": mu}}
+        },
+        "supports": supports,
+        "loads": {"press": {"boundary": f"{body}.top", "pressure": 0.01}},
+        "solver": {"tolerance": 1e-11},
+    }  # fmt: skip
+    simulation = prepare(from_dict(data))
+    (step,) = simulation.steps()
+    seat, P = step.contacts["seat"], 0.01 * simulation.system.weak.area(f"{body}.top")
+    N = P / (np.sin(angle) + mu * np.cos(angle))
+    assert_allclose(seat.force[-1], P, rtol=1e-8)  # the solver's 1e-11 and three digits to spare
+    assert_allclose(seat.normal_force, N, rtol=1e-8)
+    pressed = seat.pressure > 0
+    assert 2 < pressed.sum() < 0.8 * len(pressed)  # around the ring where the ball touches
+    (rows,) = simulation.system.contacts
+    height = rows.surface.points[pressed, -1].mean()
+    assert_allclose(height, radius * (1 - np.sin(angle)), atol=0.1)  # where a ball and a cone touch
+    assert np.all(seat.status[pressed] == SLIP)
+    assert np.all(seat.gap[~pressed] > -1e-9)
+
+
+@pytest.mark.parametrize(("half_angle", "mu", "order"), every_nth(2, [30.0, 45.0, 60.0], [0.0, 0.1], [1, 2]))
+def test_a_ball_rests_in_a_socket_as_statics_says(half_angle: float, mu: float, order: int) -> None:
+    ball_in_socket(half_angle, mu, 2, order)
+
+
+def test_so_it_does_in_3d() -> None:
+    ball_in_socket(45.0, 0.0, 3, 1)
+
+
+def test_a_blunt_cone_indents_a_half_space_as_love_says() -> None:
+    """F = pi a² E* cot(theta) / 2, depth = pi a cot(theta) / 2, p = E* cot(theta) arcosh(a / r) / 2.
+
+    Source: Love, Quart. J. Math. 10 (1939), 161-175; Sneddon, Int. J. Engng Sci. 3 (1965), 47-57.
+    """
+    E, nu, a, theta, cell = 1.0, 0.3, 1.0, np.radians(89.0), 0.025
+    E_star, cot = E / (1 - nu**2), 1 / np.tan(theta)
+    F, depth = np.pi * a**2 * E_star * cot / 2, np.pi * a * cot / 2
+    assert_allclose(F, 2 / np.pi * E_star * depth**2 / cot, rtol=1e-14)
+    data = {
+        "model": "axisymmetric",
+        "geometry": {
+            "builder": "half_space", "size": 80.0, "contact_half_width": 1.5, "mesh_size": 16.0,
+            "contact_mesh_size": cell, "symmetric": True, "order": 2,
+        },
+        "bodies": {"half_space": {"E": E, "nu": nu}},
+        "obstacles": {
+            "tip": {"shape": "cone", "apex": [0.0, 0.0], "axis": [0.0, 1.0], "half_angle": 89.0, "force": {"y": -F}}
+        },
+        "contacts": {"track": {"surface": "half_space.contact", "against": "tip"}},
+        "supports": {"bottom": {"boundary": "half_space.bottom", "displacement": {"y": 0.0}}},
+        "solver": {"tolerance": 1e-10},
+    }  # fmt: skip
+    simulation = prepare(from_dict(data))
+    (step,) = simulation.steps()
+    track, (rows,) = step.contacts["track"], simulation.system.contacts
+    assert_allclose(track.force, [0.0, -F], atol=1e-8 * F)
+    assert_allclose(track.normal_force, F / np.sin(theta), rtol=1e-6)  # all but the point of the tip, where it is F
+    assert_allclose(np.sqrt(track.contact_area / np.pi), a, atol=cell)  # the edge lies somewhere in a cell
+    # a half-space of 80 a gives less by a / (80 pi) = 0.4 %, and the linear theory has no slope: 0.2 % more
+    assert_allclose(-step.obstacles["tip"][0][1], depth, rtol=0.012)
+    r = rows.surface.points[:, 0]
+    between = (r > 0.1) & (r < 0.9)  # at the tip the pressure is infinite, at the edge its slope
+    mean = E_star * cot / 2
+    assert_allclose(track.pressure[between] / mean, np.arccosh(a / r[between]), atol=0.03)  # found: 0.013
+
+
+FRICTION = {"friction": {"law": "coulomb", "mu": 0.3}}
+CONTACT = {"base": {"surface": "block.bottom", "against": "foundation"}}
+LAWS: dict[str, dict[str, Any]] = {
+    "unilateral": {"law": "unilateral"},
+    "compliance": {"law": "compliance", "c_n": 30.0},
+}
+
+
+def driven(dim: int, **motion: Any) -> dict[str, Any]:
+    """The foundation, moved."""
+    plane = {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
+    return {"foundation": plane | motion}
+
+
+def clamped(dim: int) -> dict[str, Any]:
+    return {"top": {"boundary": "block.top", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}}
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("dim", "order"), [(2, 1), (2, 2), (3, 1)])
+def test_a_force_moves_the_foundation_as_far_as_the_same_displacement_makes_that_force(
+    dim: int, order: int, law: str, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    up, slide = "xyz"[dim - 1], {"x": 0.03}
+    tables = {"contacts": {"base": CONTACT["base"] | FRICTION | {"normal": LAWS[law]}}, "supports": clamped(dim)}
+    tables |= {"solver": {"tolerance": 1e-12}}
+    pushed = scene_of(dim, {"order": order}, obstacles=driven(dim, force={up: 0.2}, displacement=slide), **tables)
+    (by_force,) = simulation_of(pushed).steps()
+    moved, force, _ = by_force.obstacles["foundation"]
+    assert_allclose(force[-1], 0.2, rtol=1e-12)
+    assert moved[-1] > 0.01
+    shifted = scene_of(dim, {"order": order}, obstacles=driven(dim, displacement=slide | {up: moved[-1]}), **tables)
+    (by_shift,) = simulation_of(shifted).steps()
+    assert_allclose(by_shift.contacts["base"].normal_force, 0.2, rtol=1e-9)
+    assert_allclose(by_shift.displacement, by_force.displacement, atol=1e-9 * abs(by_force.displacement).max())
+    energy = by_force.energy
+    assert_allclose(energy.external, energy.stored + energy.contact, rtol=1e-10)
+
+
+def test_a_sideways_force_beyond_friction_has_no_answer_and_one_below_it_has(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    tables = {"contacts": {"base": CONTACT["base"] | FRICTION}, "supports": clamped(2), "solver": {"tolerance": 1e-11}}
+    held = scene_of(obstacles=driven(2, force={"y": 0.2, "x": 0.05}), **tables)
+    (step,) = simulation_of(held).steps()
+    assert_allclose(step.obstacles["foundation"][1], [0.05, 0.2], rtol=1e-10)
+    assert step.obstacles["foundation"][0][0] > 0  # the way the force pushes
+    from stickslip.solvers.stepping.stepper import StepError
+
+    slips = scene_of(obstacles=driven(2, force={"y": 0.2, "x": 0.07}), **tables)  # 0.07 > 0.3 * 0.2
+    with pytest.raises(StepError):
+        list(simulation_of(slips).steps())
+
+
+def test_a_turning_roller_drags_the_block(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    roller = {
+        "foundation": {
+            "shape": "cylinder",
+            "point": [1.0, -5.0],
+            "radius": 5.0,
+            "displacement": {"y": [[0, 0], [1, 0.02]]},
+            "rotation": {"point": [1.0, -5.0], "angle": [[0, 0], [1, 0], [2, 0.01]]},
+        }
+    }
+    scene = scene_of(
+        geometry={"mesh_size": 0.1},
+        obstacles=roller,
+        contacts={"base": CONTACT["base"] | FRICTION},
+        supports=clamped(2),
+        steps={"end": 2.0},
+    )
+    pressed, turned = simulation_of(scene).steps()
+    pressing = pressed.contacts["base"]
+    assert abs(pressing.force[0]) < 0.01 * pressing.normal_force  # symmetric but for the mesh's diagonals
+    base = turned.contacts["base"]
+    assert np.all(base.status[base.status != 0] == SLIP)  # 5 m * 0.01 is far beyond what sticks
+    assert_allclose(base.tangential_force, 0.3 * base.normal_force, rtol=1e-3)  # the arc's slope: 0.2 at most, squared
+    # friction acts 5 m from the roller's axis; the base of the block reaches (1 m / 5 m)^2 / 2 farther at most
+    assert_allclose(turned.obstacles["foundation"][2], 5.0 * 0.3 * base.normal_force, rtol=0.02)
+    assert base.force[0] < 0  # anticlockwise: the top of the roller moves to the left
+
+
+@pytest.mark.parametrize("method", ["condensed-newton", "regularised"])
+def test_an_obstacle_that_jumps_at_the_start_does_its_work_and_slips_then(
+    method: str, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    contacts = {"base": CONTACT["base"] | {"friction": {"law": "coulomb", "mu": 0.1}}}
+    jump = {"x": [[0, 0.1], [1, 0.1]], "y": [[0, 0.01], [1, 0.02]]}
+    tables = {"contacts": contacts, "supports": clamped(2), "solver": {"method": method, "tolerance": 1e-10}}
+    scene = scene_of(obstacles=driven(2, displacement=jump), **tables)
+    for step in simulation_of(scene).steps():
+        assert_allclose(step.energy.external, step.energy.stored + step.energy.contact, rtol=1e-10)
+        base = step.contacts["base"]
+        if step.time == 0:
+            assert_allclose(base.slip_increment, base.slip, rtol=1e-12)
+            assert np.all(base.status == SLIP)  # 0.1 m is far beyond what sticks
+
+
+@pytest.mark.parametrize(
+    ("load", "unit"), every_nth(2, [(1e-3, 0.0), (1e-3, 0.3), (1e-6, 0.3), (0.1, 0.3)], [1.0, 1e3])
+)
+def test_a_force_finds_where_a_pin_touches_its_wider_bore(
+    load: tuple[float, float], unit: float, simulation_of: SimulationOf
+) -> None:
+    force, mu = load
+
+    def scene(**motion: Any) -> Scene:
+        pin = {"shape": "cylinder", "point": [0.0, 0.0], "radius": 0.59 * unit}
+        ring = {"inner_radius": 0.6 * unit, "outer_radius": unit, "mesh_size": 0.1 * unit}
+        table = {
+            "model": "plane strain",
+            "geometry": {"builder": "ring", "cells": "tensor"} | ring,
+            "bodies": {"ring": {"E": 1.0, "nu": 0.3}},
+            "obstacles": {"pin": pin | motion},
+            "contacts": {"bore": {"surface": "ring.inner", "against": "pin", "friction": {"law": "coulomb", "mu": mu}}},
+            "supports": {"outer": {"boundary": "ring.outer", "displacement": {"x": 0.0, "y": 0.0}}},
+            "solver": {"tolerance": 1e-11},
+        }
+        return from_dict(table)
+
+    (pushed,) = simulation_of(scene(force={"y": -force * unit})).steps()
+    moved = pushed.obstacles["pin"][0]
+    assert moved[1] < -0.01 * unit  # through the clearance, and on into the ring
+    assert_allclose(pushed.contacts["bore"].force[1], -force * unit, rtol=1e-9)
+    (shifted,) = simulation_of(scene(displacement={"y": moved[1]})).steps()
+    assert_allclose(shifted.contacts["bore"].force[1], -force * unit, rtol=1e-6)
+    assert_allclose(shifted.displacement, pushed.displacement, atol=1e-7 * abs(pushed.displacement).max())

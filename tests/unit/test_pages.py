@@ -1,5 +1,7 @@
 """README and docs: links lead somewhere, scenes are scenes, commands and programs are read by their parsers."""
 
+from __future__ import annotations
+
 import ast
 import json
 import re
@@ -12,8 +14,11 @@ from pathlib import Path
 
 import pytest
 import typer.main
+from markupsafe import Markup
 
 from stickslip.workflows.commands.cli import app
+from stickslip.workflows.formats import templates
+from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.pages.console import agree, blocks, commands, file_name, played, same
 from stickslip.workflows.scene_file.read import READY, from_dict
 
@@ -168,3 +173,29 @@ def test_numbers_agree_within_their_last_digit() -> None:
     assert not same("a 12", "b 12")
     assert agree(["..."], ["a"])
     assert file_name("# a/b.toml\nx = 1") == "a/b.toml"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(templates, "FOLDER", tmp_path)
+    monkeypatch.setattr(templates, "_environment", templates._environment.__wrapped__)  # that of the folder
+    return tmp_path
+
+
+def test_text_is_escaped_in_html_alone(folder: Path) -> None:
+    for name in ("page.html", "page.md"):
+        (folder / name).write_text("{{ words }} {{ markup }}\n")
+    values = {"words": "a < b", "markup": Markup("<b>c</b>")}
+    assert render("page.html", **values) == "a &lt; b <b>c</b>\n"
+    assert render("page.md", **values) == "a < b <b>c</b>\n"
+
+
+def test_a_line_with_a_statement_alone_leaves_nothing(folder: Path) -> None:
+    (folder / "list.md").write_text("A\n{% for x in xs %}\n* {{ x }}\n{% endfor %}\nB")
+    assert render("list.md", xs=[1, 2]) == "A\n* 1\n* 2\nB"
+
+
+def test_a_value_that_is_not_given_is_refused(folder: Path) -> None:
+    (folder / "page.md").write_text("{{ missing }}")
+    with pytest.raises(KeyError, match="missing"):
+        render("page.md")

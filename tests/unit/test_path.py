@@ -1,6 +1,6 @@
-"""Paths through the kinks of piecewise-linear problems arrive at the solution that Newton's method finds."""
+"""Where Newton's method fails: paths through kinks, simpler laws, and several solutions."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -9,18 +9,21 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from stickslip.geometry.arrays import Array
+from shared.problems import SceneOf, SimulationOf
+from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
+from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.newton import path
+from stickslip.solvers.newton import condensed_system, path, semismooth
 from stickslip.solvers.newton.attempts import Start, closed
+from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
-SceneOf = Callable[..., Scene]
 FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
 DRIVEN = {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}
 COULOMB = {"law": "coulomb", "mu": 0.4}
@@ -327,3 +330,295 @@ def test_floating_bodies_on_soft_springs_are_nearly_where_they_rest() -> None:
         far.append(np.abs(end.p - exact).max() / np.abs(exact).max())
     assert far[0] > 10 * far[1] > 10 * far[2]
     assert far[2] < 1e-5  # the gaps are perturbed by some of that
+
+
+CAPPED = {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.06}
+
+
+@pytest.fixture
+def problem_of_block(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., SurfaceProblem]:
+    """A block pressed and dragged in one step, on a surface that gives way; by tractions if it floats."""
+
+    def make(m_n: float = 2.0, friction: dict[str, Any] | None = COULOMB, floating: bool = False) -> SurfaceProblem:
+        base = {"surface": "block.bottom", "against": "foundation", "gap_offset": -0.01}
+        base |= {"friction": friction} if friction else {}
+        law = {"law": "compliance", "c_n": 40.0, "m_n": m_n}
+        drag = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
+        pull = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}}
+        stepper = simulation_of(
+            scene_of(contacts={"base": base | {"normal": law}}, **pull if floating else drag)
+        ).stepper
+        return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+
+    return make
+
+
+def newton(problem: SurfaceProblem, p: Array) -> Solution:
+    return SemismoothNewton(rtol=1e-12, max_it=200, linear=condensed_system.solve)(problem, p)
+
+
+@pytest.mark.parametrize("friction", [COULOMB, CAPPED, {"law": "compliance", "c_T": 10.0, "m_T": 1.5}])
+@pytest.mark.parametrize("floating", [False, True])
+def test_simpler_laws_lead_to_the_solution(
+    floating: bool, friction: dict[str, Any], problem_of_block: Callable[..., SurfaceProblem]
+) -> None:
+    problem = problem_of_block(2.0, friction, floating=floating)
+    exact = newton(problem, np.zeros(len(problem.gap)))
+    assert exact.status is Status.CONVERGED
+    ends = list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), newton))
+    off = [np.abs(end.p - exact.p).max() / exact.p.max() for end in ends]
+    assert len(ends) >= 3
+    assert off[0] < 10 * semismooth.NEAR
+    assert off[-1] < 1e-9
+
+
+def test_the_problem_of_tangents_is_piecewise_linear(problem_of_block: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of_block()
+    n = problem.surface.normal_rows
+    p = np.where(np.arange(len(problem.gap)) < n, 0.3, 0.1)
+    simpler = semismooth.simplified(problem, p, 1e-3)
+    assert not path.applies(problem)
+    assert path.applies(simpler)
+    assert (simpler.cone.time, simpler.cone.end) == (problem.cone.time, problem.cone.end) == (1.0, 1.0)
+    # at the pressure of the tangent both laws have the same penetration, and nearly so beside it
+    for factor, apart in ((1.0, 1e-14), (1.01, 1e-4)):
+        give = [of.cone.give(factor * p)[:n] + of.gap[:n] for of in (problem, simpler)]
+        assert_allclose(give[1], give[0], rtol=apart)
+    assert not np.allclose(simpler.cone.give(2 * p)[:n] + simpler.gap[:n], problem.cone.give(2 * p)[:n], rtol=1e-2)
+
+
+def test_open_points_have_tangents_at_the_floor(problem_of_block: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of_block()
+    p = np.zeros(len(problem.gap))
+    p[0] = 0.5
+    (contact,) = semismooth.simplified(problem, p, 1e-2).cone.contacts
+    slope = 2 * np.sqrt(40.0 * np.array([0.5, 0.005]))  # of c d^2 at p: 2 sqrt(c p)
+    assert_allclose(contact.normal.k[:2], slope, rtol=1e-12)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("m_n", "friction", "expected"),
+    [
+        (2.0, COULOMB, True),
+        (2.0, None, True),
+        (1.0, COULOMB, False),  # linear already
+        (2.0, {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.1}, True),
+        (1.0, {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.1}, True),
+        (2.0, {"law": "compliance", "c_T": 10.0, "m_T": 1.5}, True),
+        (2.0, {"law": "tresca", "bound": 0.1}, False),
+        (2.0, {"law": "stick"}, False),
+    ],
+)
+def test_what_has_simpler_laws(
+    m_n: float, friction: dict[str, Any] | None, expected: bool, problem_of_block: Callable[..., SurfaceProblem]
+) -> None:
+    problem = problem_of_block(m_n, friction)
+    assert semismooth.has_simpler_laws(problem) is expected
+    if not expected:
+        assert not list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), newton))
+
+
+def test_bounds_are_those_at_the_last_pressures(problem_of_block: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of_block(2.0, CAPPED)
+    n = problem.surface.normal_rows
+    p = np.where(np.arange(len(problem.gap)) < n, 0.3, 0.0)
+    simpler = semismooth.simplified(problem, p, 1e-3)
+    (place,), (before,) = simpler.cone.places, problem.cone.places
+    assert_allclose(simpler.cone.bound(place, p[:n]), 0.06)
+    assert_allclose(simpler.cone.bound(place, p[:n] / 3), 0.02)
+    assert_allclose(problem.cone.bound(before, p[:n] / 3), 0.04)
+
+
+def test_no_end_where_the_simpler_problem_is_not_solved(problem_of_block: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of_block()
+    lost = CondensedNewton(max_it=0)
+    assert not list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), lost))
+
+
+def test_a_tangent_is_a_spring_that_only_presses() -> None:
+    """Its resolvent solves p + gamma p / k = p_hat where that is positive."""
+    k, gamma, p_hat = np.array([2.0, 3.0, 4.0]), np.array([1.0, 5.0, 0.5]), np.array([-1.0, 0.3, 2.0])
+    law = semismooth.Tangent(k=k)
+    p = law.resolvent(p_hat, gamma)
+    assert_allclose(p + gamma * law.penetration(p), [0.0, 0.3, 2.0])
+    assert_allclose(law.penetration(p), p / k)
+    assert_allclose(law.stiffness(p, p_hat), [0.0, 3.0, 4.0])
+
+
+def test_a_bound_of_the_same_power_as_the_pressure_becomes_coulombs(
+    problem_of_block: Callable[..., SurfaceProblem],
+) -> None:
+    """c_T d^2 is (c_T / c_n) p; under a tangent the bound would be another one."""
+    problem = problem_of_block(2.0, {"law": "compliance", "c_T": 12.0, "m_T": 2.0, "k_T": 4.0})
+    (contact,) = semismooth.simplified(problem, np.ones(len(problem.gap)), 1e-3).cone.contacts
+    assert isinstance(contact.friction, CoulombByPoint)
+    assert_allclose(contact.friction.mu, 12.0 / 40.0, rtol=1e-12)
+    assert contact.friction.k_T == 4.0
+
+
+def test_floors_fall_to_the_last(
+    problem_of_block: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, seen = problem_of_block(), list[float]()
+    simplified = semismooth.simplified
+    monkeypatch.setattr(semismooth, "simplified", lambda *of: seen.append(of[-1]) or simplified(*of))
+    list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), newton))
+    assert len(seen) == semismooth.MOST
+    assert seen == [*semismooth.FLOOR, *[semismooth.FLOOR[-1]] * (len(seen) - len(semismooth.FLOOR))]
+
+
+MUCH = {"law": "coulomb", "mu": 2.0}
+DRAWN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
+PULLED = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}}
+SOFT = {"normal": {"law": "compliance", "c_n": 20.0}}
+
+
+WEDGED = {"x": [[1.0, 0.05], [2.0, 0.12]], "y": [[1.0, -0.036], [2.0, 0.0013]]}  # and lifted off, but for friction
+LIFTED = {"x": 0.1, "y": 0.02}
+
+
+@pytest.fixture
+def reached(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., Accepted]:
+    """The last step of a block with friction that weakens from mu_s."""
+
+    def make(mu_s: float, mu_k: float, slip_length: float, top: dict[str, Any], count: int) -> Accepted:
+        law = {"law": "static_kinetic", "mu_s": mu_s, "mu_k": mu_k, "slip_length": slip_length}
+        stepper = simulation_of(
+            scene_of(
+                contacts={"base": {"surface": "block.bottom", "against": "foundation", "friction": law}},
+                supports={"top": {"boundary": "block.top", "displacement": top}},
+                steps={"end": float(count), "count": count},
+            )
+        ).stepper
+        state = stepper.start()
+        for time in range(1, count + 1):
+            accepted = stepper.reach(state, float(time), lambda row: None)
+            state = accepted.state
+        return accepted
+
+    return make
+
+
+@pytest.fixture
+def problem_of_several(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., SurfaceProblem]:
+    """A block pressed and dragged in one step."""
+
+    def make(
+        friction: dict[str, Any] | None, normal: dict[str, Any] | None = None, tables: dict[str, Any] = DRAWN
+    ) -> SurfaceProblem:
+        base = {"surface": "block.bottom", "against": "foundation"} | (normal or {})
+        base |= {"friction": friction} if friction else {}
+        stepper = simulation_of(scene_of(contacts={"base": base}, **tables)).stepper
+        return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("friction", "normal", "most"),
+    [
+        (None, None, 0.0),
+        ({"law": "coulomb", "mu": 0.4}, None, 0.4),
+        ({"law": "coulomb", "mu": 3.0}, None, 3.0),
+        ({"law": "compliance", "c_T": 50.0}, SOFT, 2.5),  # c_T d under p = c_n d
+    ],
+)
+def test_the_most_friction_is_that_of_the_laws(
+    friction: dict[str, Any] | None, normal: Any, most: float, problem_of_several: Callable[..., SurfaceProblem]
+) -> None:
+    assert path._most_friction(problem_of_several(friction, normal)) == pytest.approx(most)
+
+
+def test_points_that_have_slipped_hide_no_others(reached: Callable[..., Accepted]) -> None:
+    """One end has mu = .9, the other points 2: it is wedged, and could as well be off the ground."""
+    accepted = reached(2.0, 0.9, 1e-3, WEDGED, 2)
+    (contact,) = accepted.problem.cone.contacts
+    assert isinstance(contact.friction, CoulombByPoint)
+    assert_allclose(np.unique(contact.friction.mu), [0.9, 2.0])
+    assert path._most_friction(accepted.problem) == pytest.approx(2.0)
+    assert accepted.state.p.max() > 0.01
+    assert_array_equal(accepted.others, [np.zeros_like(accepted.state.p)])
+
+
+@pytest.mark.parametrize(
+    ("friction", "tables", "looked_for"),
+    [
+        (MUCH, DRAWN, True),
+        ({"law": "coulomb", "mu": path.ENOUGH}, DRAWN, False),
+        (None, DRAWN, False),
+        ({"law": "stick"}, DRAWN, False),
+        ({"law": "tresca", "bound": 0.1}, DRAWN, False),
+        (MUCH, PULLED, False),
+        ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, DRAWN, False),
+        ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, PULLED, False),
+    ],
+)
+def test_others_are_looked_for_where_there_may_be_some(
+    friction: dict[str, Any] | None, tables: dict[str, Any], looked_for: bool,
+    problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    problem, asked = problem_of_several(friction, tables=tables), list[int]()
+    monkeypatch.setattr(path, "path_from_open", lambda of, kinks: asked.append(kinks) or iter(()))
+    assert not list(path.others(problem, np.zeros(len(problem.gap))))
+    assert asked == ([path.FOLLOWED] if looked_for else [])
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0])
+def test_each_solution_is_said_once(
+    size: float, problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = problem_of_several(MUCH)
+    p, other = size * np.random.default_rng(0).random((2, len(problem.gap)))
+    met: list[tuple[Array, float]] = [
+        (p * (1 + 0.5 * SLIGHT), 0.0),  # the known one
+        (2 * other, 2 * CLOSE),  # no solution
+        (other, 0.5 * CLOSE),
+        (other * (1 + 0.5 * SLIGHT), 0.0),
+        (-p, 0.0),
+        (p * (1 - 2 * SLIGHT), 0.0),
+        (np.zeros_like(p), 0.0),
+    ]
+    nowhere = np.zeros(problem.surface.size)
+    residuals = iter([residual for _, residual in met])
+
+    def starts(of: SurfaceProblem, kinks: int) -> Iterator[Start]:
+        return (Start(p=at, u_c=nowhere, p_hat=at) for at, _ in met)
+
+    monkeypatch.setattr(path, "path_from_open", starts)
+    monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: next(residuals))
+    found = list(path.others(problem, p))
+    assert_array_equal(found, [other, -p, p * (1 - 2 * SLIGHT), 0 * p])
+
+
+def test_solutions_are_apart_by_a_part_of_the_larger_one(
+    problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside a known state that is all but open: what differs from it by little is measured by what is met."""
+    problem = problem_of_several(MUCH)
+    zero = np.zeros(len(problem.gap))
+    one = zero + 1.0
+    end = Start(p=one, u_c=np.zeros(problem.surface.size), p_hat=one)
+    monkeypatch.setattr(path, "path_from_open", lambda of, kinks: iter([end]))
+    monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: 0.0)
+    assert len(list(path.others(problem, zero))) == 1
+    assert not list(path.others(problem, one))
+
+
+def test_tractions_that_are_rounding_are_no_other_solution(
+    problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = problem_of_several(MUCH)
+    touching = np.full(len(problem.gap), 1e-16 * problem.p_ref)
+    end = Start(p=0 * touching, u_c=np.zeros(problem.surface.size), p_hat=0 * touching)
+    monkeypatch.setattr(path, "path_from_open", lambda of, kinks: iter([end]))
+    monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: 0.0)
+    assert not list(path.others(problem, touching))
+
+
+def test_others_have_the_friction_of_their_own_slip(reached: Callable[..., Accepted]) -> None:
+    """Three answers with mu = 3 everywhere: open, stick, and one that slips, which has not 3 then."""
+    accepted = reached(3.0, 0.1, 0.01, LIFTED, 1)
+    assert not accepted.state.p.any()
+    frozen = list(path.others(accepted.problem, accepted.state.p))
+    assert len(frozen) == 2
+    assert_array_equal(accepted.others, frozen[1:])

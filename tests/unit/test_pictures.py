@@ -1,19 +1,30 @@
-"""Pictures exist, show something, and survive whatever a contact can look like."""
+"""Pictures, animations and curves over time show what was solved, whatever its size and number."""
 
 from __future__ import annotations
 
 import dataclasses
 import warnings
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib import pyplot
+from matplotlib import colormaps, pyplot
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize, to_rgb
 from matplotlib.image import imread
+from matplotlib.path import Path as Outline
+from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
+from PIL import Image
+from scipy.integrate import trapezoid
+from scipy.spatial import Delaunay
 
+import stickslip
 from shared.cases import every_nth, often, slow
 from shared.images import colours
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import MachineError
 from stickslip.geometry.obstacles.obstacle import Rotation
 from stickslip.geometry.obstacles.plane import Plane
@@ -29,16 +40,25 @@ from stickslip.solvers.results.step_result import (
     StepResult,
 )
 from stickslip.solvers.scene.record import CONTACT_NUMBERS, Energy
+from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.contact_line import walk
+from stickslip.workflows.formats.steps import write_step
+from stickslip.workflows.pictures.animation import animate, close_up, frames, palette, survey
 from stickslip.workflows.pictures.body_picture import displacement_scale
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
-from stickslip.workflows.pictures.draw import _said, draw
+from stickslip.workflows.pictures.draw import _said, draw, draw_course
 from stickslip.workflows.pictures.focus import focus
+from stickslip.workflows.pictures.history_picture import draw_history, errors_of, most, panels_of
+from stickslip.workflows.pictures.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
+from stickslip.workflows.pictures.plane_bodies import PlaneBodies, cells_at_pixels
 from stickslip.workflows.pictures.render import grid_of, surface_of
 from stickslip.workflows.pictures.rigid import Rigid
-from stickslip.workflows.pictures.sheet import Sheet
+from stickslip.workflows.pictures.sheet import STATUS_COLOURS, Sheet
 from stickslip.workflows.pictures.solid_bodies import outline_of
 from stickslip.workflows.pictures.view import View
+from stickslip.workflows.run.run import run
+from stickslip.workflows.writers.steps_table import StepsTable
+from stickslip.workflows.writers.writer import Job
 
 Ints = NDArray[np.int64]
 SHAPES = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
@@ -409,3 +429,381 @@ def test_the_view_is_to_scale() -> None:
     assert left < 0.0 < 2.0 < right
     assert bottom < 0.0 < 1.0 < top
     assert view.aspect == pytest.approx((right - left) / (top - bottom))
+
+
+ROWS, COLUMNS = 60, 90
+
+
+def triangles(points: Array) -> Array:
+    return points[Delaunay(points).simplices]
+
+
+def spread(seed: int) -> Array:
+    """Points that fill the picture, its corners among them."""
+    inside = np.random.default_rng(seed).uniform(0, 1, (200, 2)) * [COLUMNS, ROWS]
+    return np.vstack([inside, [[0, 0], [COLUMNS, 0], [0, ROWS], [COLUMNS, ROWS]]])
+
+
+def middles() -> Array:
+    y, x = np.mgrid[:ROWS, :COLUMNS] + 0.5
+    return np.stack([x, y], axis=-1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_each_pixel_shows_the_cell_that_it_is_in(seed: int) -> None:
+    corners = triangles(spread(seed))
+    found = cells_at_pixels(corners, ROWS, COLUMNS)
+    assert found.min() >= 0  # no gap
+    for cell in np.unique(found)[::10]:
+        assert Outline(corners[cell]).contains_points(middles()[found == cell], radius=1e-9 * COLUMNS).all()
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, np.pi / 4, np.pi / 2])
+def test_neighbours_leave_no_gap_where_edges_meet_middles_of_pixels(angle: float) -> None:
+    n = np.arange(-80, 81) + 0.5
+    x, y = np.meshgrid(n, n)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    nodes = np.stack([x, y], axis=-1) @ turn + [COLUMNS / 2, ROWS / 2]
+    cells = np.stack([nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]], axis=2).reshape(-1, 4, 2)
+    assert cells_at_pixels(cells, ROWS, COLUMNS).min() >= 0
+    assert cells_at_pixels(cells[:, ::-1], ROWS, COLUMNS).min() >= 0  # the other way round
+
+
+def test_cells_outside_and_cells_without_area_are_not_seen() -> None:
+    outside = np.array([[[-9.0, -9.0], [-1.0, -9.0], [-1.0, -1.0]], [[99.0, 2.0], [120.0, 2.0], [120.0, 70.0]]])
+    flat = np.array([[[3.0, 3.5], [8.0, 3.5], [5.0, 3.5]], [[3.5, 3.0], [3.5, 8.0], [3.5, 5.0]]])
+    assert (cells_at_pixels(np.concatenate([outside, flat]), ROWS, COLUMNS) == -1).all()
+
+
+@pytest.mark.parametrize("scale", [0.0, 1.0])
+def test_bodies_are_where_their_displacement_brings_them(scale: float) -> None:
+    mesh = MeshData(
+        points=np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
+        cells=np.array([[0, 1, 2, 3]]),
+        shape="quadrilateral",
+        body=np.zeros(1, np.int64),
+        bodies=("block",),
+        surfaces={},
+    )
+    bodies = PlaneBodies(mesh, np.tile([2.0, 0.0], (4, 1)), (), scale)
+    axes = Sheet(3.0, 3.0).axes(0.5, 0.5, 2.0, 2.0 / bodies.view.aspect)
+    bodies.show(axes, bodies.view, 400, scale, np.array([1.0]), Normalize(0.0, 1.0))
+    image = axes.images[0].get_array()
+    coloured = (np.ptp(image.astype(int), axis=2) > 50).any(axis=0).nonzero()[0]
+    low, high = bodies.view.extent[:2]
+    ends = low + (high - low) * (coloured[[0, -1]] + [0, 1]) / image.shape[1]
+    assert ends == pytest.approx([2.0 * scale, 1.0 + 2.0 * scale], abs=(high - low) / 400)
+
+
+COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.count=4"]
+
+
+def written(scene: stickslip.Scene, folder: Path) -> tuple[Simulation, list[stickslip.StepResult]]:
+    """The scene's steps in their files."""
+    simulation = stickslip.prepare(scene)
+    steps = list(simulation.steps())
+    for index, step in enumerate(steps, start=1):
+        write_step(folder, index, step)
+    return simulation, steps
+
+
+def opened(path: Path) -> Any:
+    """A film; Pillow's own types do not know its frames."""
+    return Image.open(path)
+
+
+def seen(picture: Image.Image, status: int) -> int:
+    """How many pixels have the colour of a contact's status."""
+    pixels = np.asarray(picture.convert("RGB"), int)
+    return int((np.abs(pixels - np.round(255 * np.array(to_rgb(STATUS_COLOURS[status])))).max(axis=-1) < 12).sum())
+
+
+def test_a_frame_for_rest_and_one_for_each_step(tmp_path: Path) -> None:
+    sets = [*COARSE, "steps.count=2", "contacts.base.friction.mu=0.05"]  # all slips in the end
+    scene = stickslip.read("block", sets)
+    simulation, steps = written(scene, tmp_path)
+    path = animate(tmp_path, scene, simulation.data, len(steps))
+    assert [p.name for p in tmp_path.glob("*.*")] == [path.name] == ["animation.gif"]
+    with opened(path) as film:
+        assert film.n_frames == 3
+        assert film.info["loop"] == 0
+        found, shown = [], []
+        for k in range(film.n_frames):
+            film.seek(k)
+            found.append(film.info["duration"])
+            shown.append([seen(film, status) for status in (0, 1, 2)])
+    assert found == [500] * 2 + [1500]
+    least = [min(counts) for counts in zip(*shown, strict=True)]  # of the legend alone
+    line = [np.array(counts) - least for counts in shown]
+    assert np.argmax(line[0]) == 0  # open at rest
+    assert np.argmax(line[-1]) == 1  # slips in the end
+    assert line[-1][1] > 300  # a line across the sheet
+
+
+def test_one_scale_of_colours_and_one_window_serve_all_frames(tmp_path: Path) -> None:
+    scene = stickslip.read("block", COARSE)
+    simulation, steps = written(scene, tmp_path)
+    mesh = simulation.data
+    course = survey(tmp_path, mesh, [1, 2, 3, 4])
+    assert course.norm.vmin == 0.0
+    assert course.norm.vmax == max(step.von_mises.max() for step in steps)
+    assert course.scale == 1.0
+    left, right, bottom, top = course.view.extent
+    for step in steps:
+        x, y = (mesh.points + step.displacement).T
+        assert left < x.min() < x.max() < right
+        assert bottom < y.min() < y.max() < top
+    rest, *moved = frames(tmp_path, mesh, [2, 4])
+    assert rest.time == 0.0
+    assert not rest.displacement.any()
+    assert not rest.von_mises.any()
+    assert [frame.time for frame in moved] == [steps[1].time, steps[3].time]
+    assert_array_equal(moved[1].von_mises, steps[3].von_mises)
+    assert_array_equal(moved[1].status["base"], steps[3].contacts["base"].status)
+
+
+def test_many_steps_are_thinned_out_and_what_is_small_is_magnified(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = stickslip.read("block", COARSE)
+    top = replace(scene.supports["top"], displacement={"x": 0.0, "y": -1e-6})
+    scene = replace(scene, supports={"top": top})
+    simulation, steps = written(scene, tmp_path)
+    monkeypatch.setattr("stickslip.workflows.pictures.animation.FRAMES", 2)
+    with opened(animate(tmp_path, scene, simulation.data, len(steps))) as film:
+        assert film.n_frames == 1 + 2
+    course = survey(tmp_path, simulation.data, [1, 4])
+    assert course.scale == 200_000  # of 1e-6 m on 4 m, to some 8 %: 0.2 m
+    assert course.view.extent[2] > -0.5
+
+
+def test_a_solid_shows_its_contacts_beside_it(tmp_path: Path) -> None:
+    scene = stickslip.read("cube", ["geometry.mesh_size=0.5"])
+    simulation, steps = written(scene, tmp_path)
+    with opened(animate(tmp_path, scene, simulation.data, len(steps))) as film:
+        assert film.n_frames == len(steps) + 1
+        film.seek(0)
+        at_rest = seen(film, 0)
+        film.seek(len(steps))
+        assert seen(film, 0) < at_rest - 5000  # the map of the contact was open, and is no more
+        assert max(seen(film, 1), seen(film, 2)) > 5000
+
+
+def test_what_touches_is_shown_closely_if_it_is_small() -> None:
+    view = View.facing(np.array([[0.0, 0.0, 0.0], [4.0, 2.0, 0.0]]))
+    small = np.array([[1.0, 0.0, 0.0], [1.4, 0.1, 0.0]])
+    close = close_up(view, small)
+    assert close is not None
+    assert_allclose(close.extent, [0.8, 1.6, -0.35, 0.45])  # 0.4 m, and half of that on every side
+    assert close_up(view, small * [4.0, 1.0, 1.0]) is None
+    assert close_up(view, small[:1]) is close_up(view, small[:0]) is None
+
+
+def test_of_two_bodies_that_touch_the_slave_is_followed() -> None:
+    scene = stickslip.read(
+        "two_blocks", ["geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.5", "geometry.contact_mesh_size=0.5"]
+    )
+    mesh = stickslip.prepare(scene).data
+    ((name, contact),) = scene.contacts.items()
+    own = np.unique(mesh.cells[mesh.body == mesh.bodies.index(contact.surface.split(".")[0])])
+    assert np.isin(mesh.slaves[name], own).all()
+    assert_array_equal(mesh.points[mesh.slaves[name]], mesh.surfaces[name][0])
+    assert len(np.unique(mesh.slaves[name])) == len(mesh.slaves[name])
+
+
+@pytest.mark.parametrize("solid", [False, True])
+def test_colours_are_those_of_the_scale(solid: bool) -> None:
+    strip = np.round(255 * colormaps["viridis"](np.linspace(0, 1, 500))[None, :, :3]).astype(np.uint8)
+    shown = Image.fromarray(strip).quantize(palette=palette(solid), dither=Image.Dither.NONE).convert("RGB")
+    assert_allclose(np.asarray(shown, int), strip.astype(int), atol=8)  # 3 % of 255
+
+
+def test_a_step_that_cannot_be_read_is_said(tmp_path: Path) -> None:
+    scene = stickslip.read("block", COARSE)
+    simulation, _ = written(scene, tmp_path)
+    (tmp_path / "steps" / "000003.h5").unlink()
+    with pytest.raises(MachineError, match=r"000003\.h5"):
+        animate(tmp_path, scene, simulation.data, 4)
+    assert not (tmp_path / "animation.gif").exists()
+
+
+def test_a_run_animates_on_request_only(tmp_path: Path) -> None:
+    plain = ["output.pictures=false", "output.error=false", "steps.count=1"]
+    run(stickslip.read("block", [*COARSE, *plain]), tmp_path / "off")
+    run(stickslip.read("block", [*COARSE, *plain, 'output.animation="gif"']), tmp_path / "on")
+    off, on = ({path.name for path in (tmp_path / name).iterdir()} for name in ("off", "on"))
+    assert on - off == {"animation.gif"}
+    with pytest.raises(stickslip.StickslipError, match=r"output\.animation"):
+        stickslip.read("block", ['output.animation="film"'])
+
+
+def circle(count: int = 24) -> tuple[stickslip.Scene, dict[str, Array]]:
+    """The block's top goes to and fro: what Coulomb's law makes of it with a stiffness of 2 N/m and mu N = 1 N."""
+    scene = stickslip.read("block")
+    time = np.arange(1.0, count + 1.0)
+    x = np.sin(2 * np.pi * time / 12)
+    force, slip = np.zeros(count), np.zeros(count)
+    for k in range(count):
+        before = slip[k - 1] if k else 0.0
+        force[k] = np.clip(2 * (x[k] - before), -1.0, 1.0)
+        slip[k] = x[k] - force[k] / 2
+    columns = {f"support.top.{key}.{a}": np.zeros(count) for key in ("displacement", "force") for a in "xy"}
+    columns |= {f"base.{key}.{a}": np.zeros(count) for key in ("force", "tangential_force", "slip") for a in "xy"}
+    columns |= {f"obstacle.foundation.{key}.{a}": np.zeros(count) for key in ("displacement", "force") for a in "xy"}
+    columns |= {
+        f"energy.{key}": np.linspace(0.0, 9.0, count) for key in ("external", "stored", "contact", "dissipated")
+    }
+    columns |= {"time": time, "support.top.displacement.x": x, "support.top.force.x": force, "base.slip.x": slip}
+    columns |= {"base.tangential_force.x": -force, "base.force.x": -force, "base.force.y": np.full(count, 9.0)}
+    columns |= {"base.normal_force": np.full(count, 9.0), "base.tangential_force": abs(force)}
+    sticks = np.where(abs(force) < 1, 4.0, 0.0)
+    return scene, columns | {"base.stick_area": sticks, "base.slip_area": 4 - sticks}
+
+
+def test_loops_show_what_drives_and_what_slips_with_their_signs() -> None:
+    scene, columns = circle()
+    steps = from_rest(columns)
+    assert steps["time"][0] == steps["base.slip.x"][0] == 0.0
+    (pushed,) = largest([panel for panel in driving(scene, steps) if np.ptp(panel.x) > 0])
+    assert (pushed.title, pushed.x_label, pushed.y_label) == ("support top", "displacement, x [m]", "force, x [N/m]")
+    (slipping,) = sliding(scene, steps)
+    assert slipping.y_label == "friction on foundation, x [N/m]"
+    assert slipping.y.min() == -1.0
+    assert slipping.y.max() == 1.0
+    second = slice(12, 25)  # the second cycle is closed: what the top puts in is what friction takes out
+    work = [trapezoid(panel.y[second], panel.x[second]) for panel in (pushed, slipping)]
+    assert work[0] > 0
+    assert work[0] == pytest.approx(work[1], rel=1e-12)
+
+
+def test_a_contact_that_only_sticks_or_goes_round_has_no_loop() -> None:
+    scene, columns = circle()
+    still = columns | {"base.slip.x": 1e-12 * columns["base.slip.x"]}  # things move by 9 J / 9 N = 1 m
+    assert not list(sliding(scene, still))
+    round_it = columns | {"base.force.y": np.full(24, 5.0)}
+    assert not list(sliding(scene, round_it))
+
+
+def test_a_loop_breaks_where_the_contact_is_open() -> None:
+    scene, columns = circle()
+    lifted = np.isin(np.arange(24), (5, 6, 12))
+    slip = np.where(lifted, np.nan, 0.5 + columns["base.slip.x"])
+    force = np.where(lifted, 0.0, columns["base.tangential_force.x"])
+    steps = from_rest(columns | {"base.slip.x": slip, "base.tangential_force.x": force})
+    (panel,) = sliding(scene, steps)
+    assert panel.travel == pytest.approx(np.ptp(np.concatenate([[0.0], slip[~lifted]])))
+    sheet = Sheet(3.0, 3.0)
+    axes = sheet.axes(0.5, 0.5, 2.0, 2.0)
+    _draw(axes, panel, steps["time"], Normalize(0.0, 24.0))
+    sheet.pixels()
+    (lines,) = (c for c in axes.collections if isinstance(c, LineCollection))
+    ends = np.array(lines.get_segments())
+    assert len(ends) == 24 - 5  # two pieces about the last one lifted, three about the others
+    assert not (ends[1:] == 0.0).all(axis=-1).any()  # none runs back to the origin, where the first begins
+    assert_array_equal(lines.get_array(), np.delete(steps["time"][1:], [5, 6, 7, 12, 13]))
+    never = columns | {"base.slip.x": np.full(24, np.nan)}
+    assert not list(sliding(scene, never))
+
+
+@pytest.mark.parametrize("width", [4.85, 8.05])  # of one loop, and of history.png
+@pytest.mark.parametrize("letters", [0, 5, 60, 80, 110, 500])
+def test_a_title_fits_the_sheet_whole_unless_it_is_endless(width: float, letters: int) -> None:
+    title = ("A Wide Model " * 50)[:letters].strip()
+    sheet = Sheet(width, 3.0)
+    sheet.head(title, "caption", 0.95)
+    text, caption = sheet.figure.texts
+    box, below = (t.get_window_extent(sheet.canvas.get_renderer()) for t in (text, caption))
+    assert box.x1 <= width * sheet.dpi
+    assert below.y1 <= box.y0
+    assert box.y1 <= 3.0 * sheet.dpi
+    if letters < 500:
+        assert text.get_text().replace("\n", " ") == title
+    else:
+        assert text.get_text().endswith("…")
+        assert text.get_fontsize() > 6  # still legible
+
+
+def test_a_history_is_drawn(tmp_path: Path) -> None:
+    scene, columns = circle()
+    drawn = draw_history(tmp_path, scene, columns, "to and fro"), draw_loops(tmp_path, scene, columns, "to and fro")
+    assert [path and path.name for path in drawn] == ["history.png", "force_displacement.png"]
+    assert all(path and colours(path) > 100 for path in drawn)
+    loops = imread(tmp_path / "force_displacement.png")[..., :3]
+    late = np.array([253, 231, 37]) / 255  # viridis' last colour: in the colour bar, and where the loops end
+    found = np.argwhere(np.abs(loops - late).max(axis=-1) < 0.05)[:, 1]
+    assert (found < 0.6 * loops.shape[1]).any()
+    assert [label for label, _ in panels_of(scene, columns)] == ["motion [m]", "contact force [N/m]", "energy [J/m]"]
+    assert not errors_of(scene, columns)
+    known = columns | {"base.normal_force.error": columns["time"], "energy.stored.error": np.nan * columns["time"]}
+    assert list(errors_of(scene, known)) == [("contact force [N/m]", "base, normal")]
+    (tmp_path / "known").mkdir()
+    draw_history(tmp_path / "known", scene, known, "to and fro")
+    plain, shaded = (imread(tmp_path / path / "history.png")[..., :3] for path in ("", "known"))
+    assert plain.shape == shaded.shape
+    assert not np.array_equal(plain, shaded)
+    full = dataclasses.replace(scene, model="axisymmetric")
+    assert [label for label, _ in panels_of(full, columns)] == ["motion [m]", "contact force [N]", "energy [J]"]
+
+
+def test_gravity_and_a_given_bound_have_their_curves_also_of_contacts_with_misleading_names() -> None:
+    scene, columns = circle()
+    bounded = dataclasses.replace(scene.contacts["base"], friction=stickslip.Tresca(bound=((0.0, 2.0), (24.0, 5.0))))
+    columns = {name.replace("base.", "load.", 1): values for name, values in columns.items()}
+    time = columns["time"]
+    columns |= {"contact.load.friction.bound": 2 + time / 8, "gravity.acceleration.x": 0 * time}
+    columns |= {"gravity.acceleration.y": -time}
+    other = dataclasses.replace(
+        scene,
+        bodies={"block": stickslip.Material(E=1.0, nu=0.3, density=1.0)},
+        contacts={"load": bounded},
+        sections={"gravity": stickslip.Gravity(acceleration=(0.0, ((24.0, -24.0),)))},
+    )
+    panels = dict(panels_of(other, from_rest(columns)))
+    assert panels["friction bound [Pa]"]["load"][0] == 2.0  # it begins where the scene says, not at rest
+    assert panels["friction bound [Pa]"]["load"][-1] == 5.0
+    assert panels["gravity [m/s²]"]["y"][-1] == -24.0
+    assert "contact force [N/m]" in panels
+
+
+def test_a_support_and_an_obstacle_of_one_name_have_a_curve_each() -> None:
+    scene, columns = circle()
+    columns |= {name.replace("support.top", "support.foundation"): values for name, values in columns.items()}
+    same = dataclasses.replace(scene, supports={"foundation": scene.supports["top"]})
+    motions = dict(panels_of(same, from_rest(columns)))["motion [m]"]
+    assert_array_equal(motions["foundation, x"], from_rest(columns)["support.foundation.displacement.x"])
+
+
+def test_a_support_by_an_expression_has_no_loop() -> None:
+    scene, columns = circle()
+    del columns["support.top.displacement.x"]
+    assert {panel.title for panel in driving(scene, from_rest(columns))} == {"support top", "obstacle foundation"}
+
+
+def test_only_the_largest_curves_and_loops_are_drawn() -> None:
+    curves = {f"c{k}": np.array([0.0, float(k)]) for k in range(9)}
+    assert list(most(curves)) == ["c3", "c4", "c5", "c6", "c7", "c8"]
+    panels = [
+        Panel(str(k), np.array([0.0, 1.0]), np.array([0.0, swing]), "", "")
+        for k, swing in enumerate((3, 1e-9, 5, 4, 4.5))
+    ]
+    assert [panel.title for panel in largest(panels)] == ["2", "3", "4"]
+    assert largest([]) == []
+
+
+def test_nothing_that_moves_under_a_force_is_no_picture(tmp_path: Path) -> None:
+    scene, columns = circle()
+    held = columns | {name: 0 * columns[name] for name in ("support.top.displacement.x", "base.slip.x")}
+    assert draw_loops(tmp_path, scene, held, "held") is None
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_history_of_a_few_steps_has_no_picture_over_time(tmp_path: Path) -> None:
+    scene = stickslip.read(
+        "block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.end=1.5", "steps.count=3"]
+    )
+    simulation = stickslip.prepare(scene)
+    table = StepsTable(Job(folder=tmp_path, scene=scene, mesh=simulation.data, comm=simulation.mesh.comm))
+    for index, step in enumerate(simulation.steps(), start=1):
+        table.step(index, step)
+        drawn = [path.name for path in draw_course(tmp_path, scene)]
+        assert drawn == ([] if index < 3 else ["history.png", "force_displacement.png"])

@@ -1,24 +1,31 @@
-"""Contact rows: what a pressure weighs, what a displacement opens, and who carries a multiplier."""
+"""Rows of contact: their frames, weights, normals and couplings carry tractions over as nodal forces."""
 
-from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 
 from shared.cases import every_nth
+from shared.overlays import above, below
+from shared.problems import SceneOf, SimulationOf, SystemOf
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.surfaces.overlap import overlap
+from stickslip.geometry.surfaces.surface import CREASE, Surface
 from stickslip.solvers.contact.build import frames_of
+from stickslip.solvers.contact.mortar import _least, mortar_coupling, mortar_integrals
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.prepare import prepare_surface
-from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.system.system import System
+from stickslip.solvers.system.system import assemble
+from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.scene_file.read import from_dict, read
 
-Array = NDArray[np.float64]
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
 SHAPES: dict[str, tuple[int, dict[str, Any]]] = {
     "triangles": (2, {}),
     "graded triangles": (2, {"contact_mesh_size": 0.11}),
@@ -198,9 +205,7 @@ def full_row_rank(simulation: Simulation) -> tuple[int, int]:
     return rank, int((np.abs(B).max(axis=1) > 1e-12).sum())
 
 
-def test_two_contacts_in_one_corner_ask_nothing_twice(
-    scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
-) -> None:
+def test_two_contacts_in_one_corner_ask_nothing_twice(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     ground = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
     both = {"base": contact("bottom"), "side": contact("left", "wall")}
     simulation = simulation_of(scene_of(obstacles=ground | WALL, contacts=both))
@@ -218,7 +223,7 @@ def test_two_contacts_in_one_corner_ask_nothing_twice(
 
 
 def test_parallel_planes_on_adjoining_sides_do_not_hold_a_corner_twice(
-    scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+    scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     # both obstacles face up and right: the corner of bottom and left has one normal motion for the two
     ground = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.1, 1.0]}}
@@ -236,7 +241,7 @@ def test_parallel_planes_on_adjoining_sides_do_not_hold_a_corner_twice(
 
 @pytest.mark.parametrize("shape", ["graded triangles", "tetrahedra"])
 def test_rows_on_the_contact_dofs_measure_what_rows_on_the_nodes_do(
-    shape: str, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+    shape: str, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     dim, geometry = SHAPES[shape]
     hold = {"clamp": {"boundary": "block.left", "displacement": {"x": 0.0}}}
@@ -255,3 +260,283 @@ def test_rounding_does_not_choose_the_frame() -> None:
     """At the pole of a ball two components of the normal are rounding, in other units another one."""
     pole, other = np.array([[1e-17, 3e-17, -1.0], [3e-17, -1e-17, -1.0]])
     assert_allclose(*frames_of(np.array([pole, other])), atol=1e-15)
+
+
+FACES: dict[str, dict[str, Any]] = {
+    "unilateral": {"law": "unilateral"},
+    "compliance": {"law": "compliance", "c_n": 9.0},
+}
+
+
+def rows(slave: str, master: str, operator: str, law: str, order: int = 1) -> ContactRows:
+    """The contact of two cylinders of radius 1."""
+    data = {
+        "model": "plane strain",
+        "geometry": {
+            "builder": "cylinders", "radius": 1.0, "mesh_size": 0.2, "contact_mesh_size": 0.05, "order": order,
+        },
+        "bodies": {body: {"E": 1.0, "nu": 0.3} for body in ("upper", "lower")},
+        "contacts": {
+            "face": {
+                "surface": f"{slave}.arc", "against": f"{master}.arc", "normal": FACES[law], "operator": operator,
+                "friction": {"law": "coulomb", "mu": 0.3},
+            }
+        },
+        "supports": {
+            "top": {"boundary": "upper.top", "displacement": {"x": 0.0, "y": -0.01}},
+            "base": {"boundary": "lower.base", "displacement": {"x": 0.0, "y": 0.0}},
+        },
+    }  # fmt: skip
+    scene = from_dict(data)
+    (found,) = assemble(resolve(scene), build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters()).contacts
+    return found
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("operator", ["mortar", "node-to-segment"])
+@pytest.mark.parametrize(("slave", "master", "sign"), [("upper", "lower", -1), ("lower", "upper", 1)])
+def test_normals_of_equal_cylinders_are_those_of_the_plane_between_them(
+    slave: str, master: str, sign: int, operator: str, order: int
+) -> None:
+    found = rows(slave, master, operator, "unilateral", order)
+    x = found.surface.points[:, 0]
+    near = (np.abs(x) > 0.02) & (np.abs(x) < 0.2)
+    normals = found.frames[near, 0]
+    # own normals lean by x; the partner along them is farther out by gap * x = x³
+    assert np.all(np.abs(normals[:, 0]) <= 0.6 * np.abs(x[near]) ** 3 + 1e-4)
+    assert_allclose(normals[:, 1], sign, rtol=1e-4)
+    assert_allclose(
+        found.node_gap[near], x[near] ** 2, rtol=0.1 if order == 1 else 0.04, atol=1e-3
+    )  # 2 (1 - cos) but for facets
+
+
+def test_points_of_a_compliance_have_those_normals_too() -> None:
+    found = rows("upper", "lower", "mortar", "compliance")
+    n = found.surface.points.shape[0]
+    basis = found.N_n[:, 1 : 2 * n : 2]  # times the normals' y, of which the mean has no need
+    x = basis @ found.surface.points[:, 0] / np.asarray(basis.sum(axis=1)).ravel()
+    across = np.asarray(found.N_n[:, : 2 * n : 2].sum(axis=1)).ravel()  # normal part of a motion of the slave along x
+    near = np.abs(x) < 0.15
+    assert near.sum() > 10
+    assert np.abs(across[near]).max() <= 0.01  # its own would be 0.15
+
+
+def test_friction_on_a_symmetry_plane_acts_within_it() -> None:
+    """Averaged normals at the edge of a quarter lean out of it: pressing alone would count as sliding."""
+    found = quarter()
+    points, normals = found.surface.points, found.frames[:, 0]
+    facing = (found.node_weights > 0) & (np.linalg.norm(points[:, :2], axis=1) < 0.2)
+    for axis in (0, 1):
+        on = facing & (np.abs(points[:, axis]) < 1e-12)
+        assert on.sum() > 2
+        assert_allclose(normals[on, axis], 0, atol=1e-12)
+    # on a plane one direction is left, inside both, at the pole none
+    own = found.share_t.tocsc()[:, facing & (points[:, 0] > 1e-12) & (points[:, 1] > 1e-12)]
+    assert np.all(found.free[own.indices].sum(axis=1) == 2)
+    edge = found.share_t.tocsc()[:, facing & (np.abs(points[:, 0]) < 1e-12) & (points[:, 1] > 1e-12)]
+    assert np.all(found.free[edge.indices].sum(axis=1) == 1)
+
+
+def quarter() -> ContactRows:
+    """The contact of a quarter of two balls."""
+    planes = {"x_plane": {"x": 0.0}, "y_plane": {"y": 0.0}}
+    held = {f"{b}_{p}": {"boundary": f"{b}.{p}", "displacement": planes[p]} for b in ("upper", "lower") for p in planes}
+    data = {
+        "model": "3d",
+        "geometry": {
+            "builder": "spheres", "radius": 1.0, "lower_radius": 1.5, "symmetry": "quarter", "mesh_size": 0.5,
+            "contact_mesh_size": 0.06, "contact_radius": 0.2,
+        },
+        "bodies": {body: {"E": 1.0, "nu": 0.3} for body in ("upper", "lower")},
+        "contacts": {
+            "face": {"surface": "lower.cap", "against": "upper.cap", "friction": {"law": "coulomb", "mu": 0.3}}
+        },
+        "supports": held | {
+            "top": {"boundary": "upper.top", "displacement": {"z": -0.01}},
+            "base": {"boundary": "lower.base", "displacement": {"z": 0.0}},
+        },
+    }  # fmt: skip
+    scene = from_dict(data)
+    (found,) = assemble(resolve(scene), build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters()).contacts
+    return found
+
+
+def test_a_node_of_which_little_faces_the_master_presses_nothing() -> None:
+    # at the rim of what faces the other ball its gap is extrapolated: it pressed a million times as hard as the pole
+    sizes = ["geometry.mesh_size=0.75", "geometry.lower_mesh_size=0.9", "geometry.contact_mesh_size=0.075"]
+    simulation = prepare(read("spheres", [*sizes, "geometry.order=1", "steps.count=2"]))
+    (rows,) = simulation.system.contacts
+    assert rows.node_gap[rows.node_weights > 0].min() > -1e-3  # straight facets of .075 m cut the balls by h^2 / 8 R
+    *_, step = simulation.steps()
+    pole = step.contacts["pole"]
+    far = np.linalg.norm(rows.surface.points[:, :2], axis=1) > 0.4
+    assert far.any()
+    assert not pole.pressure[far].any()
+    assert 0.001 < pole.normal_force < 0.01
+
+
+def test_nodes_far_beyond_the_part_that_faces_the_master_press_nothing() -> None:
+    # a tenth of the outermost facets is covered: their midside nodes weigh 3 % of their own weights, but what they see
+    # is extrapolated over half a facet, a gap of -8 m where all is apart
+    sizes = ["geometry.mesh_size=2", "geometry.lower_mesh_size=2.74", "geometry.contact_mesh_size=0.1"]
+    simulation = prepare(read("cylinders", sizes))
+    (rows,) = simulation.system.contacts
+    assert rows.gap.min() > -1e-12
+    assert rows.node_gap.min() > -1e-12
+    *_, step = simulation.steps()
+    line = step.contacts["line"]
+    assert not line.pressure[np.abs(rows.surface.points[:, 0]) > 1.0].any()  # half the width of contact is 0.68
+    assert_allclose(line.normal_force, 10.0, rtol=0.01)  # as on the scene's own mesh
+
+
+def test_a_rim_that_the_master_faces_in_part_weighs_what_is_faced() -> None:
+    # of the outermost facets a tenth is faced, by which their outer corners would weigh -0.004 m
+    simulation = prepare(read("cylinders", ["geometry.contact_mesh_size=0.4"]))
+    (rows,) = simulation.system.contacts
+    for weights in (rows.W_n, rows.W_t, rows.node_weights[rows.node_weights != 0]):
+        assert weights.min() > 0.1
+        assert_allclose(weights.sum(), rows.W_n.sum(), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("shape", "degree"), [("interval", 2), ("triangle", 2), ("quadrilateral", 1)])
+def test_nodes_carry_on_whole_facets_and_up_to_an_edge_near_by(shape: str, degree: int) -> None:
+    for edge in (1.0, 0.95):  # of the second of two facets nine tenths are covered
+        found = mortar_coupling(below(shape, degree, (2, 2)), _up_to(shape, edge), 0.5)
+        assert found.carries.all()
+
+
+@pytest.mark.parametrize("shape", ["interval", "quadrilateral"])
+def test_nodes_that_only_extrapolation_reaches_carry_nothing(shape: str) -> None:
+    # a tenth of the last facet is covered: 0.028 of its midside node's weight, which its weight alone would not tell
+    slave = below(shape, 2, (2, 2))
+    master = _up_to(shape, 0.55)
+    found = mortar_coupling(slave, master, 0.5)
+    beyond = (slave.points[:, :-1] > 0.7).any(axis=1)
+    assert (_integrals(slave, master)[beyond] > 0.01 * slave.node_weights()[beyond]).any()
+    assert_array_equal(found.carries, ~beyond)
+
+
+def test_a_corner_that_two_extrapolations_reach_carries_nothing() -> None:
+    # phi = (1 - x)(1 - 2 x) has no less than -1/24 over half a facet: in two directions at once its weight is positive
+    slave = below("quadrilateral", 2, (1, 1))
+    master = _up_to("quadrilateral", 0.5)
+    found = mortar_coupling(slave, master, 0.5)
+    corner = slave.points[:, :-1].min(axis=1) == 1
+    assert _integrals(slave, master)[corner] > 0.01 * slave.node_weights()[corner]
+    assert not found.carries[corner].any()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("shape", ["interval", "triangle", "quadrilateral"])
+def test_a_spot_inside_a_facet_has_one_multiplier(shape: str, degree: int) -> None:
+    slave, spot = below(shape, degree, (2, 2)), np.array([0.1, 0.11])
+    found = mortar_coupling(slave, above(shape, 1, (1, 1), box=(spot, spot + 0.01)), 0.5)
+    assert found.carries.sum() == 1  # for all of the facet: what the nodes see is extrapolated, their mean is not
+    assert_allclose(found.gap[found.carries], 0.1)  # not an extrapolated one
+
+
+def test_of_nodes_that_differ_by_rounding_the_first_has_the_least() -> None:
+    slave, random = below("quadrilateral", 2, (1, 1)), np.random.default_rng(1)
+    for _ in range(20):
+        values = 3.0 * (1 + 1e-15 * random.integers(-2, 3, len(slave.nodes)))
+        assert_array_equal(np.flatnonzero(_least(slave, values)), [0])
+    values[4], values[0] = 2.9, np.inf
+    assert_array_equal(np.flatnonzero(_least(slave, values)), [4])
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("shape", ["interval", "triangle", "quadrilateral"])
+@pytest.mark.parametrize("edge", [0.51, 0.55, 0.6, 0.75, 0.9, 0.99])
+def test_no_node_of_a_partly_faced_rim_weighs_less_than_nothing(shape: str, degree: int, edge: float) -> None:
+    slave, master = below(shape, degree, (2, 2)), _up_to(shape, edge)
+    found = mortar_coupling(slave, master, 0.5)
+    assert_array_equal(found.weights > 0, found.carries)
+    assert found.weights.min() >= 0
+    assert_allclose(found.weights.sum(), edge ** (slave.dim - 1), rtol=1e-12)  # of 1 x 1, what the master faces
+    # a unit pressure: its forces on either side are as large
+    n = len(slave.points)
+    forces = found.relative.T @ found.weights
+    assert_allclose([forces[:n].sum(), forces[n:].sum()], [found.weights.sum(), -found.weights.sum()], rtol=1e-12)
+    # a motion that is linear is none between the bodies, whoever stands for whom
+    slope = np.arange(1.0, slave.dim)
+    moved = np.concatenate([surface.points[:, :-1] @ slope + 3.0 for surface in (slave, master)])
+    assert_allclose(found.relative @ moved, 0, atol=1e-9)
+    assert_allclose(found.gap[found.carries], 0.1, rtol=1e-9)
+
+
+def _integrals(slave: Surface, master: Surface) -> Any:
+    """What nodes weigh before anything is handed over (n,)."""
+    return mortar_integrals(slave, master, overlap(slave, master, 0.5, 8))[0]
+
+
+def _up_to(shape: str, edge: float) -> Surface:
+    """A flat master that ends at `edge` in each direction."""
+    return above(shape, 1, (1, 1), box=((-1.0, -1.0), (edge, edge)))
+
+
+def polyline(points: list[tuple[float, float]]) -> Surface:
+    """Walked with the body to the right: outward is to the left."""
+    number = np.arange(len(points))
+    facets = np.column_stack([number[:-1], number[1:]])
+    return Surface("interval", 1, number, number, np.array(points), facets, -np.ones(len(facets)), axisymmetric=False)
+
+
+def tent(angle: float, depth: float) -> Surface:
+    """Strips, 1 and 5 long, that meet at the ridge x = 0 with `angle` [degrees] between their normals."""
+    a = np.radians(angle)
+    x = [(-1.0, 0.0), (0.0, 0.0), (5 * np.cos(a), -5 * np.sin(a))]
+    points = np.array([(u, y, z) for u, z in x for y in (0.0, depth)])
+    facets = np.array([[0, 2, 1], [3, 1, 2], [2, 4, 3], [5, 3, 4]])
+    number = np.arange(6)
+    return Surface("triangle", 1, number, number, points, facets, np.ones(4), axisymmetric=False)
+
+
+def smooth_normals(side: Surface) -> Array:
+    return side.node_normals(side.smooth_part(CREASE))
+
+
+def slope(angle: float) -> Array:
+    return np.array([np.sin(np.radians(angle)), 0.0, np.cos(np.radians(angle))])
+
+
+def test_ridge_belongs_to_its_larger_side() -> None:
+    normals = smooth_normals(tent(90.0, 1.0))
+    assert_allclose(normals, [slope(0)] * 2 + [slope(90)] * 4, atol=1e-12)
+    whole = tent(90.0, 1.0).node_normals()
+    assert whole[2, 0] > 0.1
+    assert whole[2, 2] > 0.1  # between the two
+
+
+@pytest.mark.parametrize(("angle", "smooth"), [(39.9, True), (40.1, False)])
+def test_crease_begins_above_its_angle(angle: float, smooth: bool) -> None:
+    side = tent(angle, 1.0)
+    normals = smooth_normals(side)
+    assert np.allclose(normals, side.node_normals()) == smooth
+    assert np.allclose(normals[2], slope(angle)) == (not smooth)
+
+
+def test_a_corner_at_the_angle_of_the_crease_does_not_jump_when_it_moves() -> None:
+    side = tent(30.0, 1.0)
+    moved, counting = replace(side, points=side.points * [1.0, 1.0, 1 + 1e-6]), side.smooth_part(30.0)
+    assert counting.all()
+    assert not moved.smooth_part(30.0).all()
+    assert_allclose(moved.node_normals(counting), side.node_normals(counting), atol=1e-6)
+
+
+def test_fine_fan_is_smooth_though_its_ends_are_not() -> None:
+    # a cone's apex with 12 facets: neighbours differ by 29 degrees, opposite ones by 120
+    turn = 2 * np.pi * np.arange(12) / 12
+    height = 1 / np.tan(np.radians(30.0))
+    rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(12)])
+    points = np.concatenate([rim / height, [[0.0, 0.0, 1.0]]])
+    facets = np.array([[12, i, (i + 1) % 12] for i in range(12)])
+    cone = Surface("triangle", 1, np.arange(13), np.arange(13), points, facets, np.ones(12), axisymmetric=False)
+    assert_allclose(smooth_normals(cone)[12], [0, 0, 1], atol=1e-12)
+
+
+def test_of_equal_sides_the_first_has_the_corner_however_it_is_turned() -> None:
+    # whichever way rounding goes
+    for angle in np.linspace(0.0, 6.0, 50):
+        c, s = np.cos(angle), np.sin(angle)
+        side = polyline([(0.0, 0.0), (c, s), (c + s, s - c)])
+        assert_allclose(smooth_normals(side), [[-s, c], [-s, c], [c, s]], atol=1e-12)

@@ -1,32 +1,36 @@
-"""surface-uzawa: the answers of condensed-newton, for a number of volume solves that no mesh size changes."""
+"""Iterations on the surface: Uzawa's with search directions, Gauss-Seidel's point by point, how they end."""
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 
 from shared.cases import often, slow
-from shared.problems import surface_problem
+from shared.problems import SceneOf, SimulationOf, surface_problem
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.classical.nsgs import NSGS, Sweeps, in_disc
 from stickslip.solvers.interface import schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
-from stickslip.solvers.iteration import Status
+from stickslip.solvers.iteration import Driver, Iterate, Stall, Status, Step
+from stickslip.solvers.methods.method import Setup
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
 from stickslip.solvers.metrics import surface_metric
 from stickslip.solvers.newton import surface_model
 from stickslip.solvers.newton.surface_model import gmres, nearest_in_cone
+from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.state import State
+from stickslip.solvers.tangent.operator import chebyshev
+from stickslip.workflows.lab.verification.cases import agreement
 from stickslip.workflows.scene_file.read import read
 
-Array = NDArray[np.float64]
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 SMALL = {
     "block": ("geometry.mesh_size=0.4", "geometry.contact_mesh_size=0.2"),
     "cube": ("geometry.mesh_size=0.25",),
@@ -315,3 +319,150 @@ def test_gmres_stops_at_the_residual_asked_for() -> None:
     short, more = gmres(lambda v: A @ v, b, np.zeros(40), lambda v: v / 2, atol=1e-6, max_it=3)
     assert_allclose(np.linalg.norm(b - A @ short), more, rtol=1e-10)
     assert more > 1e-3
+
+
+BLOCK = ("geometry.mesh_size=0.4", "geometry.contact_mesh_size=0.2", "solver.method=nsgs", "solver.tolerance=1e-10")
+
+
+def first_step(simulation: Simulation, **settings: Any) -> tuple[Sweeps, Any]:
+    """The method with these settings, and the problem of the first step."""
+    stepper = simulation.stepper
+    problem = stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+    method = NSGS(**settings).build(Setup(system=stepper.system, surface=stepper.surface))
+    assert isinstance(method, Sweeps)
+    return method, problem
+
+
+@pytest.mark.parametrize(
+    "name", [*slow("block"), "block, in one step", "cube", "cylinders", "shrink_fit, its shaft held"]
+)
+def test_it_finds_what_newton_finds(name: str) -> None:
+    found, expected = (agreement.solve(name, method).quantities() for method in ("nsgs", "condensed-newton"))
+    off = agreement.apart(found, expected)
+    assert max(off.values()) < agreement.AGREEMENT, off
+
+
+@pytest.mark.parametrize("m_n", [*slow(1.0), 2.0])
+def test_each_quadrature_point_of_a_compliant_face_is_a_point(m_n: float, simulation_of: SimulationOf) -> None:
+    law = f'contacts.base.normal={{law="compliance", c_n=20.0, m_n={m_n}}}'
+    scene = read("block", [*BLOCK, law, "solver.tolerance=1e-11"])
+    found, expected = (
+        list(simulation_of(replace(scene, solver=replace(scene.solver, method=method))).steps())
+        for method in ("nsgs", "condensed-newton")
+    )
+    for one, other in zip(found, expected, strict=True):
+        assert_allclose(one.p, other.p, rtol=0, atol=1e-8 * np.abs(other.p).max())
+        assert one.substeps == 1
+
+
+def test_the_operator_is_what_tractions_do(simulation_of: SimulationOf) -> None:
+    """w = N F f + offset - D W p, D symmetric and positive on the rows."""
+    method, problem = first_step(simulation_of(read("block", BLOCK)))
+    p = np.random.default_rng(1).normal(size=problem.cone.size)
+    loaded = problem.relative_displacement(problem.load.free)
+    expected = problem.relative_displacement(problem.contact_displacement(p))
+    found = loaded - method.D @ (problem.surface.W * p)
+    assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+    assert_allclose(method.D, method.D.T, atol=1e-14 * np.abs(method.D).max())
+    assert np.linalg.eigvalsh(method.D).min() > 0
+
+
+def test_the_residual_is_that_of_the_tractions_that_it_returns(simulation_of: SimulationOf) -> None:
+    method, problem = first_step(simulation_of(read("block", BLOCK)), rtol=1e-12, max_it=5)
+    start = np.zeros(problem.cone.size)
+    solution = method(problem, start)
+    assert (solution.status, solution.iterations) == (Status.MAX_IT, 5)
+    assert not start.any()  # what it starts from stays as it is
+    w = problem.relative_displacement(problem.contact_displacement(solution.p))
+    assert solution.residual == problem.natural_residual(solution.p, w)
+    residuals = [step.residual for step in solution.history]
+    assert residuals[-1] < residuals[0]
+
+
+def test_what_rounding_forbids_stalls_by_name(simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stickslip.solvers.classical.nsgs.PATIENT", 20)
+    method, problem = first_step(simulation_of(read("block", BLOCK)), rtol=1e-18)
+    assert method(problem, np.zeros(problem.cone.size)).status is Status.STALLED
+
+
+def test_what_is_no_number_ends_by_name(simulation_of: SimulationOf) -> None:
+    method, problem = first_step(simulation_of(read("block", BLOCK)))
+    assert method(problem, np.full(problem.cone.size, np.nan)).status is Status.NOT_FINITE
+
+
+@pytest.mark.parametrize("bound", [0.0, 1e-3, 0.7, 5.0, np.inf])
+def test_a_point_answers_its_own_problem(bound: float) -> None:
+    """Inside the disc nothing slips; on its edge what is left over points along the traction."""
+    random = np.random.default_rng(3)
+    for _ in range(50):
+        give, asked = random.uniform(0.1, 10.0, 2), random.normal(size=2) * 3
+        t = in_disc(give, asked, bound)
+        slip = asked - give * t
+        if np.linalg.norm(t) < bound * (1 - 1e-12):
+            assert_allclose(slip, 0.0, atol=1e-14)
+        elif bound:
+            assert np.linalg.norm(t) == pytest.approx(bound, rel=1e-14)
+            assert slip @ t == pytest.approx(np.linalg.norm(slip) * bound, rel=1e-12)
+
+
+def test_bodies_must_be_held() -> None:
+    with pytest.raises(SceneError, match=r"solver\.method = nsgs: needs bodies that their supports hold"):
+        make_plan(read("shrink_fit", ["solver.method=nsgs"]))
+
+
+def test_errors_are_those_of_the_polynomial() -> None:
+    low, high, count = 0.1, 2.0, 6
+    eigenvalues = np.linspace(0.05, 2.05, 41)
+    x, more = np.zeros((2, len(eigenvalues)))
+    for again, share in chebyshev(low, high, count):
+        more = again * more + share * (1 - eigenvalues * x)
+        x = x + more
+    polynomial = np.polynomial.chebyshev.Chebyshev.basis(count)
+    expected = polynomial((high + low - 2 * eigenvalues) / (high - low)) / polynomial((high + low) / (high - low))
+    assert_allclose(1 - eigenvalues * x, expected, atol=1e-12)
+
+
+def yielding(*residuals: float) -> Iterator[Iterate]:
+    return (Iterate(k, residual, np.array([float(k)])) for k, residual in enumerate(residuals))
+
+
+@pytest.mark.parametrize(
+    ("residuals", "status", "rows"),
+    [
+        ((1.0, 0.5, 0.1, 0.0), Status.CONVERGED, 3),  # as small as is asked for is enough
+        ((1.0, np.nan, 0.0), Status.NOT_FINITE, 2),
+        ((1.0, np.inf, 0.0), Status.NOT_FINITE, 2),
+        ((1.0, 0.9, 0.8, 0.7, 0.0), Status.STALLED, 4),
+        ((1.0, 0.9, 0.4, 0.3, 0.3, 0.1), Status.MAX_IT, 6),
+        ((1.0, 0.9), Status.NO_HOLD, 2),  # the method goes no further
+    ],
+)
+def test_an_iteration_ends_by_name(residuals: tuple[float, ...], status: Status, rows: int) -> None:
+    told: list[Step] = []
+    driver = Driver(Counters(volume_solves=7), 0.1 if status is Status.CONVERGED else 0.0, 5, told.append)
+    found = driver.run(yielding(*residuals), Stall(2))
+    assert (found.status, len(found.history)) == (status, rows)
+    assert found.history == tuple(told) == tuple(driver.history)
+    assert told[-1].volume_solves == 7
+    assert found.p[0] == rows - 1  # the last one
+    assert driver.stalled is (status is Status.STALLED)
+    assert driver.over is (status in (Status.CONVERGED, Status.MAX_IT))
+
+
+def test_a_method_may_say_itself_that_it_is_enough_or_that_a_residual_is_not_known() -> None:
+    driver = Driver(Counters(), 0.5, 9)
+    known = [Iterate(1, 0.1, enough=False), Iterate(2, 0.9, enough=True), Iterate(3, 0.0)]
+    assert driver.run([Iterate(0, np.inf, known=False), *known]).history[-1].iteration == 2
+    found = Driver(Counters(), 0.0, 9).run(yielding(1.0, 1.0, 1.0), slow=lambda k, residual: k == 1)
+    assert (found.status, found.iterations) == (Status.SLOW, 1)
+
+
+def test_runs_share_history_and_the_best_iterate() -> None:
+    driver = Driver(Counters(), 0.0, 9)
+    for residuals in ((np.nan,), (0.3, 0.1), (0.1, 0.4), (np.nan,)):  # of equal ones the first, and NaN is worst
+        driver.run(yielding(*residuals), otherwise=Status.STALLED)
+    assert [step.residual for step in driver.history[1:5]] == [0.3, 0.1, 0.1, 0.4]
+    assert driver.best is not None
+    assert (driver.best.p[0], driver.best.status, driver.best.history) == (1.0, Status.STALLED, ())
+    driver.run([Iterate(9, 0.2)])
+    assert (driver.best.p[0], driver.best.status) == (1.0, Status.MAX_IT)  # type: ignore[comparison-overlap]

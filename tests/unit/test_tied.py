@@ -1,6 +1,5 @@
-"""A tied surface moves with its obstacle in every direction, from wherever it was at the start."""
+"""Tied surfaces and given gaps are met without a search for pressure."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,15 +8,17 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.audited import record_of
 from shared.cases import every_nth
+from shared.problems import SceneOf, SimulationOf
+from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.results.step_result import STICK, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.scene_file.read import from_dict
 
-SceneOf = Callable[..., Scene]
-SimulationOf = Callable[[Scene], Simulation]
 METHODS = ("condensed-newton", "uzawa")
 M = 0.7 / (1.3 * 0.4)  # constrained modulus of E = 1 Pa, nu = 0.3 [Pa]
 
@@ -167,3 +168,51 @@ def test_a_body_that_is_tied_alone_goes_with_its_obstacle_as_a_whole(
     expected = turned if "rotation" in motion else np.full_like(turned, [0.02, 0.01])
     assert_allclose(step.displacement, expected, atol=1e-12)
     assert abs(step.energy.stored) < 1e-15
+
+
+E, A, B, C = 200.0, 1.0, 2.0, 3.0  # [Pa], radii [m]
+
+
+def pressure(gap: float | None, normal: dict[str, Any] | None = None) -> float:
+    """Mean pressure [Pa] between a quarter of two rings of the same radius with other facets."""
+    joint = {"surface": "outer.inside", "against": "inner.outside", "normal": normal or {"law": "unilateral"}}
+    roller = {f"{name}_{axis}": {"boundary": f"{name}.{axis}_axis", "displacement": {"xy"[axis == "x"]: 0.0}}
+              for name in ("inner", "outer") for axis in "xy"}  # fmt: skip
+    scene = from_dict(
+        {
+            "model": "plane stress",
+            "geometry": {"builder": "rings", "inner_radius": A, "radius": B, "outer_radius": C, "angle": 90}
+            | {"mesh_size": 0.3, "inner_mesh_size": 0.15, "cells": "tensor"},
+            "bodies": {"inner": {"E": E, "nu": 0.3}, "outer": {"E": E, "nu": 0.3}},
+            "contacts": {"joint": joint | ({} if gap is None else {"gap": gap})},
+            "supports": roller,
+        }
+    )
+    (step,) = prepare(scene).steps()
+    return step.contacts["joint"].normal_force / (B * np.pi / 2)
+
+
+def test_rings_that_fit_press_nothing_though_their_facets_overlap() -> None:
+    assert pressure(None) > 0.01  # by the mesh, of twice as many facets inside: a press fit of .7 mm
+    assert pressure(0.0) == 0.0
+
+
+@pytest.mark.parametrize("normal", [{"law": "unilateral"}, {"law": "compliance", "c_n": 1e6, "m_n": 1.0}])
+def test_a_negative_gap_is_a_press_fit(normal: dict[str, Any]) -> None:
+    """Lamé's closed form, the interference on the radius."""
+    exact = E * 1e-3 / B / ((B**2 + A**2) / (B**2 - A**2) + (C**2 + B**2) / (C**2 - B**2))
+    assert_allclose(pressure(-1e-3, normal), exact, rtol=0.02)  # order 1, cells of a third of a ring
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"sliding": True}, r"contacts\.base\.gap = 0\.0: a side that slides"),
+        ({"normal": {"law": "tied"}}, r"contacts\.base\.gap = 0\.0: a tied surface closes none"),
+        ({}, r"contacts\.base\.gap = 0\.0: an obstacle has its exact shape; see gap_offset"),
+    ],
+)
+def test_where_the_key_means_nothing_it_is_refused(changed: dict[str, Any], says: str, scene_of: Any) -> None:
+    base = {"surface": "block.bottom", "against": "foundation", "gap": 0.0}
+    with pytest.raises(SceneError, match=says):
+        scene_of(contacts={"base": base | changed})

@@ -1,27 +1,34 @@
-"""The mesh error of every number: bubbles against assembled order 2, against finer meshes, and where it is absent."""
+"""Errors of the mesh are those of bubbles, of corners and of recovered stresses."""
 
-from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from numpy.testing import assert_allclose
 
-from shared.cases import slow
+from shared.cases import every_nth, slow
+from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.errors import SolverError
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.nested_mesh import CornerMesh
 from stickslip.solvers.accuracy import two_level
 from stickslip.solvers.accuracy.bubbles import Bubbles, _quadrature
+from stickslip.solvers.accuracy.lower_order import sides_of
 from stickslip.solvers.fem.forms import WeakForms
-from stickslip.solvers.results.step_result import StepResult, quantities
+from stickslip.solvers.results.recovered_stress import RecoveredStress
+from stickslip.solvers.results.step_result import Quantity, StepResult, quantities
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
-from stickslip.solvers.system.system import System
+from stickslip.solvers.stepping.stepper import StepError, Stepper
+from stickslip.workflows.lab.verification.cases import manufactured as case
+from stickslip.workflows.lab.verification.closed_forms.manufactured import LAWS, MU
+from stickslip.workflows.lab.verification.prepared import accepted
 from stickslip.workflows.scene_file.read import read
 
-SceneOf = Callable[..., Scene]
-SystemOf = Callable[[Scene], System]
-SimulationOf = Callable[[Scene], Simulation]
 HELD = {"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": -0.1}}}
 HELD_3D = {"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": 0.0, "z": -0.1}}}
 COULOMB = {"law": "coulomb", "mu": 0.3}
@@ -342,3 +349,154 @@ def test_loads_narrower_than_a_facet_have_the_error_of_their_quadrature(width: f
     assert stated is not None
     assert least < stated / off < 3
     assert abs(corrected - true) < 0.1 * off
+
+
+SETS = ["geometry.order=2", "steps.count=1", "steps.end=1.0"]
+HIDDEN = Quantity("contacts", "base", "max_pressure")  # at an edge: it has no limit
+
+
+def simulation(mesh_size: float, cells: str) -> Simulation:
+    return prepare(read("cube", [*SETS, f"geometry.mesh_size={mesh_size}", f"geometry.cells={cells}"]))
+
+
+@pytest.mark.parametrize("cells", ["simplex", *slow("tensor")])
+def test_what_is_stated_is_as_large_as_the_error(cells: str) -> None:
+    coarse = simulation(1 / 3, cells)
+    steps, (*_, exact) = [*coarse.steps()], simulation(1 / 8, cells).steps()
+    *_, errors = coarse.errors(steps)
+    true = quantities(exact)
+    for key, value in quantities(steps[-1]).items():
+        parts = errors[key]
+        if key.quantity in ("normal_force", "contact_area"):
+            off = abs(value - true[key])
+            assert 0.3 * off - 1e-12 < parts.mesh < 6 * off + 1e-12, key
+            assert parts.geometry == 0
+            assert parts.total is not None
+    assert errors[HIDDEN].converges is False
+
+
+@pytest.mark.parametrize("cells", ["simplex", "tensor"])
+def test_the_mesh_of_corners_has_the_same_cells_and_sides(cells: str) -> None:
+    own = simulation(0.5, cells)
+    data = own.data
+    shape = CornerMesh(
+        kind=data.shape, points=data.points, cells=data.cells, body=data.body, names=data.bodies,
+        sides=sides_of(own.system),
+    )  # fmt: skip
+    mesh = build_mesh(shape, own.problem.request, MPI.COMM_WORLD)
+    assert mesh.degree == 1
+    assert mesh.domain.topology.index_map(3).size_local == len(data.cells)
+    assert mesh.domain.geometry.x.shape[0] == 27
+    assert sorted(mesh.sides) == sorted(own.system.mesh.sides)
+    assert all(len(mesh.facets(side)) == len(own.system.mesh.facets(side)) for side in mesh.sides)
+
+
+def test_from_a_step_on_that_was_cut_or_fails_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = prepare(read("cube", ["geometry.order=2", "geometry.mesh_size=0.5"]))
+    first, second = whole.steps()
+    assert len(whole.mesh_errors([first, second])) == 2
+    assert len(whole.mesh_errors([first, replace(second, substeps=2)])) == 1
+    reach = Stepper.reach
+
+    def fails(self: Stepper, state, time, *rest):  # type: ignore[no-untyped-def]
+        if time > first.time:
+            raise StepError(time, "for the test", (), None)  # type: ignore[arg-type]
+        return reach(self, state, time, *rest)
+
+    monkeypatch.setattr(Stepper, "reach", fails)
+    assert len(whole.mesh_errors([first, second])) == 1
+    known = whole.mesh_errors([first])[0]
+    assert np.isfinite(known[Quantity("contacts", "base", "contact_area")].mesh)
+    force = Quantity("contacts", "base", "normal_force")
+    assert force not in known  # it is known from bubbles
+    assert first.errors[str(force)].mesh > 0
+    assert whole.mesh_errors([replace(first, errors={})])[0][force].mesh > 0
+
+
+def test_what_has_no_limit_has_no_error() -> None:
+    """A spring at a point gives way the more, the finer the mesh is: bubbles do not show it."""
+    spring = "springs.tip={at=[1.0, 1.0, 1.0], stiffness=0.05, direction=[1.0, 0.0, 0.0], displacement=[0.3, 0.0, 0.0]}"
+    coarse = prepare(read("cube", [*SETS, "geometry.mesh_size=0.5", spring]))
+    steps = [*coarse.steps()]
+    for errors in (steps[-1].errors, {str(key): parts for key, parts in coarse.errors(steps)[-1].items()}):
+        assert errors["springs.tip.force"].mesh is None
+        assert errors["contacts.base.normal_force"].mesh is not None
+
+
+PRESSED = {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}}
+
+
+def stated_over_true(law: Any, order: int, n: int) -> float:
+    """In the energy norm, for the manufactured solution on n x n x 2 triangles."""
+    system, field = case.loaded(case.scene(law, "condensed-newton", order, n, MU, case.AWAY), law)
+    (step,) = accepted(system)
+    u = dx.fem.Function(system.space)
+    dx.fill(u, step.state.u.array)
+    off = ufl.inner(system.weak.stress(u - field, "block"), system.weak.strain(u - field))  # 2D: eps_zz = 0
+    points, weights = dx.reference_rule("triangle", case.DEGREE)
+    values = dx.CellExpression(off, points, system.mesh.domain)(np.arange(2 * n**2))
+    true = np.sqrt(np.einsum("cqi,q->", values, weights) / n**2)
+    return float(RecoveredStress(system)(step.state.u, step.state.initial).size / true)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_linear_cells_state_the_error_of_a_smooth_field(law: Any) -> None:
+    coarse, fine = (abs(stated_over_true(law, 1, n) - 1) for n in (4, 16))
+    assert coarse < 0.05
+    assert fine < 0.01  # asymptotically exact
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_quadratic_cells_state_it_too(law: Any) -> None:
+    assert all(0.85 < stated_over_true(law, 2, n) < 1.15 for n in (4, 16))
+
+
+@pytest.mark.parametrize(
+    ("model", "cells", "order"),
+    every_nth(2, ["plane strain", "plane stress", "axisymmetric", "3d"], ["simplex", "tensor"], [1, 2]),
+)
+def test_a_uniform_stress_has_no_error(
+    model: str, cells: str, order: int, scene_of: SceneOf, estimating: SimulationOf
+) -> None:
+    dim = 3 if model == "3d" else 2
+    shape = {"cells": cells, "order": order, "mesh_size": 0.5}
+    supports = {"top": {"boundary": "block.top", "displacement": {"xyz"[dim - 1]: -0.1}}}
+    held = {"left": ["x"], "front": ["y"]} if dim == 3 else {} if model == "axisymmetric" else {"left": ["x"]}
+    for side, axes in held.items():
+        supports[side] = {"boundary": f"block.{side}", "displacement": dict.fromkeys(axes, 0.0)}
+    base = {"surface": "block.bottom", "against": "foundation"}
+    simulation = estimating(scene_of(dim, shape, model=model, contacts={"base": base}, supports=supports))
+    (step,) = simulation.steps()
+    assert_allclose(step.mesh_error, 0.0, atol=1e-12)
+    stress = np.abs(step.stress[:, dim - 1, dim - 1])
+    assert_allclose(step.stress_error, 0.0, atol=1e-11 * stress.max())
+    assert stress.min() > 0.05
+
+
+@pytest.mark.parametrize(("name", "words"), [
+    ("axisymmetric", ["geometry.mesh_size=0.2", "geometry.contact_mesh_size=0.1", "geometry.order=1",
+                       "steps.count=4"]),
+    ("cube", ["geometry.mesh_size=0.25"]),
+    pytest.param("cylinders", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.1",
+                               "geometry.lower_mesh_size=1.3"], marks=pytest.mark.slow),
+])  # fmt: skip
+def test_it_falls_with_the_mesh(name: str, words: list[str], estimating: SimulationOf) -> None:
+    """And belongs to bodies: a jump of the stress from one to the next is no error."""
+    halved = [f"{key}={float(value) / 2}" for key, value in (word.split("=") for word in words if "size" in word)]
+    errors = []
+    for words_ in (words, [*words, *halved]):
+        (*_, last) = estimating(read(name, words_)).steps()
+        errors.append(last.mesh_error)
+    assert 1.4 < errors[0] / errors[1] < 2.3
+
+
+def test_what_nobody_asks_for_costs_nothing(scene_of: SceneOf, estimating: SimulationOf) -> None:
+    tables = {"contacts": {"base": {"surface": "block.bottom", "against": "foundation"}}, "supports": PRESSED}
+    tables["supports"]["left"] = {"boundary": "block.left", "displacement": {"x": 0.0}}  # type: ignore[index]
+    asked, silent = (estimating(scene_of(**tables, output={"error": on})) for on in (True, False))
+    (one,), (other,) = asked.steps(), silent.steps()
+    assert asked.seconds.error > 0
+    assert silent.seconds.error == 0
+    assert np.isnan(other.mesh_error)
+    assert not len(other.stress_error)
+    assert len(one.stress_error) == len(asked.data.cells)

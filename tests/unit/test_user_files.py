@@ -1,4 +1,4 @@
-"""Geometry from users' files: each kind gives the body and the sides that it names, in metres, or is refused."""
+"""Geometry files of every kind give the bodies and sides they describe, or are refused in one line."""
 
 import gzip
 import hashlib
@@ -18,9 +18,12 @@ from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.geometry.mesh.cell_quality import worst_quality
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh, write_msh
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.user_files.meshing import MeshOptions
 from stickslip.geometry.user_files.open_file import parameter_names
 from stickslip.geometry.user_files.parts import find_parts
-from stickslip.geometry.user_files.raw_mesh import check_neighbours
+from stickslip.geometry.user_files.raw_mesh import RawMesh, check_neighbours
+from stickslip.geometry.user_files.reader import Question, ask
 from stickslip.geometry.user_files.user_file import installed
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
@@ -479,3 +482,126 @@ def test_gmshs_own_files_are_found_where_this_machine_has_them(tmp_path: Path, m
         place.touch()
         assert installed(named) == place
     assert installed(tmp_path / "demos/part.step.gz") == tmp_path / "demos/part.step.gz"
+
+
+OWN = (
+    PY
+    + """
+    for edge in range(1, 5):
+        model.mesh.setTransfiniteCurve(edge, 6)
+    model.mesh.setTransfiniteSurface(1)
+    model.mesh.generate(2)
+    model.mesh.refine()
+"""
+)
+PERIODIC = """
+s = LENGTH;
+Point(1) = {0, 0, 0}; Point(2) = {s, 0, 0}; Point(3) = {s, 0.3 * s, 0};
+Point(4) = {s, s, 0}; Point(5) = {0, s, 0}; Point(6) = {0, 0.3 * s, 0};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 5}; Line(5) = {5, 6}; Line(6) = {6, 1};
+Curve Loop(1) = {1:6};
+Plane Surface(1) = {1};
+Physical Surface("block") = {1};
+Physical Curve("block.bottom") = {1};
+Physical Curve("block.right") = {2, 3};
+Physical Curve("block.top") = {4};
+Physical Curve("block.left") = {5, 6};
+"""  # the edges of the left side are numbered from above, those of the right one from below
+
+
+def meshed_as(scene: Scene) -> Mesh:
+    return build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF)
+
+
+def test_a_script_that_meshes_keeps_its_own_mesh(tmp_path: Path) -> None:
+    mesh = meshed_as(from_dict(scene_data(write(tmp_path / "b.py", OWN), length=4.0)))
+    assert mesh.domain.topology.index_map(2).size_global == 4 * 2 * 5 * 5  # each cell cut into four
+
+
+@pytest.mark.parametrize("meshes", [*slow("Mesh 1;"), "Mesh 2;"])
+def test_sizes_of_the_scene_mesh_again_what_a_script_has_meshed(meshes: str, tmp_path: Path) -> None:
+    data = scene_data(write(tmp_path / "b.geo", f"{GEO}{meshes}\n"), mesh_size=0.5, contact_mesh_size=0.1)
+    mesh = meshed_as(from_dict(data))
+    assert abs(len(mesh.facets("block.bottom")) - 40) <= 2  # 4 m in 0.1 m; 8 in the script's mesh
+    assert abs(len(mesh.facets("block.top")) - 8) <= 2
+
+
+def test_sizes_of_the_scene_leave_a_mesh_without_geometry(tmp_path: Path) -> None:
+    own = meshed_as(from_dict(scene_data(draw(tmp_path / "b.msh", 2))))
+    data = scene_data(write(tmp_path / "b.geo", 'Merge "b.msh";\n'), mesh_size=0.1)
+    count = [mesh.domain.topology.index_map(2).size_global for mesh in (own, meshed_as(from_dict(data)))]
+    assert count[0] == count[1] > 0
+
+
+@pytest.mark.parametrize("length", [1.0, 1e-6])
+def test_periodic_sides_of_several_edges_match_in_any_unit(length: float, tmp_path: Path) -> None:
+    path = write(tmp_path / "b.geo", PERIODIC.replace("LENGTH", f"{length}"))
+    options = MeshOptions(
+        size=length / 5,
+        fine_size=length / 40,
+        fine_sides=["block.right"],
+        periodic=[("block.left", "block.right")],
+        order=1,
+    )
+    mesh = ask(Question(path=path, dim=2, unit=1.0, mesh=options))
+    assert isinstance(mesh, RawMesh)
+    left, right = (np.sort(mesh.points[np.unique(mesh.facets[f"block.{side}"]), 1]) for side in ("left", "right"))
+    assert len(right) == 41  # the finer side is the one whose mesh the other gets
+    assert_allclose(left, right, atol=1e-6 * length)
+
+
+def test_a_mesh_with_a_node_that_is_nowhere_is_refused(tmp_path: Path) -> None:
+    path = draw(tmp_path / "b.msh", 2)
+    write(path, path.read_text().replace("\n4 2 0\n", "\n4 nan 0\n"))  # the corner's node
+    with pytest.raises(GeometryError, match=r"b\.msh: a node has a coordinate that is not a finite number"):
+        from_dict(scene_data(path))
+
+
+def cut_ball(gmsh: Gmsh) -> int:
+    """A cap of the unit ball, above z = 1/2, whose dome has no edge but its rim; returns the tag of the flat face."""
+    gmsh.model.occ.addSphere(0, 0, 0, 1)
+    gmsh.model.occ.rotate([(3, 1)], 0, 0, 0, 1, 0, 0, 1.5707963267948966)  # the sphere's seam goes below
+    gmsh.model.occ.addBox(-2, -2, 0.5, 4, 4, 4)
+    gmsh.model.occ.intersect([(3, 1)], [(3, 2)])
+    gmsh.model.occ.synchronize()
+    (flat,) = (tag for _, tag in gmsh.model.getEntities(2) if gmsh.model.getType(2, tag) == "Plane")
+    return int(flat)
+
+
+RIM = {"part.flat": {"box": [-1.0, -1.0, 0.4, 1.0, 1.0, 0.6]}}
+
+
+def test_a_curved_face_that_leaves_the_box_is_not_taken_though_its_rim_lies_inside() -> None:
+    with gmsh_session() as gmsh:
+        flat = cut_ball(gmsh)
+        assert find_parts(gmsh, 3, True, RIM, 1.0).sides == {"part.flat": [flat]}
+
+
+@pytest.mark.parametrize("newer", [False, True])
+def test_parameters_are_given_to_gmsh_as_such(newer: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """gmsh 4.13 takes coordinates where 4.8 takes parameters, unless it is told."""
+
+    def older_one(dim: int, tag: int, parametricCoord: list[float]) -> int:
+        return len(parametricCoord) == dim
+
+    def newer_one(dim: int, tag: int, coord: list[float], parametric: bool = False) -> int:
+        return len(coord) == dim if parametric else 0
+
+    with gmsh_session() as gmsh:
+        flat = cut_ball(gmsh)
+        monkeypatch.setattr(gmsh.model, "isInside", newer_one if newer else older_one)
+        assert find_parts(gmsh, 3, True, RIM, 1.0).sides == {"part.flat": [flat]}
+
+
+def test_a_box_is_as_sharp_far_from_the_origin() -> None:
+    with gmsh_session() as gmsh:
+        gmsh.model.occ.addBox(1e6, 0, 0, 4, 2, 2)
+        gmsh.model.occ.synchronize()
+        names = {"part.bottom": {"box": [0.0, -1.0, -1.0, 2e6, 3.0, 1.5]}}
+        assert find_parts(gmsh, 3, True, names, 1.0).sides == {"part.bottom": [5]}  # the others end at z = 2
+
+
+def test_an_axisymmetric_file_does_not_reach_beyond_the_axis_wherever_it_lies(tmp_path: Path) -> None:
+    (tmp_path / "b.geo").write_text(GEO.replace("{0, 0, 0, length", "{-1e-4, 1e6, 0, length"))
+    with pytest.raises(SceneError, match=r"reaches x = -0\.0001; x is the radius"):
+        from_dict(scene_data(tmp_path / "b.geo") | {"model": "axisymmetric"})

@@ -10,6 +10,7 @@ import pytest
 import stickslip.solvers.contact.pairing as pairing
 from shared.audited import record_of, stored_by
 from shared.cases import slow
+from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Round, Sphere
@@ -32,10 +33,8 @@ from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.results.verdict import limits, passed
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.prepared import prepare
 
-SceneOf = Callable[..., Scene]
 FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
 BALL = {"foundation": {"shape": "cylinder", "point": [1.0, -4.0], "radius": 4.0}}
 SOFT = {"law": "compliance", "c_n": 4.0, "m_n": 1.5}
@@ -263,7 +262,7 @@ def test_what_passes_its_limit_is_said_and_no_more() -> None:
 
 @pytest.mark.parametrize("nu", [*slow(0.3), 0.4])
 def test_the_second_energy_gives_the_forces_of_the_first(
-    nu: float, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+    nu: float, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     """In every model, at both orders, on every shape of cell: equilibrium is met to rounding."""
     for overrides in ({"model": "plane stress"}, {"geometry": {"order": 2}}, {"geometry": {"cells": "tensor"}}):

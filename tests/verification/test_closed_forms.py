@@ -11,6 +11,7 @@ from scipy.integrate import dblquad, quad
 from scipy.optimize import lsq_linear
 from scipy.special import ellipe, ellipk
 
+from stickslip.geometry.arrays import Array
 from stickslip.workflows.lab.verification.cases.press_fit import HUB as PRESSED_HUB
 from stickslip.workflows.lab.verification.cases.press_fit import SHAFT as PRESSED_SHAFT
 from stickslip.workflows.lab.verification.closed_forms import (
@@ -262,9 +263,6 @@ def test_raous_compliance_shift_falls_as_the_compliance_does() -> None:
     for case in raous.COMPLIANCE_SHIFTS:
         if case.k > 1000:
             assert abs(case.shift) + case.tolerance <= 0.001 * (1 + 1e-12)
-
-
-Array = NDArray[np.float64]
 
 
 # --- punch
