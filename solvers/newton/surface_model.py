@@ -283,7 +283,7 @@ class SurfaceModel:
         problem, known = self.problem, self.w + self.flexibility(self.p)
         scale = min(problem.p_ref, problem.u_ref * float(problem.gamma.min(initial=np.inf)))
         if self.p.any():
-            scale = min(scale, problem.scale(self.p))
+            scale = min(scale, problem.scales.of_tractions(self.p))
         system = SurfaceSystem(laws, problem.gamma, self.flexibility, known)
         found = system.solve(p, u, INEXACT * self.enough * scale)
         return problem.surface.agreed(found[0]), problem.surface.agreed(found[1])  # what is learnt is shared by ranks
