@@ -5,7 +5,8 @@ A tolerance is one of the levels times the size of what is compared; the line th
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,23 @@ HALF_DIGITS = EPS**0.5  # 1.5e-8: what a system leaves that is singular but for 
 ROUNDING = 1e-9  # of coordinates, shape functions, forces and motions that went through several of those
 CLOSE = 1e-6  # of what other programs hand over, of directions, and of answers that are improved afterwards
 SLIGHT = 1e-3  # a part that the eye does not see, and by which numbers tell nothing apart
+
+
+class Rows:
+    """Base of dataclasses whose fields are arrays, each with one row for each of the same things."""
+
+    def at(self, chosen: AnyArray) -> Self:
+        """The rows that are chosen, by number or by a mask."""
+        return self.each(lambda rows: rows[chosen])
+
+    def each(self, change: Callable[[AnyArray], AnyArray]) -> Self:
+        """With the same change of every array."""
+        return type(self)(**{name: change(rows) for name, rows in vars(self).items()})
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The rows of all parts, one part after the other."""
+        return cls(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
 
 
 def cross(arms: Array, forces: Array) -> Array:

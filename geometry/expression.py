@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -24,7 +25,8 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
 AXES = (("E", (1, 2, 3)), ("G", (12, 13, 23)), ("nu", (12, 13, 23)))  # of orthotropic bodies
 OF_SEVERAL = ("min", "max")
 CONSTANTS = ("E", "nu", *(f"{kind}_{axes}" for kind, found in AXES for axes in found))
-NAMES = ("x", "y", "z", "t", "pi", *CONSTANTS)
+RATE = "V"  # the slip rate [m/s], in friction laws alone
+NAMES = ("x", "y", "z", "t", "pi", RATE, *CONSTANTS)
 LONGEST, DEEPEST = 400, 40  # characters of an expression, operations within each other
 FOREIGN = re.compile(r"[^A-Za-z0-9_ .+\-*/(),]")
 OPERATORS: Mapping[type[ast.AST], Callable[..., Any]] = {
@@ -180,11 +182,7 @@ def _refuse(node: ast.AST, first: int, deepest: int) -> None:
         raise _WrongError(column, f"more than {DEEPEST} operations within each other")
     match node:
         case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
-            try:
-                finite = np.isfinite(float(value))
-            except OverflowError:
-                finite = False
-            if not finite:
+            if not abs(value) <= sys.float_info.max:
                 raise _WrongError(column, "a number that is too large")
         case ast.Name(id=name):
             if name in FUNCTIONS:
@@ -196,14 +194,18 @@ def _refuse(node: ast.AST, first: int, deepest: int) -> None:
         case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() | ast.Pow(), right=right):
             parts = [left, right]
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
-            if name not in FUNCTIONS:
-                raise _WrongError(column, f"{shortened(name, 20)} is no function; {nearest(name, FUNCTIONS)}")
-            if (len(args) < 2) if name in OF_SEVERAL else (len(args) != 1):
-                raise _WrongError(
-                    column, f"{name} needs {'at least two values' if name in OF_SEVERAL else 'one value'}"
-                )
+            _refuse_call(name, len(args), column)
             parts = args
         case _:
             raise _WrongError(column, "only numbers, + - * / **, parentheses, known names and functions are allowed")
     for part in parts:
         _refuse(part, first, deepest - 1)
+
+
+def _refuse_call(name: str, count: int, column: int) -> None:
+    """Refuse an unknown function, or one with a wrong number of values."""
+    if name not in FUNCTIONS:
+        raise _WrongError(column, f"{shortened(name, 20)} is no function; {nearest(name, FUNCTIONS)}")
+    if count < 2 if name in OF_SEVERAL else count != 1:
+        needed = "at least two values" if name in OF_SEVERAL else "one value"
+        raise _WrongError(column, f"{name} needs {needed}")

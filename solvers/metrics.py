@@ -24,7 +24,6 @@ from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.system.system import System, contact_sides
 
 DIRECTIONS = 64  # of the trapezoidal rule over half a turn, which converges geometrically
-NORMALS = 8  # normals of which the mean is taken
 
 
 def surface_compliance(C: Array, along: Array, normal: Array) -> Array:
@@ -52,7 +51,7 @@ def mean_compliance(body: Orthotropic, normals: Array, plane_stress: bool) -> fl
     d = normals.shape[1]
     C = body.tensor_in(plane_stress)[:d, :d, :d, :d]
     found = []
-    for normal in normals[:: max(1, len(normals) // NORMALS)]:
+    for normal in normals[:: max(1, len(normals) // 8)]:  # about as many
         for along in np.linalg.svd(normal[None])[2][1:]:  # across the normal: one direction in 2D, two in 3D
             compliance = surface_compliance(C, along, normal)
             frame = np.array([along, normal])
@@ -182,13 +181,7 @@ def surface_metric(system: System) -> SurfaceMetric:
     cut = CELLS * system.mesh.degree * mass ** (1 / (d - 1))
     layer = ContactLayer(system, CELLS)
     return SurfaceMetric(
-        L=L,
-        mass=mass,
-        depth=depth / mass,
-        compliance=compliance / mass,
-        layer=layer,
-        cut=cut,
-        comm=system.mesh.comm,
+        L=L, mass=mass, depth=depth / mass, compliance=compliance / mass, layer=layer, cut=cut, comm=system.mesh.comm
     )
 
 

@@ -85,7 +85,7 @@ Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, Hal
 Obstacles         Plane, Cylinder, Sphere, Cone, Rotation
 Normal laws       Unilateral, Compliance, Bilateral, Tied
 Friction laws     Coulomb, CappedCoulomb, Cohesion, OrthotropicCoulomb, PressureDependent,
-                  SlipDependent, StaticKinetic, Stick, TangentialCompliance, Tresca
+                  RateDependent, SlipDependent, StaticKinetic, Stick, TangentialCompliance, Tresca
 Effects           BodyForce, Bolt, Centrifugal, ElasticSupport, Gravity, Periodic, RemotePoint,
                   Spring, Thermal
 Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,

@@ -6,14 +6,14 @@ The cells of quadrature are those of the overlay of the two meshes: segments in 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, Rows
 from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.overlay import segments, triangles
 from stickslip.geometry.surfaces.surface import Surface
@@ -118,7 +118,7 @@ def _pairs_of_equals(keys: Ints) -> tuple[Ints, Ints]:
 
 
 @dataclass(frozen=True)
-class Overlap:
+class Overlap(Rows):
     """The q quadrature points of the part of a slave surface that faces a master surface, ordered by slave facet.
 
     Cells are cut in the reference coordinates of the slave facet, and weights contain the Jacobian of the curved facet
@@ -164,7 +164,7 @@ def overlap(slave: Surface, master: Surface, reach: float, degree: int) -> Overl
     found = _project(slave, master, normals, each, local, np.outer(cells.areas, weights).ravel())
     met = np.isfinite(found.gap).reshape(-1, len(weights)).all(axis=1)  # a line may miss a curved facet
     rows = np.repeat(met, len(weights))
-    return Overlap(**{field.name: getattr(found, field.name)[rows] for field in fields(found)})
+    return found.at(rows)
 
 
 def _project(slave: Surface, master: Surface, normals: Array, cells: Cells, local: Array, areas: Array) -> Overlap:

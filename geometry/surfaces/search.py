@@ -15,7 +15,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools, Ints, Rows
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
 
@@ -164,7 +164,7 @@ class _Patches:
 
 
 @dataclass(frozen=True)
-class _Hits:
+class _Hits(Rows):
     """Intersections of lines and facets, one row each."""
 
     point: Ints
@@ -249,9 +249,9 @@ def _search(
                 point, facet = point[may], facet[may]
                 met, local, gap = intersect(master, facet, points[point], directions[point], frames[point])
                 met &= np.abs(gap) <= reach
-                hits.append(_Hits(point[met], facet[met], local[met], gap[met]))
+                hits.append(_Hits(point, facet, local, gap).at(met))
                 np.minimum.at(limit, point[met], np.abs(gap[met]))
-    return _Hits(*(np.concatenate([getattr(hit, name) for hit in hits]) for name in _Hits.__dataclass_fields__))
+    return _Hits.joined(hits)
 
 
 def _march(

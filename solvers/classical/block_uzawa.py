@@ -33,10 +33,6 @@ from stickslip.solvers.newton.surface_model import nearest_in_cone
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.scene.problem import Problem
 
-TOLERANCE = 1e-3  # relative change of the Rayleigh quotient, four iterations in a row, at which it stops
-MOST = 60  # iterations
-VECTORS = 40  # that Lanczos' method keeps
-
 
 @dataclass(frozen=True)
 class Eigenvalue:
@@ -52,8 +48,12 @@ class Eigenvalue:
         return self.quotient + self.error
 
 
-def largest_eigenvalue(apply: Callable[[Array], Array], start: Array) -> Eigenvalue:
+def largest_eigenvalue(
+    apply: Callable[[Array], Array], start: Array, tolerance: float = 1e-3, most: int = 60
+) -> Eigenvalue:
     """The largest eigenvalue of an operator on vectors (n,), from a start (n,) that is not normal to its direction.
+
+    It stops when the relative change of the Rayleigh quotient is within the tolerance four iterations in a row.
 
     >>> found = largest_eigenvalue(lambda x: np.array([1.0, 3.0]) * x, np.ones(2))
     >>> round(found.quotient, 3)
@@ -62,34 +62,32 @@ def largest_eigenvalue(apply: Callable[[Array], Array], start: Array) -> Eigenva
     if not len(start):
         return Eigenvalue(1.0, 0.0, start)
     x, value, error, small = start / np.linalg.norm(start), 0.0, 0.0, 0
-    for k in range(1, MOST + 1):
+    for k in range(1, most + 1):
         y = apply(x)
         before, value = value, float(x @ y)
-        small = small + 1 if abs(value - before) <= TOLERANCE * abs(value) else 0
+        small = small + 1 if abs(value - before) <= tolerance * abs(value) else 0
         error = float(np.linalg.norm(y - value * x))
-        if not value or small == 4 or k == MOST:
+        if not value or small == 4 or k == most:
             break
         x = y / np.linalg.norm(y)
     return Eigenvalue(value, error, x)
 
 
-def smallest_eigenvalue(apply: Callable[[Array], Array], start: Array) -> float:
+def smallest_eigenvalue(apply: Callable[[Array], Array], start: Array, vectors: int = 40) -> float:
     """The smallest eigenvalue of an operator on vectors (n,), by Lanczos' method: small ones are crowded here.
 
     >>> round(smallest_eigenvalue(lambda x: np.arange(1.0, 61.0) * x, np.ones(60)), 3)
     1.0
     """
     size = len(start)
-    if size <= VECTORS:
+    if size <= vectors:
         return float(np.linalg.eigvalsh(np.column_stack([apply(unit) for unit in np.eye(size)]))[0])
     operator = LinearOperator((size, size), matvec=apply, dtype=float)
-    (found,) = eigsh(operator, k=1, which="SA", v0=start, tol=LANCZOS, ncv=VECTORS, return_eigenvectors=False)
+    (found,) = eigsh(operator, k=1, which="SA", v0=start, tol=LANCZOS, ncv=vectors, return_eigenvectors=False)
     return float(found)
 
 
 log = logging.getLogger(__name__)
-ENOUGH = 8  # iterations of which the second half tells a rate
-SAFE = 0.3  # of tau_k by elman-golub: the natural norm of an inner residual is an estimate
 # keys without effect where outer = "ksp"
 OF_UZAWA = (
     "preconditioner",
@@ -246,7 +244,7 @@ class OnBlocks(Ready):
 
         def solve(p: Array) -> Solved:  # F(u_{k+1}) = f - B^T p_k + delta_k
             nonlocal last
-            allowed = method.inner(problem, last, p, lambda change: SAFE * self._norm(change)) if inexact else None
+            allowed = method.inner(problem, last, p, lambda change: 0.3 * self._norm(change)) if inexact else None
             p, u_c = blocks.solve(p, q, allowed)
             if inexact and problem.natural_residual(p, problem.relative_displacement(u_c)) <= method.rtol:
                 p, u_c = blocks.solve(p, q, None)  # delta = 0: the residual is that of the answer
@@ -350,7 +348,7 @@ class OnBlocks(Ready):
         residuals = tuple(step.residual for step in found.history)
         half = len(residuals) // 2
         observed = None
-        if len(residuals) >= ENOUGH and residuals[half] > 0:
+        if len(residuals) >= 8 and residuals[half] > 0:  # iterations of which the second half tells a rate
             observed = (residuals[-1] / residuals[half]) ** (1 / (len(residuals) - 1 - half))
         return Convergence(
             preconditioner=self.method.preconditioner,

@@ -106,10 +106,6 @@ def inverse_root(Q: Array) -> Array:
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 
 
-FIRST_SHIFT = 1e-3  # of the diagonal, after a pivot that is not positive
-SHIFTS = 12  # each twice the one before
-
-
 @dataclass(frozen=True)
 class IncompleteFactor:
     """The lower triangular factor P, in the order of A."""
@@ -146,12 +142,10 @@ def incomplete_cholesky(A: Array | Sparse, drop: float | None = None) -> Incompl
     """
     lower = sparse.tril(A, format="csc")
     lower.sort_indices()
-    shift = 0.0
-    for _ in range(SHIFTS):
+    for shift in (0.0, *(1e-3 * 2.0 ** np.arange(11)).tolist()):  # of the diagonal
         P = _factor(lower, drop, 1 + shift)
         if P is not None:
             return IncompleteFactor(P, shift)
-        shift = 2 * shift or FIRST_SHIFT
     raise MachineError("incomplete Cholesky: a pivot stays negative; the Gram matrix is not positive definite")
 
 

@@ -147,7 +147,6 @@ class CompliantBodies:
 
 
 OuterMetric = Literal["points", "jacobian"]
-CHANGED = 0.01  # relative to the largest spring: alpha_k is computed anew only if some spring changes by more
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,7 +202,7 @@ class NonlinearUzawa(Relaxation, FrictionUpdates, InnerKeys, Stateless):
             if problem.natural_residual(p, problem.relative_displacement(u_c)) <= self.rtol:
                 p, u_c, V = bodies.solve(p, u_c, negligible(problem, self.rtol))
             k = bodies.springs(p)
-            if len(bodies.others) and np.abs(k - springs).max() > CHANGED * k.max():
+            if len(bodies.others) and np.abs(k - springs).max() > 0.01 * k.max():  # alpha_k is computed anew
                 springs, alpha = k, self.relaxation / bodies.lambda_max(V)
             last = Solved(p, u_c, alpha)
             return last

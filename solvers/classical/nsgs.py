@@ -61,10 +61,6 @@ def sweep_until_solved(
     return Driver(problem.surface.counters, rtol, max_it, on_step).run(iterates(), Stall(window))
 
 
-PLATEAU = 20000  # sweeps in which the smallest residual must halve; plateaus of 2000 were seen
-CLOSE, FEW = 10, 5  # the residual is measured after each of the first CLOSE sweeps, then after every FEW
-
-
 @dataclass(frozen=True)
 class Colour:
     """Contacts of one colour."""
@@ -114,9 +110,9 @@ class ColouredSweeps:
             sweep,
             rtol=self.rtol,
             max_it=self.max_it,
-            window=PLATEAU,
+            window=40 * PATIENT,  # plateaus of 2000 were seen
             on_step=on_step,
-            looks=lambda k: k <= CLOSE or k % FEW == 0,
+            looks=lambda k: k <= 10 or k % 5 == 0,  # to look costs as much as a sweep
         )
 
 
@@ -163,9 +159,6 @@ def _own_blocks(W: Sparse, d: int) -> Array:
     return blocks
 
 
-NEWTON_STEPS = 50  # for the equation of a slipping point; it converges monotonically, about five are enough
-
-
 @dataclass(frozen=True, kw_only=True)
 class NSGS(Method):
     """For each point in turn r = R - D W p, then solve its contact laws for its p; other points keep their tractions.
@@ -190,7 +183,7 @@ class NSGS(Method):
         "point's laws answered exactly. 70–180 sweeps a step at tolerance 1e-11 on coarse `block`, `cube` and "
         "`cylinders`; they grow with the number of points"
     )
-    WORKS_WITH: ClassVar = Applicability(floating=False, matrix_free=False, contends=False)
+    WORKS_WITH: ClassVar = Applicability(floating=False, rates=False, matrix_free=False, contends=False)
     TURNS: ClassVar = (Turn("condensed", 3),)
 
     def build(self, setup: Setup) -> Ready:
@@ -224,13 +217,7 @@ class Sweeps(SameEveryStep):
                 forces[i] = W[i] * p[i]
 
         return sweep_until_solved(
-            problem,
-            p.copy,
-            sweep,
-            rtol=self.method.rtol,
-            max_it=self.method.max_it,
-            window=PATIENT,
-            on_step=on_step,
+            problem, p.copy, sweep, rtol=self.method.rtol, max_it=self.method.max_it, window=PATIENT, on_step=on_step
         )
 
 
@@ -304,7 +291,7 @@ def in_disc(give: Array, asked: Array, bound: float) -> Array:
     if bound <= 0:
         return np.zeros_like(t)
     x = 0.0
-    for _ in range(NEWTON_STEPS if len(t) > 1 else 0):  # with one axis the answer is +-bound
+    for _ in range(50 if len(t) > 1 else 0):  # with one axis the answer is +-bound
         if length <= bound * (1 + LAST_DIGITS):  # relative, of a length
             break
         x += (length / bound - 1) * length**2 / float(t @ (t / (give + x)))

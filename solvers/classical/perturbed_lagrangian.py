@@ -24,10 +24,7 @@ FACTOR = 10.0  # from one level of ω to the next
 START = 1e-8  # residual of a softer level at which its status of all elements is a good start for the next level
 NEWTON_STEPS = 20  # at one level; about six are enough if the level before is a good start
 DETOURS = 8  # largest number of additional levels, inserted where Newton's method stalls
-SOFTER = 3  # times that the springs are made softer by `FACTOR` where they start again
-SLOW = 0.9  # of the defect before; if it falls by less, starting again does not help
 HALVINGS = 6  # of a Newton step; shorter steps bring no progress
-DESCENT = 1e-4  # part of the predicted decrease that a shortened step must bring (Armijo)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +56,7 @@ class PerturbedLagrangian(Method):
     )
     EXACT_LAWS: ClassVar = False
     WORKS_WITH: ClassVar = Applicability(
-        floating=True, normal=("unilateral", "bilateral", "tied"), matrix_free=False, contends=False
+        floating=True, normal=("unilateral", "bilateral", "tied"), rates=False, matrix_free=False, contends=False
     )
     ROW: ClassVar = 8
 
@@ -164,9 +161,9 @@ class OnSprings(SameEveryStep):
         Returns:
             The status, the tractions (rows,) [Pa] that the springs started from at last, and their penalties.
         """
-        omega, softer, before = self.omega, SOFTER, np.inf
+        omega, softer, before = self.omega, 3, np.inf  # times that the springs are made softer where they start again
         while newton.defect > self.method.rtol:
-            if newton.defect > SLOW * before:
+            if newton.defect > 0.9 * before:  # it falls by too little
                 return Status.STALLED, held, omega
             before, held, at = newton.defect, newton.p, (newton.u_c, newton.Sigma)
             status = newton.solve(omega, held, self.method.rtol)
@@ -284,7 +281,7 @@ class Newton:
             size = self._size(elements, u_c, Sigma)
             if size < best:
                 best, found = size, (u_c, Sigma)
-            if best <= (1 - DESCENT * part) * before:
+            if best <= (1 - 1e-4 * part) * before:  # Armijo
                 break
         if np.isfinite(best):
             self.u_c, self.Sigma = found

@@ -120,7 +120,6 @@ class Nodal:
 
 
 FACTOR = 10**0.5  # from level to level; with 10, Newton's method becomes slow
-FURTHER = 5  # Newton steps after the tolerance is met, to measure what was left
 NEWTON_STEPS = 50  # at one level; about six are enough if the levels before are a good start
 PENETRATION = 4 * float(np.finfo(float).eps)  # rounding of a penetration, relative to u_ref
 SLIPPING = 10  # a point that has moved by more than this many eps counts as slipping
@@ -293,7 +292,7 @@ class VolumeNewton:
         system, self.solved = self.method.system, True
         exact = q.copy()
         atol = max(ENOUGH * self.history[-1].residual, PENETRATION / level) * self.scale
-        self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=FURTHER)
+        self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=5)  # to measure what was left
         self.snes.setForceIteration(True)
         with system.counters.for_error():
             self._solve(exact)

@@ -20,6 +20,7 @@ from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import PATIENT, Driver, Iterate, OnStep, Plateau, Solution, ignore
+from stickslip.solvers.laws.law import Trial
 from stickslip.solvers.linear.petsc_solver import Allowed
 from stickslip.solvers.methods.method import Applicability, Keys, Stateless
 
@@ -33,8 +34,8 @@ class GivenFriction(AdmissibleSet):
 
     given: Array  # (rows,) [Pa]
 
-    def bound(self, place: ContactBlock, p_n: Array) -> Array:
-        return super().bound(place, self.given[place.normal])
+    def bound(self, place: ContactBlock, p_n: Array, trial: Trial | None = None) -> Array:
+        return super().bound(place, self.given[place.normal], trial)
 
     def bound_slope(self, place: ContactBlock, p_n: Array) -> Sparse:
         found: Sparse = sparse.csr_matrix(place.average.shape)
@@ -90,9 +91,6 @@ class FixedStep(Relaxation, FrictionUpdates):
         return self.relaxation / problem.surface.lambda_max
 
 
-GIVEN = 0.1  # residual of a problem of given friction, relative to the whole one, at which its bounds are updated
-
-
 @dataclass(frozen=True)
 class Solved:
     """Result of an inner solve."""
@@ -141,7 +139,7 @@ class Outer:
             p, w = inner.p, problem.relative_displacement(inner.u_c)
             residual = problem.natural_residual(p, w)
             yield Iterate(k, residual, p, w, inner.u_c)
-            if frozen and step.natural_residual(p, w) <= GIVEN * residual:
+            if frozen and step.natural_residual(p, w) <= 0.1 * residual:
                 step = with_given_friction(problem, p)
             found = self.advance(step, inner, w, residual)
             if found is None:
@@ -150,7 +148,6 @@ class Outer:
 
 
 InnerRule = Literal["elman-golub", "bramble-pasciak-vassilev"]
-CERTAIN = 0.1  # largest error of the natural residual after the last inner solve, relative to the outer tolerance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,7 +209,7 @@ def negligible(problem: SurfaceProblem, rtol: float) -> Allowed:
     surface = problem.surface
     if not len(surface.W):
         return constant(problem, 0.0)
-    return constant(problem, CERTAIN * rtol * problem.u_ref * np.sqrt(surface.W.min() / surface.lambda_max))
+    return constant(problem, 0.1 * rtol * problem.u_ref * np.sqrt(surface.W.min() / surface.lambda_max))
 
 
 def constant(problem: SurfaceProblem, value: float) -> Allowed:

@@ -15,6 +15,7 @@ import numpy as np
 from stickslip.geometry.arrays import Array, Bools
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.laws.law import Dragged, Trial
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,11 +92,33 @@ class AdmissibleSet:
         """The admissible set of the same laws at another time."""
         return AdmissibleSet(self.contacts, time, self.end)
 
-    def bound(self, place: ContactBlock, p_n: Array) -> Array:
-        """Friction bound s (m_t,) [Pa] of one contact at its pressures p_n (m_n,) [Pa]."""
+    def bound(self, place: ContactBlock, p_n: Array, trial: Trial | None = None) -> Array:
+        """Friction bound s (m_t,) [Pa] of one contact at its pressures p_n (m_n,) [Pa].
+
+        Args:
+            trial: tractions whose slip raises the bound of a law that `drags`; None: at rest.
+        """
         law = place.rows.friction
         assert law is not None
+        if trial is not None and law.drags:
+            return self.dragged(place, p_n, trial).bound
         return law.limit(p_n, place.average, place.rows.normal, self.time, self.end)
+
+    def dragged(self, place: ContactBlock, p_n: Array, trial: Trial) -> Dragged:
+        """That bound with its derivatives, of any law."""
+        law = place.rows.friction
+        assert law is not None
+        if law.drags:
+            return law.dragged(p_n, place.average, trial)
+        return Dragged(self.bound(place, p_n), np.zeros_like(trial.size), self.bound_slope(place, p_n))
+
+    def _in_disc(self, place: ContactBlock, t: Array, p_n: Array, gamma: Array | float) -> Array:
+        """Tangential tractions (m_t c,) of trial ones t (m_t, c) [Pa], which are divided by 1 + gamma / k_T."""
+        law, trial = place.rows.friction, None
+        if law is not None and law.drags:
+            step = np.broadcast_to(gamma, self.size)[place.tangential][:: place.components]
+            trial = Trial(np.linalg.norm(t, axis=1) * (1 + step * law.softness), step)
+        return project_disc(t, self.bound(place, p_n, trial)).ravel()
 
     def bound_at_nodes(self, place: ContactBlock, p: Array) -> Array:
         """Friction bound (n,) [Pa] at the slave's nodes of one contact, at tractions p (rows,) [Pa]."""
@@ -145,7 +168,7 @@ class AdmissibleSet:
             p[place.normal] = place.rows.normal.resolvent(p_hat[place.normal], gamma[place.normal])
         for place in self.with_friction():
             t = np.where(place.rows.free, p[place.tangential].reshape(-1, place.components), 0.0)
-            p[place.tangential] = project_disc(t, self.bound(place, p[place.normal])).ravel()
+            p[place.tangential] = self._in_disc(place, t, p[place.normal], gamma)
         return p
 
     def natural_residual(self, p: Array, r: Array, gamma: Array | float) -> Array:
@@ -166,8 +189,7 @@ class AdmissibleSet:
             residual[n] = p[n] - (trial[n] if place.rows.normal.sides == 2 else np.maximum(trial[n], 0.0))
         for place in self.with_friction():
             hat = np.where(place.rows.free, elastic[place.tangential].reshape(-1, place.components), 0.0)
-            disc = project_disc(hat, self.bound(place, p[place.normal]))
-            residual[place.tangential] = p[place.tangential] - disc.ravel()
+            residual[place.tangential] = p[place.tangential] - self._in_disc(place, hat, p[place.normal], gamma)
         return residual
 
 

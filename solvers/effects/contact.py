@@ -41,7 +41,8 @@ class _Friction(_Law):
 
 
 def _more(law: FrictionLaw) -> str:
-    again = f", each step again until mu is that of its {law.remembers}" if law.remembers else ""
+    again = ", each step again until mu is that of its" if law.remembers and not law.drags else ", with mu of its"
+    again = f"{again} {law.remembers}" if law.remembers else ""
     return again + (", measured along its directions" if law.orthotropic else "")
 
 

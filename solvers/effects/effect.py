@@ -53,6 +53,7 @@ class Effect(ABC):
 
     name: ClassVar[str]  # row of the plan, and name of the scene's table if the effect has one
     table: ClassVar[Any] = None  # type of that table: an `EffectTable`, or a Mapping of them by name
+    example: ClassVar[Mapping[str, Any]] = {}  # tables of a block that call for it, to measure what it costs
 
     def __init_subclass__(cls, **kwargs: object) -> None:
         super().__init_subclass__(**kwargs)

@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import null_space
 
-from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, cross
+from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, Rows, cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Comm, Mat
@@ -32,7 +32,7 @@ AXIS = "axis of symmetry"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Components:
+class Components(Rows):
     """The k prescribed components that a rank knows: direction . u = value of a drive at time t."""
 
     node: Ints  # (k,) global numbers, increasing; of a periodic node that of its root
@@ -40,16 +40,6 @@ class Components:
     drive: Ints  # (k,) index in `Constraints.drives`
     support: Ints  # (k,) index in `Constraints.supports`
     points: Array  # (k, d) where an expression has its value [m]
-
-    def at(self, chosen: Bools | Ints) -> Components:
-        """Those of the components that are chosen."""
-        return Components(
-            node=self.node[chosen],
-            directions=self.directions[chosen],
-            drive=self.drive[chosen],
-            support=self.support[chosen],
-            points=self.points[chosen],
-        )
 
 
 @dataclass(frozen=True)
@@ -76,7 +66,7 @@ class Periodic:
 
 
 @dataclass(frozen=True)
-class Sprung:
+class Sprung(Rows):
     """Directions at this rank's nodes in which springs resist motion, m of them."""
 
     points: Array  # (m, d) [m]

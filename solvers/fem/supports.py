@@ -84,7 +84,7 @@ def _own_components(
         local = _on_axis(mesh, nodes)
         radial = np.tile([1.0, 0.0], (len(local), 1))
         found.append(_components(nodes, local, radial, len(drives), names.index(AXIS)))
-    return _together(found)
+    return Components.joined(found)
 
 
 def _components(nodes: Nodes, local: Ints, directions: Array, drive: int, support: int) -> Components:
@@ -98,32 +98,10 @@ def _components(nodes: Nodes, local: Ints, directions: Array, drive: int, suppor
     )
 
 
-def _together(parts: list[Components]) -> Components:
-    return Components(
-        node=np.concatenate([part.node for part in parts]),
-        directions=np.concatenate([part.directions for part in parts]),
-        drive=np.concatenate([part.drive for part in parts]),
-        support=np.concatenate([part.support for part in parts]),
-        points=np.concatenate([part.points for part in parts]),
-    )
-
-
 def _with_shared(mesh: Mesh, nodes: Nodes, own: Components, shared: Bools, periodic: Periodic) -> Components:
     """Those of this rank's nodes, and of all ranks' shared nodes (owned,), by root node; collective."""
-    every, known = partial(of_all_ranks, mesh.comm), shared[own.node - nodes.offset]
-    of_all = own.at(known)
-    found = _together(
-        [
-            own.at(~known),
-            Components(
-                node=every(of_all.node),
-                directions=every(of_all.directions),
-                drive=every(of_all.drive),
-                support=every(of_all.support),
-                points=every(of_all.points),
-            ),
-        ]
-    )
+    known = shared[own.node - nodes.offset]
+    found = Components.joined([own.at(~known), own.at(known).each(partial(of_all_ranks, mesh.comm))])
     at = np.searchsorted(periodic.followers, found.node)
     follows = np.isin(found.node, periodic.followers)
     roots = found.node.copy()
@@ -174,14 +152,13 @@ def _with_supports(
 
 def _sprung(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) -> Sprung:
     """What springs to the ground resist at this rank's nodes; collective."""
-    points, directions, part = [np.zeros((0, mesh.dim))], [np.zeros((0, mesh.dim))], [np.zeros(0, np.int64)]
+    nothing = np.zeros((0, mesh.dim))
+    found = [Sprung(nothing, nothing, np.zeros(0, np.int64))]
     for springs in problem.springs:
         side = own_nodes(mesh, space, nodes, springs.boundary)
-        for along in springs.directions(side.normals):
-            points.append(nodes.points[side.local])
-            directions.append(along)
-            part.append(nodes.part[side.local])
-    return Sprung(np.concatenate(points), np.concatenate(directions), np.concatenate(part))
+        at = nodes.points[side.local], nodes.part[side.local]
+        found += [Sprung(at[0], along, at[1]) for along in springs.directions(side.normals)]
+    return Sprung.joined(found)
 
 
 def _on_axis(mesh: Mesh, nodes: Nodes) -> Ints:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -14,6 +14,21 @@ from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Choice, Key
 from stickslip.geometry.protocols import Sparse
+
+
+class Trial(NamedTuple):
+    """Trial tractions t_hat = t + gamma (slip and elastic motion in the step) of points."""
+
+    size: Array  # (m_t,) |t_hat| [Pa]
+    gamma: Array  # (m_t,) > 0 [Pa/m]
+
+
+class Dragged(NamedTuple):
+    """Traction of points that slip at their own rates, in their way."""
+
+    bound: Array  # (m_t,) [Pa]; of points that stick, at rest
+    by_trial: Array  # (m_t,) its derivative by |t_hat| [-]
+    by_pressure: Sparse  # (m_t, m_n) and by pressures [-]
 
 
 class NormalLaw(Choice):
@@ -77,6 +92,8 @@ class FrictionLaw(Choice):
         ""  # if the bound jumps where surfaces part, so that there may be no solution: a law with one
     )
     remembers: ClassVar[str] = ""  # what of the slip of a point it depends on, in words; empty: nothing; see `memory`
+    timed: ClassVar[bool] = False  # whether the length of steps counts, so that times have to be seconds
+    drags: ClassVar[bool] = False  # whether slip in a step raises its bound, see `dragged`
     orthotropic: ClassVar[bool] = False  # whether tangential rows are measured along its `directions`
     k_T: Annotated[float | None, Key("Pa/m", "tangential stiffness before slip; absent: rigid")] = None
 
@@ -124,6 +141,20 @@ class FrictionLaw(Choice):
     def at(self, memory: Array) -> FrictionLaw:
         """The law of points with a memory (m_t,) at the end of a substep; what `remembers` has no other bound."""
         return self
+
+    def within(self, memory: Array, step: float) -> FrictionLaw:
+        """The law in a substep of a length [s] that is to end with a memory (m_t,), if that does not follow at once."""
+        return self.at(memory)
+
+    def dragged(self, p: Array, average: Sparse, trial: Trial) -> Dragged:
+        """Bound of points by the slip that trial tractions lead to; of a law that `drags`.
+
+        Args:
+            p: normal pressures (m_n,) [Pa].
+            average: (m_t, m_n), see the class.
+            trial: t + gamma (u_T - u_T,before) of the points.
+        """
+        raise NotImplementedError
 
     def of_point(self, point: int) -> FrictionLaw:
         """The law of one tangential point."""

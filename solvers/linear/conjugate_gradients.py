@@ -97,7 +97,6 @@ class SearchDirections:
         self._D[:k], self._AD[:k] = snapshot["D"].T, snapshot["AD"].T
 
 
-SAFETY = 2.0  # of the estimated error
 UNKNOWN = 0.5  # smallest contraction per iteration that is assumed before two steps allow an estimate
 SLOWEST, FASTEST = 0.95, 0.3  # limits of the estimated contraction
 MULTIGRID = 2.0  # error, relative to one multigrid cycle applied to the residual
@@ -160,8 +159,8 @@ class ContactErrorCriterion:
             rate = self._rate()
             share = rate / (1 - rate)
         enough = max(self.error, self.relative * size)
-        # steps alone do not show an error that hardly falls, such as bending of a slender body
-        return bool(SAFETY * share * step <= enough) and self._left * self.response() <= enough
+        # twice the estimate; steps alone do not show an error that hardly falls, such as bending of a slender body
+        return bool(2.0 * share * step <= enough) and self._left * self.response() <= enough
 
     def _rate(self) -> float:
         """Estimated contraction per iteration."""

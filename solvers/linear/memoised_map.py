@@ -10,8 +10,6 @@ from stickslip.geometry.arrays import LAST_DIGITS, Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.parallel.serialise import Own, Plain
 
-KEPT = 8  # vectors; loads that turn steadily through more directions gain nothing from it
-
 
 class MemoisedMap:
     """Calls the map only for the part of a vector outside the known span.
@@ -41,7 +39,7 @@ class MemoisedMap:
             rest.scale(1 / length)
             its_image = self._apply(rest)
             image += length * its_image
-            if len(self._known) < KEPT:
+            if len(self._known) < 8:  # loads that turn steadily through more directions gain nothing from it
                 self._known.append((rest, its_image))
         return image
 

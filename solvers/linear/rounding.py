@@ -14,8 +14,6 @@ from petsc4py import PETSc
 from stickslip.geometry.arrays import LAST_DIGITS, Array
 from stickslip.geometry.protocols import Mat
 
-WORTH = 0.1  # share of the entries that pays for another matrix
-LOOKED_AT = 300  # rows of each rank that tell the share
 CHUNK = 5000  # rows at a time: memory
 
 
@@ -26,7 +24,7 @@ def without_rounding(K: Mat) -> Mat:
     but columns get other sums.
     """
     size = LAST_DIGITS * np.abs(K.getDiagonal().array_r)  # of the diagonal
-    if _share(K, size) < WORTH:
+    if _share(K, size) < 0.1:  # they do not pay for another matrix
         return K
     dim, low = K.block_size, K.getOwnershipRange()[0]
     pointer, column, value = K.getValuesCSR()
@@ -56,7 +54,7 @@ def without_rounding(K: Mat) -> Mat:
 def _share(K: Mat, size: Array) -> float:
     """Share of the entries of K that are not larger than `size` (owned,) of their row, of some rows; collective."""
     low, high = K.getOwnershipRange()
-    rows = np.unique(np.linspace(low, high - 1, LOOKED_AT).astype(int)) if high > low else []
+    rows = np.unique(np.linspace(low, high - 1, 300).astype(int)) if high > low else []
     found = [(np.count_nonzero(np.abs(x) <= size[i - low]), len(x)) for i in rows for x in [K.getRow(i)[1]]]
     few, many = K.comm.tompi4py().allreduce(np.array(found, np.int64).reshape(-1, 2).sum(axis=0))
     return float(few / many) if many else 0.0

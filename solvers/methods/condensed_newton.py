@@ -25,11 +25,6 @@ from stickslip.solvers.newton.active_set import ActiveSet
 from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.newton.surface_model import DENSE
 
-FIRST, FACTOR, LEAST, MOST = 1e-2, 10.0, 1e-10, 1e2  # epsilon, relative to the largest diagonal entry of W
-INNER = 40  # Newton iterations for one regular problem, before epsilon is raised
-EXACT = 0.1  # of the tolerance: residual of a regular problem
-OUTER = 60  # regular problems
-
 
 @dataclass(frozen=True, kw_only=True)
 class ProximalPoints:
@@ -46,22 +41,31 @@ class ProximalPoints:
     rtol: float
     max_it: int  # Newton iterations of all regular problems
     newton: Callable[[float, int], Solve]  # residual and most iterations to the solver of a regular problem
+    first: float = 1e-2  # epsilon, relative to the largest diagonal entry of W, like the next two
+    least: float = 1e-10
+    most: float = 1e2
+    factor: float = 10.0  # by which it rises and falls
+    enough: float = 0.1  # residual of a regular problem, of the tolerance
+    steps: int = 40  # of Newton's method for one regular problem, before epsilon is raised
+    problems: int = 60  # regular ones
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         assert isinstance(problem, DiscreteProblem)
-        epsilon, count, successes, patience = FIRST, 0, 0, 1
+        epsilon, count, successes, patience = self.first, 0, 0, 1
         best = self._judged(problem, p, 0)
         history = list(best.history)
-        while best.status is not Status.CONVERGED and len(history) <= OUTER and count < self.max_it and epsilon <= MOST:
-            solve = self.newton(EXACT * self.rtol, min(INNER, self.max_it - count))
+        for _ in range(self.problems):
+            if best.status is Status.CONVERGED or count >= self.max_it or epsilon > self.most:
+                break
+            solve = self.newton(self.enough * self.rtol, min(self.steps, self.max_it - count))
             found = solve(problem.regular(p, epsilon), p, ignore)
             count += found.iterations
             if found.status is Status.CONVERGED:
                 p, successes = found.p, successes + 1
                 if successes >= patience:
-                    epsilon, successes = max(epsilon / FACTOR, LEAST), 0
+                    epsilon, successes = max(epsilon / self.factor, self.least), 0
             else:
-                epsilon, successes, patience = FACTOR * epsilon, 0, 2 * patience
+                epsilon, successes, patience = self.factor * epsilon, 0, 2 * patience
             tried = self._judged(problem, found.p, count)
             history += tried.history
             on_step(history[-1])

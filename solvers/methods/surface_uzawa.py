@@ -23,8 +23,6 @@ from stickslip.solvers.newton.surface_model import Flexibility, nearest_in_cone
 from stickslip.solvers.parallel.serialise import Plain
 
 PATIENCE = 600  # iterations of conjugate gradients in a step, until then; usual are 20 to 75
-VOLUME = 0.3  # accuracy of a volume solve, relative to the residual that is expected after it
-DROP = 0.5  # expected factor, on the safe side, by which one iteration reduces the residual
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +90,7 @@ class LearningIteration(SameEveryStep):
 
     def _iterates(self, problem: SurfaceProblem, p: Array) -> Iterator[Iterate]:
         surface, F, rtol = problem.surface, self._F(problem.surface), self.rtol
-        inner = 0.0 if surface.exact or problem.p_ref == 0 else VOLUME  # p_ref = 0: no load and no motion
+        inner = 0.0 if surface.exact or problem.p_ref == 0 else 0.3  # p_ref = 0: no load and no motion
         accuracy = inner
         known = not (p.any() or problem.load.rough)
         u_c = problem.load.free if known else problem.contact_displacement(p, accuracy)
@@ -110,7 +108,7 @@ class LearningIteration(SameEveryStep):
                 return
             p = found.p
             balanced = True
-            accuracy = inner * max(rtol, DROP * min(residual, 1.0))
+            accuracy = inner * max(rtol, 0.5 * min(residual, 1.0))  # expected on the safe side of an iteration
             u_new, forces_new = problem.contact_displacement(p, accuracy), surface.forces(p)
             F.learn(forces - forces_new, u_new - u_c)
             u_c, forces = u_new, forces_new

@@ -17,34 +17,21 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import (
-    USUAL,
-    Correction,
-    Driver,
-    Iterate,
-    OnStep,
-    Solution,
-    Stall,
-    Status,
-    ignore,
-)
+from stickslip.solvers.iteration import USUAL, Correction, Driver, Iterate, OnStep, Solution, Stall, Status, ignore
 from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Setup, Solve, Turn
 from stickslip.solvers.parallel.serialise import Own, Plain
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.solvers.tangent.laws import CompliantFaces, ContactPoints, Tangent
 from stickslip.solvers.tangent.operator import CoarseMotions, LoadScale, TangentOperator, chebyshev
 
-SWEEPS = 2  # over the contact points alone, before each iteration
 SMOOTHING = 6  # at the contact, before and after a multigrid cycle: with four, points that slip take up to a sixth more
 LOWEST = 1 / 20  # eigenvalue that they solve for, relative to the highest
 PATIENCE = 150  # iterations of a step, if another form of the bodies can take over
 FASTEST, SLOWEST = 0.2, 0.9  # limits of the contraction of an iteration that is counted on
 UNKNOWN = 0.75  # contraction that is counted on before one is seen
-SEVERAL = 5  # iterations: errors that fall unevenly say little by the last one alone
 SLOW = 0.55  # contraction at which, for the second time, multigrid may be adapted to the state of contact
 OTHERS, GROWN = 0.1, 0.4  # of the slave nodes, and of those that touch; with fewer changes multigrid stays
 FEW, MANY = 0.05, 0.3  # sticking shares of the closed area below which, and up to which, multigrid lets it slide
-COARSE = 0.25  # the same below which coarse motions are made
 MARGIN = 2.9  # of the error that is stated: over all ready scenes it is 1.2 to 15 times the true one then, most often 5
 
 
@@ -71,7 +58,7 @@ class TangentCG(Method):
         "large bodies in 3D, where `auto` takes it first: contact is decided while the bodies are solved; two steps "
         "for one to three linear solves"
     )
-    WORKS_WITH: ClassVar = Applicability(floating=True, driven=False, condensed=False)
+    WORKS_WITH: ClassVar = Applicability(floating=True, driven=False, rates=False, condensed=False)
     ROW: ClassVar = 2
     TURNS: ClassVar = (Turn("matrix-free", 0, dims=(3,)),)
 
@@ -257,7 +244,8 @@ class Iteration:
             residuals.append(error / scale if scale else error)  # which is zero then, or no number
             rtol = max(rtol, self.drop * residuals[0]) if k == 0 else rtol
             yield Iterate(k, residuals[-1])
-            latest, mean = _contractions(residuals[first:][-1 - SEVERAL :])
+            # errors that fall unevenly say little by the last one alone
+            latest, mean = _contractions(residuals[first:][-6:])
             contraction = float(np.clip(max(latest, mean), FASTEST, SLOWEST))
             slow += latest > SLOW and len(residuals) > 1 + first and not self.drop
             if slow == 2:
@@ -275,7 +263,7 @@ class Iteration:
         whose rigid motions multigrid would not resist then. Nodes that would leave a body free are not held alone.
         """
         operator, ready, sticking = self.operator, self.ready, self.points.sticking(tangent)
-        if ready.surface.floating and ready.coarse is None and sticking < COARSE:
+        if ready.surface.floating and ready.coarse is None and sticking < 0.25:  # share of the closed area
             return ready.make_coarse()
         sliding = not ready.surface.floating and sticking < (MANY if operator.sliding else FEW)
         touch = self.points.truncated(tangent, np.ones(len(operator.at))) == 0
@@ -297,7 +285,7 @@ class Iteration:
 
     def _relax(self) -> Array:
         """Sweeps over the contact points; the trial tractions (rows,) [Pa] of the last one."""
-        for _ in range(SWEEPS):
+        for _ in range(2):
             change, trial = self.points.relax(self.v[self.operator.at], self._forces(), self.pressed)
             self.v[self.operator.at] += change
             self.g[self.operator.slaves.near] -= self.operator.slaves.product(change)

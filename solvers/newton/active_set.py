@@ -14,6 +14,7 @@ from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.laws.law import Dragged, Trial
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,33 +78,38 @@ class _Rows:
         self.k[at] = k
         self.rhs[at] = p_0 - k * self.gap[at]
 
-    def slip(self, at: Ints, free: Bools, trial: Array, s: Array, slope: Sparse, p_n: Array, normal: slice) -> None:
+    def slip(self, at: Ints, free: Bools, trial: Array, s: Dragged, p_n: Array, normal: slice) -> None:
         """Let points slip, t = s(p_n) e + J (t + gamma (w - gap) - t_hat).
 
-        Here e = t_hat / |t_hat| and J = s/|t_hat| (I - e e^T), the derivative of the projection onto the disc.
+        Here e = t_hat / |t_hat| and J = s/|t_hat| (I - e e^T) + ds/d|t_hat| e e^T, the derivative of the projection
+        onto the disc; the last term is that of laws by slip rate.
 
         Args:
             at: rows of the points (m, c).
             free: (m, c) directions that carry a multiplier.
             trial: t_hat (m, c) [Pa].
-            s: bound (m,) [Pa].
-            slope: ds/dp_n (m, m_n).
-            p_n: pressures (m_n,) [Pa] at which s and slope are taken.
+            s: bound of the points, and its derivatives.
+            p_n: pressures (m_n,) [Pa] at which it is taken.
             normal: rows of p_n.
         """
         self.slips[at] = free
-        c = trial.shape[1]
+        c, slope = trial.shape[1], s.by_pressure
         length = np.linalg.norm(trial, axis=1)
         e = trial / length[:, None]
-        self.rhs[at] = (s - slope @ p_n)[:, None] * e
+        self.rhs[at] = (s.bound - slope @ p_n)[:, None] * e
         point = np.repeat(np.arange(len(at)), np.diff(slope.indptr))
         columns = np.broadcast_to(normal.start + slope.indices[:, None], (len(point), c))
         self.on_p.append(((-e[point] * slope.data[:, None]).ravel(), at[point].ravel(), columns.ravel()))
-        if c == 1:
+        drags = s.by_trial.any()
+        if c == 1 and not drags:
             return
-        J = (s / length)[:, None, None] * (np.eye(c) - e[:, :, None] * e[:, None, :])
+        along = e[:, :, None] * e[:, None, :]
+        J = (s.bound / length)[:, None, None] * (np.eye(c) - along)
+        if drags:
+            J += s.by_trial[:, None, None] * along
+            self.rhs[at] -= (s.by_trial * length)[:, None] * e
         J *= free[:, :, None] & free[:, None, :]
-        self.rhs[at] -= np.einsum("mab,mb->ma", J, self.gamma[at] * self.gap[at])  # J t_hat = 0
+        self.rhs[at] -= np.einsum("mab,mb->ma", J, self.gamma[at] * self.gap[at])  # J t_hat = ds/d|t_hat| t_hat
         i, j = (np.broadcast_to(x, J.shape).ravel() for x in (at[:, :, None], at[:, None, :]))
         self.on_p.append((-J.ravel(), i, j))
         self.on_w.append(((-J * self.gamma[at][:, None, :]).ravel(), i, j))
@@ -164,5 +170,6 @@ def _friction(rows: _Rows, place: ContactBlock, p_hat: Array, p_n: Array, gamma:
     else:
         rows.hold(stuck)
     if len(slip):
-        slope = rows.cone.bound_slope(place, p_n)[slip]
-        rows.slip(index[slip], free[slip], trial[slip], s[slip], slope, p_n, place.normal)
+        dragged = rows.cone.dragged(place, p_n, Trial(length, gamma[index[:, 0]]))
+        own = Dragged(dragged.bound[slip], dragged.by_trial[slip], dragged.by_pressure[slip])
+        rows.slip(index[slip], free[slip], trial[slip], own, p_n, place.normal)

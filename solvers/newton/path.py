@@ -47,7 +47,6 @@ SOFT = (1e-6, 1e-9, 1e-12)  # springs that hold floating bodies, relative to the
 KINKS = (150, 600, 3000)  # budgets of paths from iterates, one after the other
 MOST_KINKS = 20000  # of the path from all open
 REFRESH = 40  # kinks after which the inverse is computed anew
-BACK = 2.0  # s at which the path is given up: it leads away
 
 
 def applies(problem: SurfaceProblem) -> bool:
@@ -236,7 +235,7 @@ class _Path:
             if not np.isfinite(step):
                 return
             self._move(step, dp, db)
-            if self.s > BACK or not self._change(row, to):
+            if self.s > 2.0 or not self._change(row, to):  # it leads away
                 return
             if kink % REFRESH == 0:
                 self._correct()

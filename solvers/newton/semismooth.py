@@ -29,7 +29,6 @@ from stickslip.solvers.newton import path
 from stickslip.solvers.newton.active_set import ActiveSet
 from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again, first_starts, other_starts
 
-HOPPING = 1e-2  # weight of the proximal term where plain Newton hops between active sets [-]
 FIRMER = (1e-3, 1e-4, 1e-2, 1e-6, 1e-5)  # weights of the proximal term from the best iterate so far [-]
 
 Linear = Callable[[ActiveSet, Array], tuple[Array, Array]]  # linearised laws, u_c of the iterate: p [Pa] and u_c [m]
@@ -71,7 +70,7 @@ class SemismoothNewton:
             firsts.append(start)
             yield start, None
             if attempts.stalled and attempts.best is not None:
-                yield again(problem, attempts.best), HOPPING
+                yield again(problem, attempts.best), 1e-2
         for proximal in FIRM:
             yield firsts[-1], proximal
         assert attempts.best is not None

@@ -79,7 +79,6 @@ def gmres(
 
 
 DENSE = 200  # largest number of contact rows for a dense factorisation
-FAILED = 0.5  # of the first residual: if GMRES leaves more, it failed
 
 
 class Metric(Protocol):
@@ -194,7 +193,7 @@ class SurfaceSystem:
             x = x + approximate(out_of_balance)  # from here on every iterate balances the loads
         began = float(np.linalg.norm(self.right - self._apply(x)))
         x, left = gmres(self._apply, self.right, x, approximate, leave)
-        if left > max(leave, FAILED * began):
+        if left > max(leave, 0.5 * began):
             raise np.linalg.LinAlgError("GMRES does not converge: some rigid motion is hardly held")
         return x
 
@@ -242,11 +241,6 @@ class SurfaceSystem:
         return balanced
 
 
-MOST = 1000  # Newton iterations
-INNER = 0.1  # of the residual of the step: residual to which the model is solved
-INEXACT = 0.3  # of that residual: what each linear system may leave
-
-
 @dataclass(frozen=True, kw_only=True)
 class ModelSolution:
     """An iterate of the model: tractions and rigid motions."""
@@ -285,7 +279,7 @@ class SurfaceModel:
         if self.p.any():
             scale = min(scale, problem.scales.of_tractions(self.p))
         system = SurfaceSystem(laws, problem.gamma, self.flexibility, known)
-        found = system.solve(p, u, INEXACT * self.enough * scale)
+        found = system.solve(p, u, 0.3 * self.enough * scale)  # what each linear system may leave
         return problem.surface.agreed(found[0]), problem.surface.agreed(found[1])  # what is learnt is shared by ranks
 
 
@@ -304,8 +298,8 @@ def nearest_in_cone(
     Returns:
         None if no active set held the bodies.
     """
-    model = SurfaceModel(problem=problem, flexibility=metric, p=p, w=w, enough=INNER * min(residual, 1.0))
-    attempt = Attempts(problem, model, rtol=model.enough, max_it=MOST)
+    model = SurfaceModel(problem=problem, flexibility=metric, p=p, w=w, enough=0.1 * min(residual, 1.0))
+    attempt = Attempts(problem, model, rtol=model.enough, max_it=1000)  # Newton iterations
     best = attempt.follow(_chain(model, residual, attempt))
     if best.status is Status.NO_HOLD:
         return None

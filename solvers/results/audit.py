@@ -28,7 +28,7 @@ from stickslip.solvers.fem.elastic_energy import forces_of_energy
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
-from stickslip.solvers.results.closed_formulas import bound, gap, penetration, prescribed, pressure
+from stickslip.solvers.results.closed_formulas import bound, gap, penetration, prescribed, pressure, remembered
 from stickslip.solvers.results.multiplier_forces import MultiplierForces
 from stickslip.solvers.results.stored_fields import (
     Record,
@@ -343,17 +343,22 @@ class Auditor:
     def _history(self, place: ContactBlock, record: Record, before: Record, scales: Scales) -> list[float]:
         """Differences of what slip is counted from, and of the stored slip, from those of the step before [-]."""
         rows, t, found = place.rows, before.p[place.tangential], []
-        softness, moved = rows.friction.k_T if rows.friction is not None else None, self._motion(rows, before)
+        law = rows.friction
+        softness, moved = law.k_T if law is not None else None, self._motion(rows, before)
         if not (softness and rows.name in record.searched):  # t turns with the frames of other rows
             start = rows.N_t @ moved.ravel() - (t / softness if softness else 0.0)
             found.append(difference(record.reference[place.tangential], start, scales.u[rows.name], scales.rounding))
-        if rows.name in record.slid and not self.system.problem.pairs[rows.name].contact.sliding:
+        if law is not None and rows.name in record.memory and not self.system.problem.pairs[rows.name].contact.sliding:
             moves = rows.N_t @ (self._motion(rows, record) - moved).ravel()
             moves -= (record.p[place.tangential] - t) / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
             length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
-            grown = record.slid[rows.name] - before.slid[rows.name]
-            found.append(difference(grown, length, scales.u[rows.name], scales.rounding))
+            known, lasts = before.memory[rows.name], record.time - before.time
+            own = remembered(law, known, length, lasts)
+            expected = law.after(known, length, lasts) if own is None else own
+            unit = lasts if law.timed else 1.0  # of a rate; what it makes of a step is a length
+            now_known = record.memory[rows.name]
+            found.append(difference(unit * now_known, unit * expected, scales.u[rows.name], scales.rounding))
         now, then = (each.stored.contacts.get(rows.name) for each in (record, before))
         if now is not None and then is not None:
             step = slip_of(rows, self._motion(rows, record) - moved)
@@ -432,9 +437,9 @@ class Auditor:
         """Friction bound (m_t,) [Pa] at the stored pressures, by the second formula if there is one."""
         rows, p_n = place.rows, record.p[place.normal]
         assert rows.friction is not None
-        slid, now = record.slid.get(rows.name, np.zeros(len(rows.W_t))), (record.time, self.cone.end)
-        own = bound(rows.friction, rows.normal, p_n, rows.average, *now, slid)
-        return own if own is not None else rows.friction.at(slid).limit(p_n, rows.average, rows.normal, *now)
+        memory, now = record.memory.get(rows.name, np.zeros(len(rows.W_t))), (record.time, self.cone.end)
+        own = bound(rows.friction, rows.normal, p_n, rows.average, *now, memory)
+        return own if own is not None else rows.friction.at(memory).limit(p_n, rows.average, rows.normal, *now)
 
     def _along_traction(self, place: ContactBlock, record: Record) -> Array:
         """The same in the directions of the tangential tractions, zero without friction."""

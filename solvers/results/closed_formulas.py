@@ -26,6 +26,7 @@ from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.mu_table import MuTable
 from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
+from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.tied import Tied
@@ -83,7 +84,7 @@ def pressure(law: NormalLaw, closing: Array) -> Array | None:
 
 
 def bound(
-    law: FrictionLaw, normal: NormalLaw, p: Array, average: Sparse | Array, time: float, end: float, slid: Array
+    law: FrictionLaw, normal: NormalLaw, p: Array, average: Sparse | Array, time: float, end: float, memory: Array
 ) -> Array | None:
     """Friction bound s (m_t,) [Pa]; None: no second formula.
 
@@ -92,14 +93,17 @@ def bound(
         average: (m_t, m_n), from values at the points of pressure to means at those of friction.
         time: [s].
         end: last time of the scene [s].
-        slid: length of slip so far (m_t,) [m], of laws that depend on it.
+        memory: of laws that remember slip (m_t,): length of slip so far [m], or slip rate [m/s].
     """
     mean = average @ p
     if type(law) is StaticKinetic:
-        fallen = np.minimum(slid / law.slip_length, 1.0)
+        fallen = np.minimum(memory / law.slip_length, 1.0)
         return np.asarray((law.mu_s * (1 - fallen) + law.mu_k * fallen) * np.where(mean > 0, mean, 0.0))
+    if type(law) is RateDependent:
+        mu = law.coefficient(memory) if isinstance(law.mu, str) else _in_table(law.mu, memory)
+        return np.asarray(mu * np.where(mean > 0, mean, 0.0))
     if type(law) is SlipDependent:
-        return np.asarray(_in_table(law.mu, slid) * np.where(mean > 0, mean, 0.0))
+        return np.asarray(_in_table(law.mu, memory) * np.where(mean > 0, mean, 0.0))
     if type(law) is PressureDependent:
         return np.asarray(_in_table(law.mu, mean) * np.where(mean > 0, mean, 0.0))
     if type(law) is OrthotropicCoulomb:  # of tractions along the law's own directions
@@ -120,6 +124,17 @@ def bound(
         depth = (np.where(p > 0, p, 0.0) / normal.c_n) ** (1 / normal.m_n)
         return np.asarray(np.maximum(average @ (law.c_T * depth**law.m_T), 0.0))
     return None
+
+
+def remembered(law: FrictionLaw, before: Array, slip: Array, step: float) -> Array | None:
+    """Memory (m_t,) after a substep of length [s] in which points slip by (m_t,) [m]; None: no second formula.
+
+    Args:
+        before: memory at its start.
+    """
+    if type(law) in (SlipDependent, StaticKinetic):
+        return before + slip
+    return slip * (1 / step) if type(law) is RateDependent and step else None
 
 
 def prescribed(problem: Problem, support: str, axis: Direction, points: Array, time: float) -> Array:

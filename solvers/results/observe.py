@@ -200,7 +200,7 @@ class Observer:
             driven=state.driven,
             shortened=state.initial[[bolt.index for bolt in system.initial.tightened]],
             searched=state.searched,
-            slid=state.memory,
+            memory=state.memory,
             weakening=accepted.weakening,
             p_ref=accepted.problem.p_ref,
             u_ref=accepted.problem.u_ref,

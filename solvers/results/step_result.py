@@ -6,7 +6,7 @@ Every number of a step is found by a walk over its records, see `stickslip.solve
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import reduce
 from html import escape
 from operator import add, or_
@@ -32,6 +32,7 @@ from stickslip.solvers.scene.record import (
     ProbeValue,
     Reaction,
     Record,
+    RecordType,
     Value,
     flat_names,
     numbers_of,
@@ -210,7 +211,7 @@ class StepResult(Numbers):
         Array  # (b,) that are found: shortening of bolts by force, slack of springs of one way [m]; for the audit
     )
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) that its pairs were searched at [m]
-    slid: Mapping[str, Array]  # by contact whose friction depends on it, length of slip (m_t,) so far [m]
+    memory: Mapping[str, Array]  # by contact whose friction remembers slip: its length so far [m], or rate [m/s] (m_t,)
     p_ref: float  # scale of tractions: of statuses, and of what counts as none [Pa]
     u_ref: float  # scale of relative displacements: of statuses [m]
     history: tuple[HistoryTuple, ...]  # each iteration: time, iteration, residual, volume solves, seconds, method
@@ -317,6 +318,53 @@ def from_plain(plain: Plain) -> StepResult:
         if table not in RECORDS and plain.get(table)
     }
     return deserialise(StepResult, plain, effects=found)
+
+
+def told(step: StepResult, errors: Errors | None) -> Plain:
+    """A step as plain data of dicts, lists and numbers, as result.json has it; its errors are null if they are None."""
+    found: dict[str, Plain] = {table: {} for table in records()}
+    for table, by_name in tables_of(step).items():
+        found[table] = {name: {} for name in by_name}
+    for key, _, value in walk(step):
+        found[key.kind][key.name][key.quantity] = _plain(value)
+    for name, contact in step.contacts.items():
+        found["contacts"][name]["statuses"] = contact.counts()
+    for table, record in records().items():
+        for name, own in found[table].items() if is_estimated(record) else ():
+            stated = {
+                key.quantity: _parts(parts) | {"corrected": _plain(step.corrected.get(str(key), parts.corrected))}
+                for key, parts in (errors or {}).items()
+                if key[:2] == (table, name)
+            }
+            own["error"] = stated or None
+    return {
+        **{key: getattr(step, key) for key in numbers_of(StepResult)},
+        **{table: by_name.get("", by_name) for table, by_name in found.items()},
+        "error": {"energy_norm": energy_norm(step)},
+        "convergence": step.convergence and asdict(step.convergence),
+        "other_solutions": [dict(forces) for forces in step.other_solutions],
+    }
+
+
+def is_estimated(record: RecordType) -> bool:
+    """Whether some of its numbers have errors."""
+    return any(number.error for number in numbers_of(record).values())
+
+
+def energy_norm(step: StepResult) -> Plain:
+    """Error of the displacement, relative to the largest so far, by its parts; null: not computed, nor is the total."""
+    parts = ErrorParts(mesh=step.mesh_error, law=step.law_error, iteration=step.iteration_error, converges=True)
+    return _parts(parts) | {"linear_solver": step.linear_error}
+
+
+def _parts(parts: ErrorParts) -> Plain:
+    """The error of one number, in its unit; null: not computed, nor is the total."""
+    found = {name: getattr(parts, name) for name in ("total", *PARTS, "converges")}
+    return {name: _plain(value) for name, value in found.items()}
+
+
+def _plain(value: object) -> Plain:
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

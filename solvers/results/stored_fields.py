@@ -39,14 +39,14 @@ class Record:
     driven: Array  # (o,) displacement of the obstacles that forces drive, by `Problem.driven` [m]
     shortened: Array  # (b,) that are found: shortening of bolts by force, slack of springs of one way [m]
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
-    slid: Mapping[str, Array] = field(default_factory=dict)  # see `State.slid`; contacts without a memory have none
+    memory: Mapping[str, Array] = field(default_factory=dict)  # see `State.memory`; contacts without a memory have none
     stored: StoredFields = field(default_factory=StoredFields)  # fields for the reader; by default none is judged
 
     @property
     def finite(self) -> bool:
         """Whether every number of it is one, and none is infinite but the bound of what is tied."""
         state = (self.displacement, self.p, self.w, self.reference, self.driven, self.shortened)
-        every = (*state, *self.searched.values(), *self.slid.values(), self.stored.stress, self.stored.von_mises)
+        every = (*state, *self.searched.values(), *self.memory.values(), self.stored.stress, self.stored.von_mises)
         shown = (values for fields in self.stored.contacts.values() for values in fields.values())
         numbers = (values for values in shown if isinstance(values, np.ndarray) and values.dtype.kind == "f")
         return all(np.isfinite(values).all() for values in every) and not any(np.isnan(n).any() for n in numbers)

@@ -13,7 +13,7 @@ from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
 from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, require, require_known, shortened
-from stickslip.geometry.expression import CONSTANTS, Expression, Varying
+from stickslip.geometry.expression import CONSTANTS, RATE, Expression, Varying
 from stickslip.geometry.keys import Key, Keys, Noun, completed
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request
@@ -335,6 +335,9 @@ class Scene(Noun):
             if contact.friction is not None:
                 with mistakes, prefixed(f"contacts.{name}.friction"):
                     contact.friction.check_model(self.model)
+                with mistakes:
+                    said = f"contacts.{name}.friction depends on slip rates: say that times are seconds, seconds = true"
+                    require(self.steps.seconds or not contact.friction.timed, "steps.seconds", "false", said)
         for name, material in self.bodies.items():
             with mistakes, prefixed(f"bodies.{name}"):
                 material.check_model(self.model)
@@ -376,6 +379,7 @@ class Scene(Noun):
         for place, expression in self.expressions().items():
             for name, ok, why in (
                 ("z", self.dim == 3, "a plane model has x and y only"),
+                (RATE, False, "the slip rate, which friction laws alone depend on"),
                 *((name, name in expression.constants, _lacking(expression)) for name in CONSTANTS),
             ):
                 known = ok or name not in expression.names

@@ -77,6 +77,7 @@ class Steps(Noun):
 
     end: Annotated[float, Key("s", "last time")] = 1.0
     count: Annotated[int, Key("-", "number of equal steps")] = 1
+    seconds: Annotated[bool, Key("-", "times are seconds, as laws by slip rate need; false: they only order")] = False
 
     def __post_init__(self) -> None:
         require(self.end > 0, "end", self.end, "must be positive")

@@ -254,6 +254,8 @@ def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Re
         yield key, getattr(contact, key), f"works with {only}"
     if contact.friction is not None and contact.friction.k_T is not None and not table.k_T:
         yield "friction.k_T", contact.friction.k_T, "has no tangential stiffness"
+    if contact.friction is not None and contact.friction.drags and not table.rates:
+        yield "friction.law", getattr(contact.friction, "law", ""), "has no friction by slip rate"
     for key, law in (("normal", contact.normal), ("friction", contact.friction)):
         chosen = getattr(law, "law", None)  # absent: no friction
         if chosen is not None and not table.knows(key, chosen):

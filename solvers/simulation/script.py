@@ -17,7 +17,6 @@ from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.scene import Scene, over, with_values
-from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
@@ -137,7 +136,7 @@ class Script:
         scene, end = over(self._scene, lambda place, now: self._so_far(now)), self._scene.steps.end
         ramps = {place: found.text for place, found in scene.expressions().items() if not found.in_time}
         ramped = {place: f"({text})*min(t/{end!r}, 1)" for place, text in ramps.items()}
-        return replace(with_values(scene, ramped), steps=Steps(end=self.time))
+        return replace(with_values(scene, ramped), steps=replace(scene.steps, end=self.time, count=1))
 
     def _times_to_hit(self, scene: Scene, to: float) -> tuple[float, ...]:
         """Times [s] of the scene's tables after the last step, then `to`; where the ramp of a number ends is one."""
@@ -164,7 +163,8 @@ class Script:
                 key, friction = f"contacts.{name}.{part}", contacts[name].friction
                 in_time = friction.amplitudes() if friction else {}
                 fixed = friction is None or friction.orthotropic  # its coefficients are in the rows
-                numbers = set() if friction is None or fixed else {f.name for f in fields(friction)} - NOT_LAWS
+                own = set() if friction is None or fixed else {f.name for f in fields(friction)} - NOT_LAWS
+                numbers = {name for name in own if name in in_time or _is_number(getattr(friction, name))}
                 if part not in {"gap_offset", *numbers}:
                     raise SceneError(f"{key}: nothing there to change; {nearest(str(part), {'gap_offset', *numbers})}")
                 require(_is_number(value), key, _in_words(value), "expected a number")

@@ -75,6 +75,7 @@ class Size:
     ranks: int = 1  # that share a machine's memory
     floating: bool = False  # whether contact or forces alone hold a body or an obstacle
     driven: bool = False  # whether a force moves an obstacle
+    rates: bool = False  # whether friction depends on the slip rate
     slower: float = 1.0  # iterations of conjugate gradients, relative to those of bodies that are easy to compress
     mixed: float = 1.0  # seconds and entries of a factor, likewise
     parts: tuple[tuple[float, float], ...] = ()  # dofs and contact dofs of bodies that share no node; (): of all
@@ -99,6 +100,7 @@ class Size:
             ranks=ranks,
             floating=bool(problem.rigid_modes.shape[1] or problem.driven),
             driven=bool(problem.driven),
+            rates=any(c.friction is not None and c.friction.drags for c in contacts),
             slower=slower(problem),
             mixed=mixed(kind, averaged),
             parts=_parts(mesh, dofs, contacts) if mesh.comm.size == 1 and mesh.part_count > 1 else (),
@@ -244,7 +246,7 @@ def chain(form: Form, size: Size) -> tuple[Stage, ...]:
     turns = [
         (turn, name)
         for name, method in METHODS.items()
-        if (method.WORKS_WITH.floating or not size.floating) and (method.WORKS_WITH.driven or not size.driven)
+        if all(getattr(method.WORKS_WITH, need) or not getattr(size, need) for need in ("floating", "driven", "rates"))
         for turn in method.TURNS
         if turn.form == form and size.dim in turn.dims
     ]

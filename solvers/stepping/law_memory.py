@@ -19,7 +19,7 @@ from stickslip.geometry.arrays import CLOSE, EXACT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
-from stickslip.solvers.laws.law import touching
+from stickslip.solvers.laws.law import FrictionLaw, touching
 from stickslip.solvers.newton import path
 from stickslip.solvers.newton.correction import ENOUGH
 
@@ -37,12 +37,20 @@ def no_memory(cone: AdmissibleSet) -> dict[str, Array]:
     return {c.name: law.memory(len(c.W_t)) for c, law in laws if law is not None and law.remembers}
 
 
-def with_memory(cone: AdmissibleSet, memory: Memory) -> AdmissibleSet:
-    """The admissible set of points that remember so much."""
+def with_memory(cone: AdmissibleSet, memory: Memory, step: float | None = None) -> AdmissibleSet:
+    """The admissible set of points that remember so much at its time.
+
+    Args:
+        step: length [s] of a substep that is to be solved, in which what does not `remember` by turns is not known yet.
+    """
     if not memory:
         return cone
+
+    def now(law: FrictionLaw, known: Array) -> FrictionLaw:
+        return law.at(known) if step is None else law.within(known, step)
+
     contacts = [
-        replace(c, friction=c.friction.at(memory[c.name])) if c.name in memory and c.friction else c
+        replace(c, friction=now(c.friction, memory[c.name])) if c.name in memory and c.friction else c
         for c in cone.contacts
     ]
     return replace(cone, contacts=tuple(contacts))
@@ -80,9 +88,14 @@ class LawMemory:
 
     def around(self, solve: Solving) -> Solving:
         """Solve a problem with the mu of the slip in its own solution; the problem is returned as it is then."""
-        return lambda problem, p: self._by_turns(problem, p, solve) if self.start else solve(problem, p)
+        laws = {c.name: c.friction for c in self.cone.contacts}
+        turns = [name for name in self.start if not (law := laws[name]) or not law.drags]
+        return lambda problem, p: self._by_turns(problem, p, solve, turns) if turns else solve(problem, p)
 
-    def _by_turns(self, problem: SurfaceProblem, start: Array, solve: Solving) -> tuple[Solution, SurfaceProblem]:
+    def _by_turns(
+        self, problem: SurfaceProblem, start: Array, solve: Solving, names: list[str]
+    ) -> tuple[Solution, SurfaceProblem]:
+        """Solve by turns of slip and mu of the contacts of these names."""
         solution, problem = solve(problem, start)
         least = self._moved({name: np.zeros_like(known) for name, known in self.start.items()})
         known, gap, omega, off, worst = self.start, None, 1.0, 0.0, 0.0
@@ -90,7 +103,7 @@ class LawMemory:
             if solution.status is not Status.CONVERGED:
                 return solution, problem
             found = self.after(problem, solution.p, solution.w)
-            before, gap = gap, np.concatenate([found[name] - known[name] for name in known])
+            before, gap = gap, np.concatenate([found[name] - known[name] for name in names])
             if before is not None and before.any():
                 ratio = 1 - (1 - float(gap @ before) / float(before @ before)) / omega  # of turns without the step
                 if omega == 1.0 and off > CLEAR * self.tolerance:
@@ -100,7 +113,7 @@ class LawMemory:
             if off <= self.tolerance:
                 return replace(solution, weakening=worst), problem
             known = {name: np.maximum(known[name] + omega * (found[name] - known[name]), least[name]) for name in known}
-            solution, problem = solve(replace(problem, cone=with_memory(self.cone, known)), solution.p)
+            solution, problem = solve(replace(problem, cone=with_memory(self.cone, known, self.step)), solution.p)
         return replace(solution, status=Status.MAX_IT), problem
 
     def exact(self, problem: SurfaceProblem, found: Solution, exact: Exact) -> tuple[Solution, float, dict[str, Array]]:
@@ -146,7 +159,7 @@ class LawMemory:
 
     def _apart(self, problem: SurfaceProblem, p: Array, memory: Memory) -> float:
         """Largest difference of its friction bounds at p (rows,) [Pa] from those with a memory, relative to p [-]."""
-        own, other = problem.cone, with_memory(self.cone, memory)
+        own, other = problem.cone, with_memory(self.cone, memory, self.step)
         pairs = zip(own.with_friction(), other.with_friction(), strict=True)
         apart = (own.bound(a, p[a.normal]) - other.bound(b, p[b.normal]) for a, b in pairs)
         largest = max((float(np.abs(each[np.isfinite(each)]).max(initial=0.0)) for each in apart), default=0.0)

@@ -217,7 +217,7 @@ class SubstepSolver:
         driving = system.obstacles.driving_force(time)
         problem = SurfaceProblem(
             surface=self.surface,
-            cone=with_memory(self.cone.at(time), state.memory),
+            cone=with_memory(self.cone.at(time), state.memory, time - state.time),
             load=self.surface.load(system.pull(time, external, u_s), driving),
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
             u_before=self._at_contact(state) if self.surface.floating else np.zeros(self.surface.size),

@@ -27,8 +27,6 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.system.system import System
 
-LONGEST = 40  # chain of slave nodes, each coupled to the next
-
 
 @dataclass(frozen=True)
 class ContactCoordinates:
@@ -309,7 +307,7 @@ def _inverse(inverse: Sparse, coupling: Sparse) -> Sparse:
         coupling: O.
     """
     found = term = inverse
-    for _ in range(LONGEST):
+    for _ in range(40):  # chain of slave nodes, each coupled to the next
         term = (inverse @ (coupling @ term)).tocsr()
         term.data = np.where(np.abs(term.data) > LAST_DIGITS, -term.data, 0.0)  # entries of T; its largest are about 1
         term.eliminate_zeros()

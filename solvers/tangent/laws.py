@@ -101,7 +101,6 @@ class CompliantFaces:
 
 
 DAMPED = 1.8  # factor on the diagonal of K in a sweep: all nodes move at the same time
-STEEP = 1e6  # times the diagonal: largest stiffness across the slip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,11 +130,7 @@ class ContactPoints:
     """The laws of one step on this rank's rows. Arrays (m d,) are over its coordinates at slave nodes."""
 
     def __init__(
-        self,
-        operator: TangentOperator,
-        coordinates: ContactCoordinates,
-        problem: SurfaceProblem,
-        faces: CompliantFaces,
+        self, operator: TangentOperator, coordinates: ContactCoordinates, problem: SurfaceProblem, faces: CompliantFaces
     ) -> None:
         """Take the rows that this rank needs; collective."""
         self.comm, self.faces, self.operator = operator.comm, faces, operator
@@ -240,7 +235,7 @@ class ContactPoints:
             across = np.divide(bound[rows[at, 0]], length[at], out=np.zeros(len(at)), where=moves)
             changing = np.ones(len(p[n])) if block.rows.normal.at_quadrature else (~free[n]).astype(float)
             slope = self.cone.bound_slope(block, p[n])[at].multiply(changing[None, :]).tocsr()
-            across = np.minimum(across, STEEP * self.k[rows[at, 0]])
+            across = np.minimum(across, 1e6 * self.k[rows[at, 0]])  # largest stiffness across the slip
             slips.append(Slip(place=block, rows=rows[at], e=e, across=across, slope=slope))
         return Tangent(free=free, spring=spring, slips=tuple(slips), bound=bound, p=p, pressed=pressed)
 

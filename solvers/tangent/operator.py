@@ -134,7 +134,6 @@ class Columns:
 
 
 PREFIX = "tangent_"  # of PETSc's options
-HIGHEST = 1.2  # times the largest eigenvalue that is found: what power iteration and contact add in all tests
 
 
 class TangentOperator:
@@ -171,7 +170,7 @@ class TangentOperator:
         self.slaves = Columns(self.K_B, self.T, self.at)
         self.around = Columns(self.K_B, self.T, self._with_neighbours())
         self.here = np.searchsorted(self.around.at, self.at)
-        self.highest = HIGHEST * self.around.largest_eigenvalue()
+        self.highest = 1.2 * self.around.largest_eigenvalue()  # what power iteration and contact add in all tests
         self._system = system
         self._in, self._out = self.K_B.createVecRight(), self.K_B.createVecRight()
         self._more = self.K_B.createVecRight()
@@ -351,9 +350,6 @@ def _cleared(K: Mat, held: Ints) -> Mat:
     return K
 
 
-CYCLES = 3  # of conjugate gradients for each motion
-
-
 class CoarseMotions:
     """The k motions D (k, owned), orthonormal at the slave nodes, and K D."""
 
@@ -391,7 +387,7 @@ class CoarseMotions:
         x, K_x, d, K_d = np.zeros((4, operator.count))
         operator.slaves.move(side, x, K_x)
         before = 0.0
-        for _ in range(CYCLES):
+        for _ in range(3):  # of conjugate gradients
             z = operator.cycle(-K_x)
             energy = -operator.dot(K_x, z)
             if not energy > 0:
@@ -401,9 +397,6 @@ class CoarseMotions:
             step = energy / operator.dot(d, K_d)
             x, K_x = x + step * d, K_x + step * K_d
         return x, K_x
-
-
-LOADS = 4  # that are kept
 
 
 class LoadScale:
@@ -434,5 +427,5 @@ class LoadScale:
             nothing = np.zeros(len(self.contact.rows))
             return np.asarray(sum((k * u for k, (_, u) in zip(share, self.loads, strict=True)), nothing))
         u_c = self.contact.read(self.operator.guess(f))
-        self.loads = [*self.loads, (f.array_r.copy(), u_c)][-LOADS:]
+        self.loads = [*self.loads, (f.array_r.copy(), u_c)][-4:]  # that are kept
         return u_c

@@ -255,9 +255,7 @@ def test_one_set_of_files_is_written(alone: tuple[str, Path], together: tuple[in
     assert [path.name for path in together[1].parent.iterdir()] == ["out"]
 
 
-def test_tables_have_the_rows_of_one_rank_in_the_same_order(
-    alone: tuple[str, Path], together: tuple[int, Path]
-) -> None:
+def test_tables_have_the_rows_of_one_rank_in_its_order(alone: tuple[str, Path], together: tuple[int, Path]) -> None:
     for table in sorted(alone[1].glob("contact_*.csv")):
         one, many = (folder / table.name for folder in (alone[1], together[1]))
         d = read(alone[0]).dim
@@ -329,7 +327,7 @@ def test_what_is_wrong_with_the_mesh_is_said_by_one_rank(spoken: tuple[Path, sub
     assert not (folder / "outside").exists()
 
 
-def test_run_that_does_not_converge_ends_on_every_rank_with_3(
+def test_run_without_convergence_ends_on_all_ranks_by_3(
     spoken: tuple[Path, subprocess.CompletedProcess[str]],
 ) -> None:
     folder, done = spoken

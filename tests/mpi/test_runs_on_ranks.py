@@ -30,7 +30,8 @@ from shared.cells import Cell, solved
 from stickslip.solvers.results.audit import Auditor
 comm, told = MPI.COMM_WORLD, []
 cells = (Cell("condensed-newton", model="3d", more="order 2"), Cell("condensed-newton", more="sliding"),
-         Cell("condensed-newton", model="axisymmetric"), Cell("condensed-newton", "compliance", more="k_T"))
+         Cell("condensed-newton", model="axisymmetric"), Cell("surface-uzawa", friction="rate_dependent", model="3d"),
+         Cell("condensed-newton", "compliance", more="k_T"))
 for cell in cells:
     simulation, steps = solved(cell.scene(1e-11), comm)
     audit = Auditor(simulation.problem, simulation.mesh)

@@ -94,9 +94,7 @@ def test_a_budget_that_does_not_suffice_is_said(goal: str, takes: str, stickslip
         ("base.max_penetration=1%", "is 0 at the end"),
     ],
 )
-def test_goals_without_an_error_are_refused_in_one_line(
-    goal: str, said: str, stickslip: Stickslip, tmp_path: Path
-) -> None:
+def test_goals_without_errors_are_refused_in_a_line(goal: str, said: str, stickslip: Stickslip, tmp_path: Path) -> None:
     code, output = stickslip("block", *COARSE, f"--accuracy={goal}", "-o", str(tmp_path / "out"), "-q")
     assert code == 2
     assert said in output
@@ -312,9 +310,7 @@ def test_folder_that_cannot_be_is_known_before_anything_is_solved(
     assert [path.name for path in folder.iterdir()] == ["file"]
 
 
-def test_member_whose_process_is_killed_is_told_and_the_next_ones_go_on(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_member_whose_process_is_killed_is_told_others_go_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked = list[list[str]]()
 
     def child(name: str, words: list[str], folder: Path | None, seconds: float) -> Ended:

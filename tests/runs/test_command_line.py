@@ -331,9 +331,7 @@ def test_full_disk_ends_with_4(call: Call, folder: Path, monkeypatch: pytest.Mon
     assert not (folder / "out").exists()
 
 
-def test_ctrl_c_while_a_step_is_written_leaves_readable_results(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_in_a_write_leaves_readable_results(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write = write_step
 
     def press(where: Path, index: int, *rest: Any) -> Path:
@@ -355,13 +353,10 @@ def test_ctrl_c_while_a_step_is_written_leaves_readable_results(
     assert times == {step["time"] for step in done["steps"]}
 
 
-def test_ctrl_c_ends_with_130_and_keeps_the_steps_so_far(
-    folder: Path, command: list[str], environment: dict[str, str]
-) -> None:
+def test_ctrl_c_ends_with_130_and_keeps_steps(folder: Path, command: list[str], environment: dict[str, str]) -> None:
     words = ["run", "block", "-o", "out", *COARSE, "--set=steps.count=4000"]
     pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
     with running([*command, *words], cwd=folder, env=environment, **pipes) as process:
-        assert process.stderr is not None
         for line in process.stderr:
             if line.startswith("t = "):
                 break
@@ -381,7 +376,6 @@ def test_whoever_stops_listening_ends_the_run_and_the_steps_so_far_are_kept(
     """As `2>&1 | head` does; it must not end in PETSc's handler of the signal, which knows nothing of other ranks."""
     words = ["run", "block", "-o", "out", *COARSE, "--set=steps.count=4000"]
     with running([*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE) as process:
-        assert process.stderr is not None
         for line in process.stderr:
             if line.startswith("t = "):
                 break
@@ -422,9 +416,7 @@ def test_too_little_memory_for_the_libraries_ends_in_one_line(kilobytes: int, fo
     assert line == f"stickslip: ulimit -v {kilobytes}: too little memory, the libraries alone take nearly 1000000 kB"
 
 
-def test_library_that_cannot_be_loaded_is_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_library_failing_to_load_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """As the dynamic loader says it: without a number."""
 
     def wrong(*arguments: object) -> None:
@@ -452,9 +444,7 @@ def test_without_dolfinx_the_line_says_where_it_comes_from(folder: Path) -> None
     assert (done.returncode, "any.whl[wheels]'" in line) == (4, True)
 
 
-def test_without_a_library_that_draws_the_results_stand(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_drawing_library_results_stand(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.setattr("stickslip.workflows.pictures.render.OFF_SCREEN", ("libnothing.so.1",))
     code, _, err = call("run", "cube", "-q", "-o", "out", "--set=geometry.mesh_size=0.5", "--set=output.pictures=true")

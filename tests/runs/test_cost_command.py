@@ -90,7 +90,6 @@ def test_ctrl_c_keeps_the_finished_runs_and_resume_makes_none_of_them_again(
     words = [*SMALL, "--budget", "600", "--set=output.pictures=false"]
     pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
     with running([*command, *words], cwd=folder, env=environment, **pipes) as process:
-        assert process.stderr is not None
         for line in process.stderr:
             if "unknowns" in line:
                 break
@@ -111,9 +110,7 @@ def test_ctrl_c_keeps_the_finished_runs_and_resume_makes_none_of_them_again(
     assert {run["name"]: run["spent"] for run in before["runs"]}.items() < kept.items()
 
 
-def test_resume_after_any_interruption_gives_the_same_table(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_resume_after_any_stop_gives_the_same_table(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ["--budget", "90", "-q", "--set=output.pictures=false"]
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
     assert call(*SMALL, *words)[0] == 0
@@ -134,9 +131,7 @@ def test_resume_after_any_interruption_gives_the_same_table(
         assert content(folder / "out")["sentence"] == whole["sentence"]
 
 
-def test_a_study_that_was_killed_is_taken_up_where_it_was(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_study_is_taken_up_where_it_was(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     left = iter(range(3))
 
     def die(*arguments: Any) -> Run:
@@ -165,9 +160,7 @@ def test_a_study_that_was_killed_is_taken_up_where_it_was(
     assert len(content(folder / "out")["runs"]) == len(made) + 3
 
 
-def test_a_study_killed_while_it_is_taken_up_loses_no_run(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study_killed_while_taken_up_loses_no_run(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
     assert call(*PLAIN, "-q", "--budget", "20")[0] == 0
     before = content(folder / "out")["runs"]
@@ -342,9 +335,7 @@ def test_a_run_says_its_memory_in_the_log(call: Call, folder: Path) -> None:
     assert not any("memory" in line for line in result(folder / "out")["warnings"])
 
 
-def test_errors_that_do_not_fit_are_left_out_with_a_warning(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_errors_of_no_room_are_left_out_and_said(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     swollen(monkeypatch, "error estimate")
     assert call("run", "block", "-q", "-o", "out", *COARSE)[0] == 0
     done = result(folder / "out")

@@ -67,9 +67,7 @@ def at(field: Any, points: Array) -> Array:
 
 
 @pytest.mark.parametrize("method", ["condensed-newton", "block-uzawa"])
-def test_demo_agrees_with_stickslip_in_forces_displacement_and_lambda(
-    answer: Answer, folder: Path, method: str
-) -> None:
+def test_demo_agrees_with_stickslip_in_forces_displacement_lambda(answer: Answer, folder: Path, method: str) -> None:
     step, data = solved(folder, method, mu=0.3)
     base = step.contacts["base"]
     tangential, normal = answer["force"]

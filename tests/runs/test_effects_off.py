@@ -322,7 +322,7 @@ def texts(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
         def act(self: Sheet, *words: Any) -> Any:
             kept = done(self, *words)
-            found.extend(text for each in self.figure.findobj(Text) if (text := each.get_text()))  # type: ignore[attr-defined]
+            found.extend(text for each in self.figure.findobj(Text) if (text := each.get_text()))
             return kept
 
         monkeypatch.setattr(Sheet, name, act)

@@ -46,9 +46,7 @@ ODD = ["ü ²", "a\nb", os.fsdecode(b"\xff"), "-v", "%s{}", "'\""]
         pytest.param({"HOME": "/dev/null", "XDG_CACHE_HOME": "relative"}, marks=pytest.mark.slow),
     ],
 )
-def test_home_that_cannot_be_written_is_no_obstacle(
-    variables: dict[str, str | None], start: Start, folder: Path
-) -> None:
+def test_home_that_is_not_writable_is_no_obstacle(variables: dict[str, str | None], start: Start, folder: Path) -> None:
     kept = {"TMPDIR": str(folder), "XDG_CACHE_HOME": None, "MPLCONFIGDIR": None}
     few_forms = ("--set=output.error=false", "--set=output.audit=false")  # all are compiled again
     done = start("run", "block", "-q", "-o", "out", *COARSE[:2], *few_forms, variables=kept | variables)
@@ -286,9 +284,7 @@ def test_disk_that_becomes_read_only_while_it_works(
     assert_same(folder / "out", whole)
 
 
-def test_clock_that_goes_back_changes_no_answer(
-    call: Call, folder: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_clock_set_back_changes_nothing(call: Call, folder: Path, whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also files that are dated in the future."""
     now = 2e9
 
@@ -426,9 +422,7 @@ def test_killed_at_any_time_it_goes_on(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(LONG)
-def test_command_killed_at_twenty_random_times_goes_on(
-    folder: Path, command: list[str], environment: dict[str, str]
-) -> None:
+def test_command_killed_at_random_times_goes_on(folder: Path, command: list[str], environment: dict[str, str]) -> None:
     def start(place: Path) -> int:
         place.mkdir()
 

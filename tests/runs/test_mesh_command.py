@@ -161,9 +161,7 @@ def test_the_window_needs_a_display(call: Call, monkeypatch: pytest.MonkeyPatch)
         (["-o", "file/mesh.msh"], 4, "mesh.msh: cannot be written"),
     ],
 )
-def test_a_mesh_that_cannot_be_written_is_one_line(
-    words: list[str], code: int, says: str, call: Call, folder: Path
-) -> None:
+def test_a_mesh_not_to_be_written_is_one_line(words: list[str], code: int, says: str, call: Call, folder: Path) -> None:
     (folder / "file").write_text("")
     found, _, err = call("mesh", "block", *words, *COARSE)
     assert (found, err.count("\n")) == (code, 1)
@@ -265,7 +263,7 @@ def test_from_an_assembly_to_results_without_a_line_typed(call: Call, folder: Pa
     assert (code, err) == (0, "")
     assert "2 bodies, 1 contacts" in out
     scene = read(folder / "stack.toml")
-    assert scene.geometry.length_unit == "mm"  # type: ignore[union-attr]
+    assert scene.geometry.length_unit == "mm"
     ((name, contact),) = scene.contacts.items()
     assert (name, contact.gap) == ("part_2_part", 0.0)
     assert contact.surface == "part_2.to_part"
@@ -292,7 +290,7 @@ def test_the_weight_presses_the_body_that_is_held(call: Call, folder: Path) -> N
         assert call("new", "--from", "table.step")[0] == 0
         scene = read(folder / "table.toml")
         assert [str(support.boundary).split(".")[0] for support in scene.supports.values()] == ["part"]
-        assert scene.sections["gravity"].acceleration == (0.0, 0.0, up * 9.81)  # type: ignore[union-attr]
+        assert scene.sections["gravity"].acceleration == (0.0, 0.0, up * 9.81)
 
 
 PULL = """
@@ -475,9 +473,7 @@ def test_every_method_can_be_asked_for_at_once(call: Call, folder: Path, files: 
     assert methods == ["auto", "condensed-newton", "surface-uzawa", "uzawa", "nsgs"]
 
 
-def test_what_is_not_solved_is_said(
-    call: Call, folder: Path, files: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_unsolved_is_said(call: Call, folder: Path, files: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("stickslip.solvers.stepping.discrete_chain.TURNS", (("nsgs", 50, "from r = 0"),))
     write(folder / "none.hdf5", UNSOLVABLE)
     code, out, _ = call("fclib", "none.hdf5", *files, "-o", "out")
@@ -504,7 +500,7 @@ def test_what_is_not_solved_is_said(
         ([], "Missing parameter: files"),
     ],
 )
-def test_bad_input_is_refused_with_one_line(
+def test_bad_input_is_refused_in_a_line(
     call: Call, folder: Path, files: list[str], words: list[str], line: str
 ) -> None:
     (folder / "text.hdf5").write_text("text")
@@ -521,9 +517,7 @@ def test_bad_input_is_refused_with_one_line(
     assert sorted(str(path) for path in folder.rglob("*")) == before
 
 
-def test_a_former_result_is_kept_and_its_files_are_not_read_from_there(
-    call: Call, folder: Path, files: list[str]
-) -> None:
+def test_a_former_result_is_kept_and_its_files_are_not_read_there(call: Call, folder: Path, files: list[str]) -> None:
     assert call("fclib", *files, "-o", "out")[0] == 0
     assert call("fclib", files[0], "-o", "out")[0] == 0
     assert sorted(path.name for path in (folder / "out").glob("*.hdf5")) == ["one.hdf5"]

@@ -48,7 +48,7 @@ def weight(solved: Solved, time: float) -> Any:
     if not {"gravity", "body_force"} & scene.sections.keys():
         return np.zeros(scene.dim), np.zeros(1 if scene.dim == 2 else 3)
     assert scene.geometry.order == 1
-    reader: Any = pyvista.get_reader(str(solved.folder / "fields.xdmf"))  # type: ignore[no-untyped-call]
+    reader: Any = pyvista.get_reader(str(solved.folder / "fields.xdmf"))
     grid = reader.read()
     grid = grid[0] if isinstance(grid, pyvista.MultiBlock) else grid
     names = list(scene.geometry.bodies(scene.dim))
@@ -316,7 +316,7 @@ def test_meshio_reads_the_fields(solved: Solved, monkeypatch: pytest.MonkeyPatch
 
 def shown(path: Path) -> Iterator[tuple[float, Any]]:
     """Times and grids, as VTK reads them."""
-    reader: Any = pyvista.get_reader(str(path))  # type: ignore[no-untyped-call]
+    reader: Any = pyvista.get_reader(str(path))
     for time in reader.time_values:
         reader.set_active_time_value(time)
         grid = reader.read()

@@ -45,6 +45,7 @@ CUT = ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.04", "output.pic
 LEARNING = [*SMALL, *LEARNS, "output.error=false"]
 TANGENT = ["solver={method='tangent-cg',surface='matrix-free',tolerance=1e-6}"]
 HYSTERESIS = ["geometry.mesh_size=0.1", "steps.end=5", "steps.count=5", "output.pictures=false"]
+SECONDS = "steps.seconds=true"
 STOP = "springs.stop={at='block.right',stiffness=0.3,direction=[-1.0,0.0],acts='compression',gap=0.01}"
 HISTORIES = {
     "hysteresis": ("hysteresis", HYSTERESIS),
@@ -71,13 +72,14 @@ HISTORIES = {
     "sliding": ("sliding", SLIDING),
     "sliding, iterative": ("sliding", [*SLIDING, *LEARNS]),
     "compliance": ("foundation", ["geometry.mesh_size=0.4", "output.pictures=false", "steps.count=4"]),
+    "friction by slip rate": ("block", [*SMALL, "contacts.base.friction={law='rate_dependent',mu='0.2+V'}", SECONDS]),
     "friction by slip": ("stick_slip", ["geometry.mesh_size=0.025", "output.pictures=false", "steps.count=6"]),
     "orthotropic": ("spruce", ["geometry.mesh_size=0.012", "output.pictures=false", "steps.count=6"]),
     "springs of one way": ("block", [*SMALL, STOP, "solver.method=condensed-newton"]),
     "floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"]),
 }
 QUICK = (
-    *("springs of one way", "substeps", "friction by slip", "tangent-cg"),
+    *("springs of one way", "substeps", "friction by slip", "friction by slip rate", "tangent-cg"),
     *("surface-uzawa", "sliding", "block-uzawa, compliance"),
 )
 WITHOUT_ERRORS = ("springs of one way", "friction by slip")  # others are resumed with them
@@ -143,9 +145,7 @@ def test_methods_that_were_given_up_stay_so(name: str, tmp_path: Path, monkeypat
     assert_same(tmp_path / "out", tmp_path / "whole")
 
 
-def test_what_a_method_of_single_steps_has_learnt_is_known_after_a_resume(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_method_of_single_steps_has_learnt_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where Newton fails, surface-uzawa takes the step over; it learns of the bodies from all such steps."""
     solve = CondensedNewton.__call__
     fails = {0.5, 1.5}
@@ -270,9 +270,7 @@ def damage(path: Path, part: float = 0.5) -> None:
 
 
 @pytest.mark.parametrize("part", [0.0, 0.9])
-def test_damaged_last_step_is_solved_again_to_the_same_bits(
-    part: float, call: Call, whole: Path, stopped: Path
-) -> None:
+def test_damaged_last_step_is_solved_again_to_its_bits(part: float, call: Call, whole: Path, stopped: Path) -> None:
     damage(stopped / step_name(3), part)
     code, _, err = call(*WORDS, "--resume")
     assert (code, err.count("\n")) == (0, 1)
@@ -282,9 +280,7 @@ def test_damaged_last_step_is_solved_again_to_the_same_bits(
 
 
 @pytest.mark.parametrize("missing", [False, True])
-def test_damaged_or_missing_earlier_step_is_named_and_nothing_is_touched(
-    missing: bool, call: Call, stopped: Path
-) -> None:
+def test_damaged_or_missing_earlier_step_is_named_and_not_touched(missing: bool, call: Call, stopped: Path) -> None:
     path = stopped / step_name(2)
     path.unlink() if missing else damage(path)
     before = {name: (stopped / name).read_bytes() for name in names_in(stopped)}
@@ -304,9 +300,7 @@ def test_another_mesh_is_refused(call: Call, stopped: Path, monkeypatch: pytest.
     assert {name: (stopped / name).read_bytes() for name in names_in(stopped)} == before
 
 
-def test_without_what_was_learnt_the_answer_is_the_same_to_the_tolerance(
-    call: Call, whole: Path, stopped: Path
-) -> None:
+def test_without_what_was_learnt_the_answer_is_that_to_tolerance(call: Call, whole: Path, stopped: Path) -> None:
     for path in (stopped / "learnt").iterdir():
         damage(path)
     code, _, err = call(*WORDS, "--resume")

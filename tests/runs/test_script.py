@@ -60,9 +60,7 @@ def ready() -> stickslip.Scene:
     return stickslip.read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"])
 
 
-def test_study_of_twenty_lines_builds_solves_and_draws_the_block(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_study_of_twenty_lines_builds_solves_and_draws_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = Path(inspect.getfile(block_from_python))
     assert len(study.read_text(encoding="utf-8").splitlines()) <= 20
     matplotlib.use("Agg")
@@ -425,7 +423,7 @@ def test_a_step_that_fails_on_the_way_leaves_all_as_it_was() -> None:
     with pytest.raises(stickslip.StickslipError, match="no step yet"):
         _ = script.scene
     found = script.step(to=3.0, loads={"hand": {"x": 0.05}})
-    assert [t for t, _ in script.scene.loads["lid"].pressure] == [0.5, 3.0]  # type: ignore[union-attr]
+    assert [t for t, _ in script.scene.loads["lid"].pressure] == [0.5, 3.0]
     assert_allclose(found.contacts["base"].force, [-0.05, 0.4], atol=1e-9)
 
 

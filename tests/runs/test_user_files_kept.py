@@ -116,9 +116,7 @@ def test_links_in_the_way_of_results_are_named(linked: str, call: Call, folder: 
     assert (code, err) == (2, f"stickslip: {linked}: is a link in the way of results; remove it\n")
 
 
-def test_a_disk_that_is_mounted_at_the_place_is_refused(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_mounted_at_the_place_is_refused(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "out").mkdir()
     monkeypatch.setattr("os.path.ismount", lambda path: Path(path).name == "out")
     code, _, err = call(*WORDS)

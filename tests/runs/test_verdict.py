@@ -72,9 +72,7 @@ def test_a_sound_run_has_a_verdict_and_no_warning(call: Call, folder: Path) -> N
     assert (verdict["passed"], verdict["shared"]) == ([], [])
 
 
-def test_a_wrong_answer_is_doubtful_and_everything_is_written(
-    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_wrong_answer_is_doubtful_and_all_written(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     true = Coulomb.limit
     with monkeypatch.context() as patch:
         patch.setattr(Coulomb, "limit", lambda self, *given: 1.5 * true(self, *given))
@@ -296,7 +294,6 @@ def test_steps_that_leave_a_large_error_are_doubted(keeps: bool, call: Call, fol
         r"steps.count = (\d+)",
         flat(err),
     )
-    assert said is not None
     assert said[0][9:] in result(folder / "few")["warnings"]
     assert "the time steps leave" not in call(*words, "-o", "silent", *silent)[2]
     if not keeps:
@@ -346,9 +343,7 @@ SEAM = 'Physical Curve("block.seam") = Curve In BoundingBox {0.9, -0.1, -1, 1.1,
         (PIECES + IN_ONE + SEAM, False),  # may be a contact
     ],
 )
-def test_a_body_whose_pieces_only_look_as_if_they_held_together_is_warned_of(
-    drawing: str, warned: bool, tmp_path: Path
-) -> None:
+def test_a_body_whose_pieces_only_seem_to_hold_is_warned_of(drawing: str, warned: bool, tmp_path: Path) -> None:
     (tmp_path / "b.geo").write_text(drawing)
     _, content = run(from_dict(scene_data(tmp_path / "b.geo", mesh_size=0.5)), tmp_path / "out")
     said = "body block is in pieces: 3 pairs of nodes lie at the same place"  # five, with those of bottom and top

@@ -159,6 +159,11 @@ WRONG: list[tuple[str, ...]] = [
             ("slip_dependent", "mu=0.3", ".mu = 0.3: expected a list"),
             ("slip_dependent", "mu=[[0,0.3],[1,-0.2]]", ".mu = -0.2: mu must not be negative"),
             ("slip_dependent", "mu=[[-1,0.3]]", ".mu = [-1.0]: its first column must increase from 0"),
+            ("rate_dependent", "mu=[[0,0.3],[1,0.2]]", ".mu = .*: mu falls as the slip rate grows, so that bodies"),
+            ("rate_dependent", "mu='0.3-0.1*V'", '.mu = "0.3-0.1*V": is -.* at V = .*; must not be negative'),
+            ("rate_dependent", "mu='0.3+1/(1+V)'", '.mu = "0.3+1/(1+V)": mu falls as the slip rate grows'),
+            ("rate_dependent", "mu='0.3+x*V'", '.mu = "0.3+x*V": x: mu depends on V alone'),
+            ("rate_dependent", "mu='0.3+W'", '.mu = "0.3+W": column 5: W is not known'),
             ("static_kinetic", "mu_s=0.2,mu_k=0.3,slip_length=1.0", ".mu_s = 0.2: must not be below mu_k = 0.3"),
             ("static_kinetic", "mu_s=0.2,mu_k=0.1,slip_length=0.0", ".slip_length = 0.0: must be positive, in met"),
             ("static_kinetic", "mu_s=0.2,mu_k=0.1", ".slip_length: missing, it has no default"),
@@ -167,6 +172,20 @@ WRONG: list[tuple[str, ...]] = [
             ("orthotropic_coulomb", "mu_1=0.2,mu_2=0.1,axis=[1,0,0],k_T=1.0", ".k_T = 1.0: .*rigid before slip"),
             ("orthotropic_coulomb", "mu_1=0.2,mu_2=0.1,axis=[1,0,0]", ".law = .*: a plane model has one tangential"),
         )
+    ),
+    (
+        "contacts.base.friction={law='rate_dependent',mu=[[0,0.3]]}",
+        "steps.seconds = false: contacts.base.friction depends on slip rates: say .* seconds = true",
+    ),
+    (
+        "contacts.base.friction={law='rate_dependent',mu=[[0,0.3]]}",
+        "steps.seconds=true",
+        "solver.method=nsgs",
+        "contacts.base.friction.law = rate_dependent: solver.method = nsgs has no friction by slip rate; use cond",
+    ),
+    (
+        "supports.top.displacement.x='V*t'",
+        'supports.top.displacement.x = "V*t": V: the slip rate, which friction laws alone depend on',
     ),
     (
         "contacts.base.friction={law='static_kinetic',mu_s=0.3,mu_k=0.2,slip_length=1.0}",
@@ -381,9 +400,7 @@ def about(said: str) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize("case", WRONG, ids=lambda case: case[-1])
-def test_wrong_scene_is_refused_with_one_line_and_nothing_is_written(
-    case: tuple[str, ...], call: Call, folder: Path
-) -> None:
+def test_wrong_scene_is_refused_in_a_line_and_nothing_written(case: tuple[str, ...], call: Call, folder: Path) -> None:
     *overrides, said = case
     spoken = call("run", "block", "-q", "-o", "out", *COARSE, *options(overrides))
     assert_refused(spoken, pattern(said), folder, [])
@@ -472,9 +489,7 @@ UNKNOWN_NAMES = {
 
 
 @pytest.mark.parametrize("mistakes", [MISTAKES, UNKNOWN_NAMES])
-def test_all_mistakes_are_said_at_once_with_their_lines(
-    mistakes: dict[tuple[str, str], str], call: Call, folder: Path
-) -> None:
+def test_all_mistakes_are_said_with_their_lines(mistakes: dict[tuple[str, str], str], call: Call, folder: Path) -> None:
     text = (READY / "block.toml").read_text()
     expected = []
     for (right, wrong), said in mistakes.items():

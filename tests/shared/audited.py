@@ -9,7 +9,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.prepared import prepare
 
-NAMES = ("time", "displacement", "p", "w", "reference", "driven", "shortened", "searched", "slid")
+NAMES = ("time", "displacement", "p", "w", "reference", "driven", "shortened", "searched", "memory")
 
 
 def solved(scene: Scene) -> tuple[Simulation, list[StepResult]]:

@@ -28,6 +28,7 @@ TYPICAL: dict[str, Any] = {
     "m": 0.02,
     "Pa, -": [[0.0, 0.4], [0.1, 0.3]],
     "m, -": [[0.0, 0.3], [0.02, 0.2]],
+    "m/s, -": [[0.0, 0.2], [0.02, 0.4]],
 }  # a value for a key of friction that has no default, by its unit
 SPECIAL: dict[str, dict[str, Any]] = {
     "static_kinetic": {"mu_k": 0.2},
@@ -121,7 +122,7 @@ class Cell:
                 "geometry": shape,
                 "bodies": {"block": {"E": 1.0, "nu": 0.3}} if rigid else SOFTER,
                 "contacts": {"base": self._contact(f"{body}.bottom", "other" if rigid else "lower.top")},
-                "steps": {"end": 2.0, "count": 2},
+                "steps": {"end": 2.0, "count": 2, "seconds": True},
                 "solver": {
                     "method": self.method,
                     "tolerance": tolerance,

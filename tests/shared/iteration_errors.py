@@ -46,7 +46,6 @@ def solve(scene: Scene) -> tuple[Simulation, list[tuple[Vec, float]], float]:
     simulation = prepare(scene, MPI.COMM_SELF)
     found, stated = [], 0.0
     for step in simulation.steps():
-        assert simulation.reported is not None
         state = simulation.reported.state
         found.append((state.u.copy(), state.peak))
         stated = float(np.maximum(stated, step.iteration_error))  # nan stays nan

@@ -66,7 +66,6 @@ def coarse(name: str) -> list[str]:
     scene = read(name)
     sizes = {key: getattr(scene.geometry, key, None) for key in SIZES}
     contact, support = (next(iter(table.values()), None) for table in (scene.contacts, scene.supports))
-    assert contact is not None
     alone = support is None or contact.against in scene.obstacles  # else another body may reach over the contact side
     side = contact.surface if alone else support.boundary
     corner = list(support.point) if side is None else scene.geometry.sample(side, scene.dim)[0][0].tolist()

@@ -94,7 +94,7 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
         driven=random.normal(size=1),
         shortened=np.zeros(0),
         searched={},
-        slid={},
+        memory={},
         p_ref=1.5,
         u_ref=1e-3 / 3,
         history=((time, 1, 0.1, 1, 0.5, "uzawa"), (time, 2, 1e-9, 3, 0.1 + 0.7, "uzawa")),

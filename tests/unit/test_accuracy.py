@@ -280,7 +280,6 @@ def test_errors_follow_the_observed_power_and_seconds_the_cells() -> None:
     found = [made_up(level, 0.1 * RATIO ** (-1.3 * level)) for level in range(-4, 3)]
     assert mesh_error(found, NAME, 6) == pytest.approx(0.1 * RATIO ** (-1.3 * 6))
     one = price(found, NAME, 0.01, dim=2)
-    assert one is not None
     level = np.log(10) / (1.3 * np.log(RATIO))  # a tenth of the error at level 0
     assert one.factor == pytest.approx(RATIO**-level, rel=0.2)
     assert one.seconds == pytest.approx(1.2 / one.factor**2, rel=0.3)
@@ -297,7 +296,6 @@ def test_an_error_that_changes_its_sign_is_no_luck() -> None:
 def test_steps_are_split_where_they_are_what_is_wrong() -> None:
     found = [made_up(level, 1e-5, time_step=0.018) for level in (-4, -3, -2)]
     one = price(found, NAME, 0.01, dim=2)
-    assert one is not None
     assert (one.splits, one.factor) == (2, RATIO**4)
 
 
@@ -316,8 +314,7 @@ def test_the_block_is_as_accurate_as_was_foreseen() -> None:
     found = [one for one, _ in zip(coarse_versions(scene, 60.0), range(3), strict=False)]
     assert [one.level for one in found] == [-4, -3, -2]
     one = price(found, NAME, 0.002, dim=2)
-    assert one is not None
-    shape = replace(scene.geometry.refined(one.factor), order=1)  # type: ignore[type-var]
+    shape = replace(scene.geometry.refined(one.factor), order=1)
     simulation = prepare(replace(scene, geometry=shape))
     steps = list(simulation.steps())
     errors = {str(key): parts for key, parts in simulation.errors(steps)[-1].items()}

@@ -108,9 +108,7 @@ def test_what_a_new_compliant_law_does_not_say_is_not_assumed() -> None:
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("k_T", [None, 2.0])
 @pytest.mark.parametrize("normal", [Unilateral(), SOFT, Bilateral()])
-def test_solutions_of_the_laws_are_fixed_points_and_without_residual(
-    normal: NormalLaw, k_T: float | None, dim: int
-) -> None:
+def test_solutions_of_laws_are_fixed_points_without_residual(normal: NormalLaw, k_T: float | None, dim: int) -> None:
     """A point that is open, one that sticks, one that slips, beside a contact without friction."""
     both = cone((1, dim, Unilateral(), None), (3, dim, normal, Coulomb(mu=0.5, k_T=k_T)))
     n, (_, place) = 4, both.places

@@ -104,9 +104,7 @@ def test_the_difference_is_no_larger_than_stated(name: str, scene_of: SceneOf, s
     assert theirs.tangential_force > 10 * step.law_error * theirs.normal_force
 
 
-def test_a_compliant_bound_at_nodes_costs_what_falls_with_the_mesh_size(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_a_compliant_bound_at_nodes_costs_what_falls_with_cells(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """Coulomb's bound is that of the pressure at the node; other methods take its average around the node."""
     sizes = {size: pressed(scene_of, normal="linear", geometry={"mesh_size": size}) for size in (0.25, 0.125, 0.0625)}
     apart = [difference(scene, simulation_of)[2] for scene in sizes.values()]
@@ -136,9 +134,7 @@ def test_in_axisymmetry_radial_friction_agrees(scene_of: SceneOf, simulation_of:
     assert difference(slippery, simulation_of)[1].contacts["base"].max_slip > 1.02 * reference.contacts["base"].max_slip
 
 
-def test_the_error_falls_with_the_level_and_stays_below_what_is_stated(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_the_error_falls_with_the_level_and_is_less_than_stated(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     scene, found = pressed(scene_of), []
     for smoothing in (1e-3, 1e-4, 1e-5):
         level = replace(scene, solver=replace(scene.solver, smoothing=smoothing))
@@ -259,7 +255,7 @@ def test_it_says_when_newton_ran_out_of_iterations(scene_of: SceneOf, simulation
         list(simulation_of(pressed(scene_of, solver=solver)).steps())
 
 
-def test_it_says_when_newton_stalls(
+def test_it_says_when_it_stalls(
     scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "levels", lambda smoothing: (1e-8,))  # without the levels that lead there
@@ -404,7 +400,7 @@ def test_the_tangent_is_the_derivative_of_the_residual(
     n = problem.surface.normal_rows
     assert set(answer.status[n:]) == {OPEN, STICK, SLIP}
     to_dofs, to_forces, K_C = (block.toarray() for block in elements.tangent(answer))
-    K = np.block([[problem.surface.S, to_dofs], [to_forces, K_C]])  # type: ignore[attr-defined]
+    K = np.block([[problem.surface.S, to_dofs], [to_forces, K_C]])
     x, h = np.concatenate([u_c, Sigma]), 1e-5 * problem.u_ref
 
     def R(x: Array) -> Array:
@@ -524,9 +520,7 @@ def coarse(name: str, **solver: Any) -> Scene:
 
 
 @pytest.mark.parametrize("name", [*slow("block"), "cube"])
-def test_the_stated_error_holds_on_the_ready_scenes_and_falls_like_omega(
-    name: str, simulation_of: SimulationOf
-) -> None:
+def test_stated_errors_hold_on_ready_scenes_and_fall_like_omega(name: str, simulation_of: SimulationOf) -> None:
     found = []
     for factor in (10.0, 100.0, 1000.0):
         steps, apart = difference_of_springs(coarse(name, omega_factor=factor), simulation_of)
@@ -591,9 +585,7 @@ FLOATING: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("tables", FLOATING.values(), ids=FLOATING)
-def test_what_contact_alone_holds_is_solved(
-    tables: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_what_contact_holds_is_solved(tables: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """In the energy norm: as a whole the bodies sink into the springs."""
     (step,), (apart,) = difference_of_springs(pressed_on_springs(scene_of, **tables), simulation_of)
     assert 0 < apart <= step.law_error < 2e-3
@@ -616,9 +608,7 @@ def _fixed() -> dict[str, Any]:
     return {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
 
 
-def test_the_error_stated_is_that_of_springs_where_nothing_changes_status(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_the_error_is_that_of_springs_where_no_status_changes(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """All stuck, the system is linear, and the bound is the error itself."""
     (step,), (apart,) = difference_of_springs(pressed_on_springs(scene_of, normal="tied", friction=None), simulation_of)
     assert apart == pytest.approx(step.law_error, rel=2 * apart)  # each is relative to its own energy
@@ -669,9 +659,7 @@ def test_penalties_are_those_of_the_facets_at_each_point(simulation_of: Simulati
     assert 0 < step.law_error < 2e-4  # with the mean of all facets: 1.5e-2
 
 
-def test_a_level_between_is_put_in_where_newton_stalls(
-    simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_level_is_put_between_where_it_stalls(simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch) -> None:
     """With levels that are too far apart; without the ones between, the step is halved."""
     scene = read("block", ["geometry.cells=tensor", "geometry.mesh_size=0.2", "geometry.contact_mesh_size=0.1"])
     scene = replace(scene, solver=Solver(method="perturbed-lagrangian", augment=False, tolerance=1e-11))

@@ -82,7 +82,6 @@ ALWAYS = ["dataclasses: dataclass", "typing: Annotated, Literal", "stickslip.geo
 def example(name: str) -> str:
     """The code below a heading, as a file."""
     found = re.search(rf"^\*\*{name}\*\*.*?```python\n(.*?)```", PAGE, re.DOTALL | re.MULTILINE)
-    assert found is not None
     lines = (line.partition(": ") for line in ALWAYS + EXAMPLES[name][1])
     imports = [f"from {module} import {names}" for module, _, names in lines]
     return "\n".join([f'"""{name}."""', "import numpy as np", *imports, "", found[1]])

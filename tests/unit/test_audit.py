@@ -259,9 +259,7 @@ def test_an_audit_without_contact_sees_equilibrium_only(scene_of: SceneOf, simul
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_compliance_is_audited_by_the_form_and_by_its_law(
-    dim: int, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_compliance_is_audited_by_form_and_by_law(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     law = {"law": "compliance", "c_n": 4.0, "m_n": 1.5}
     drag = dict(zip("xyz"[:dim], (0.03, -0.1) if dim == 2 else (0.03, 0.01, -0.1), strict=True))
     scene = scene_of(
@@ -416,9 +414,7 @@ def test_forms_of_the_tractions_are_the_forces_of_the_rows(
 
 
 @pytest.mark.parametrize("model", ["triangles", "quadratic, revolved", "tetrahedra", "quadratic tetrahedra"])
-def test_they_are_so_on_a_round_obstacle_and_a_periodic_side(
-    model: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_they_are_so_on_a_round_obstacle_and_periodic_side(model: str, scene_of: SceneOf, system_of: SystemOf) -> None:
     dim, name, geometry = MODELS[model]
     ball = {"shape": "sphere", "center": [0.0, *[0.5] * (dim - 2), -3.0], "radius": 3.0}
     if name == "plane strain":
@@ -846,9 +842,7 @@ def test_scales_are_those_of_the_largest_tractions(scene_of: SceneOf, simulation
     assert fresh._scales(nothing, fresh._inner(u)).p == 1.0
 
 
-def test_tractions_are_not_smaller_than_the_rounding_of_all_forces(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_tractions_are_no_smaller_than_rounding_of_all_forces(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     push = {"loads": {"push": {"boundary": "block.right", "pressure": 0.5}}}
     audit, place, record, _, _ = judged(scene_of(**flat(2, {"law": "unilateral"}), **push), simulation_of, seed=1)
     u = audit.system.vector()

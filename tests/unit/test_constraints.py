@@ -128,7 +128,7 @@ def test_every_free_displacement_fulfils_what_is_prescribed(case: str, scene_of:
             side = surface(system, str(held.boundary))
             for axis, value in held.displacement.items():
                 direction = side.node_normals()[0] if axis == "normal" else np.eye(dim)[AXES[axis]]
-                assert_allclose(u[side.nodes] @ direction, float(value) * time, atol=1e-14)  # type: ignore[arg-type]
+                assert_allclose(u[side.nodes] @ direction, float(value) * time, atol=1e-14)
         for slave_side, master_side in scene.request().periodic:
             slave, master = surface(system, slave_side), surface(system, master_side)
             shift = master.points.mean(axis=0) - slave.points.mean(axis=0)
@@ -137,9 +137,7 @@ def test_every_free_displacement_fulfils_what_is_prescribed(case: str, scene_of:
             assert_array_equal(u[slave.nodes], u[master.nodes[distance.argmin(axis=1)]])
 
 
-def test_stiffness_of_the_free_displacements_is_selected_or_transformed_alike(
-    scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_stiffness_of_free_displacements_is_selected_or_transformed(scene_of: SceneOf, system_of: SystemOf) -> None:
     selecting = {case: system_of(scene_of(dim, **tables)) for case, (dim, tables) in CASES.items()}
     free = selecting["free"]
     inclined = holding(free.constraints, {4: "a", 9: "a"}, {"a": ([0.6, 0.8], 0.3)})
@@ -240,16 +238,13 @@ def test_rigid_motions_left_free_are_counted(
         assert np.abs(K_u).max() < 1e-12 * np.abs(dense(whole(system))).max()
 
 
-def test_a_prescribed_rigid_motion_follows_the_time_and_whoever_changes_its_values(
-    scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_a_prescribed_rigid_motion_follows_the_time_and_its_values(scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_of(supports={"top": support("top", x=0.3, y=-0.1)}))
     other = scene_of(supports={"top": support("top", x=0.6, y=-0.1)}).timeline()
     (place,) = (place for place, value in other.amplitudes.items() if value == 0.6)
 
     def along_x(time: float) -> float:
         motion = system.rigid_motion(time)
-        assert motion is not None
         return float(motion[0, 0])
 
     assert [along_x(1.0), along_x(0.5), along_x(1.0)] == pytest.approx([0.3, 0.15, 0.3])
@@ -342,7 +337,7 @@ def test_each_part_of_a_mesh_that_falls_apart_is_held_by_its_own(tmp_path: Path,
 
 Places = tuple[tuple[int, ...], ...]
 CORNERS = {2: [(0, 0), (1, 0), (1, 1), (0, 1)], 3: []}
-CORNERS[3] = [(*corner, z) for z in (0, 1) for corner in CORNERS[2]]  # type: ignore[misc]
+CORNERS[3] = [(*corner, z) for z in (0, 1) for corner in CORNERS[2]]
 KINDS = {2: (3, 1, 4), 3: (5, 3, 8)}  # gmsh's types of cells and facets; corners of a cell
 SIZE = 4  # voxels along each axis
 
@@ -563,9 +558,7 @@ def test_a_floor_that_rises_lifts_a_body_and_leaves_it_there(
         assert_allclose(moved[:, -1], 0.01, atol=1e-6)
 
 
-def test_two_bodies_pressed_together_by_nothing_are_solved_to_rounding(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_two_bodies_pressed_by_nothing_are_solved_to_rounding(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """Tractions are what a stiff law makes of the last digits of motions; pairs are searched while steps are cut."""
     scene = scene_of(
         model="3d",
@@ -589,9 +582,7 @@ def test_two_bodies_pressed_together_by_nothing_are_solved_to_rounding(
 
 
 @pytest.mark.parametrize("power", [1.0, 1.5, 3.0])
-def test_a_body_that_is_released_rises_to_where_it_touches(
-    power: float, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_a_released_body_rises_until_it_touches(power: float, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """By Newton's method alone the penetration of a power law would shrink by a factor, step for step."""
     law = LINEAR | {"c_n": 1e7 * 1e-3 ** (1 - power), "m_n": power}
     weight = {"boundary": "block.top", "pressure": [[0.0, 0.0], [1.0, 1e4], [2.0, 0.0]]}
@@ -719,7 +710,6 @@ def test_pull_up_to_the_limit_is_possible_and_beyond_it_impossible(
     beyond = problem_of(2, [sign * 1.0001 * limit], friction)
     assert decide(beyond) is Balance.IMPOSSIBLE
     motion = unbalanced_motion(beyond)
-    assert motion is not None
     assert_allclose(np.abs(motion).max(), 1.0)
     assert sign * motion[::2].mean() > 0.9  # it slides with the pull
 
@@ -742,7 +732,6 @@ def test_polygons_enclose_the_disc_of_friction(turn: int, problem_of: Callable[.
 def test_balancing_tractions_balance_and_lie_in_the_cone(dim: int, problem_of: Callable[..., SurfaceProblem]) -> None:
     problem = problem_of(dim, [0.05, 0.01][: dim - 1], {"law": "coulomb", "mu": 0.3})
     p, surface = balancing_tractions(problem), problem.surface
-    assert p is not None
     left = surface.R.T @ (problem.load.f_c - surface.forces(p))
     assert_allclose(left, 0.0, atol=1e-7 * np.abs(problem.load.f_c).sum())  # the programme's own tolerance
     assert_allclose(problem.project(p, problem.gamma), p, atol=1e-7 * np.abs(p).max())
@@ -774,7 +763,7 @@ def test_no_load_is_balanced_by_nothing(problem_of: Callable[..., SurfaceProblem
     problem = problem_of(2, [0.01], {"law": "coulomb", "mu": 0.3})
     problem = replace(problem, load=times(problem.load, 0.0))
     assert decide(problem) is Balance.POSSIBLE
-    assert not balancing_tractions(problem).any()  # type: ignore[union-attr]
+    assert not balancing_tractions(problem).any()
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1e9])
@@ -796,7 +785,6 @@ def test_a_bilateral_contact_pulls(sign: float, problem_of: Callable[..., Surfac
     problem = problem_of(2, [0.9 * 0.04], {"law": "tresca", "bound": 0.02}, "bilateral")
     assert decide(replace(problem, load=times(problem.load, sign))) is Balance.POSSIBLE
     p = balancing_tractions(replace(problem, load=times(problem.load, sign)))
-    assert p is not None
     assert sign * problem.surface.W[: problem.surface.normal_rows] @ p[: problem.surface.normal_rows] > 0.9 * PRESS
 
 
@@ -812,7 +800,6 @@ def test_a_wall_holds_what_is_pushed_against_it(problem_of: Callable[..., Surfac
         assert decide(problem_of(2, [pull * PRESS], {"law": "coulomb", "mu": 0.3}, wall=wall)) is expected
     problem = problem_of(2, [-3.0 * PRESS], {"law": "coulomb", "mu": 0.3}, wall=wall)
     p, (first, second) = balancing_tractions(problem), problem.cone.places
-    assert p is not None
     for place, at_least in ((first, 2.6), (second, 0.0)):
         assert problem.surface.W[place.normal] @ p[place.normal] > at_least * PRESS
     assert_allclose(problem.project(p, problem.gamma), p, atol=1e-6 * np.abs(p).max())
@@ -824,7 +811,6 @@ def test_rigid_bodies_rest_where_gaps_are_small_and_evenly(problem_of: Callable[
     n = problem.surface.normal_rows
     rows, W = np.arange(len(problem.gap)), problem.surface.W[: problem.surface.normal_rows]
     even = balancing_tractions(problem)
-    assert even is not None
     assert_allclose(even[:n], PRESS / W.sum(), rtol=1e-6)
     (corners,) = np.nonzero(W / W.max() < 0.6)
     touching = np.isin(rows, corners)
@@ -836,7 +822,6 @@ def test_rigid_bodies_rest_where_gaps_are_small_and_evenly(problem_of: Callable[
         raised = replace(problem, offset=problem.offset - away)
         for case in (rests, moved, raised):
             p = balancing_tractions(case)
-            assert p is not None
             assert_allclose(p[:n][touching[:n]], PRESS / W[touching[:n]].sum(), rtol=1e-5)
             assert_allclose(np.delete(p[:n], corners), 0.0, atol=1e-6 * PRESS)
     # in another unit of loads and lengths
@@ -845,7 +830,6 @@ def test_rigid_bodies_rest_where_gaps_are_small_and_evenly(problem_of: Callable[
         load=times(rests.load, 1e-9), gap=1e-9 * rests.gap, offset=1e-9 * rests.offset, force=1e-9 * rests.force,
     )  # fmt: skip
     p = balancing_tractions(small)
-    assert p is not None
     assert_allclose(p[:n][touching[:n]], 1e-9 * PRESS / W[touching[:n]].sum(), rtol=1e-5)
 
 

@@ -382,9 +382,7 @@ def test_mesh_that_does_not_fit_into_memory_is_named(
 @pytest.mark.parametrize(
     ("full", "said"), [(True, "does not fit into memory"), (False, "gmsh fails on it and does not say why")]
 )
-def test_error_without_a_text_is_explained(
-    full: bool, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_error_of_no_text_is_explained(full: bool, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(question: Question) -> None:
         raise Exception("")
 

@@ -211,12 +211,12 @@ def test_areas_are_uncertain_by_the_facets_that_their_edges_cross(sticks: int) -
     status[:6], status[:sticks] = SLIP, STICK
     slip = np.maximum(x - (sticks - 0.5) / 10, 0)[:, None]
     contact = SimpleNamespace(status=status, gap=np.maximum(x - 0.55, 0), slip_increment=np.c_[slip, zeros])
-    found = scatter(line(x), contact, line(x).node_weights())  # type: ignore[arg-type]
+    found = scatter(line(x), contact, line(x).node_weights())
     expected = pytest.approx({"contact_area": 0.1, "stick_area": 0.1, "slip_area": 0.1 * np.sqrt(2)})
     assert found == expected
     ends = np.arange(0, 10, 2)
     whole = side(line(x).points, np.stack([ends, ends + 2, ends + 1], axis=1), degree=2)
-    assert scatter_of_order_2(whole, contact, line(x).node_weights()) == expected  # type: ignore[arg-type]
+    assert scatter_of_order_2(whole, contact, line(x).node_weights()) == expected
 
 
 def test_nothing_grows_without_pressure_or_on_few_nodes() -> None:
@@ -243,7 +243,7 @@ def test_pressures_of_rounding_do_not_grow(closed: bool) -> None:
     status, slip = np.full(26, SLIP if closed else OPEN), np.zeros((26, 2))
     contact = SimpleNamespace(pressure=(x + 0.02) ** -0.5, slip=slip, status=status)
     rows = SimpleNamespace(name="base", surface=line(x), normal=SimpleNamespace(at_quadrature=False))
-    said = without_limit(rows, contact, 1e-12)  # type: ignore[arg-type]
+    said = without_limit(rows, contact, 1e-12)
     assert [key.quantity for key in said] == ["max_pressure"] * closed
 
 
@@ -458,7 +458,6 @@ def test_the_dissipation_has_it_too() -> None:
     stated, corrected, work = last.errors[number].mesh, last.corrected[number], MOMENT * TURN[-1][1]
     true = last.contacts["base"].dissipation_total - work
     assert abs(corrected - work) < 0.4 * true  # the block gives way a little
-    assert stated is not None
     assert 0.9 < stated / true < 3
 
 
@@ -470,14 +469,12 @@ def test_nothing_is_added_where_all_slip_has_one_direction() -> None:
     (rows,) = simulation.system.contacts
     assert rows.quadrature is not None
     between = BetweenNodes.of(rows, rows.quadrature(5))
-    assert between is not None
     assert c.slip_area > 0
     assert between.added(c.status == SLIP, c.bound, c.slip_increment) is None
     middle = [SIDE / 2, SIDE / 2, 0.0]
     wheel = np.cross([0.0, 0.0, 1.0], c.points - middle)
     sizes = np.linalg.norm(wheel, axis=1, keepdims=True)
     added = between.added(c.bound > 0, c.bound, wheel)
-    assert added is not None
     moment = np.cross(c.points - middle, added[0])[:, 2].sum()
     assert -1 < moment / (c.weight * c.bound * sizes[:, 0]).sum() < 0  # slip between nodes is shorter than theirs
     assert added[1] < 0
@@ -507,7 +504,7 @@ def test_both_sides_feel_it_in_balance() -> None:
     *_, last = simulation.steps()
     assert last.contacts["base"].slip_area > 0
     names = ("contacts", "base"), ("supports", "floor"), ("remote_points", "top")
-    contact, floor, top = (last.corrected[str(Quantity(*name, "moment"))][2] for name in names)  # type: ignore[index]
+    contact, floor, top = (last.corrected[str(Quantity(*name, "moment"))][2] for name in names)
     moment = last.contacts["base"].moment[2]
     assert abs(contact - moment) > 1e-3 * abs(moment)
     assert_allclose(contact, floor, rtol=1e-6)
@@ -519,8 +516,6 @@ def test_nothing_pushes_an_obstacle_that_a_force_drives() -> None:
     (rows,) = turning().system.contacts
     assert rows.quadrature is not None
     pulled, pressed = (BetweenNodes.of(rows, rows.quadrature(5), axes) for axes in ([0], [2]))
-    assert pulled is not None
-    assert pressed is not None
     away = rows.surface.points - [0.3 * SIDE, 0.4 * SIDE, 0.0]
     wheel = np.cross([0.0, 0.0, 1.0], away)
     bound = np.ones(len(wheel))

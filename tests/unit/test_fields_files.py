@@ -84,7 +84,7 @@ def test_meshio_reads_fields_and_contacts(tmp_path: Path, shape: str, order: int
 
 def vtk_grid(path: Path, time: float) -> Any:
     """Through VTK's own XDMF reader, as ParaView does."""
-    reader: Any = pv.get_reader(path)  # type: ignore[no-untyped-call]
+    reader: Any = pv.get_reader(path)
     assert_array_equal(reader.time_values, [0.5, 1.0])
     reader.set_active_time_value(time)
     found = reader.read()
@@ -175,7 +175,7 @@ def test_a_long_history_is_written_again_rarely_and_read_whole(tmp_path: Path) -
             time, at_nodes, _ = reader.read_data(index - 1)
             assert time == index
             assert_array_equal(at_nodes["displacement"], padded(result_of(mesh, seed=seed).displacement))
-    reader_of_vtk: Any = pv.get_reader(tmp_path / "fields.xdmf")  # type: ignore[no-untyped-call]
+    reader_of_vtk: Any = pv.get_reader(tmp_path / "fields.xdmf")
     assert_array_equal(reader_of_vtk.time_values, np.arange(1.0, 1001.0))
     size = (tmp_path / "fields.h5").stat().st_size
     assert size < 20_000  # the mesh stands there once
@@ -189,7 +189,7 @@ def test_a_resumed_run_shows_no_step_that_was_taken_away(tmp_path: Path) -> None
     resumed = FieldFiles(job_of(tmp_path, mesh))  # the last four were damaged, and one of them is solved again
     resumed.resume([result_of(mesh, float(index)) for index in times[:16]])
     resumed.step(17, result_of(mesh, 17.5))
-    reader: Any = pv.get_reader(tmp_path / "fields.xdmf")  # type: ignore[no-untyped-call]
+    reader: Any = pv.get_reader(tmp_path / "fields.xdmf")
     assert_array_equal(reader.time_values, [*times[:16], 17.5])
 
 
@@ -226,7 +226,7 @@ def test_every_nth_step_is_shown_and_the_last(tmp_path: Path, every: int, count:
     files.finish(ENDED)
     files.finish(ENDED)
     for name in ("fields.xdmf", "contact_base.xdmf"):
-        reader: Any = pv.get_reader(tmp_path / name)  # type: ignore[no-untyped-call]
+        reader: Any = pv.get_reader(tmp_path / name)
         assert_array_equal(reader.time_values, shown)
 
 
@@ -247,13 +247,13 @@ def solved(folder: Path, mesh: MeshData, count: int) -> list[StepResult]:
 
 def shown(folder: Path, time: float) -> Any:
     """The blocks at a time, as ParaView has them."""
-    reader = pv.PVDReader(folder / "fields.pvd")  # type: ignore[no-untyped-call]
+    reader = pv.PVDReader(folder / "fields.pvd")
     reader.set_active_time_value(time)
     return reader.read()[0]
 
 
 def times_of(folder: Path) -> list[float]:
-    return list(pv.PVDReader(folder / "fields.pvd").time_values)  # type: ignore[no-untyped-call]
+    return list(pv.PVDReader(folder / "fields.pvd").time_values)
 
 
 @pytest.mark.parametrize(("shape", "order"), MESHES)

@@ -24,9 +24,10 @@ from stickslip.solvers.laws.cohesion import Cohesion
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
 from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
-from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, Trial
 from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
+from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.tied import Tied
@@ -123,7 +124,7 @@ def test_rigid_laws_keep_the_trial_where_it_may_be() -> None:
 @given(EXPONENTS, st.floats(1e-3, 1e3), st.floats(1e-3, 10.0))
 def test_compliance_energy_is_the_work_of_pressing(m_n: float, c_n: float, depth: float) -> None:
     law = Compliance(c_n=c_n, m_n=m_n)
-    x, weights = np.polynomial.legendre.leggauss(20)  # type: ignore[no-untyped-call]
+    x, weights = np.polynomial.legendre.leggauss(20)
     d = depth * (1 + x) / 2
     work = depth / 2 * weights @ (c_n * d**m_n)
     found = law.energy(np.array([c_n * depth**m_n]))
@@ -390,6 +391,45 @@ def test_laws_by_slip_are_coulombs_with_the_mu_of_each_point() -> None:
     assert Coulomb(mu=0.3).at(slid) == Coulomb(mu=0.3)
 
 
+RATES = [RateDependent(mu=((0.1, 0.2), (0.5, 0.4), (2.0, 1.0))), RateDependent(mu="0.2 + 0.1*log(1 + V) + 0*abs(V)")]
+
+
+@pytest.mark.parametrize("k_T", [None, 3.0])
+@pytest.mark.parametrize("law", RATES)
+def test_the_bound_of_slip_in_a_step_is_that_of_its_rate_and_has_its_derivatives(
+    law: RateDependent, k_T: float | None
+) -> None:
+    now = replace(law, k_T=k_T).within(np.zeros(2), 0.5)
+    p, gamma, h = np.array([1.0, 4.0, 9.0, 1.0]), np.array([2.0, 5.0]), 1e-6
+    for size in (np.array([0.1, 0.2]), np.array([3.0, 6.0]), np.array([9.0, 40.0])):
+        found = now.dragged(p, SHARES, Trial(size, gamma))
+        slip = np.maximum(size - found.bound * (1 + gamma * now.softness), 0.0) / gamma  # of t + gamma (slip + t/k_T)
+        at_rest = size <= now.limit(p, average=SHARES, **NOW) * (1 + gamma * now.softness)
+        assert_allclose(np.where(at_rest, 0.0, found.bound), law.at(slip / 0.5).limit(p, SHARES, **NOW) * ~at_rest)
+        assert_allclose(found.bound[at_rest], now.limit(p, average=SHARES, **NOW)[at_rest])
+        for k, sign in ((0, 1), (1, 1)):
+            ends = [now.dragged(p, SHARES, Trial(size + s * h * np.eye(2)[k], gamma)).bound[k] for s in (sign, -sign)]
+            assert_allclose(found.by_trial[k] * ~at_rest[k], (ends[0] - ends[1]) / (2 * h), atol=1e-8)
+        ends = [[now.dragged(p + s * h * e, SHARES, Trial(size, gamma)).bound for e in np.eye(4)] for s in (1, -1)]
+        slope = (np.array(ends[0]) - np.array(ends[1])).T / (2 * h)
+        resting = law.at(np.zeros(2)).limit_slope(p, SHARES, Unilateral()).toarray()
+        own = np.where(at_rest[:, None], resting, found.by_pressure.toarray())
+        assert_allclose(own, slope, atol=1e-8)
+
+
+def test_the_rate_of_a_step_without_length_is_that_of_rest() -> None:
+    law, slip = RATES[0], np.array([0.0, 3.0])
+    assert_array_equal(law.after(np.zeros(2), slip, 0.5), [0.0, 6.0])
+    assert_array_equal(law.after(np.ones(2), slip, 0.0), [0.0, 0.0])
+    assert_array_equal(law.within(np.ones(2), 0.0).mu, [0.2, 0.2])  # type: ignore[attr-defined]
+    assert law.resists()
+    assert not RateDependent(mu="0").resists()
+    assert not RateDependent(mu=((0.0, 0.0),)).resists()
+    assert law.within(slip, 0.5).lines(Unilateral(), 1.0, 1.0) == (np.inf, 0.2, 1.0)
+    assert RATES[1].at(slip).lines(Unilateral(), 1.0, 1.0)[2] == np.inf
+    assert_allclose(RATES[1].slope(slip), 0.1 / (1 + slip))
+
+
 def test_directions_are_orthogonal_as_long_as_mu_and_along_the_axis() -> None:
     law, up = OrthotropicCoulomb(mu_1=0.2, mu_2=0.5, axis=(0.0, 3.0, 9.0)), np.array([[1.0, 0, 0], [0, 1.0, 0]])
     turned = np.array([[0.6, 0.8, 0.0], [0.8, -0.6, 0.0]])
@@ -637,9 +677,7 @@ def test_time_remainder_falls_with_the_step(law: str, scene_of: SceneOf, simulat
 
 
 @pytest.mark.parametrize(("law", "relaxation"), every_nth(2, LAWS, [0.3, 1.9]))
-def test_every_step_of_uzawa_is_admissible(
-    law: str, relaxation: float, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_uzawa_is_admissible(law: str, relaxation: float, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     simulation = simulation_of(rubbed(scene_of, law, "uzawa"))
     stepper = simulation.stepper
     problem = stepper.reach(stepper.start(), 1.0, lambda row: None).problem
@@ -661,15 +699,12 @@ def test_bound_is_integrated_exactly(scene_of: SceneOf, system_of: SystemOf) -> 
     (rows,) = system_of(scene_of(contacts={"base": contact}, supports={"top": top})).contacts
     u = np.zeros_like(rows.surface.points)
     u[:, 1] = -(2.0 + rows.surface.points[:, 0])
-    assert rows.friction is not None
     s = rows.friction.limit(40.0 * (rows.N_n @ u.ravel()), rows.average, rows.normal, 1.0, 1.0)
     assert_allclose(rows.W_t @ s, 3.0 * (4.0**6 - 2.0**6) / 6, rtol=1e-13)  # block from x = 0 to 2 m
 
 
 @pytest.mark.parametrize("friction", [{}, {"friction": {"law": "coulomb", "mu": 0.0}}])
-def test_nothing_sticks_without_friction(
-    friction: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_nothing_sticks_if_smooth(friction: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """Pressed between its symmetry planes no point of the base moves sideways: no slip, but no stick either."""
     scene = scene_of(
         contacts={"base": {"surface": "block.bottom", "against": "foundation"} | friction},

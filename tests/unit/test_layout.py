@@ -133,7 +133,6 @@ def test_every_room_has_a_floor() -> None:
 def test_the_page_of_the_architecture_shows_these_floors() -> None:
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     block = re.search(r"^    geometry: .*?\n\n", page, re.DOTALL | re.MULTILINE)
-    assert block is not None
     assert re.sub(r"\w[\w ]*:", "", block[0]).split() == " ".join(FLOORS.values()).split()
 
 
@@ -216,7 +215,6 @@ def test_the_audit_imports_nothing_of_the_methods() -> None:
 @pytest.mark.parametrize("name", ["stickslip", *(f"stickslip.{name}" for name in PACKAGES)])
 def test_packages_are_those_of_this_repository(name: str) -> None:
     found = importlib.import_module(name).__file__
-    assert found is not None
     assert Path(found).resolve().is_relative_to(ROOT)
 
 
@@ -247,7 +245,6 @@ def test_folders_are_packages_and_no_file_is_a_ragbag() -> None:
 
 def test_one_version_everywhere() -> None:
     citation = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
-    assert citation is not None
     assert stickslip.__version__ == citation[1]
 
 

@@ -106,7 +106,7 @@ def scene() -> Scene:
 
 
 def demand_of(scene: Scene, size: Size, form: str = "matrix-free") -> Demand:
-    stage = Stage("tangent-cg" if form == "matrix-free" else "condensed-newton", form)  # type: ignore[arg-type]
+    stage = Stage("tangent-cg" if form == "matrix-free" else "condensed-newton", form)
     return memory_of(scene.output, Counts("hexahedron", 1, size.dofs / 3, size.ranks), size, Choice((stage,), ""))
 
 

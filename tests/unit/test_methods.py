@@ -423,7 +423,6 @@ def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: Sys
 def test_the_coarse_mesh_has_fewer_dofs(system_of: SystemOf) -> None:
     fine = system_of(read("two_blocks"))
     coarse = CoarseMesh.beside(fine)
-    assert coarse is not None
     assert coarse.system.constraints.free_total < fine.constraints.free_total / 2
     forces, displacements = coarse.smooth_responses(fine, np.zeros((len(fine.interface.dofs), 0)), 1.0)
     assert forces.shape == displacements.shape

@@ -217,7 +217,6 @@ def test_a_pressure_without_limit_has_no_error_and_one_with_a_limit_has() -> Non
 def test_cells_are_cut_at_edges_of_contact_and_corners() -> None:
     simulation, steps = solved("half_space", "geometry.order=2")
     mesh = NestedRun(simulation.stepper, simulation.data)._flat()
-    assert mesh is not None
     places = Places.of(simulation.problem, simulation.system.contacts, steps)
     x = mesh.points[places.nodes(mesh)]
     (c,), touching = simulation.system.contacts, steps[-1].contacts["track"].status > 0
@@ -266,8 +265,6 @@ def test_what_is_too_dear_is_cut_once_or_not_at_all(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(nested_run, "MOST", 0.999 * dear / own)
     once, coarser = run._cut_mesh(steps)
     assert once == 1
-    assert coarser is not None
-    assert fine is not None
     assert len(simulation.data.points) < len(coarser.points) < len(fine.points)
     monkeypatch.setattr(nested_run, "MOST", 1.0)
     assert run._cut_mesh(steps) == (0, None)

@@ -421,7 +421,6 @@ def test_plain_newton_arrives_and_says_so(held: SurfaceProblem) -> None:
     attempt(start_of(held))
     assert attempt.over
     best = attempt.best
-    assert best is not None
     assert best.status is Status.CONVERGED
     assert best.residual <= 1e-12
     assert [step.iteration for step in attempt.history] == list(range(len(seen)))
@@ -453,7 +452,6 @@ def test_a_cycle_ends_an_attempt_at_its_first_repetition() -> None:
     attempt(replace(start_of(problem), in_equilibrium=False))
     assert len(attempt.history) == 4  # a, b, c and b again
     assert [step.iteration for step in attempt.history] == [1, 2, 3, 4]  # the start was not judged
-    assert attempt.best is not None
     assert attempt.best.status is Status.STALLED
     assert attempt.best.residual == min(step.residual for step in attempt.history)
 
@@ -526,14 +524,12 @@ def test_trial_tractions_that_hold_no_body_are_halved_towards_those_that_do(floa
     attempt = Attempts(floating, Bodies(floating), 1e-12, 100)
     lifted = -8.5 * start.p_hat  # all rows open; 8.5, 3.75, 1.375, .1875: the third halving closes them
     found = attempt._solve(lifted, start.p_hat, floating.gamma, (start.p, start.u_c), 0.0)
-    assert found is not None
     assert_allclose(found[2], lifted / 16 + start.p_hat * 15 / 16)
-    assert len(attempt.bodies.asked) == 5  # type: ignore[attr-defined]
+    assert len(attempt.bodies.asked) == 5
     assert attempt._solve(lifted, lifted, floating.gamma, (start.p, start.u_c), 0.0) is None
-    assert len(attempt.bodies.asked) == 5 + attempts.RETREATS  # type: ignore[attr-defined]
+    assert len(attempt.bodies.asked) == 5 + attempts.RETREATS
     attempt(replace(start, p_hat=lifted))
     best = attempt.best
-    assert best is not None
     assert (best.status, best.residual, best.history) == (Status.NO_HOLD, np.inf, ())
     assert best.p is start.p
     assert best.u_c is start.u_c
@@ -548,7 +544,6 @@ def test_a_damped_attempt_arrives_too(proximal: float, seed: int) -> None:
     attempt = Attempts(problem, bodies, 1e-10, 200)
     far = np.full(len(problem.gap), 10.0)  # residuals above 1
     attempt(Start.at(problem, far, problem.contact_displacement(far)), proximal)
-    assert attempt.best is not None
     assert attempt.best.status is Status.CONVERGED
     weights = [laws.weight for laws in bodies.asked]
     residuals = [step.residual for step in attempt.history]
@@ -561,7 +556,6 @@ def test_a_damped_attempt_arrives_where_bodies_float(floating: SurfaceProblem) -
     attempt = Attempts(floating, Bodies(floating), 1e-12, 200)
     attempt(Start.as_if(floating, closed(floating), closed(floating)), 1e-2)
     exact = CondensedNewton(rtol=1e-13)(floating, np.zeros(len(floating.gap)))
-    assert attempt.best is not None
     assert attempt.best.status is Status.CONVERGED
     assert_allclose(attempt.best.p, exact.p, atol=1e-10 * np.abs(exact.p).max())
     assert floating.imbalance(attempt.best.p) <= 1e-12
@@ -625,7 +619,7 @@ def merit(problem: SurfaceProblem, p: Array, w: Array) -> float:
 
 def test_a_step_that_goes_too_far_is_shortened_and_a_good_one_is_not() -> None:
     problem = given()
-    exact = CondensedNewton(rtol=1e-12).discrete(problem.surface)(problem, np.zeros(len(problem.gap)), lambda s: None)  # type: ignore[misc, arg-type]
+    exact = CondensedNewton(rtol=1e-12).discrete(problem.surface)(problem, np.zeros(len(problem.gap)), lambda s: None)
     p = exact.p + np.random.default_rng(2).random(len(exact.p))
     w = problem.relative_displacement(problem.contact_displacement(p))
     search = LineSearch(problem, problem.gamma)

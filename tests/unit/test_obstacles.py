@@ -234,9 +234,7 @@ def test_symbols_have_the_gradient_that_numbers_have_on_the_surface_too(
 
 
 @pytest.mark.parametrize(("dim", "inside"), [(2, False), (3, False), (3, True)])
-def test_compliance_meets_a_cone_at_every_quadrature_point(
-    dim: int, inside: bool, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_compliance_meets_a_cone_at_each_point(dim: int, inside: bool, scene_of: SceneOf, system_of: SystemOf) -> None:
     """The form in UFL and the rows in numbers: two ways of one distance."""
     law = {"law": "compliance", "c_n": 3.0, "m_n": 2.0}
     middle, low = ([0.0] if dim == 2 else [0.9, 0.45]), [1.0]  # between the nodes

@@ -135,7 +135,7 @@ def parsed(words: list[str]) -> None:
     group = typer.main.get_command(app)
     if "--help" in words or words == ["--version"]:
         return
-    command = group.commands[words[0]]  # type: ignore[attr-defined]
+    command = group.commands[words[0]]
     command.make_context(words[0], words[1:])
 
 

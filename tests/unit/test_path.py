@@ -393,7 +393,7 @@ def test_open_points_have_tangents_at_the_floor(problem_of_block: Callable[..., 
     p[0] = 0.5
     (contact,) = semismooth.simplified(problem, p, 1e-2).cone.contacts
     slope = 2 * np.sqrt(40.0 * np.array([0.5, 0.005]))  # of c d^2 at p: 2 sqrt(c p)
-    assert_allclose(contact.normal.k[:2], slope, rtol=1e-12)  # type: ignore[attr-defined]
+    assert_allclose(contact.normal.k[:2], slope, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -445,9 +445,7 @@ def test_a_tangent_is_a_spring_that_only_presses() -> None:
     assert_allclose(law.stiffness(p, p_hat), [0.0, 3.0, 4.0])
 
 
-def test_a_bound_of_the_same_power_as_the_pressure_becomes_coulombs(
-    problem_of_block: Callable[..., SurfaceProblem],
-) -> None:
+def test_a_bound_of_the_power_of_the_pressure_becomes_coulombs(problem_of_block: Callable[..., SurfaceProblem]) -> None:
     """c_T d^2 is (c_T / c_n) p; under a tangent the bound would be another one."""
     problem = problem_of_block(2.0, {"law": "compliance", "c_T": 12.0, "m_T": 2.0, "k_T": 4.0})
     (contact,) = semismooth.simplified(problem, np.ones(len(problem.gap)), 1e-3).cone.contacts
@@ -456,9 +454,7 @@ def test_a_bound_of_the_same_power_as_the_pressure_becomes_coulombs(
     assert contact.friction.k_T == 4.0
 
 
-def test_floors_fall_to_the_last(
-    problem_of_block: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_floors_fall_to_last(problem_of_block: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch) -> None:
     problem, seen = problem_of_block(), list[float]()
     simplified = semismooth.simplified
     monkeypatch.setattr(semismooth, "simplified", lambda *of: seen.append(of[-1]) or simplified(*of))
@@ -555,7 +551,7 @@ def test_points_that_have_slipped_hide_no_others(reached: Callable[..., Accepted
 )
 def test_others_are_looked_for_where_there_may_be_some(
     friction: dict[str, Any] | None, tables: dict[str, Any], looked_for: bool,
-    problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch,
+    problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
     problem, asked = problem_of_several(friction, tables=tables), list[int]()
     monkeypatch.setattr(path, "path_from_open", lambda of, kinks: asked.append(kinks) or iter(()))

@@ -150,7 +150,7 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
         driven=np.zeros(0),
         shortened=np.zeros(0),
         searched={},
-        slid={},
+        memory={},
         obstacles={},
         p_ref=1.0,
         u_ref=1.0,
@@ -562,9 +562,7 @@ def test_one_scale_of_colours_and_one_window_serve_all_frames(tmp_path: Path) ->
     assert_array_equal(moved[1].status["base"], steps[3].contacts["base"].status)
 
 
-def test_many_steps_are_thinned_out_and_what_is_small_is_magnified(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_many_steps_are_thinned_out_what_is_small_is_magnified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = stickslip.read("block", COARSE)
     top = replace(scene.supports["top"], displacement={"x": 0.0, "y": -1e-6})
     scene = replace(scene, supports={"top": top})
@@ -593,7 +591,6 @@ def test_what_touches_is_shown_closely_if_it_is_small() -> None:
     view = View.facing(np.array([[0.0, 0.0, 0.0], [4.0, 2.0, 0.0]]))
     small = np.array([[1.0, 0.0, 0.0], [1.4, 0.1, 0.0]])
     close = close_up(view, small)
-    assert close is not None
     assert_allclose(close.extent, [0.8, 1.6, -0.35, 0.45])  # 0.4 m, and half of that on every side
     assert close_up(view, small * [4.0, 1.0, 1.0]) is None
     assert close_up(view, small[:1]) is close_up(view, small[:0]) is None

@@ -79,9 +79,7 @@ def test_uniform_tractions_have_the_exact_resultant_and_nodal_forces(
 
 
 @pytest.mark.parametrize(("shape", "law"), every_nth(3, SHAPES, LAWS))
-def test_friction_sees_the_normal_force_of_each_node(
-    shape: str, law: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_friction_sees_the_force_of_each_node(shape: str, law: str, scene_of: SceneOf, system_of: SystemOf) -> None:
     """No pressure, however uneven, gives a negative mean, and the means add up to the normal force."""
     dim, geometry = SHAPES[shape]
     (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact(law=law)})).contacts
@@ -152,9 +150,7 @@ def carries_uniform_pressure(rows: ContactRows) -> None:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_neighbours_take_over_where_the_normal_motion_is_prescribed(
-    shape: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_neighbours_take_over_where_motion_is_prescribed(shape: str, scene_of: SceneOf, system_of: SystemOf) -> None:
     dim, geometry = SHAPES[shape]
     hold = {"clamp": {"boundary": "block.left", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}}
     (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact()}, supports=hold)).contacts
@@ -222,9 +218,7 @@ def test_two_contacts_in_one_corner_ask_nothing_twice(scene_of: SceneOf, simulat
         carries_uniform_pressure(rows_of)
 
 
-def test_parallel_planes_on_adjoining_sides_do_not_hold_a_corner_twice(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_parallel_planes_on_adjoining_sides_hold_a_corner_once(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     # both obstacles face up and right: the corner of bottom and left has one normal motion for the two
     ground = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.1, 1.0]}}
     pit = {"wall": {"shape": "plane", "point": [0.0, -1.0], "normal": [0.2, 2.0]}}

@@ -192,7 +192,6 @@ def test_alpha_above_two_over_lambda_1_diverges(monkeypatch: pytest.MonkeyPatch)
 def test_lambda_1_is_measured_to_a_per_cent() -> None:
     scene = with_solver(glued(1.0), alpha=None)
     (first, *_) = prepare(scene).steps()
-    assert first.convergence is not None
     assert first.convergence.lambda_1 == pytest.approx(exact_lambda_1(), rel=0.01)
     assert first.convergence.alpha == pytest.approx(1.5 / first.convergence.lambda_1)
 
@@ -201,9 +200,6 @@ def test_the_theorem_bounds_what_happens() -> None:
     """Without projection the residual falls, at the end, by the factor max |1 - alpha lambda_i|."""
     (first, *_) = prepare(with_solver(glued(1.0), alpha=None, rates=True, tolerance=1e-12)).steps()
     theory = first.convergence
-    assert theory is not None
-    assert theory.bound is not None
-    assert theory.observed is not None
     assert theory.bound - 0.2 * (1 - theory.bound) < theory.observed < theory.bound + 1e-3  # and not by far
     assert theory.residuals == tuple(row.residual for row in first.history)
 
@@ -349,7 +345,6 @@ def test_the_surface_knows_the_displacement_that_belongs_to_the_tractions() -> N
         pass
     blocks = blocks_of(simulation)
     state = simulation.reported.state if simulation.reported else None
-    assert state is not None
     q = uncondensed(simulation.stepper.surface).q
     left = blocks.problem.load.f_q - blocks.forces(state.p) - blocks.system.K_B * q
     assert left.norm() < 1e-12 * blocks.forces(state.p).norm()

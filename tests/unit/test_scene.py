@@ -195,10 +195,10 @@ def test_a_table_by_axis_has_zeros_up_to_the_dimension_of_the_model(scene_of: Sc
     places = [str(place) for place in found.drives()]
     for key in ("loads.t.traction", "loads.f.force", "gravity.acceleration", "springs.s.displacement"):
         assert f"{key}.{axis}" in places
-    by_program = {"t": Load(boundary="block.top", traction={"x": 2.0})}  # type: ignore[arg-type]
+    by_program = {"t": Load(boundary="block.top", traction={"x": 2.0})}
     assert replace(found, loads=by_program).loads["t"].traction == (2.0, *zeros)
     with pytest.raises(SceneError, match=r"gravity\.acceleration = \[0\.0, 0\.0.*: expected . components"):
-        replace(found, sections={"gravity": Gravity(acceleration=[0.0] * (5 - dim))})  # type: ignore[arg-type]
+        replace(found, sections={"gravity": Gravity(acceleration=[0.0] * (5 - dim))})
     if dim == 2:
         with pytest.raises(SceneError, match=r"loads\.t\.traction = \[0\.0, 0\.0, 1\.0\]: expected 2 components"):
             scene(z=1.0)
@@ -278,26 +278,26 @@ WRONG_VALUES: dict[str, tuple[Callable[[], object], str]] = {
     "3D": (lambda: scene(model="3D"), r'^model = "3D": not one of these; did you mean 3d\?$'),
     "misspelt model": (lambda: scene(model="axisymetric"), r"^model = .*; did you mean axisymmetric\?$"),
     "no model": (lambda: scene(model=None), "^model = null: not one of these; known: 3d, axisymmetric, plane strain"),
-    "cells": (lambda: s.Block(length=1.0, height=1.0, mesh_size=1.0, cells="quad"), "^cells = .*known: simplex, tens"),  # type: ignore[arg-type]
-    "surface": (lambda: s.Solver(surface="condensd"), r"^surface = .*did you mean condensed\?$"),  # type: ignore[arg-type]
+    "cells": (lambda: s.Block(length=1.0, height=1.0, mesh_size=1.0, cells="quad"), "^cells = .*known: simplex, tens"),
+    "surface": (lambda: s.Solver(surface="condensd"), r"^surface = .*did you mean condensed\?$"),
     "infinite": (lambda: s.Steps(end=math.inf), "^end = Infinity: must be a finite number$"),
     "nan": (lambda: s.Material(E=math.nan, nu=0.3), "^E = NaN: must be a finite number$"),
     "tiny": (lambda: s.Steps(end=1e-300), "^end = 1e-300: must be from 1e-100 to 1e.100 s$"),
-    "text for a number": (lambda: s.Material(E="1", nu=0.3), '^E = "1": expected a number, in Pa$'),  # type: ignore[arg-type]
-    "fraction": (lambda: s.Steps(count=2.5), "^count = 2.5: expected a whole number$"),  # type: ignore[arg-type]
+    "text for a number": (lambda: s.Material(E="1", nu=0.3), '^E = "1": expected a number, in Pa$'),
+    "fraction": (lambda: s.Steps(count=2.5), "^count = 2.5: expected a whole number$"),
     "truth": (lambda: s.Steps(count=True), "^count = true: expected a whole number$"),
-    "unknown key": (lambda: s.Steps(cout=2), r"^cout: unknown key; did you mean count\?$"),  # type: ignore[call-arg]
-    "missing": (lambda: s.Material(E=1.0), "^nu: missing, it has no default$"),  # type: ignore[call-arg]
+    "unknown key": (lambda: s.Steps(cout=2), r"^cout: unknown key; did you mean count\?$"),
+    "missing": (lambda: s.Material(E=1.0), "^nu: missing, it has no default$"),
     "no geometry": (lambda: scene(geometry=None), "^geometry = null: expected a table$"),
     "no body": (lambda: scene(bodies={"block": None}), "^bodies.block = null: expected a Material$"),
     "a list of bodies": (lambda: scene(bodies=[1]), r"^bodies = \[1\]: expected a table$"),
-    "law": (lambda: s.Contact(surface="a.b", against="c", friction=0.3), "^friction = 0.3: expected a table$"),  # type: ignore[arg-type]
+    "law": (lambda: s.Contact(surface="a.b", against="c", friction=0.3), "^friction = 0.3: expected a table$"),
     "row": (
-        lambda: s.Support(boundary="a.b", displacement={"y": [[0, 0], [1]]}),  # type: ignore[dict-item]
+        lambda: s.Support(boundary="a.b", displacement={"y": [[0, 0], [1]]}),
         r"^displacement.y.1 = \[1\]: expected a pair \[time, value\]$",
     ),
-    "direction": (lambda: s.Support(boundary="a.b", displacement={"q": 1.0}), "^displacement.q = .*known: normal, x"),  # type: ignore[dict-item]
-    "replaced": (lambda: replace(scene(), model="4d"), '^model = "4d": not one of these'),  # type: ignore[arg-type]
+    "direction": (lambda: s.Support(boundary="a.b", displacement={"q": 1.0}), "^displacement.q = .*known: normal, x"),
+    "replaced": (lambda: replace(scene(), model="4d"), '^model = "4d": not one of these'),
 }  # fmt: skip
 
 
@@ -314,24 +314,24 @@ def test_the_words_are_those_of_a_file(keys: str, value: str) -> None:
     with pytest.raises(SceneError) as from_file:
         read("block", [f"{keys}={value}"])
     with pytest.raises(SceneError) as from_python:
-        s.Steps(**{key: {'"x"': "x", "2.5": 2.5, "[1]": [1]}[value]})  # type: ignore[arg-type]
+        s.Steps(**{key: {'"x"': "x", "2.5": 2.5, "[1]": [1]}[value]})
     assert str(from_file.value) == f"block.toml: {table}.{from_python.value}"
 
 
 def test_numpys_numbers_lists_and_whole_numbers_are_what_they_mean() -> None:
-    assert s.Probe(point=np.array([1, 2])).point == (1.0, 2.0)  # type: ignore[arg-type]
-    assert s.Steps(count=np.int64(3)).count == 3  # type: ignore[arg-type]
+    assert s.Probe(point=np.array([1, 2])).point == (1.0, 2.0)
+    assert s.Steps(count=np.int64(3)).count == 3
     assert isinstance(s.Material(E=1, nu=0.3).E, float)
 
 
 def test_tables_of_effects_are_given_and_replaced_like_all_others() -> None:
     spring = s.Spring(at="block.top", stiffness=(1.0, 1.0))
     found = scene(bodies={"block": s.Material(E=1.0, nu=0.3, density=1.0)}, springs={"s": spring})
-    heavy: s.Scene = replace(found, gravity=s.Gravity(acceleration=(0.0, -9.81)))  # type: ignore[call-arg]
+    heavy: s.Scene = replace(found, gravity=s.Gravity(acceleration=(0.0, -9.81)))
     assert (heavy.springs, heavy.bolts, heavy.gravity.acceleration) == ({"s": spring}, {}, (0.0, -9.81))
     assert heavy == replace(found, sections=heavy.sections)
-    assert replace(heavy, gravity=None) == found  # type: ignore[call-arg]
-    assert replace(heavy, springs={}).sections.keys() == {"gravity"}  # type: ignore[call-arg]
+    assert replace(heavy, gravity=None) == found
+    assert replace(heavy, springs={}).sections.keys() == {"gravity"}
     with pytest.raises(AttributeError, match="no attribute 'gravty'"):
         _ = found.gravty
 

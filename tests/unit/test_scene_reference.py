@@ -31,7 +31,6 @@ def test_every_key_of_the_reference_has_a_unit_and_a_meaning() -> None:
 
 def test_the_readme_scene_is_the_ready_scene_block() -> None:
     text = re.search(r"```toml\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
-    assert text is not None
     shown, ready = from_dict(tomllib.loads(text[1])), read(READY / "block.toml")
     assert (shown.contacts, shown.supports, shown.geometry) == (ready.contacts, ready.supports, ready.geometry)
 

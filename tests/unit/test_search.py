@@ -146,9 +146,7 @@ def test_gap_to_a_circle_or_sphere_has_the_order_of_the_facets(shape: str, degre
 
 
 @pytest.mark.parametrize(("kind", "height"), every_nth(2, KINDS, [0.02, 0.3]))
-def test_search_agrees_with_trying_all_facets(
-    kind: tuple[str, int], height: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_search_agrees_with_all_facets(kind: tuple[str, int], height: float, monkeypatch: pytest.MonkeyPatch) -> None:
     shape, degree = kind
     monkeypatch.setattr(search, "BLOCK", 70)  # several blocks
     dim = DIM[shape] + 1

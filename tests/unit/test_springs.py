@@ -67,7 +67,6 @@ def test_stated_errors_of_spring_forces_hold_and_points_have_none() -> None:
     (coarse, errors), (fine, _) = answers
     for name in ("down", "side"):
         parts = errors[Quantity("springs", name, "force")]
-        assert parts.mesh is not None
         off = np.abs(coarse.springs[name].force - fine.springs[name].force)
         assert np.all(off <= parts.mesh + 1e-12)
         assert np.all(parts.mesh < 4 * off + 1e-12)

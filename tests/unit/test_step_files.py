@@ -301,7 +301,6 @@ def marched() -> Simulation:
 
 def test_every_field_of_the_state_is_put_back(marched: Simulation) -> None:
     accepted = marched.reported
-    assert accepted is not None
     checkpoint = Checkpoints(marched.stepper).take(accepted)
     assert accepted.state.refined is not None
     stored = replace(
@@ -313,8 +312,6 @@ def test_every_field_of_the_state_is_put_back(marched: Simulation) -> None:
     assert set(stored.state) == {f.name for f in fields(State)} - {ROWS, *FOR_RESULTS, *APART}
     other = prepare(marched.scene, reached=stored.reached)
     state, _ = Checkpoints(other.stepper).put_back(stored, None)
-    assert state.refined is not None
-    assert state.refined.surplus is not None
     assert state.refined.surplus.norm() > 0
     for before, after in ((accepted.state, state), (accepted.state.refined, state.refined)):
         for f in fields(State):

@@ -59,7 +59,7 @@ class Reluctant:
     def __init__(self, stepper: Stepper, allowed: Callable[[float], float]) -> None:
         self.whole, self.allowed, self.tried = stepper.method_after, allowed, list[tuple[float, float]]()
         self.starts = list[Any]()
-        stepper.method_after = self.after  # type: ignore[method-assign]
+        stepper.method_after = self.after
 
     def after(self, state: State) -> Callable[[SurfaceProblem, Any, OnStep], Solution]:
         method = self.whole(state)
@@ -87,9 +87,7 @@ def march(simulation: Simulation, *times: float) -> list[Accepted]:
     return reached
 
 
-def test_substeps_shrink_where_it_is_hard_and_grow_back_where_it_is_easy(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_substeps_shrink_where_it_is_hard_and_grow_back_after(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     simulation = simulation_of(sheared(scene_of))
     reluctant = Reluctant(simulation.stepper, lambda time: 1 / 16 if time < 0.25 else 1.0)
     (step,) = march(simulation, 1.0)
@@ -192,9 +190,7 @@ def test_the_smallest_step_that_fails_names_contact_point_law_and_what_to_try(
     assert {row.time for row in failed.value.history} == {0.5**k for k in range(HALVINGS + 1)}
 
 
-def test_what_was_reached_before_the_smallest_step_failed_is_kept(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_what_was_reached_before_the_smallest_step_is_kept(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     simulation = simulation_of(sheared(scene_of))
     Reluctant(simulation.stepper, lambda time: 0.25 if time < 0.5 else 0.0)
     steps = simulation.steps()
@@ -204,9 +200,7 @@ def test_what_was_reached_before_the_smallest_step_failed_is_kept(
         next(steps)
 
 
-def test_a_step_starts_where_the_last_one_was_heading_unless_the_load_turns(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_a_step_starts_where_the_last_went_unless_loads_turn(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """The press ends at t = 1, where the shear begins."""
     simulation = simulation_of(sheared(scene_of, count=8))
     reluctant = Reluctant(simulation.stepper, lambda time: 1.0)
@@ -231,9 +225,7 @@ def test_steps_of_a_load_that_grows_alone_take_no_iterations(scene_of: SceneOf, 
 
 @pytest.mark.parametrize("part", ["normal", "tangential"])
 @pytest.mark.parametrize("name", ["base", "wall"])
-def test_the_worst_contact_is_the_one_that_is_off(
-    name: str, part: str, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_the_worst_contact_is_the_off_one(name: str, part: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     sides = {"base": ("bottom", "foundation"), "wall": ("right", "wall")}
     rough = {"law": "coulomb", "mu": MU}
     floor = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
@@ -385,9 +377,7 @@ DRIVES: dict[str, tuple[dict[str, Any], Callable[[StepResult], float], float]] =
 
 
 @pytest.mark.parametrize("name", DRIVES)
-def test_times_of_every_table_are_hit_with_its_values(
-    name: str, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_times_of_tables_are_hit_with_their_values(name: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     tables, measure, of_one = DRIVES[name]
     scene = scene_of(**tables, steps={"end": 1.0, "count": 2})
     table = tuple((t, abs(v) if name == "Tresca's bound" else v) for t, v in TABLE)

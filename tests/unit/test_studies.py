@@ -208,9 +208,7 @@ def test_above_the_bound_a_glued_base_diverges_and_the_row_says_so(price_rows: R
     assert verdicts.bound(price_rows).verdict == HOLDS
 
 
-def test_prices_that_were_measured_are_not_measured_again(
-    prices: Path, price_rows: Rows, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_measured_prices_are_measured_once(prices: Path, price_rows: Rows, monkeypatch: pytest.MonkeyPatch) -> None:
     lost = tables(TINY_PRICES)["h"][1]
     (prices / "rows" / f"{lost.name}.json").unlink()
     called: list[Case] = []
@@ -255,18 +253,18 @@ def test_one_big_step_ends_where_two_do(dim: int, axes: str) -> None:
     case = Case(dim=dim, n=4, method=MASS, mu=0.05, c_n=10.0)
     one, two = replace(case, steps=1).scene(), case.scene()
     assert (one.requested_times(), two.requested_times()) == ((1.0,), (1.0, 2.0))
-    ends = [{axis: table[-1][1] for axis, table in s.supports["top"].displacement.items()} for s in (one, two)]  # type: ignore[index]
+    ends = [{axis: table[-1][1] for axis, table in s.supports["top"].displacement.items()} for s in (one, two)]
     assert ends[0] == ends[1]
     assert set(ends[0]) == set(axes)
     normal, height = two.contacts["base"].normal, {2: 2.0, 3: 1.0}[dim]
-    assert_allclose(normal.c_n * height, 10.0)  # type: ignore[attr-defined]  # E = 1 Pa
+    assert_allclose(normal.c_n * height, 10.0)  # E = 1 Pa
 
 
 def test_a_name_stands_for_its_keys() -> None:
     solver = Case(dim=2, n=4, method=DROP + INEXACT, rule="bramble-pasciak-vassilev", share=0.1).scene().solver
-    told = (solver.method, solver.preconditioner, solver.gram.factor, solver.inner_solves)  # type: ignore[attr-defined]
+    told = (solver.method, solver.preconditioner, solver.gram.factor, solver.inner_solves)
     assert told == ("block-uzawa", "gram", "drop", "inexact")
-    assert (solver.inner_rule, solver.inner_tolerance) == ("bramble-pasciak-vassilev", 0.1)  # type: ignore[attr-defined]
+    assert (solver.inner_rule, solver.inner_tolerance) == ("bramble-pasciak-vassilev", 0.1)
     assert len({Case(dim=2, n=4, method=method).scene().solver for method in METHODS}) == len(METHODS)
 
 

@@ -233,7 +233,7 @@ def test_displacement_under_tractions_is_one_volume_solve() -> None:
     p, before = solved(problem).p, problem.volume_solves
     u_c = problem.contact_displacement(p)
     assert problem.volume_solves == before + 1
-    S = problem.surface.S  # type: ignore[attr-defined]
+    S = problem.surface.S
     assert_allclose(S @ u_c, problem.load.f_c - problem.surface.forces(p), atol=1e-10)
     assert_allclose(problem.project(-p, 2.0), problem.cone.project(-p, np.full(len(p), 2.0)))
 
@@ -331,9 +331,7 @@ def test_the_inverse_root_of_a_matrix_squares_to_its_inverse(count: int, error: 
 
 
 @pytest.mark.parametrize(("dim", "order"), [(2, 1), (2, 2), (3, 1), (3, 2)])
-def test_surface_forms_integrate_linear_fields_exactly(
-    dim: int, order: int, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_surface_forms_integrate_linear_fields(dim: int, order: int, scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(block(scene_of, dim, 3, order))
     (rows,) = system.contacts
     L, mass, x = surface_stiffness(rows.surface), lumped_mass(rows.surface), rows.surface.points[:, 0]
@@ -502,9 +500,7 @@ def test_what_forces_do_to_each_other_is_mutual(both: tuple[Any, Any, System]) -
     assert_allclose(f @ both[1].displacement(g), g @ both[1].displacement(f), rtol=1e-9)
 
 
-def test_recovered_displacement_balances_forces_and_moves_along_with_its_contact_dofs(
-    both: tuple[Any, Any, System],
-) -> None:
+def test_recovered_displacement_balances_forces_and_moves_with_contact_dofs(both: tuple[Any, Any, System]) -> None:
     exact, free, system = both
     load, p = load_of(free, system), smooth_changes(free, 1)[0]
     # forces that bodies can be at rest under: contact takes what the load leaves
@@ -553,9 +549,7 @@ def test_each_solve_and_iteration_is_counted(scene_of: SceneOf, system_of: Syste
     assert (counters.volume_solves, counters.linear_iterations) == done  # these are counted apart
 
 
-def test_a_stiffness_that_is_none_is_said(
-    scene_of: SceneOf, system_of: SystemOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stiffness_of_none_is_said(scene_of: SceneOf, system_of: SystemOf, monkeypatch: pytest.MonkeyPatch) -> None:
     system = system_of(pressed_block(scene_of, 2))
     surface = prepare_surface(system, IterativeVolume(system))
     monkeypatch.setattr("stickslip.solvers.linear.conjugate_gradients.MOST_ITERATIONS", 3)
@@ -630,9 +624,7 @@ LAYERED: dict[str, Callable[[SceneOf], Scene]] = {
 
 
 @pytest.mark.parametrize("name", LAYERED)
-def test_it_gives_less_than_the_bodies_and_more_the_deeper_it_is(
-    name: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_it_gives_less_than_bodies_and_more_if_deeper(name: str, scene_of: SceneOf, system_of: SystemOf) -> None:
     """What is held gives less. Only forces in balance compare where bodies float: other ones move them as a whole."""
     system = system_of(LAYERED[name](scene_of))
     F, R = bodies(system)
@@ -652,9 +644,7 @@ def test_it_is_exact_where_it_is_the_whole_of_the_bodies(name: str, scene_of: Sc
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_springs_hold_a_floating_body_that_is_layer_altogether(
-    dim: int, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_springs_hold_a_floating_body_that_is_all_layer(dim: int, scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(layered(scene_of, dim, floating=True))
     F, _ = bodies(system)
     values = np.linalg.eigvalsh(given(system, WHOLE))

@@ -232,7 +232,7 @@ def printed(width: int) -> str:
     table.add_row(*ROW)
     out = Console(file=io.StringIO(), width=width, highlight=False, markup=False)
     print_table(table, out)
-    return out.file.getvalue()  # type: ignore[attr-defined]
+    return out.file.getvalue()
 
 
 def test_units_are_no_markup(capsys: pytest.CaptureFixture[str]) -> None:

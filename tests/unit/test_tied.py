@@ -71,13 +71,11 @@ def test_tied_is_bilateral_and_stuck(dim: int, method: str, scene_of: SceneOf, s
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_tied_surface_moves_as_a_support_would_move_it(
-    dim: int, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_tied_surface_moves_as_a_support_moves_it(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     scene = dragged(scene_of, dim, depth=0.5, normal={"law": "tied"})
     tied = simulation_of(scene)
     step = only_step(tied)
-    move = scene.obstacles["foundation"].displacement  # type: ignore[attr-defined]
+    move = scene.obstacles["foundation"].displacement
     supports = {"base": {"boundary": "block.bottom", "displacement": dict(move)}}
     supports["top"] = {"boundary": "block.top", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}
     held = only_step(simulation_of(scene_of(dim, obstacles={}, supports=supports)))
@@ -91,9 +89,7 @@ def test_tied_surface_moves_as_a_support_would_move_it(
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_tied_surface_pulls_and_does_not_close_its_gap(
-    method: str, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_tied_surface_pulls_and_keeps_its_gap(method: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     base = only_step(simulation_of(pulled(scene_of, method, top=0.01))).contacts["base"]
     assert_allclose(base.pressure, -M * 0.01, rtol=1e-9)  # uniaxial strain of a column of height 1
     assert_allclose(base.gap, 0.0, atol=1e-14)

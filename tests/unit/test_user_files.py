@@ -168,7 +168,7 @@ def test_a_relative_file_begins_at_the_scene_file(tmp_path: Path, monkeypatch: p
     path = write(tmp_path / "scene.toml", "\n".join(lines))
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    assert read(path).geometry.file == str(tmp_path / "b.msh")  # type: ignore[union-attr]
+    assert read(path).geometry.file == str(tmp_path / "b.msh")
 
 
 def test_millimetres_are_scaled_and_mesh_sizes_stay_in_metres(tmp_path: Path) -> None:
@@ -236,7 +236,7 @@ def test_names_of_a_step_file_are_its_last_component_numbered_on_repeat(tmp_path
     names = {"left_jaw_2.bottom": ["face 5"], "left_jaw_2.top": ["face 6"]}
     scene = from_dict(scene_data(named, 3, "left_jaw_2", mesh_size=0.5, names=names))
     assert set(scene.geometry.bodies(3)) == {"left_jaw_2"}
-    two = draw(tmp_path / "two.brep", act=lambda model: (model.occ.addBox(9, 0, 0, 1, 1, 1), model.occ.synchronize()))  # type: ignore[arg-type,return-value]
+    two = draw(tmp_path / "two.brep", act=lambda model: (model.occ.addBox(9, 0, 0, 1, 1, 1), model.occ.synchronize()))
     data = scene_data(two, 3, "part", mesh_size=0.5, names=FACES)
     data["bodies"]["part_2"] = {"E": 1.0, "nu": 0.3}
     assert set(from_dict(data).geometry.bodies(3)) == {"part", "part_2"}
@@ -262,7 +262,7 @@ def test_a_box_selects_what_lies_wholly_inside(tmp_path: Path) -> None:
 
 def test_a_cad_file_without_a_size_gets_one_from_its_volume(tmp_path: Path) -> None:
     geometry = from_dict(scene_data(draw(tmp_path / "b.brep"), 3, "part", names=FACES)).geometry
-    assert_allclose(geometry.size(3), (8 * 16.0 / 20_000) ** (1 / 3))  # type: ignore[union-attr]  # m; 16 m³
+    assert_allclose(geometry.size(3), (8 * 16.0 / 20_000) ** (1 / 3))  # m; 16 m³
 
 
 def test_parameters_of_a_script_change_its_shape(tmp_path: Path) -> None:

@@ -150,9 +150,7 @@ def test_bounds_that_are_frozen_and_renewed_lead_to_the_same_fixed_point(
 
 
 @pytest.mark.parametrize("relaxation", [*slow(0.9), 1.5])
-def test_a_step_that_is_given_is_the_one_taken(
-    relaxation: float, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_a_step_that_is_given_is_taken(relaxation: float, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     by_bound = simulation_of(dragged(scene_of, 2, "unilateral", method="uzawa", relaxation=relaxation))
     alpha = relaxation / by_bound.stepper.surface.lambda_max
     given = simulation_of(dragged(scene_of, 2, "unilateral", method="uzawa", alpha=alpha))
@@ -228,9 +226,7 @@ def test_an_iteration_is_a_volume_solve_and_the_last_of_an_inexact_one_two(
         assert taken.count(2) <= 3
 
 
-def test_where_compliance_is_all_there_is_the_inner_solve_is_all(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_where_compliance_is_all_the_inner_solve_is_all(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     smooth = {"base": {"surface": "block.bottom", "against": "foundation", "normal": COMPLIANCE}}
     contacts = scene_of(contacts=smooth).contacts
     one, other = (
@@ -478,9 +474,7 @@ def test_it_finds_what_newton_finds(dim: int, choice: str, scene_of: SceneOf, si
 
 
 @pytest.mark.parametrize("dim", [2, *slow(3)])
-def test_a_metric_without_full_rank_meets_compliant_faces(
-    dim: int, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_a_metric_of_low_rank_meets_compliant_faces(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """More quadrature points than nodes: the steps of Uzawa's method are bounded by what pushes nodes."""
     scene = pressed(scene_of, dim, method="condensed-newton")
     base = replace(scene.contacts["base"], normal=Compliance(c_n=40.0, m_n=2.0))

@@ -24,6 +24,7 @@ from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
 from stickslip.solvers.laws.law import FrictionLaw
 from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
+from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.tied import Tied
@@ -76,7 +77,7 @@ def wrong_gap(patch: pytest.MonkeyPatch) -> None:
 
 
 def wrong_distance(kind: type, patch: pytest.MonkeyPatch) -> None:
-    true = kind.distance  # type: ignore[attr-defined]
+    true = kind.distance
     patch.setattr(kind, "distance", lambda self, x, sqrt: true(self, x, sqrt) + 0.01)
 
 
@@ -149,6 +150,7 @@ LAWS: dict[str, tuple[FrictionLaw, Any]] = {
     "cohesion, bilateral": (Cohesion(a=0.2, mu=0.3), Bilateral()),
     "by pressure": (PressureDependent(mu=((0.1, 0.3), (0.4, 0.25), (2.0, 0.5))), Unilateral()),
     "by slip": (SlipDependent(mu=((0.1, 0.3), (0.4, 0.1), (2.0, 0.5))), Unilateral()),
+    "by rate": (RateDependent(mu=((0.1, 0.3), (0.4, 0.4), (2.0, 0.5))), Unilateral()),
     "static, kinetic": (StaticKinetic(mu_s=0.4, mu_k=0.3, slip_length=0.5), Unilateral()),
     "orthotropic": (OrthotropicCoulomb(mu_1=0.2, mu_2=0.5, axis=(1.0, 0.0, 0.0)), Unilateral()),
     "compliance": (TangentialCompliance(c_T=2.0, m_T=1.5), Compliance(c_n=3.0, m_n=2.0)),
@@ -161,9 +163,9 @@ def test_both_formulas_of_a_bound_agree(friction: FrictionLaw, normal: Any) -> N
         np.array([-1.0, 0.0, 0.5, 4.0]),
         np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0.5, 0.5, 0], [0, 0, 0.2, 0.8]]),
     )
-    slid = np.array([0.0, 0.2, 1.0, 7.0])
-    found = closed_formulas.bound(friction, normal, p, average, 0.7, 2.0, slid)
-    np.testing.assert_allclose(found, friction.at(slid).limit(p, average, normal, 0.7, 2.0))
+    memory = np.array([0.0, 0.2, 1.0, 7.0])
+    found = closed_formulas.bound(friction, normal, p, average, 0.7, 2.0, memory)
+    np.testing.assert_allclose(found, friction.at(memory).limit(p, average, normal, 0.7, 2.0))
 
 
 def test_both_formulas_of_a_penetration_agree() -> None:
@@ -261,9 +263,7 @@ def test_what_passes_its_limit_is_said_and_no_more() -> None:
 
 
 @pytest.mark.parametrize("nu", [*slow(0.3), 0.4])
-def test_the_second_energy_gives_the_forces_of_the_first(
-    nu: float, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_the_second_energy_gives_the_first_forces(nu: float, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """In every model, at both orders, on every shape of cell: equilibrium is met to rounding."""
     for overrides in ({"model": "plane stress"}, {"geometry": {"order": 2}}, {"geometry": {"cells": "tensor"}}):
         scene = dragged(scene_of, COULOMB)

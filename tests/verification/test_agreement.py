@@ -41,9 +41,7 @@ def test_only_what_the_table_refuses_is_left_out() -> None:
 
 
 @pytest.mark.parametrize("method", ["surface-uzawa", "regularised"])
-def test_another_coefficient_of_friction_is_not_taken_for_the_same(
-    method: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_coefficient_of_friction_is_not_taken_for_it(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     true = agreement_case.scene
 
     def slippery(name: str, by: str, **solver: Any) -> Scene:

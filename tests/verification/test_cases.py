@@ -102,7 +102,7 @@ def test_checks_notice_another_constant(
 @pytest.mark.parametrize("change", [{"c_n": 1.001e6}, {"m": 2.001}, {"g": 0.00201}, {"U": 0.01001}])
 def test_checks_of_a_column_notice_a_foundation_that_is_a_little_different(change: dict[str, float]) -> None:
     case = column.column.TABLE[1]
-    other = replace(case, **change)  # type: ignore[arg-type]
+    other = replace(case, **change)
     scene = column.scene(dim=2, method=NEWTON, c_n=other.c_n, m=other.m, g=other.g, top=other.U)
     exact = column.column.ColumnState(penetration=case.d - case.g, displacement=case.d, pressure=case.p)
     # 1e-5: a change of 1e-3 in a parameter moves both figures by more than 1e-4
@@ -165,9 +165,7 @@ def test_checks_of_limits_notice_another_coefficient() -> None:
     assert steps[-1].time > pushed.time + limits.NEAR
 
 
-def test_checks_of_a_bonded_punch_notice_a_surface_that_is_held_in_the_normal_alone(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_checks_of_a_bonded_punch_notice_a_surface_held_in_the_normal_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(punch, "BONDED", punch.HELD)
     assert len(failures(punch.tractions(punch.REFERENCE))) >= 4
 
@@ -213,7 +211,7 @@ def test_checks_of_slivers_notice_another_pressure(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(slivers, "PRESSURE", 7.0)
     block = slivers.block(NEWTON)
     monkeypatch.setattr(slivers, "PRESSURE", 7.001)
-    monkeypatch.setitem(slivers.SCENES, "other", slivers.Thin(lambda method: block, slivers.uniform))  # type: ignore[arg-type]
+    monkeypatch.setitem(slivers.SCENES, "other", slivers.Thin(lambda method: block, slivers.uniform))
     assert len(failures(slivers.thin("other", NEWTON))) == 3
 
 
@@ -359,7 +357,7 @@ def test_a_block_of_forty_half_widths_would_matter_to_the_shear_of_a_punch() -> 
 def test_pressure_and_shear_of_a_punch_are_coupled() -> None:
     # neglecting that shear tilts and pressure stretches the surface gives .744
     fine = {"fine": 0.01, "edge": 0.005, "symmetric": True}
-    cut = punch.Cut(method=punch.REFERENCE, normal=punch.PRESSED, friction=Coulomb(mu=0.3), **fine)  # type: ignore[arg-type]
+    cut = punch.Cut(method=punch.REFERENCE, normal=punch.PRESSED, friction=Coulomb(mu=0.3), **fine)
     assert abs(punch.solve(cut).stick - 0.744) > 10 * punch.punch.STICK_DIGITS
 
 

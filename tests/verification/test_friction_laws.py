@@ -62,9 +62,7 @@ def test_cycles_that_differ_are_noticed() -> None:
 
 
 @pytest.mark.parametrize(("c_T", "m_T"), [(1.001e6, 2.0), (1e6, 2.001)])
-def test_threshold_notices_another_power_of_the_penetration(
-    c_T: float, m_T: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_threshold_notices_another_power_of_depth(c_T: float, m_T: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sheared_column_case, "TangentialCompliance", lambda **_: TangentialCompliance(c_T=c_T, m_T=m_T))
     assert failures(threshold("condensed-newton", 1e6, 2.0))
     assert len(failures(penetrating("condensed-newton", 1e6, 2.0))) > 10  # of 21; the first move only sticks
@@ -217,9 +215,7 @@ def holds(friction: dict[str, Any], force: tuple[float, ...]) -> bool:
         ({"law": "slip_dependent", "mu": [[0.0, 0.3], [1e3, 0.4]]}, 0.3 * 0.4, 1.36),  # proved by the mu of all slip
     ],
 )
-def test_a_floating_block_is_held_up_to_the_bound_and_not_beyond(
-    friction: dict[str, Any], most: float, beyond: float
-) -> None:
+def test_a_floating_block_is_held_up_to_the_bound_alone(friction: dict[str, Any], most: float, beyond: float) -> None:
     assert holds(friction, (0.97 * most,))
     assert not holds(friction, (beyond * most,))
 
@@ -260,6 +256,6 @@ def test_bent_by_the_drag_a_part_sticks_a_part_slips_and_the_audit_agrees(
         before, status = record, step.contacts["base"].status
         both = both or bool(np.any(status == SLIP) and np.any(status == STICK))
     assert both
-    for name, length in record.slid.items():  # slip that is not that of the displacement is found
-        lost = replace(record, slid={name: 0.5 * length})
+    for name, length in record.memory.items():  # slip that is not that of the displacement is found
+        lost = replace(record, memory={name: 0.5 * length})
         assert audit(lost).complementarity > 1e-3

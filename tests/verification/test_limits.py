@@ -57,7 +57,7 @@ def test_run_without_equilibrium_ends_with_3_and_keeps_what_was_reached(name: st
     assert limit - limits_case.NEAR < times[-1] < limit
     proved, found = re.fullmatch(
         r"t = (\S+): .* the last equilibrium that was found is at t = (\S+)", outcome.sentence
-    ).groups()  # type: ignore[union-attr]
+    ).groups()
     assert (float(found), limit < float(proved) < limit + limits_case.NEAR) == (pytest.approx(times[-1], 1e-5), True)
 
 

@@ -38,9 +38,7 @@ ALONE = {"formulation": "displacement"}
     ],
 )
 @pytest.mark.parametrize("nu", [0.4999, pytest.param(0.5, marks=pytest.mark.slow)])
-def test_round_bodies_press_as_hertz_says(
-    nu: float, model: Model, order: Literal[1, 2], cells: int, within: float
-) -> None:
+def test_round_bodies_are_of_hertz(nu: float, model: Model, order: Literal[1, 2], cells: int, within: float) -> None:
     assert off(Touch(model=model, order=order, cells=float(cells), nu=nu)) < within
 
 

@@ -175,7 +175,6 @@ def test_friction_is_mu_times_the_normal_force(geometry: dict[str, Any], m_n: fl
 def test_a_bound_without_pressure_holds_on_the_area_that_touches(law: dict[str, Any], order: int) -> None:
     """The area is that of the quadrature points that press: no whole nodes, which would be half a facet more."""
     (rows,) = prepare(pulled(2, {"order": order}, 1.0, law)).system.contacts
-    assert rows.friction is not None
     for count in range(len(rows.W_n) + 1):
         p = np.where(np.arange(len(rows.W_n)) < count, N, 0.0)
         s = rows.friction.limit(p, rows.average, rows.normal, 1.0, 2.0)

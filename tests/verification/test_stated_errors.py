@@ -122,9 +122,7 @@ def stated_and_true_numbers(scene: str, words: tuple[str, ...]) -> list[tuple[Qu
         ("sledge", ("geometry.mesh_size=0.04", "steps.count=2"), "remote_points", "rotation", 1e-4),
     ],
 )
-def test_tensions_and_rotations_are_no_energies(
-    scene: str, words: tuple[str, ...], kind: str, quantity: str, most: float
-) -> None:
+def test_tensions_are_no_works(scene: str, words: tuple[str, ...], kind: str, quantity: str, most: float) -> None:
     found = [
         case for case in stated_and_true_numbers(scene, words) if (case[0].kind, case[0].quantity) == (kind, quantity)
     ]

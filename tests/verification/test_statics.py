@@ -258,9 +258,7 @@ def test_more_weight_than_friction_can_hold_has_no_equilibrium(dim: int, scene: 
         pytest.param(between_bodies, "auto", marks=pytest.mark.slow),
     ],
 )
-def test_what_only_elasticity_limits_is_not_called_solved(
-    scene: Any, method: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_elasticity_limits_is_not_called_solved(scene: Any, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Platens that are held where they are would press as hard as need be on rigid bodies: no proof, but no answer."""
     monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 1)
     found = scene(2, 1.001 * LIMIT, "displacement")

@@ -257,7 +257,7 @@ def test_one_in_ten_may_be_left_unstated(silent: int, expected: bool) -> None:
 
 @pytest.mark.parametrize("where", [{"problem": "cube"}, {"part": MESH}])
 def test_something_is_stated_in_each_problem_and_part(where: dict[str, str]) -> None:
-    mute = case(None, **where)  # type: ignore[arg-type]
+    mute = case(None, **where)
     studies = [Figures(problem="block", cases=(case(1.0),) * 100)]
     assert passed(studies)
     assert not passed([*studies, Figures(problem=mute.problem, cases=(mute,))])

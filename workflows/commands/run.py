@@ -31,7 +31,7 @@ def run(
     from stickslip.workflows.accuracy import solve
     from stickslip.workflows.accuracy.rounds import aiming
     from stickslip.workflows.commands._mesh import announce
-    from stickslip.workflows.run.result import json_text
+    from stickslip.workflows.formats.regular import json_text
     from stickslip.workflows.run.terminal import Reporter
     from stickslip.workflows.scene_file.read import find, named, read
 

@@ -11,8 +11,8 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.run_record import Run, load, store
 from stickslip.workflows.cost.study import Study
 from stickslip.workflows.formats.aside import make_folder
+from stickslip.workflows.formats.regular import write_json
 from stickslip.workflows.run.folder import RUNS, SCENE, ResultsFolder
-from stickslip.workflows.run.result import write_json
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 
 

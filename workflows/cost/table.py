@@ -16,7 +16,8 @@ from stickslip.workflows.cost.run_record import PHASES, Run
 from stickslip.workflows.cost.sentence import headline, sentence
 from stickslip.workflows.cost.study import Study
 from stickslip.workflows.formats.aside import write_aside
-from stickslip.workflows.run.result import scene_hash, write_json
+from stickslip.workflows.formats.regular import write_json
+from stickslip.workflows.run.result import scene_hash
 from stickslip.workflows.scene_file.read import to_dict
 
 COUNTS = ("dofs", "contact_points", "volume_solves", "linear_iterations")

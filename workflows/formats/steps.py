@@ -57,7 +57,7 @@ class StoredStep:
     driven: Array  # (o,) motion of the obstacles that forces drive [m]
     shortened: Array  # (b,) that are found: shortening of bolts by force, slack of springs of one way [m]
     searched: Mapping[str, Array]  # where sliding contacts were paired [m]
-    slid: Mapping[str, Array]  # length of slip of points whose friction depends on it [m]
+    memory: Mapping[str, Array]  # what friction remembers of the slip of points
 
 
 def step_name(index: int) -> str:
@@ -126,7 +126,7 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
         "state/driven": result.driven,
         "state/shortened": result.shortened,
         **{f"searched/{name}": moved for name, moved in result.searched.items()},
-        **{f"slid/{name}": length for name, length in result.slid.items()},
+        **{f"memory/{name}": length for name, length in result.memory.items()},
     }
     for name, contact in result.contacts.items():
         arrays |= {f"contacts/{name}/{key}": value for key, value in _columns(contact).items()}
@@ -187,7 +187,7 @@ def read_step(path: Path) -> StoredStep:
             driven=arrays["state/driven"],
             shortened=arrays["state/shortened"],
             searched={name.split("/")[1]: moved for name, moved in arrays.items() if name.startswith("searched/")},
-            slid={name.split("/")[1]: length for name, length in arrays.items() if name.startswith("slid/")},
+            memory={name.split("/")[1]: length for name, length in arrays.items() if name.startswith("memory/")},
         )
     except (KeyError, TypeError, ValueError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error

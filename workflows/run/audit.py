@@ -69,7 +69,7 @@ def _record(folder: Path, index: int, dim: int) -> Record | None:
         driven=stored.driven,
         shortened=stored.shortened,
         searched=stored.searched,
-        slid=stored.slid,
+        memory=stored.memory,
         stored=StoredFields(
             stress=stored.stress,
             von_mises=stored.von_mises,

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,7 +25,16 @@ from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.parallel.counters import PHASES, Counters, Row
 from stickslip.solvers.results.audit import Audit
 from stickslip.solvers.results.linear_reference import LinearReference
-from stickslip.solvers.results.step_result import PARTS, STATUS_WORDS, ErrorParts, Errors, StepResult, tables_of, walk
+from stickslip.solvers.results.step_result import (
+    PARTS,
+    STATUS_WORDS,
+    ErrorParts,
+    Errors,
+    StepResult,
+    energy_norm,
+    is_estimated,
+    told,
+)
 from stickslip.solvers.results.verdict import limits
 from stickslip.solvers.scene.problem import PlanRow
 from stickslip.solvers.scene.record import RecordType, numbers_of
@@ -34,8 +42,8 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Stage
 from stickslip.solvers.stepping.method_chain import Switch
-from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.formats.profile import seconds_of
+from stickslip.workflows.formats.regular import write_json
 from stickslip.workflows.pictures.report_results import PER_METRE
 from stickslip.workflows.run.audit import Audited
 from stickslip.workflows.run.packages import packages
@@ -77,7 +85,7 @@ def summary(
     scene, counters, rows = simulation.scene, simulation.counters, simulation.clock.rows()
     audits = audited.audits
     contacts, chain = simulation.system.contacts, simulation.stepper.chain
-    resolved = to_dict(scene)
+    resolved, nothing = to_dict(scene), [None] * len(steps)
     return {
         "format": 1,
         "status": outcome.status,
@@ -96,8 +104,8 @@ def summary(
         "contact_points": sum(len(c.W_n) for c in contacts),
         "plan": [asdict(row) for row in simulation.plan],
         "steps": [
-            _step(step, errors[index] if errors else None, audits[index] if audits else None)
-            for index, step in enumerate(steps)
+            told(step, each) | {"audit": audit and asdict(audit)}
+            for step, each, audit in zip(steps, errors or nothing, audits or nothing, strict=True)
         ],
         "counters": {
             "unknowns": {
@@ -146,71 +154,6 @@ def scene_hash(scene: Scene) -> str:
 def write_result(folder: Path, content: dict[str, Any]) -> None:
     """Write result.json."""
     write_json(folder / "result.json", content)
-
-
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write a JSON file whole; see `write_aside`."""
-    write_aside(path, f"{json_text(content)}\n".encode())
-
-
-def json_text(content: dict[str, Any]) -> str:
-    """As a JSON file has it; a number that is not finite becomes null."""
-    return json.dumps(_finite(content), indent=1, ensure_ascii=False, allow_nan=False)
-
-
-def _step(step: StepResult, errors: Errors | None, audit: Audit | None) -> dict[str, Any]:
-    found: dict[str, Any] = {table: {} for table in records()}
-    for table, by_name in tables_of(step).items():
-        found[table] = {name: {} for name in by_name}
-    for key, _, value in walk(step):
-        found[key.kind][key.name][key.quantity] = _plain(value)
-    for name, contact in step.contacts.items():
-        found["contacts"][name]["statuses"] = contact.counts()
-    for table, record in records().items():
-        for name, own in found[table].items() if _estimated(record) else ():
-            told = {
-                key.quantity: _parts(parts) | {"corrected": _plain(step.corrected.get(str(key), parts.corrected))}
-                for key, parts in (errors or {}).items()
-                if key[:2] == (table, name)
-            }
-            own["error"] = told or None
-    return {
-        **{key: getattr(step, key) for key in numbers_of(StepResult)},
-        **{table: by_name.get("", by_name) for table, by_name in found.items()},
-        "error": {"energy_norm": _energy_norm(step)},
-        "audit": audit and asdict(audit),
-        "convergence": step.convergence and asdict(step.convergence),
-        "other_solutions": [dict(forces) for forces in step.other_solutions],
-    }
-
-
-def _estimated(record: RecordType) -> bool:
-    """Whether some of its numbers have errors."""
-    return any(number.error for number in numbers_of(record).values())
-
-
-def _energy_norm(step: StepResult) -> dict[str, Any]:
-    """Error of the displacement, relative to the largest so far, by its parts; null: not computed, nor is the total."""
-    parts = ErrorParts(mesh=step.mesh_error, law=step.law_error, iteration=step.iteration_error, converges=True)
-    return _parts(parts) | {"linear_solver": step.linear_error}
-
-
-def _parts(parts: ErrorParts) -> dict[str, Any]:
-    """The error of one number, in its unit; null: not computed, nor is the total."""
-    found = {name: getattr(parts, name) for name in ("total", *PARTS, "converges")}
-    return {name: _plain(value) for name, value in found.items()}
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else value
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def units(plane: bool, of: Units = SI) -> dict[str, str]:
@@ -310,11 +253,11 @@ def _reported_step() -> Any:
                 key: SAID[shapes[number.shape], number] for key, number in numbers_of(record).items()
             }
             own |= {"statuses": statuses} if table == "contacts" else {}
-            own |= {"error": errors} if _estimated(record) else {}
+            own |= {"error": errors} if is_estimated(record) else {}
             made[record] = _table(record.__name__, own, record.__doc__)
         keys[table] = made[record] if table == "energy" else DICT[str, made[record]]
     norm: dict[str, Any] = dict.fromkeys(("total", *PARTS), float | None) | {"converges": bool}
-    keys["error"] = _table("StepErrors", {"energy_norm": _table("EnergyNorm", norm, _energy_norm.__doc__)})
+    keys["error"] = _table("StepErrors", {"energy_norm": _table("EnergyNorm", norm, energy_norm.__doc__)})
     keys["audit"] = Annotated[Audit | None, Key("", "relative defects; null: not audited")]
     keys["convergence"] = Annotated[Convergence | None, Key("", "of Uzawa's iteration; null: not measured")]
     keys["other_solutions"] = Annotated[list[dict[str, float]], Key("N", "normal force by contact, of those met")]

@@ -26,6 +26,7 @@ from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
 from stickslip.workflows.formats.marker import LOG, is_marked
 from stickslip.workflows.formats.mesh_file import mesh_checksum
 from stickslip.workflows.formats.profile import profile_lines
+from stickslip.workflows.formats.regular import write_json
 from stickslip.workflows.formats.steps import step_files, write_light, write_step
 from stickslip.workflows.run.audit import Audited, audit_steps
 from stickslip.workflows.run.collective import raise_together
@@ -35,7 +36,7 @@ from stickslip.workflows.run.interrupt import Interrupt
 from stickslip.workflows.run.learnt import LearntFiles, remove_learnt
 from stickslip.workflows.run.mesh_report import report_mesh
 from stickslip.workflows.run.outputs import AFTER, BEFORE, Outputs
-from stickslip.workflows.run.result import Outcome, summary, write_json, write_result
+from stickslip.workflows.run.result import Outcome, summary, write_result
 from stickslip.workflows.run.resume import (
     FINISHED,
     VERSIONS,

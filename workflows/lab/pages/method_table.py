@@ -30,7 +30,7 @@ def columns(method: Applicability) -> tuple[str, ...]:
     """
     return (
         _known(method.normal),
-        _known(method.friction) + ("" if method.k_T else "; no k_T"),
+        _known(method.friction) + ("" if method.k_T else "; no k_T") + ("" if method.rates else "; none by rate"),
         _known(method.operators),
         f"held or floating{'' if method.driven else '; no driven obstacles'}"
         if method.floating

@@ -54,7 +54,7 @@ def weakened(method: str, law: StaticKinetic | SlipDependent) -> list[Check]:
     found = list[Check]()
     for k, step in enumerate(steps):
         at, base = f"{steepest}, move {k + 1}", step.contacts["base"]
-        stress, slid = farthest(-base.traction[:, 0], tau[k]), farthest(step.slid["base"], length[k])
+        stress, slid = farthest(-base.traction[:, 0], tau[k]), farthest(step.memory["base"], length[k])
         found += [
             close(f"{at}: tau [Pa]", stress, tau[k], 1e-9, abs(tau).max()),
             close(f"{at}: length of slip [m]", slid, length[k], 1e-9, length.max()),

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from stickslip.solvers import effects
+
 Tables = dict[str, Any]
 COULOMB = {"law": "coulomb", "mu": 0.3}
 SOFT = {"law": "compliance", "c_n": 1e6, "m_n": 2.0}
@@ -31,7 +33,7 @@ def touching(dim: int, **contact: Any) -> Tables:
     return {"obstacles": {"floor": floor}, "contacts": {"base": base}}
 
 
-STEPS = {"steps": {"count": 3}}
+STEPS = {"steps": {"count": 3, "seconds": True}}
 SCENES: Mapping[str, Tables] = {
     name: tables
     for dim in (2, 3)
@@ -129,6 +131,7 @@ EFFECTS: Mapping[str, Part] = {
         },
         serves=("solvers/scene/material.py", "solvers/metrics.py"),
     ),
+    **{effect.name: Part(calls=dict(effect.example)) for effect in effects.EFFECTS if effect.example},
 }  # fmt: skip
 
 NEEDS: Tables = {"compliance": {"normal": SOFT}}  # laws that need more of the contact
@@ -148,6 +151,7 @@ LAWS: Mapping[str, Part] = {
         ("cohesion", 2, {"a": 0.5, "mu": 0.2}, ("solvers/laws/cohesion.py",)),
         ("pressure_dependent", 2, {"mu": [[0.0, 0.4], [40.0, 0.2]]}, ("solvers/laws/pressure_dependent.py",)),
         ("slip_dependent", 2, {"mu": [[0.0, 0.3], [0.02, 0.2]]}, WEAKENS),
+        ("rate_dependent", 2, {"mu": [[0.0, 0.2], [0.1, 0.3]]}, ("solvers/laws/rate_dependent.py",)),
         ("static_kinetic", 2, {"mu_s": 0.3, "mu_k": 0.2, "slip_length": 0.02}, WEAKENS),
         (
             "orthotropic_coulomb", 3, {"mu_1": 0.3, "mu_2": 0.1, "axis": [1.0, 0.0, 0.0]},

@@ -121,7 +121,7 @@ def _record(step: StepResult) -> Record:
         driven=step.driven,
         shortened=step.shortened,
         searched=step.searched,
-        slid=step.slid,
+        memory=step.memory,
     )
 
 

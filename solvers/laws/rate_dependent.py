@@ -1,0 +1,165 @@
+"""Coulomb friction whose coefficient depends on the slip rate: s = mu(V) p_n, solved with the contact of each step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.expression import FUNCTIONS, RATE, Expression, check_varying
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.laws import mu_table
+from stickslip.solvers.laws.compliance import NEWTON_STEPS
+from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
+from stickslip.solvers.laws.law import Dragged, FrictionLaw, NormalLaw, Trial
+from stickslip.solvers.laws.mu_table import MuTable
+
+SPEEDS = np.append(0.0, np.logspace(-12, 6, 361))  # at which an expression is looked at [m/s]
+EPS, TINY = float(np.finfo(float).eps), float(np.sqrt(np.finfo(float).tiny))
+COMPLEX: Mapping[str, Any] = {  # for derivatives, which are imaginary parts
+    **FUNCTIONS,
+    "abs": lambda x: np.where(x.real < 0, -x, x),
+    "min": lambda x, y: np.where(x.real <= y.real, x, y),
+    "max": lambda x, y: np.where(x.real >= y.real, x, y),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RateDependent(FrictionLaw):
+    """mu at the slip rate V = |slip in a step| / length of the step (backward Euler); it must not fall with V.
+
+    Where it falls, a body slides in jumps, and nothing but inertia or radiation says how long they are.
+
+    Source: Rabinowicz, J. Appl. Phys. 22 (1951), of mu by the rate; Rice & Ruina, J. Appl. Mech. 50 (1983), of jumps.
+    """
+
+    remembers: ClassVar[str] = "slip rate"
+    timed: ClassVar[bool] = True
+    drags: ClassVar[bool] = True
+    mu: Annotated[
+        MuTable | str,
+        Key("m/s, -", "coefficient of friction by slip rate, [[V, mu], ...], or an expression in V"),
+    ]
+    law: Annotated[Literal["rate_dependent"], Key("-", "the law's name")] = "rate_dependent"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        falls = "mu falls as the slip rate grows, so that bodies slide in jumps without end; let it grow, or stay"
+        if not isinstance(self.mu, str):
+            mu_table.check(self.mu, "mu")
+            require(not mu_table.steepest_fall(self.mu), "mu", [list(line) for line in self.mu], falls)
+            return
+        check_varying(self.mu, "mu")
+        others = Expression(self.mu).names - {RATE, "pi"}
+        require(not others, "mu", f'"{self.mu}"', f"{', '.join(sorted(others))}: mu depends on V alone")
+        with np.errstate(all="ignore"):
+            mu = self.coefficient(SPEEDS)
+        bad = np.flatnonzero(~(mu >= 0))
+        if len(bad):
+            raise SceneError(f'mu = "{self.mu}": is {mu[bad[0]]:.3g} at V = {SPEEDS[bad[0]]:.3g}; must not be negative')
+        require(bool(np.all(mu[1:] >= mu[:-1] * (1 - 4 * EPS))), "mu", f'"{self.mu}"', falls)
+
+    def coefficient(self, V: Array) -> Array:
+        """mu (m,) [-] at slip rates V (m,) [m/s].
+
+        >>> RateDependent(mu="0.3 + 0.1*V").coefficient(np.array([0.0, 2.0]))
+        array([0.3, 0.5])
+        """
+        if not isinstance(self.mu, str):
+            return mu_table.read(self.mu, V)
+        found = Expression(self.mu).build({RATE: V}, np.float64, FUNCTIONS)
+        return np.broadcast_to(np.asarray(found, float), np.shape(V))
+
+    def slope(self, V: Array) -> Array:
+        """d mu / dV (m,) [s/m]; at a corner of a table that of the line before it.
+
+        >>> RateDependent(mu="0.3 + 0.1*V**2").slope(np.array([0.0, 2.0]))
+        array([0. , 0.4])
+        """
+        if not isinstance(self.mu, str):
+            return mu_table.slope(self.mu, V)
+        found = Expression(self.mu).build({RATE: V + 1j * TINY}, np.complex128, COMPLEX)
+        return np.broadcast_to(np.imag(found) / TINY, np.shape(V))
+
+    @property
+    def most(self) -> float:
+        """The largest mu [-]; inf: not known."""
+        return np.inf if isinstance(self.mu, str) else self.mu[-1][1]
+
+    def resists(self) -> bool:
+        return bool((self.coefficient(SPEEDS) > 0).any()) if isinstance(self.mu, str) else self.most > 0
+
+    def after(self, memory: Array, slip: Array, step: float) -> Array:
+        return slip / step if step > 0 else np.zeros_like(slip)
+
+    def at(self, memory: Array) -> FrictionLaw:
+        """Coulomb's law with the mu of points that slip at rates `memory` (m_t,) [m/s]."""
+        return CoulombByPoint(mu=self.coefficient(memory), most=np.full(len(memory), self.most), k_T=self.k_T)
+
+    def within(self, memory: Array, step: float) -> FrictionLaw:
+        return _InStep(of=self, step=step, k_T=self.k_T) if step > 0 else self.at(np.zeros_like(memory))
+
+    def rate(self, size: Array, pressure: Array, gamma: Array) -> Array:
+        """V (m,) [m/s] with mu(V) pressure + gamma V = size, 0 where mu(0) pressure is more; Newton within a bracket.
+
+        Args:
+            size: of a trial traction (m,) [Pa].
+            pressure: (m,) [Pa].
+            gamma: positive (m,) [Pa s/m].
+
+        >>> law = RateDependent(mu=((1.0, 0.5), (2.0, 1.0)))
+        >>> law.rate(np.array([0.4, 1.5, 3.0]), np.ones(3), np.ones(3))
+        array([0., 1., 2.])
+        """
+        low, V = np.zeros_like(size), np.maximum(size - self.coefficient(np.zeros_like(size)) * pressure, 0.0) / gamma
+        high = V
+        for _ in range(NEWTON_STEPS):
+            off = self.coefficient(V) * pressure + gamma * V - size
+            if np.all((np.abs(off) <= 4 * EPS * size) | (high <= 0)):
+                break
+            low, high = np.where(off < 0, V, low), np.where(off > 0, V, high)
+            newton = V - off / (self.slope(V) * pressure + gamma)
+            V = np.where((newton >= low) & (newton <= high), newton, (low + high) / 2)
+        return V
+
+
+@dataclass(frozen=True, kw_only=True)
+class _InStep(FrictionLaw):
+    """The law in a step: its bound is that of points at rest, and slip raises it; no scene asks for it."""
+
+    drags: ClassVar[bool] = True
+    of: RateDependent
+    step: float  # [s]
+
+    def resists(self) -> bool:
+        return self.of.resists()
+
+    @cached_property
+    def _at_rest(self) -> float:
+        return float(self.of.coefficient(np.zeros(1))[0])
+
+    def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
+        return np.asarray(self._at_rest * np.maximum(average @ p, 0.0))
+
+    def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
+        return average.multiply(np.where(average @ p > 0, self._at_rest, 0.0)[:, None]).tocsr()
+
+    def dragged(self, p: Array, average: Sparse, trial: Trial) -> Dragged:
+        pressure, soft = np.maximum(average @ p, 0.0), 1 + trial.gamma * self.softness
+        V = self.of.rate(trial.size, soft * pressure, trial.gamma * self.step)
+        mu, slope = self.of.coefficient(V), self.of.slope(V) * pressure
+        stiff = soft * slope + trial.gamma * self.step
+        by_pressure = np.where(pressure > 0, mu * trial.gamma * self.step / stiff, 0.0)
+        return Dragged(mu * pressure, slope / stiff, average.multiply(by_pressure[:, None]).tocsr())
+
+    def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
+        return np.inf, self._at_rest, self.of.most
+
+    def homogeneous(self, normal: NormalLaw, time: float, end: float) -> bool:
+        return False
