@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array
+from stickslip.geometry.arrays import EXACT, LAST_DIGITS, ROUNDING, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load
 from stickslip.solvers.interface.scales import Scales
@@ -46,17 +46,16 @@ class SurfaceProblem:
         # without contact the augmentation holds a floating body, and is stiffer than contact
         w = self.relative_displacement(u_c)
         r = w - self.gap
+        free, gap, offset = (float(np.abs(x).max(initial=0.0)) for x in (w, self.gap, self.offset))
+        closing, sliding = max(self._closing(w[:n]), self._closing(r[:n])), float(np.abs(r)[n:].max(initial=0.0))
+        # a long slide causes no large pressure: tangential motion sets the scale only if no normal motion closes
+        motion = next((size for size in (closing, sliding) if size > EXACT * free), free)
         area = sum(float(c.node_weights.sum()) for c in self.cone.contacts)
-        return Scales.of_motions(
-            closing=max(self._closing(w[:n]), self._closing(r[:n])),
-            sliding=float(np.abs(r)[n:].max(initial=0.0)),
-            free=float(np.abs(w).max(initial=0.0)),
-            given=max(float(np.abs(x).max(initial=0.0)) for x in (self.gap, self.offset)),
-            mean_pressure=self.force / area if area else 0.0,
-            stiffness=self.stiffness,
-            floating=self.surface.floating,
-            idle=self.idle,
-        )
+        pressure = self.force / area if area else 0.0
+        if self.surface.floating or not motion:
+            motion = max(motion, pressure / self.stiffness)
+        traction = max(pressure, self.stiffness * motion)
+        return Scales(motion=motion, traction=traction, moved=max(free, gap, offset, motion), idle=self.idle)
 
     @property
     def u_ref(self) -> float:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, EXACT, LAST_DIGITS, Array
+from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,39 +21,6 @@ class Scales:
     traction: float  # p_ref [Pa]: the mean pressure of the applied force, and at least what that motion causes
     moved: float  # [m] the largest of all: without contact, gaps, prescribed motions
     idle: bool  # whether bodies float and no load pushes them
-
-    @classmethod
-    def of_motions(
-        cls,
-        closing: float,
-        sliding: float,
-        free: float,
-        given: float,
-        *,
-        mean_pressure: float,
-        stiffness: float,
-        floating: bool,
-        idle: bool,
-    ) -> Scales:
-        """Make the scales of a step.
-
-        A long slide causes no large pressure: tangential motion sets the scale only if no normal motion closes.
-
-        Args:
-            closing: largest normal motion without contact that contact resists [m].
-            sliding: largest tangential one [m].
-            free: largest of all without contact [m].
-            given: largest gap or prescribed motion [m].
-            mean_pressure: applied force by contact area [Pa].
-            stiffness: of the bodies, E / extent [Pa/m].
-            floating: whether bodies can move as a whole without contact.
-            idle: whether no load pushes them then.
-        """
-        motion = next((size for size in (closing, sliding) if size > EXACT * free), free)
-        if floating or not motion:
-            motion = max(motion, mean_pressure / stiffness)
-        traction = max(mean_pressure, stiffness * motion)
-        return cls(motion=motion, traction=traction, moved=max(free, given, motion), idle=idle)
 
     @property
     def no_motion(self) -> float:
