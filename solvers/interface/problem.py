@@ -46,7 +46,7 @@ class SurfaceProblem:
         # without contact the augmentation holds a floating body, and is stiffer than contact
         w = self.relative_displacement(u_c)
         r = w - self.gap
-        free, gap, offset = (float(np.abs(x).max(initial=0.0)) for x in (w, self.gap, self.offset))
+        free = float(np.abs(w).max(initial=0.0))
         closing, sliding = max(self._closing(w[:n]), self._closing(r[:n])), float(np.abs(r)[n:].max(initial=0.0))
         # a long slide causes no large pressure: tangential motion sets the scale only if no normal motion closes
         motion = next((size for size in (closing, sliding) if size > EXACT * free), free)
@@ -55,7 +55,8 @@ class SurfaceProblem:
         if self.surface.floating or not motion:
             motion = max(motion, pressure / self.stiffness)
         traction = max(pressure, self.stiffness * motion)
-        return Scales(motion=motion, traction=traction, moved=max(free, gap, offset, motion), idle=self.idle)
+        moved = np.maximum(max(free, motion), np.maximum(np.abs(self.gap), np.abs(self.offset)))
+        return Scales(motion=motion, traction=traction, moved=moved, idle=self.idle)
 
     @property
     def u_ref(self) -> float:

@@ -19,12 +19,12 @@ class Scales:
 
     motion: float  # u_ref [m]: the largest that contact resists
     traction: float  # p_ref [Pa]: the mean pressure of the applied force, and at least what that motion causes
-    moved: float  # [m] the largest of all: without contact, gaps, prescribed motions
+    moved: Array  # (rows,) [m] the largest of all: without contact anywhere, and the gap and prescribed motion there
     idle: bool  # whether bodies float and no load pushes them
 
     @property
-    def no_motion(self) -> float:
-        """Largest relative displacement [m] that is rounding: the last digits of the largest motion."""
+    def no_motion(self) -> Array:
+        """Largest relative displacements (rows,) [m] that are rounding: the last digits of the largest motion."""
         return LAST_DIGITS * self.moved
 
     @property
