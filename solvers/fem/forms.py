@@ -27,7 +27,7 @@ from stickslip.geometry.protocols import (
     Vec,
 )
 from stickslip.solvers.fem.terms import InitialStrain, LoadTerm, drawn_together
-from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Springs

@@ -9,7 +9,7 @@ from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key, Noun
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.friction import Stick
-from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.laws.normal import Unilateral
 
 
 @dataclass(frozen=True, kw_only=True)

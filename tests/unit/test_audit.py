@@ -15,8 +15,8 @@ from stickslip.geometry.arrays import EPS, ROUNDING, SLIGHT, Array
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.build import MultiplierNodes
-from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Tresca
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.parallel.gather import nodes_of
 from stickslip.solvers.results import audit as module
 from stickslip.solvers.results.audit import Audit, Auditor, Record, Scales, _largest

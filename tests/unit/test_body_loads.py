@@ -20,8 +20,8 @@ from stickslip.workflows.lab.verification.cases import warm_bars as fields_case
 from stickslip.workflows.lab.verification.cases.warm_bars import scene as field_scene
 from stickslip.workflows.lab.verification.check import failures
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.pictures.history_picture import panels_of
-from stickslip.workflows.pictures.loops import from_rest
+from stickslip.workflows.pictures.force_displacement import from_rest
+from stickslip.workflows.pictures.history import panels_of
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict
 from stickslip.workflows.writers.steps_table import steps_row

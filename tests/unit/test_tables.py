@@ -22,10 +22,8 @@ from stickslip.solvers.results.step_result import MeshData, StepResult, values
 from stickslip.workflows.formats.marker import MARKER, mark
 from stickslip.workflows.formats.steps_csv import read_steps_table
 from stickslip.workflows.run.terminal import console, contact_cells, print_table
-from stickslip.workflows.writers.contact_tables import ContactTables
-from stickslip.workflows.writers.history_table import HistoryTable
-from stickslip.workflows.writers.probe_table import ProbeTable
 from stickslip.workflows.writers.steps_table import StepsTable, steps_row
+from stickslip.workflows.writers.tables import ContactTables, HistoryTable, ProbeTable
 from stickslip.workflows.writers.writer import Ended, Writer
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.geometry.errors import MachineError
-from stickslip.workflows.formats.aside import disk_errors, make_folder
+from stickslip.workflows.formats.files import disk_errors, make_folder
 
 Row = Sequence[object]
 

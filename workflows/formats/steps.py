@@ -17,7 +17,7 @@ from stickslip.geometry.arrays import AnyArray, Array
 from stickslip.geometry.errors import MachineError
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.results.step_result import ContactState, StepResult, from_plain, to_plain
-from stickslip.workflows.formats.aside import make_folder
+from stickslip.workflows.formats.files import make_folder
 from stickslip.workflows.formats.hdf5 import read_arrays, write_arrays
 from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
 

@@ -13,7 +13,7 @@ from stickslip.solvers.results.stored_fields import Record, StoredFields
 from stickslip.solvers.results.verdict import passed
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.steps import light_name, read_step, step_name
-from stickslip.workflows.run.collective import from_rank_0
+from stickslip.workflows.run.ranks import from_rank_0
 
 
 @dataclass(frozen=True, kw_only=True)

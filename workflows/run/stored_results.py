@@ -16,9 +16,9 @@ from stickslip.solvers.results.step_result import MeshData, StepResult, data_fra
 from stickslip.solvers.scene.record import CONTACT_NUMBERS
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_from
+from stickslip.workflows.formats.results import Results, read_results
 from stickslip.workflows.formats.steps import light_files, read_checkpoint
 from stickslip.workflows.formats.steps_csv import read_steps_table
-from stickslip.workflows.pictures.report_results import Results, read_results
 from stickslip.workflows.run.folder import BEGUN, RESULT, work_of
 
 
