@@ -23,7 +23,7 @@ from stickslip.geometry.memory import available, peak
 from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.solvers.accuracy.next_order import AT_THE_EDGE
+from stickslip.solvers.accuracy.lower_order import AT_THE_EDGE
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.results.step_result import OPEN, Errors, StepResult
 from stickslip.solvers.scene.scene import Scene

@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, inverse_and_determinant
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.accuracy.resolution import elements_touched, unresolved
+from stickslip.solvers.accuracy.errors import elements_touched, unresolved
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.step_result import OPEN, ContactState, Errors, MeshData, Quantity, StepResult
 from stickslip.solvers.scene.problem import Problem
