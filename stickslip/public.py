@@ -27,19 +27,16 @@ from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.user_files.user_file import Box, UserFile
 from stickslip.solvers.classical.gram_uzawa import Gram
+from stickslip.solvers.effects.body_forces import Gravity
 from stickslip.solvers.effects.bolts import BoltState
-from stickslip.solvers.effects.gravity import Gravity
 from stickslip.solvers.effects.periodic import Periodic
 from stickslip.solvers.effects.remote_points import RemoteState
 from stickslip.solvers.effects.springs import SpringForce
 from stickslip.solvers.iteration import Convergence, Status, Step
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
-from stickslip.solvers.laws.bilateral import Bilateral
-from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
+from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
-from stickslip.solvers.laws.tied import Tied
-from stickslip.solvers.laws.unilateral import Unilateral
 from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.step_result import (
@@ -64,10 +61,10 @@ from stickslip.solvers.simulation.script import Script
 from stickslip.solvers.simulation.simulation import Seconds, Simulation, prepare
 from stickslip.solvers.stepping.history import HistoryRow, HistoryTuple
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
-from stickslip.workflows.accuracy.solve import run
-from stickslip.workflows.run.load import Loaded, load
+from stickslip.workflows.accuracy.rounds import run
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
+from stickslip.workflows.run.stored_results import Loaded, load
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
 from stickslip.workflows.sweep.sweep import Solved, Sweep, sweep

@@ -33,7 +33,7 @@ from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.fem.contact_forms import ComplianceForms, PointLaw
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.sparse import PREFIX, SparseSurface
-from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.linear.petsc_solver import NOISE, Allowed, InnerSolver, PetscOptions, direct, failure
 from stickslip.solvers.newton.active_set import ActiveSet
 from stickslip.solvers.parallel.replicated import distributed

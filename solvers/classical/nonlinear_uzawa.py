@@ -36,7 +36,7 @@ from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CholeskyFactor, CondensedSurface
 from stickslip.solvers.iteration import OnStep, Solution, ignore
-from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.linear.petsc_solver import Allowed
 from stickslip.solvers.methods.method import Applicability, Stateless
 from stickslip.solvers.newton.surface_model import nearest_in_cone

@@ -27,8 +27,8 @@ from stickslip.solvers.interface.factorised import METIS
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, OnStep, Solution, Status, Step, ignore
-from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Tresca
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.methods.method import RIGID, Applicability, Before, Method, Ready, Setup, Solve
 from stickslip.solvers.newton.correction import ENOUGH, MARGIN
 from stickslip.solvers.parallel.replicated import Replicated

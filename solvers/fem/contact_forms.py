@@ -23,8 +23,8 @@ from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.protocols import Constant, Function, Measure, UflExpr, UflForm
 from stickslip.geometry.surfaces.surface import FACET_OF
 from stickslip.solvers.fem.forms import WeakForms, compliant_pressure
-from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Tresca
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.scene.contact import Contact
 
 

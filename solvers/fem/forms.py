@@ -27,7 +27,7 @@ from stickslip.geometry.protocols import (
     Vec,
 )
 from stickslip.solvers.fem.terms import InitialStrain, LoadTerm, drawn_together
-from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Springs
@@ -345,7 +345,7 @@ class WeakForms:
             quantity = "force" if load.force is not None else "traction"
             found += [
                 self.load(Place("loads", name, quantity, "xyz"[i]), self.along(i, spread), on_side)
-                for i, a in enumerate(load.amplitudes())
+                for i, a in enumerate(load.vector or ())
                 if a != 0
             ]
         return found

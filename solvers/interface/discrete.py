@@ -23,8 +23,8 @@ from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
-from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.laws.friction import CoulombByPoint
+from stickslip.solvers.laws.normal import Unilateral
 from stickslip.solvers.linear.block_diagonal import BlockDiagonal
 from stickslip.solvers.parallel.counters import Counters
 

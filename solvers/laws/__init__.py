@@ -1,4 +1,4 @@
-"""Contact laws at a point, one file each; every module here that defines a `NormalLaw` or `FrictionLaw` is loaded."""
+"""Contact laws at a point; every module here that defines a `NormalLaw` or `FrictionLaw` is loaded."""
 
 from __future__ import annotations
 

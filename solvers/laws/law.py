@@ -240,7 +240,7 @@ def touching(p: Array, average: Sparse | Array, normal: NormalLaw) -> Bools:
 def touched(p: Array, average: Sparse | Array, normal: NormalLaw) -> Array:
     """Share (m_t,) of each tangential point that is in contact [-]; of a law at quadrature points, of those that press.
 
-    >>> from stickslip.solvers.laws.compliance import Compliance
+    >>> from stickslip.solvers.laws.normal import Compliance
     >>> touched(np.array([2.0, 0.0]), np.array([[0.25, 0.75]]), Compliance(c_n=1.0))
     array([0.25])
     """

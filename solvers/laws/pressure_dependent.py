@@ -47,7 +47,7 @@ class PressureDependent(FrictionLaw):
         """mu(p_n) p_n (m_t,) [Pa].
 
         >>> from scipy import sparse
-        >>> from stickslip.solvers.laws.unilateral import Unilateral
+        >>> from stickslip.solvers.laws.normal import Unilateral
         >>> law, one = PressureDependent(mu=((0.0, 0.5), (4.0, 0.3))), sparse.identity(3, format="csr")
         >>> law.limit(np.array([-1.0, 2.0, 10.0]), one, Unilateral(), 1.0, 1.0)
         array([0. , 0.8, 3. ])

@@ -15,10 +15,10 @@ from stickslip.geometry.expression import FUNCTIONS, RATE, Expression, check_var
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.laws import mu_table
-from stickslip.solvers.laws.compliance import NEWTON_STEPS
-from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
+from stickslip.solvers.laws.friction import CoulombByPoint, Proportional
 from stickslip.solvers.laws.law import Dragged, FrictionLaw, NormalLaw, Trial
 from stickslip.solvers.laws.mu_table import MuTable
+from stickslip.solvers.laws.normal import NEWTON_STEPS
 
 SPEEDS = np.append(0.0, np.logspace(-12, 6, 361))  # at which an expression is looked at [m/s]
 EPS, TINY = float(np.finfo(float).eps), float(np.sqrt(np.finfo(float).tiny))
@@ -130,25 +130,19 @@ class RateDependent(FrictionLaw):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _InStep(FrictionLaw):
+class _InStep(Proportional):
     """The law in a step: its bound is that of points at rest, and slip raises it; no scene asks for it."""
 
     drags: ClassVar[bool] = True
     of: RateDependent
     step: float  # [s]
 
-    def resists(self) -> bool:
-        return self.of.resists()
-
     @cached_property
-    def _at_rest(self) -> float:
+    def coefficient_now(self) -> float:
         return float(self.of.coefficient(np.zeros(1))[0])
 
-    def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
-        return np.asarray(self._at_rest * np.maximum(average @ p, 0.0))
-
-    def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
-        return average.multiply(np.where(average @ p > 0, self._at_rest, 0.0)[:, None]).tocsr()
+    def resists(self) -> bool:
+        return self.of.resists()
 
     def dragged(self, p: Array, average: Sparse, trial: Trial) -> Dragged:
         pressure, soft = np.maximum(average @ p, 0.0), 1 + trial.gamma * self.softness
@@ -159,7 +153,7 @@ class _InStep(FrictionLaw):
         return Dragged(mu * pressure, slope / stiff, average.multiply(by_pressure[:, None]).tocsr())
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
-        return np.inf, self._at_rest, self.of.most
+        return np.inf, self.coefficient_now, self.of.most
 
     def homogeneous(self, normal: NormalLaw, time: float, end: float) -> bool:
         return False

@@ -9,7 +9,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.laws import mu_table
-from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
+from stickslip.solvers.laws.friction import CoulombByPoint
 from stickslip.solvers.laws.law import FrictionLaw
 from stickslip.solvers.laws.mu_table import MuTable
 

@@ -23,7 +23,7 @@ from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, Status, ignore
-from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
+from stickslip.solvers.laws.friction import CoulombByPoint
 from stickslip.solvers.laws.law import NormalLaw
 from stickslip.solvers.newton import path
 from stickslip.solvers.newton.active_set import ActiveSet

@@ -25,12 +25,12 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.contact_forms import ComplianceForms
 from stickslip.solvers.fem.elastic_energy import forces_of_energy
-from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.results.closed_formulas import bound, gap, penetration, prescribed, pressure, remembered
-from stickslip.solvers.results.multiplier_forces import MultiplierForces
 from stickslip.solvers.results.stored_fields import (
+    MultiplierForces,
     Record,
     contact_differences,
     difference,

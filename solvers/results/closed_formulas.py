@@ -17,20 +17,21 @@ from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.protocols import Sparse
-from stickslip.solvers.laws.bilateral import Bilateral
-from stickslip.solvers.laws.capped_coulomb import CappedCoulomb
-from stickslip.solvers.laws.cohesion import Cohesion
-from stickslip.solvers.laws.compliance import Compliance
-from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
+from stickslip.solvers.laws.friction import (
+    CappedCoulomb,
+    Cohesion,
+    Coulomb,
+    OrthotropicCoulomb,
+    Stick,
+    Tresca,
+)
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.mu_table import MuTable
-from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
+from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
-from stickslip.solvers.laws.tied import Tied
-from stickslip.solvers.laws.unilateral import Unilateral
 from stickslip.solvers.scene.loads import Direction
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Place

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import Protocol
 
 from stickslip.geometry.arrays import Array
@@ -101,11 +100,7 @@ class Stepper(SubstepSolver):
         """
         super().__init__(system, chain or MethodChain(system))
         self.companion: Companion | None = None  # follows each substep, see `State.refined`
-        self.bolts = BoltsAndSprings(system)
-        self._pairs = PairSearch(self)
-        observers = (certified, with_others, self._accompanied)
-        halving = Halving(system, self.chain, observers)
-        self._loops: tuple[Loop, ...] = (Methods(self.chain), self._pairs, halving, self.bolts)  # inside out
+        self.bolts: BoltsAndSprings = BoltsAndSprings(system)
         self.follow()
 
     def start(self) -> State:
@@ -125,9 +120,17 @@ class Stepper(SubstepSolver):
             NoEquilibriumError: so, and it is proved that nothing balances the loads.
         """
         self.chain.history = History(on_iteration)
-        solves, active = self.system.counters.volume_solves, [loop for loop in self._loops if loop.active()]
-        innermost: Substep = self._substep
-        tried = reduce(lambda inner, loop: loop.around(inner), active, innermost)(start, target)
+        solves, pairs = self.system.counters.volume_solves, PairSearch(self)
+        halving = Halving(self.system, self.chain, (certified, with_others, self._accompanied))
+        loops: tuple[Loop, ...] = (Methods(self.chain), pairs, halving, self.bolts)  # inside out
+
+        def innermost(state: State, end: float) -> Attempt:
+            return pairs.present.solve(state, end)
+
+        step: Substep = innermost
+        for loop in (loop for loop in loops if loop.active()):
+            step = loop.around(step)
+        tried = step(start, target)
         rows = self.chain.history.rows
         if tried.state is None:
             kind = NoEquilibriumError if tried.impossible else StepError
@@ -135,10 +138,6 @@ class Stepper(SubstepSolver):
             raise kind(tried.when, tried.why, tuple(rows), good)
         destroy_released(self.system.mesh.comm)
         return _accepted(tried, start, rows, solves)
-
-    def _substep(self, state: State, end: float) -> Attempt:
-        """One substep with the present pairs by the present method; collective."""
-        return self._pairs.present.solve(state, end)
 
     def _accompanied(self, attempt: Attempt) -> Attempt:
         """An accepted substep that the companion has followed; collective."""

@@ -601,7 +601,7 @@ import numpy as np
 from mpi4py import MPI
 import stickslip
 from shared.problems import whole
-from stickslip.solvers.linear.rounding import without_rounding
+from stickslip.solvers.system.stiffness import without_rounding
 comm = MPI.COMM_WORLD
 K = whole(stickslip.prepare(stickslip.read("cube", ["geometry.mesh_size=0.125"])).system)
 every, found, u = comm.allreduce(len(K.getValuesCSR()[2])), [], K.createVecRight()

@@ -20,8 +20,8 @@ from shared.histories import Stop
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import write_msh
 from stickslip.geometry.user_files.child_process import Ended
+from stickslip.workflows.formats.results import read_results
 from stickslip.workflows.pictures.report_page import page
-from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.run.result import result_schema, scene_hash
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
@@ -29,8 +29,7 @@ from stickslip.workflows.scene_file.read import READY, read, to_dict
 from stickslip.workflows.sweep import child
 from stickslip.workflows.sweep import sweep as module
 from stickslip.workflows.sweep.child import Bench
-from stickslip.workflows.sweep.members import members
-from stickslip.workflows.sweep.sweep import Solved, sweep
+from stickslip.workflows.sweep.sweep import Solved, members, sweep
 
 COARSE = ["--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5", "--set=output.pictures=false"]
 

@@ -20,10 +20,9 @@ from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.results.stored_fields import Record
 from stickslip.workflows.commands import start
-from stickslip.workflows.formats.profile import profile_lines
+from stickslip.workflows.formats.results import profile_lines, read_results
 from stickslip.workflows.formats.steps import light_files, step_files
 from stickslip.workflows.pictures.report_page import page
-from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.pictures.report_view import model
 from stickslip.workflows.run.folder import BEGUN, work_of
 from stickslip.workflows.run.run import run
@@ -57,14 +56,14 @@ def row(content: dict[str, Any], phase: str, part: str = "") -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def spent(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("clock") / "out"
 
 
 @pytest.fixture(scope="module")
-def content(folder: Path) -> dict[str, Any]:
+def content(spent: Path) -> dict[str, Any]:
     asked = ("output.linear_reference=true", "output.pictures=true", "output.report=true")
-    return of_run(folder, *asked, began=time.perf_counter() - 50.0)
+    return of_run(spent, *asked, began=time.perf_counter() - 50.0)
 
 
 def test_seconds_add_up_to_the_total(content: dict[str, Any]) -> None:
@@ -89,15 +88,15 @@ def test_each_phase_has_its_parts(content: dict[str, Any]) -> None:
     assert all(row(content, "output", part)["seconds"] > 0 for part in ("results", "step files", "pictures", "report"))
 
 
-def test_run_log_ends_with_the_profile(folder: Path, content: dict[str, Any]) -> None:
-    lines = (folder / "run.log").read_text().splitlines()
+def test_run_log_ends_with_the_profile(spent: Path, content: dict[str, Any]) -> None:
+    lines = (spent / "run.log").read_text().splitlines()
     told = profile_lines(content["profile"])
     assert lines[-len(told) :] == told
     assert [told[0].split()[0], told[-1].split()[:2]] == ["phase", ["total", f"{content['seconds']['total']:.3f}"]]
 
 
-def test_the_report_shows_the_profile(folder: Path, content: dict[str, Any]) -> None:
-    text = page(read_results(folder))
+def test_the_report_shows_the_profile(spent: Path, content: dict[str, Any]) -> None:
+    text = page(read_results(spent))
     assert all(f"<td>{cell}</td>" in text for cell in ("  step files", "  pictures", "imports", "audit"))
 
 

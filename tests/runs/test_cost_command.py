@@ -12,19 +12,18 @@ import pytest
 
 import stickslip.solvers.simulation.simulation as simulation
 import stickslip.workflows.cost.command
-import stickslip.workflows.cost.kept
+import stickslip.workflows.cost.study_folder
 from shared.command import Call, result, table
 from shared.processes import children, running, wait_for, words_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.memory import Counts, Demand
 from stickslip.solvers.stepping.choice import Choice, Size
-from stickslip.workflows.cost.child import solve
-from stickslip.workflows.cost.run_record import Run
-from stickslip.workflows.cost.rung import Rung, mesh_size
+from stickslip.workflows.cost.measure import solve
+from stickslip.workflows.cost.run_record import Run, Rung, mesh_size
 
 SCENE = ["cost", "block", "-o", "out", "--set=geometry.mesh_size=1.0", "--set=solver.method=condensed-newton"]
-CHILD = b"stickslip.workflows.cost.child"
+CHILD = b"stickslip.workflows.cost.measure"
 SMALL = [*SCENE, "--set=geometry.contact_mesh_size=0.5"]
 PLAIN = [*SMALL, "--set=output.pictures=false"]
 
@@ -169,7 +168,7 @@ def test_a_study_killed_while_taken_up_loses_no_run(call: Call, folder: Path, mo
         raise ZeroDivisionError  # the first run is about to be copied
 
     with monkeypatch.context() as killed:
-        killed.setattr(stickslip.workflows.cost.kept, "store", die)
+        killed.setattr(stickslip.workflows.cost.study_folder, "store", die)
         with pytest.raises(ZeroDivisionError):
             call(*PLAIN, "-q", "--budget", "30", "--resume")
     made: list[Rung] = []

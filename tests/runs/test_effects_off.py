@@ -24,11 +24,11 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
-from stickslip.workflows.cost.methods_picture import draw_methods
+from stickslip.workflows.cost.pictures import draw_methods
+from stickslip.workflows.formats.results import read_results
 from stickslip.workflows.lab.verification.hard.judge import Outcome, judge
 from stickslip.workflows.lab.verification.hard.tables import toml
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.pictures.sheet import Sheet
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.terminal import Reporter

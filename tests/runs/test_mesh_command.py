@@ -25,8 +25,8 @@ from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.system.system import assemble
 from stickslip.workflows.commands._mesh import announce
-from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.formats.fclib import read_problem
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.marker import mark
 from stickslip.workflows.lab.verification.hard.tables import toml
 from stickslip.workflows.run.mesh_report import elements_across, look

@@ -22,10 +22,8 @@ from stickslip.geometry.arrays import Array, cross
 from stickslip.geometry.builders.domes import Domes
 from stickslip.geometry.expression import Expression, Varying
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.laws.cohesion import Cohesion
-from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.laws.friction import Cohesion, Coulomb, OrthotropicCoulomb
 from stickslip.solvers.laws.law import FrictionLaw
-from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.slip_dependent import StaticKinetic
 from stickslip.solvers.scene.scene import Scene

@@ -15,9 +15,9 @@ from numpy.testing import assert_allclose
 from shared.command import Call, assert_one_line, result
 from shared.histories import SMALL
 from stickslip.workflows.formats.plus_minus import plus_minus
+from stickslip.workflows.formats.results import read_results
 from stickslip.workflows.formats.steps import read_step, step_files
 from stickslip.workflows.pictures.report_page import page
-from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.pictures.report_view import PIECES, skin, unpacked
 from stickslip.workflows.run.folder import work_of
 from stickslip.workflows.run.run import run

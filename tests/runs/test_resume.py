@@ -29,9 +29,9 @@ from stickslip.solvers.methods.surface_uzawa import LearningIteration
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.accuracy.rounds import Rounds, aiming
+from stickslip.workflows.formats.files import read_regular
 from stickslip.workflows.formats.hdf5 import write_arrays
 from stickslip.workflows.formats.marker import MARKER
-from stickslip.workflows.formats.regular import read_regular
 from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.run.folder import BEGUN, ResultsFolder
 from stickslip.workflows.run.resume import VERSIONS

@@ -15,12 +15,11 @@ from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
 from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, names_of
 from stickslip.solvers.scene.record import STRESSES
 from stickslip.solvers.simulation.simulation import Seconds, prepare
-from stickslip.workflows.accuracy.level import AIM, ALIKE, FINEST, GAIN, Level, Move, next_move
-from stickslip.workflows.accuracy.round import Round
+from stickslip.workflows.accuracy.goals import Standing, standings
+from stickslip.workflows.accuracy.level import AIM, ALIKE, FINEST, GAIN, Level, Move, Round, next_move
 from stickslip.workflows.accuracy.rounds import Rounds, _in_vain, _lowered, aiming, parsed
-from stickslip.workflows.accuracy.standing import Standing, standings
 from stickslip.workflows.cost.foresee import ASKED, Coarse, Known, coarse_versions, foresee, mesh_error, price, rows
-from stickslip.workflows.cost.rung import RATIO
+from stickslip.workflows.cost.run_record import RATIO
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
 

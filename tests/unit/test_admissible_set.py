@@ -18,15 +18,16 @@ from stickslip.solvers.classical.nsgs import colours
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem, project_cone, residual
 from stickslip.solvers.iteration import Status
-from stickslip.solvers.laws.bilateral import Bilateral
-from stickslip.solvers.laws.capped_coulomb import CappedCoulomb
-from stickslip.solvers.laws.compliance import Compliance
-from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
+from stickslip.solvers.laws.friction import (
+    CappedCoulomb,
+    Coulomb,
+    OrthotropicCoulomb,
+    Stick,
+    Tresca,
+)
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
-from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
+from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
-from stickslip.solvers.laws.tied import Tied
-from stickslip.solvers.laws.unilateral import Unilateral
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.stepping.discrete_chain import refuse_unusable, solve, usable
 

@@ -30,7 +30,7 @@ from stickslip.solvers.fem.constraints import Components, Constraints
 from stickslip.solvers.fem.rigid_fields import rigid_fields
 from stickslip.solvers.interface.limit_analysis import Balance, balancing_tractions, decide, unbalanced_motion
 from stickslip.solvers.interface.problem import LEAST, NOTHING, SurfaceProblem
-from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import linearise

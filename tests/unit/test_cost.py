@@ -13,22 +13,15 @@ from shared.problems import SceneOf
 from stickslip.geometry.errors import MachineError, SceneError, SolverError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Exact
-from stickslip.workflows.cost import child, predict
-from stickslip.workflows.cost import climb as climbing
-from stickslip.workflows.cost.climb import Budget, climb, retry
-from stickslip.workflows.cost.ladder import COARSEST, Ladder, ladder_of
-from stickslip.workflows.cost.limit import SAFETY, TRUSTED, limit, rate_of
-from stickslip.workflows.cost.methods_picture import draw_methods
-from stickslip.workflows.cost.pareto import front
+from stickslip.workflows.cost import ladder as climbing
+from stickslip.workflows.cost import measure
+from stickslip.workflows.cost.extrapolation import SAFETY, TRUSTED, limit, rate_of
+from stickslip.workflows.cost.ladder import COARSEST, Budget, Ladder, climb, ladder_of, retry
+from stickslip.workflows.cost.pictures import draw_methods
 from stickslip.workflows.cost.progress import Teller, _of_steps
-from stickslip.workflows.cost.quantity import check, chosen
-from stickslip.workflows.cost.run_record import PHASES, Run, from_plain
-from stickslip.workflows.cost.rung import RATIO, Rung
-from stickslip.workflows.cost.sentence import headline, sentence
-from stickslip.workflows.cost.side_by_side import comparison, lines, plain
-from stickslip.workflows.cost.study import Study
-from stickslip.workflows.cost.table import _quantity
-from stickslip.workflows.cost.truth import Truth, truth_of
+from stickslip.workflows.cost.run_record import PHASES, RATIO, Run, Rung, from_plain
+from stickslip.workflows.cost.study import Study, Truth, check, chosen, front, truth_of
+from stickslip.workflows.cost.tables import _quantity, comparison, headline, lines, plain, sentence
 from stickslip.workflows.scene_file.read import from_dict, read
 
 TIGHT = 1e-8
@@ -275,15 +268,15 @@ def test_a_child_tells_why(error: Exception, status: str, scene_of: SceneOf, mon
     def fail(scene: Scene) -> None:
         raise error
 
-    monkeypatch.setattr(child, "prepare", fail)
-    found = child.solve(scene_of())
+    monkeypatch.setattr(measure, "prepare", fail)
+    found = measure.solve(scene_of())
     assert found["status"] == status
     assert str(error) in found["sentence"]
 
 
 def test_a_child_measures_the_time_steps_beside_its_seconds() -> None:
     sizes = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5", "output.error=false"]
-    plain, measured = (child.solve(read("block", sizes), time_steps=each) for each in (False, True))
+    plain, measured = (measure.solve(read("block", sizes), time_steps=each) for each in (False, True))
     assert plain["time_steps"] == {}
     name = "base.dissipation_total"
     assert 0.05 < measured["time_steps"][name] / measured["quantities"][name] < 1.0  # one step of slip
@@ -328,23 +321,23 @@ def test_seconds_are_predicted_by_the_power_of_the_finest_runs() -> None:
     runs = converging(1)
     ahead = Rung(1, "newton", 6, TIGHT)
     # h^-2, and the second in which a process starts
-    assert predict.seconds(ahead, runs, dim=2) == pytest.approx(ahead.factor**-2 + 1.0)
+    assert climbing.expected_seconds(ahead, runs, dim=2) == pytest.approx(ahead.factor**-2 + 1.0)
 
 
 def test_a_looser_tolerance_is_expected_to_take_no_longer() -> None:
     runs = converging(1)
-    assert predict.seconds(Rung(1, "newton", 3, 1e-2), runs, dim=2) == pytest.approx(runs[-1].seconds + 1.0)
+    assert climbing.expected_seconds(Rung(1, "newton", 3, 1e-2), runs, dim=2) == pytest.approx(runs[-1].seconds + 1.0)
 
 
 def test_several_tolerances_on_one_mesh_do_not_upset_the_fit() -> None:
     runs = [replace(run, rung=replace(run.rung, tolerance=t)) for t in (1e-2, TIGHT) for run in converging(1)[-1:]]
-    assert predict.memory(Rung(1, "newton", 4, TIGHT), runs, dim=2) == pytest.approx(1e8)
+    assert climbing.expected_memory(Rung(1, "newton", 4, TIGHT), runs, dim=2) == pytest.approx(1e8)
 
 
 def test_an_untried_chain_is_judged_by_its_neighbours_on_the_same_mesh() -> None:
     runs = [made_up(Rung(1, "newton", COARSEST, TIGHT), seconds=8.0)]
-    assert predict.seconds(Rung(2, "newton", COARSEST, TIGHT), runs, dim=2) == 1.0 + predict.ANOTHER * 8.0
-    assert predict.seconds(Rung(1, "newton", COARSEST, TIGHT), [], dim=2) == predict.START + predict.UNTRIED
+    assert climbing.expected_seconds(Rung(2, "newton", COARSEST, TIGHT), runs, dim=2) == 1.0 + climbing.ANOTHER * 8.0
+    assert climbing.expected_seconds(Rung(1, "newton", COARSEST, TIGHT), [], dim=2) == climbing.START + climbing.UNTRIED
 
 
 # --- the ladder, climbed by a solver whose time is known

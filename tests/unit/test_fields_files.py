@@ -22,7 +22,7 @@ from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.solvers.results.step_result import MeshData, StepResult
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.formats.marker import MARKER, mark
-from stickslip.workflows.formats.shapes import SHAPES
+from stickslip.workflows.formats.mesh_file import SHAPES
 from stickslip.workflows.formats.steps import shown_as, step_name, write_step
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
@@ -431,3 +431,8 @@ def test_a_full_disk_is_said_and_the_old_files_stay_readable(tmp_path: Path, mon
             files.step(2, results[1])
     assert names_in(tmp_path) == before
     assert_array_equal(shown(tmp_path, 0.5)["contacts"]["base"]["gap"], results[0].contacts["base"].gap)
+
+
+def test_the_macro_for_paraview_needs_nothing_but_paraview() -> None:
+    """It is copied to the results, and ParaView's Python does not know this program."""
+    assert "from stickslip" not in Path(paraview_view.__file__).read_text()

@@ -14,7 +14,7 @@ from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.elastic_energy import forces_of_energy
 from stickslip.solvers.fem.forms import numbered
-from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.system.system import System
 from stickslip.workflows.scene_file.read import read
 

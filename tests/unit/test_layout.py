@@ -206,9 +206,8 @@ def test_the_audit_imports_nothing_of_the_methods() -> None:
     solving = {f"stickslip.solvers.{room}" for room in rooms}
     assert solving <= set(ROOMS)
     assert {name for name in reached if room_of(name) in solving} - solving == {
-        "stickslip.solvers.linear.rounding",  # of a stiffness, which the audit does not assemble
         "stickslip.solvers.stepping.tightening",  # sets the lengths of bolts that a step has stored
-        "stickslip.solvers.stepping.state",  # types that `tightening` works on, as is the next
+        "stickslip.solvers.stepping.state",  # types that `tightening` works on
     }
 
 

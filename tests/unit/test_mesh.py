@@ -29,8 +29,8 @@ from stickslip.solvers.accuracy.resolution import BLIND, elements_touched, unres
 from stickslip.solvers.results.step_result import Quantity
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.closed_forms import hertz
-from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.run.mesh_report import can_touch, report_mesh
+from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict
 
 

@@ -14,7 +14,7 @@ from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
-from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
+from stickslip.solvers.laws.friction import CoulombByPoint
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton import condensed_system, path, semismooth
 from stickslip.solvers.newton.attempts import Start, closed

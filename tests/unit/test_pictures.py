@@ -43,20 +43,25 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.contact_line import walk
 from stickslip.workflows.formats.steps import write_step
 from stickslip.workflows.pictures.animation import animate, close_up, frames, palette, survey
-from stickslip.workflows.pictures.body_picture import displacement_scale
+from stickslip.workflows.pictures.body_picture import PlaneBodies, cells_at_pixels, displacement_scale
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
 from stickslip.workflows.pictures.draw import _said, draw, draw_course
-from stickslip.workflows.pictures.focus import focus
-from stickslip.workflows.pictures.history_picture import draw_history, errors_of, most, panels_of
-from stickslip.workflows.pictures.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
-from stickslip.workflows.pictures.plane_bodies import PlaneBodies, cells_at_pixels
-from stickslip.workflows.pictures.render import grid_of, surface_of
+from stickslip.workflows.pictures.force_displacement import (
+    Panel,
+    _draw,
+    draw_loops,
+    driving,
+    from_rest,
+    largest,
+    sliding,
+)
+from stickslip.workflows.pictures.history import draw_history, errors_of, most, panels_of
+from stickslip.workflows.pictures.render import grid_of, outline_of, surface_of
 from stickslip.workflows.pictures.rigid import Rigid
 from stickslip.workflows.pictures.sheet import STATUS_COLOURS, Sheet
-from stickslip.workflows.pictures.solid_bodies import outline_of
-from stickslip.workflows.pictures.view import View
+from stickslip.workflows.pictures.view import View, focus
 from stickslip.workflows.run.run import run
-from stickslip.workflows.writers.steps_table import StepsTable
+from stickslip.workflows.writers.tables import StepsTable
 from stickslip.workflows.writers.writer import Job
 
 

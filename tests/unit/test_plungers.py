@@ -15,11 +15,11 @@ from shared.audited import audit
 from shared.command import result
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.step_result import Quantity
-from stickslip.workflows.formats.steps_csv import read_steps_table
+from stickslip.workflows.formats.csv_tables import read_steps_table
+from stickslip.workflows.formats.results import read_results
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.pictures.report_compare import compare
 from stickslip.workflows.pictures.report_page import page
-from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict
 

@@ -20,7 +20,7 @@ from shared.problems import SceneOf
 from stickslip.geometry.errors import LONGEST_LINE, SceneError, nearest, require
 from stickslip.solvers import effects
 from stickslip.solvers.effects import EFFECTS
-from stickslip.solvers.effects.gravity import Gravity
+from stickslip.solvers.effects.body_forces import Gravity
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.scene.loads import Load
 from stickslip.solvers.scene.record import CONTACT_NUMBERS, numbers_of
@@ -28,8 +28,7 @@ from stickslip.solvers.scene.scene import Scene, over
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.commands.schema import schema
 from stickslip.workflows.run import result as records
-from stickslip.workflows.scene_file.lines import lines_of_keys
-from stickslip.workflows.scene_file.read import READY, from_dict, read, to_dict, with_keys
+from stickslip.workflows.scene_file.read import READY, from_dict, lines_of_keys, read, to_dict, with_keys
 from stickslip.workflows.scene_file.schema import scene_schema
 
 READY_NAMES = sorted(path.stem for path in READY.glob("*.toml"))

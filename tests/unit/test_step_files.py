@@ -32,7 +32,7 @@ from stickslip.workflows.formats.marker import mark
 from stickslip.workflows.formats.mesh_file import mesh_arrays, mesh_from
 from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
 from stickslip.workflows.formats.steps import read_checkpoint, read_step, write_step
-from stickslip.workflows.run.learnt import LearntFiles, is_kept
+from stickslip.workflows.run.resume import LearntFiles, is_kept
 from stickslip.workflows.scene_file.read import read
 from stickslip.workflows.writers.xdmf import FieldFiles
 
@@ -403,7 +403,7 @@ def test_a_mesh_of_an_earlier_version_is_refused(folder: Path, monkeypatch: pyte
     def older(*arguments: object) -> None:
         raise KeyError("mesh/bodies")
 
-    monkeypatch.setattr("stickslip.workflows.run.load.mesh_from", older)
+    monkeypatch.setattr("stickslip.workflows.run.stored_results.mesh_from", older)
     with pytest.raises(s.FolderError, match=r"fields\.h5: of an earlier version, without 'mesh/bodies'; run it again"):
         _ = s.load(folder).mesh
 

@@ -26,7 +26,7 @@ from stickslip.solvers.stepping.pairs import PairSearch
 from stickslip.solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
 from stickslip.solvers.stepping.stepper import Accepted, NoEquilibriumError, StepError, Stepper
 from stickslip.solvers.stepping.substep import SubstepSolver
-from stickslip.workflows.run.doubts import doubts
+from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import read
 
 MU = 0.3

@@ -16,19 +16,20 @@ from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Round, Sphere
 from stickslip.solvers.contact.coupling import rigid_coupling
 from stickslip.solvers.fem.forms import WeakForms
-from stickslip.solvers.laws.bilateral import Bilateral
-from stickslip.solvers.laws.capped_coulomb import CappedCoulomb
-from stickslip.solvers.laws.cohesion import Cohesion
-from stickslip.solvers.laws.compliance import Compliance
-from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
+from stickslip.solvers.laws.friction import (
+    CappedCoulomb,
+    Cohesion,
+    Coulomb,
+    OrthotropicCoulomb,
+    Stick,
+    Tresca,
+)
 from stickslip.solvers.laws.law import FrictionLaw
-from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
+from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
-from stickslip.solvers.laws.tied import Tied
-from stickslip.solvers.laws.unilateral import Unilateral
 from stickslip.solvers.results import closed_formulas
 from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.results.verdict import limits, passed

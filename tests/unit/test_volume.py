@@ -26,15 +26,13 @@ from stickslip.solvers.interface.coarse_mesh import LEAST, CoarseMesh
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.interface.schur_complement import CondensedSurface, RowStiffness
+from stickslip.solvers.interface.schur_complement import CondensedSurface, MemoisedMap, RowStiffness
 from stickslip.solvers.iteration import OnStep, Solution, Status, ignore
 from stickslip.solvers.linear import cholesky
 from stickslip.solvers.linear import multigrid as multigrid_of
 from stickslip.solvers.linear.block_diagonal import BlockDiagonal
 from stickslip.solvers.linear.cholesky import SparseCholesky
-from stickslip.solvers.linear.memoised_map import MemoisedMap
 from stickslip.solvers.linear.multigrid import multigrid
-from stickslip.solvers.linear.rounding import without_rounding
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
 from stickslip.solvers.metrics import surface_metric
@@ -45,6 +43,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Size, choose
 from stickslip.solvers.system.floating_modes import near_nullspace
+from stickslip.solvers.system.stiffness import without_rounding
 from stickslip.solvers.system.system import System
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.run import run
@@ -433,7 +432,7 @@ def test_rows_are_looked_at_in_parts(monkeypatch: pytest.MonkeyPatch, scene_of: 
     K = whole(system_of(scene_of(3, {"cells": "tensor", "mesh_size": 0.25}, contacts=BASE, supports=TOP)))
     parts = K.copy()
     expected = without_rounding(K).getValuesCSR()
-    monkeypatch.setattr("stickslip.solvers.linear.rounding.CHUNK", 7)
+    monkeypatch.setattr("stickslip.solvers.system.stiffness.CHUNK", 7)
     for found, wanted in zip(without_rounding(parts).getValuesCSR(), expected, strict=True):
         assert_array_equal(found, wanted)
 

@@ -9,8 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.audited import record_of
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
+from stickslip.solvers.laws.friction import Coulomb, OrthotropicCoulomb
 from stickslip.solvers.laws.slip_dependent import StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.results.audit import Auditor
@@ -37,7 +36,7 @@ from stickslip.workflows.lab.verification.check import Check, failures
 from stickslip.workflows.lab.verification.closed_forms import sheared_column
 from stickslip.workflows.lab.verification.cycles import accounted, repeats
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.run.doubts import doubts
+from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict
 
 METHODS = ("condensed-newton", "uzawa")

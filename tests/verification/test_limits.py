@@ -14,7 +14,7 @@ from shared.cases import slow
 from shared.command import result, table
 from shared.solved import Solved, coarse, solve
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output, Steps
 from stickslip.workflows.formats.steps import read_step

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from shared.cases import often, slow
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.run.doubts import doubts
+from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict
 
 DRAWN = """

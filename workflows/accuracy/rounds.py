@@ -3,7 +3,7 @@
 A round is a run like any other. Its results are kept if it reaches the goals, or if the next one would exceed the
 budget; else only what it shows of the errors is used: the mesh is refined where the energy norm of the error is large,
 around the contacts first if pressures or areas are asked for, and the steps are split. What the next round needs is
-written down first, so that rounds that are stopped go on from there.
+written down first, so that rounds that are stopped go on from there. Without goals, `run` makes one run.
 """
 
 from __future__ import annotations
@@ -28,20 +28,19 @@ from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.results.step_result import OPEN, Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy
-from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.accuracy.contact_sizes import finer_sides, nearness
-from stickslip.workflows.accuracy.kept import KeptRounds
-from stickslip.workflows.accuracy.level import ITERATION, Level, Move, next_move
-from stickslip.workflows.accuracy.round import Round
-from stickslip.workflows.accuracy.standing import Standing, percent, standings
+from stickslip.solvers.simulation.simulation import Bodies, Simulation
+from stickslip.workflows.accuracy.goals import Standing, percent, standings
+from stickslip.workflows.accuracy.level import ITERATION, Level, Move, Round, finer_sides, nearness, next_move
+from stickslip.workflows.accuracy.saved_rounds import SavedRounds
+from stickslip.workflows.formats.files import read_json
 from stickslip.workflows.formats.marker import certify, is_certified
-from stickslip.workflows.formats.regular import read_json
 from stickslip.workflows.formats.steps import read_step, step_files
-from stickslip.workflows.run.collective import from_rank_0, raise_together
+from stickslip.workflows.run import run as once
 from stickslip.workflows.run.folder import BEGUN, RESULT, place_of, work_of
+from stickslip.workflows.run.ranks import from_rank_0, raise_together
 from stickslip.workflows.run.result import Outcome, scene_hash, write_result
 from stickslip.workflows.run.resume import FINISHED, run_of
-from stickslip.workflows.run.run import begun_with, run
+from stickslip.workflows.run.run import Keep, begun_with
 from stickslip.workflows.run.watch import Watch
 
 log = logging.getLogger(__name__)
@@ -68,7 +67,7 @@ class Rounds:
         self._error: Array = np.zeros(0)  # of the present round, by cell, largest of all steps; on rank 0
         self._next: Level | None = Level()
         self._level = Level()
-        self._kept: KeptRounds | None = None  # on rank 0
+        self._saved: SavedRounds | None = None  # on rank 0
         self._stuck = ""  # why the mesh cannot be refined
         self._before = peak()  # memory without any round [bytes]
 
@@ -101,7 +100,7 @@ class Rounds:
             self._error, count = np.zeros(0), len(self.done)
             seen = replace(watch, on_step=self._seeing(watch.on_step), on_resume=self._reading(folder, watch.on_resume))
             scene = self._level.scene(self.scene)
-            outcome, content = run(scene, folder, seen, going_on, keep=self._judge, sizes=self._level.sizes)
+            outcome, content = once.run(scene, folder, seen, going_on, keep=self._judge, sizes=self._level.sizes)
             if going_on and len(self.done) == count and outcome.status in FINISHED:
                 self._next = self._level  # a crash came between its end and the verdict on it
             going_on = False
@@ -136,13 +135,13 @@ class Rounds:
 
     def _take_up(self, folder: Path, resume: bool) -> tuple[dict[str, Any] | None, bool]:
         """Finished rounds; content of result.json if all are; whether a round was stopped in its course; on rank 0."""
-        self._kept = KeptRounds(folder, self.scene)
+        self._saved = SavedRounds(folder, self.scene)
         if not resume:
-            self._kept.refuse_to_lose()
+            self._saved.refuse_to_lose()
             if self.scene.geometry.degree > self._level.order:
                 self._say("rounds begin with order 1, in place of geometry.order = 2, and go to 2 where it is cheaper")
             return None, False
-        found = self._kept.load()
+        found = self._saved.load()
         place, work = place_of(folder), work_of(folder)
         ended = read_json(place / RESULT)
         if found is None:
@@ -159,8 +158,8 @@ class Rounds:
         """Nothing is left to go on with; collective."""
 
         def remove() -> None:
-            assert self._kept is not None
-            self._kept.remove()
+            assert self._saved is not None
+            self._saved.remove()
 
         raise_together(comm, remove)
 
@@ -218,8 +217,8 @@ class Rounds:
             return True
 
         def write() -> None:
-            assert self._kept is not None
-            self._kept.keep(self.done, level, run_of(begun_with(simulation)), ends)
+            assert self._saved is not None
+            self._saved.keep(self.done, level, run_of(begun_with(simulation)), ends)
             shape = self.scene.geometry
             if isinstance(shape, UserFile) and shape.own_mesh and level.sizes and not self._level.sizes and not ends:
                 self._say(f"{Path(shape.file).name}: its cells are cut; curved sides stay the facets that they are")
@@ -348,3 +347,42 @@ def parsed(words: Sequence[str]) -> dict[str, float]:
         except ValueError:
             raise SceneError(f"--accuracy {word[:80]}: expected NAME=1% or NAME=0.01") from None
     return found
+
+
+def run(
+    scene: Scene,
+    folder: str | Path,
+    watch: Watch | None = None,
+    resume: bool = False,
+    keep: Keep | None = None,
+    sizes: SizeField | None = None,
+    bodies: Bodies | None = None,
+    began: float | None = None,
+) -> tuple[Outcome, dict[str, Any]]:
+    """Run a scene and leave its results in `folder`; collective.
+
+    Where the scene has goals, `accuracy.goals`, rounds of runs follow until they are reached or the budget is spent;
+    the status of one that has not reached them is "inaccurate". With `keep` or `sizes` it is one run all the same.
+
+    Args:
+        scene: what to solve.
+        folder: where the results stand at the end; former ones are kept beside it.
+        watch: what is told while the run works; absent: nobody.
+        resume: go on where an earlier run of the same scene was stopped there, if there is one.
+        keep: asked once all steps are solved, on every rank, with the errors of their numbers: whether the results are
+            kept. None: they are.
+        sizes: mesh sizes instead of those of the scene, on rank 0.
+        bodies: of an earlier simulation, see `prepare`; rounds make their own.
+        began: `time.perf_counter()` when the program began, whose imports count too; None: it begins here.
+
+    Returns:
+        How it ended, and the content of result.json; that is empty, and the status "abandoned", if they are not kept.
+
+    Raises:
+        SceneError, GeometryError: known before solving; nothing is written.
+        MachineError: the results cannot be written, or a step to resume from is damaged.
+    """
+    watch = watch or Watch()
+    if scene.accuracy.goals and keep is None and sizes is None:
+        return Rounds(scene, watch.on_round)(folder, watch, resume)
+    return once.run(scene, folder, watch, resume, keep, sizes, bodies, began)

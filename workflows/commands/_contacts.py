@@ -18,9 +18,9 @@ from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.parts import FACET_WORD
 from stickslip.geometry.user_files.touching import joined
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.workflows.formats.aside import disk_errors, write_aside
+from stickslip.workflows.formats.files import disk_errors, write_aside
 from stickslip.workflows.formats.marker import is_marked, mark, marker_of
-from stickslip.workflows.run.collective import raise_together
+from stickslip.workflows.run.ranks import raise_together
 from stickslip.workflows.run.terminal import console, print_table
 from stickslip.workflows.scene_file.proposal import (
     Assembly,
@@ -116,7 +116,7 @@ def _list(source: str, unit: str | None, units: str | None, within: float | None
 
 def _draw(found: Assembly, folder: Path) -> None:
     """Draw each pair, and put the pictures in place of earlier ones when all are there; only here VTK is imported."""
-    from stickslip.workflows.pictures.pairs import draw_pair
+    from stickslip.workflows.pictures.sides import draw_pair
 
     names = side_names(found)
     aside = folder.with_name(f".{folder.name}.part")

@@ -16,10 +16,10 @@ from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.discrete import discrete_problem, rank
 from stickslip.solvers.stepping.discrete_chain import AUTO, refuse_unusable, solve, usable
 from stickslip.workflows.formats.fclib import LocalProblem, read_problem, write_solved
-from stickslip.workflows.formats.regular import write_json
+from stickslip.workflows.formats.files import write_json
 from stickslip.workflows.pictures.performance_profile import FACTORS, draw_profile, shares
 from stickslip.workflows.run.folder import ResultsFolder
-from stickslip.workflows.run.one_process import refuse_mpirun
+from stickslip.workflows.run.ranks import refuse_mpirun
 
 ALL = "all"
 NAME = 38  # letters of a problem's name

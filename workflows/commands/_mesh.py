@@ -20,8 +20,8 @@ from stickslip.geometry.user_files.touching import touching
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.geometry.user_files.window import open_window
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.run.collective import raise_together
 from stickslip.workflows.run.mesh_report import look
+from stickslip.workflows.run.ranks import raise_together
 from stickslip.workflows.run.terminal import console, print_mesh, print_table
 
 ANNOUNCED = 10.0  # [s] of gmsh
@@ -120,6 +120,6 @@ def _vector(x: Any) -> str:
 
 def draw_picture(picture: Path, entities: tuple[Facets, ...], title: str, units: Units = SI) -> None:
     """Draw the numbered faces or edges; only this function imports VTK."""
-    from stickslip.workflows.pictures.numbered import draw_numbers
+    from stickslip.workflows.pictures.sides import draw_numbers
 
     draw_numbers(picture, entities, title, units)

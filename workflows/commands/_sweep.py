@@ -12,13 +12,12 @@ from rich.table import Table
 from stickslip.geometry.errors import SceneError, shortened
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.commands.process import speaks
-from stickslip.workflows.formats.regular import read_json
+from stickslip.workflows.formats.files import read_json
 from stickslip.workflows.run.folder import RESULT, place_of
 from stickslip.workflows.run.resume import FINISHED
 from stickslip.workflows.run.terminal import console, contact_cells, contact_numbers, print_table
 from stickslip.workflows.scene_file.read import value_of
-from stickslip.workflows.sweep.members import said, short
-from stickslip.workflows.sweep.sweep import Solved, Sweep, sweep
+from stickslip.workflows.sweep.sweep import Solved, Sweep, said, short, sweep
 
 WIDEST = 24  # letters of a value in the table
 PROBLEM = {"doubtful": 1}  # exit codes, other than 3

@@ -23,9 +23,9 @@ def compare(
     """Lay the results of two runs side by side: what was asked differently, numbers with ±, prices."""
     from rich.table import Table
 
-    from stickslip.workflows.formats.aside import write_aside
+    from stickslip.workflows.formats.files import write_aside
     from stickslip.workflows.pictures import report_compare
-    from stickslip.workflows.run.load import found
+    from stickslip.workflows.run.stored_results import found
     from stickslip.workflows.run.terminal import console, print_table
 
     if output is not None and output.is_dir():

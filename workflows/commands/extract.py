@@ -23,9 +23,9 @@ def extract(
 
     from stickslip.geometry.dolfinx_versions import cells_at
     from stickslip.solvers.scene.record import STRESSES
-    from stickslip.workflows.formats.aside import write_aside
     from stickslip.workflows.formats.csv_tables import csv_text
-    from stickslip.workflows.run.load import load
+    from stickslip.workflows.formats.files import write_aside
+    from stickslip.workflows.run.stored_results import load
 
     if output is not None and output.is_dir():
         raise SceneError(f"{output}: is a folder; name a file for the table with -o")

@@ -19,7 +19,7 @@ def report(
 ) -> None:
     """Make a page of a run's results: numbers, pictures, cost, audit, the bodies in 3D; it opens without a network."""
     from stickslip.workflows.pictures.report_page import NAME, write_report
-    from stickslip.workflows.run.load import found
+    from stickslip.workflows.run.stored_results import found
 
     results = found(folder)  # that of a run without an end is found as well
     page = output or results.folder / NAME

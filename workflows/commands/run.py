@@ -28,10 +28,10 @@ def run(
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="one line an iteration")] = False,
 ) -> None:
     """Solve a scene and write its results."""
-    from stickslip.workflows.accuracy import solve
+    from stickslip.workflows.accuracy import rounds
     from stickslip.workflows.accuracy.rounds import aiming
     from stickslip.workflows.commands._mesh import announce
-    from stickslip.workflows.formats.regular import json_text
+    from stickslip.workflows.formats.files import json_text
     from stickslip.workflows.run.terminal import Reporter
     from stickslip.workflows.scene_file.read import find, named, read
 
@@ -41,7 +41,7 @@ def run(
         announce(loaded)
     reporter = Reporter(quiet=quiet or not speaks(), verbose=verbose)
     with reporter, named(scene, override or ()):
-        outcome, content = solve.run(loaded, folder, reporter.watch(), resume, began=BEGAN)
+        outcome, content = rounds.run(loaded, folder, reporter.watch(), resume, began=BEGAN)
     if as_json:
         typer.echo(json_text(content))
     else:

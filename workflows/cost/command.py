@@ -10,21 +10,24 @@ from pathlib import Path
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.memory import available
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.cost.climb import Budget, climb, retry
-from stickslip.workflows.cost.kept import Kept
-from stickslip.workflows.cost.ladder import ladder_of
+from stickslip.workflows.cost.ladder import Budget, climb, ladder_of, retry
 from stickslip.workflows.cost.measure import measure
 from stickslip.workflows.cost.progress import Teller
-from stickslip.workflows.cost.quantity import check, chosen
-from stickslip.workflows.cost.run_record import Run
-from stickslip.workflows.cost.rung import Rung
-from stickslip.workflows.cost.sentence import headline, sentence
-from stickslip.workflows.cost.side_by_side import Line, comparison, lines, plain
-from stickslip.workflows.cost.study import Study
-from stickslip.workflows.cost.table import summary, write_csv, write_summary
-from stickslip.workflows.cost.truth import truth_of
-from stickslip.workflows.run.interrupt import Interrupt
-from stickslip.workflows.run.one_process import refuse_mpirun
+from stickslip.workflows.cost.run_record import Run, Rung
+from stickslip.workflows.cost.study import Study, check, chosen, truth_of
+from stickslip.workflows.cost.study_folder import StudyFolder
+from stickslip.workflows.cost.tables import (
+    Line,
+    comparison,
+    headline,
+    lines,
+    plain,
+    sentence,
+    summary,
+    write_csv,
+    write_summary,
+)
+from stickslip.workflows.run.ranks import Interrupt, refuse_mpirun
 
 BUSY = 0.9  # share of a core below which seconds are not those of the runs alone
 OF_MEMORY = 0.8  # of the available memory, for one run
@@ -64,7 +67,7 @@ def cost(
     refuse_mpirun("cost: measures runs on one core")
     check(asked, scene)
     ladder, notes = ladder_of(scene, named)
-    kept, limits = Kept(target, scene, resume), Budget(budget, OF_MEMORY * available(), scene.dim)
+    kept, limits = StudyFolder(target, scene, resume), Budget(budget, OF_MEMORY * available(), scene.dim)
     runs = retry(kept.runs, limits)
     with Interrupt() as interrupt, teller:
 
@@ -149,14 +152,14 @@ def _ending(whole: bool, runs: Sequence[Run], said: str) -> Answer:
 
 
 def _draw_methods(folder: Path, scene: Scene, found: Sequence[Line], methods: Sequence[str], said: str) -> None:
-    from stickslip.workflows.cost.methods_picture import draw_methods
+    from stickslip.workflows.cost.pictures import draw_methods
 
     if found:
         draw_methods(folder, scene.title, found, methods, said, scene.labels)
 
 
 def _draw(folder: Path, scene: Scene, studies: Sequence[Study]) -> None:
-    from stickslip.workflows.cost.picture import draw
+    from stickslip.workflows.cost.pictures import draw
 
     for study in studies:
         if study.truth.meshes > 1:

@@ -22,11 +22,10 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.accuracy.level import SOLVING
-from stickslip.workflows.cost.child import forms
-from stickslip.workflows.cost.ladder import COARSEST, FINEST
-from stickslip.workflows.cost.predict import power_law
-from stickslip.workflows.cost.rung import RATIO
-from stickslip.workflows.run.one_process import refuse_mpirun
+from stickslip.workflows.cost.ladder import COARSEST, FINEST, power_law
+from stickslip.workflows.cost.measure import forms
+from stickslip.workflows.cost.run_record import RATIO
+from stickslip.workflows.run.ranks import refuse_mpirun
 
 log = logging.getLogger(__name__)
 ASKED = (0.1, 0.01, 0.001)

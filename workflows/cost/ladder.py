@@ -1,18 +1,22 @@
-"""The ladder: which rungs may come next, given those done. Every chain of one order and method climbs by itself."""
+"""The ladder of a scene: which runs may come next, what each will take, and how it is climbed within a budget.
+
+Every chain of one order and method climbs by itself, from coarse meshes to fine ones.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
+
+import numpy as np
 
 from stickslip.geometry.errors import SceneError, nearest
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.workflows.cost.predict import overhead
-from stickslip.workflows.cost.run_record import Run
-from stickslip.workflows.cost.rung import Rung
+from stickslip.workflows.cost.run_record import RATIO, Run, Rung
+from stickslip.workflows.cost.tables import seconds
 from stickslip.workflows.scene_file.read import with_method
 
 COARSEST, FINEST = -4, 12  # levels: four times as coarse as the scene, 64 times as fine
@@ -20,9 +24,13 @@ ORDERS: tuple[Literal[1, 2], ...] = (1, 2)
 LOOSE = (1e-2, 1e-4)  # tolerances besides the scene's own
 WORTH = 0.2  # share of the iteration in the total time above which a looser tolerance can save time
 FAILURES = 2  # in a row, after which a chain ends
-
-
+MORE = 1.1  # factor on a time limit that was too short, for another try
+WINDOW = 3  # of the finest runs, which tell what the next one takes
+UNTRIED = 1.0  # seconds of the first run of all
+START = 2.0  # seconds in which a process starts and compiles nothing
+ANOTHER = 1.5  # assumed factor on the time of the same mesh with another method or a lower order
 T = TypeVar("T", bound=str | int)
+Measure = Callable[[Rung, float], Run | None]
 
 
 @dataclass(frozen=True)
@@ -139,3 +147,113 @@ def _ended(tight: Sequence[Run]) -> bool:
         return True
     counted = [run for run in tight if run.rung.level >= 0 or run.status != "refused"]
     return len(counted) >= FAILURES and not any(run.converged for run in counted[-FAILURES:])
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What all runs together may use."""
+
+    seconds: float  # [s]
+    memory: float  # of one process [bytes]
+    dim: int  # of the scene: it decides how fast work grows with the mesh
+
+    def left(self, runs: Sequence[Run]) -> float:
+        """Seconds [s]."""
+        return self.seconds - sum(run.spent for run in runs)
+
+
+def climb(
+    ladder: Ladder, runs: list[Run], budget: Budget, measure: Measure, keep: Callable[[Run], None]
+) -> tuple[bool, list[str]]:
+    """Add runs until none fits any more.
+
+    Args:
+        runs: those done so far; new ones are appended.
+        measure: solves a rung within so many seconds; None: the user wants to stop.
+        keep: called with every run when it is done.
+
+    Returns:
+        False if the user stopped it; and the rungs that did not fit, in words.
+    """
+    while True:
+        waiting = list(ladder.candidates(runs))
+        costs = {rung: expected_seconds(rung, runs, budget.dim) for rung in waiting}
+        small = [r for r in waiting if expected_memory(r, runs, budget.dim) <= budget.memory]
+        left = budget.left(runs)
+        fits = [rung for rung in small if costs[rung] <= left]
+        if not fits:
+            return True, [_left_out(rung, costs[rung], left, rung in small) for rung in waiting]
+        run = measure(min(fits, key=lambda rung: (ladder.turn(rung), costs[rung], rung)), left)
+        if run is None:
+            return False, []
+        runs.append(replace(run, number=1 + max((each.number for each in runs), default=0)))
+        keep(runs[-1])
+
+
+def retry(runs: Sequence[Run], budget: Budget) -> list[Run]:
+    """The runs, without those that ran out of time and would get more time now."""
+    others = [run for run in runs if run.status != "out_of_time"]
+    late = [run for run in runs if run.status == "out_of_time"]
+    return others + [run for run in late if budget.left(others) <= MORE * run.spent]
+
+
+def _left_out(rung: Rung, cost: float, left: float, small: bool) -> str:
+    where = f"order {rung.order}, {rung.method}, cells x {rung.factor:.3g}, tolerance {rung.tolerance:.0e}"
+    if not small:
+        return f"not run: {where}: would not fit into the memory"
+    return f"not run: {where}: would take {seconds(cost)}, {seconds(max(left, 0.0))} are left"
+
+
+def power_law(values: Mapping[int, float], at: float, least: float, most: float) -> float:
+    """The value at a level, by a power of the cell size between `least` and `most` through the finest of all.
+
+    A single value gives no power: the least one is taken, because the coarsest mesh is all overhead.
+
+    >>> round(power_law({0: 1.0, 2: 4.0, 4: 16.0}, 6, 1.0, 9.0), 9)  # twice as fine every two levels: power 2
+    64.0
+    >>> round(power_law({0: 1.0}, 2, 3.0, 9.0), 9)
+    8.0
+    """
+    levels = sorted(values)[-WINDOW:]
+    x, y = np.array(levels) * np.log(RATIO), np.log([values[level] for level in levels])
+    power = np.polyfit(x, y, 1)[0] if len(levels) > 1 else least
+    return float(np.exp(y[-1] + np.clip(power, least, most) * (at * np.log(RATIO) - x[-1])))
+
+
+def overhead(runs: Sequence[Run]) -> float:
+    """Time of a process outside its phases [s]."""
+    found = [run.spent - run.seconds for run in runs if run.converged and not run.compiled]
+    return float(np.median(found)) if found else START
+
+
+def expected_seconds(rung: Rung, runs: Sequence[Run], dim: int) -> float:
+    """Part of the budget that this rung will take [s]; coarse meshes are all overhead, so a small power may fit."""
+    return overhead(runs) + _phases(rung, [run for run in runs if run.phases], dim)
+
+
+def expected_memory(rung: Rung, runs: Sequence[Run], dim: int) -> float:
+    """Peak memory [bytes]; unknown for a chain without a run."""
+    mine = [run for run in runs if run.rung.chain == rung.chain and run.memory]
+    if not mine:
+        return 0.0
+    return power_law(_by_level(mine, lambda run: run.memory), rung.level, 0.0, 2.0 * dim)
+
+
+def _phases(rung: Rung, runs: Sequence[Run], dim: int) -> float:
+    mine = [run for run in runs if run.rung.chain == rung.chain]
+    same = [run.seconds for run in mine if run.rung.level == rung.level]
+    if same:  # of a tighter tolerance
+        return max(same)
+    tight = [run for run in mine if run.rung.tolerance <= rung.tolerance]
+    if tight:
+        return power_law(_by_level(tight, lambda run: run.seconds), rung.level, dim / 2, 3.0 * dim)
+    near = [run for run in runs if run.rung.level == rung.level]
+    return max((ANOTHER * run.seconds for run in near), default=UNTRIED)
+
+
+def _by_level(runs: Sequence[Run], number: Callable[[Run], float]) -> dict[int, float]:
+    """The largest of the runs on each level."""
+    found: dict[int, float] = {}
+    for run in runs:
+        found[run.rung.level] = max(number(run), found.get(run.rung.level, 0.0))
+    return found

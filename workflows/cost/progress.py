@@ -11,9 +11,8 @@ from rich.table import Table
 
 from stickslip.workflows.cost.foresee import ASKED, Price, Row
 from stickslip.workflows.cost.run_record import Run
-from stickslip.workflows.cost.sentence import duration, percent, seconds
-from stickslip.workflows.cost.side_by_side import Line
 from stickslip.workflows.cost.study import Study
+from stickslip.workflows.cost.tables import Line, duration, percent, seconds
 from stickslip.workflows.run.terminal import console, print_table
 
 DAY = 86400.0  # [s]

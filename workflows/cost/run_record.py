@@ -1,17 +1,69 @@
-"""The record of one run: numbers, seconds, work, memory, and how it ended; each in its own file."""
+"""One run of a study: the rung of the ladder that it solves, and the record of how it ended and what it took."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import Any
+from dataclasses import asdict, dataclass, field, replace
+from math import sqrt
+from typing import Any, Literal
+from urllib.parse import quote
 
-from stickslip.workflows.cost.rung import Rung
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.geometry.errors import SceneError, prefixed
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Output
+from stickslip.workflows.scene_file.read import with_method
 
 PHASES = ("mesh", "assemble", "prepare", "iterate", "output")
+RATIO = sqrt(2)  # between the cells of neighbouring levels
+
+
+@dataclass(frozen=True, order=True)
+class Rung:
+    """Level 0 has the mesh sizes of the scene; each further level divides them by RATIO."""
+
+    order: Literal[1, 2]
+    method: str  # name, or name and keys, see `with_method`
+    level: int
+    tolerance: float
+
+    @property
+    def factor(self) -> float:
+        """Mesh size over that of the scene."""
+        return float(RATIO**-self.level)
+
+    @property
+    def chain(self) -> tuple[int, str]:
+        """What stays fixed while the mesh is refined: order, method."""
+        return self.order, self.method
+
+    @property
+    def name(self) -> str:
+        """Name of its file, different for each rung."""
+        method = quote(self.method, safe="+=")
+        return f"order{self.order}_{method}_level{self.level:+03d}_{self.tolerance:.0e}"
+
+    def scene(self, scene: Scene) -> Scene:
+        """The scene as this rung solves it, without pictures.
+
+        Raises:
+            SceneError: its geometry offers no size to refine, or refuses this one.
+        """
+        with prefixed("geometry"):
+            geometry = replace(scene.geometry.refined(self.factor), order=self.order)
+        solver = replace(with_method(scene.solver, self.method), tolerance=self.tolerance)
+        return replace(scene, geometry=geometry, solver=solver, output=Output(pictures=False, error=False))
+
+
+def mesh_size(scene: Scene) -> float:
+    """Edge length where bodies touch [m].
+
+    Raises:
+        SceneError: the geometry is a file that says none.
+    """
+    found = scene.geometry.contact_mesh_size or scene.geometry.mesh_size
+    if found is None:
+        raise SceneError("geometry.mesh_size: missing, there is none to refine")
+    return float(found)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,22 +101,6 @@ class Run:
     def plain(self) -> dict[str, Any]:
         """As plain data for JSON."""
         return asdict(self)
-
-
-def store(run: Run, folder: Path) -> None:
-    """Write the run's file atomically.
-
-    Raises:
-        MachineError: the disk is full.
-    """
-    text = json.dumps(run.plain(), indent=1, ensure_ascii=False)
-    write_aside(folder / f"{run.rung.name}.json", (text + "\n").encode())
-
-
-def load(folder: Path) -> list[Run]:
-    """All runs of a folder, in the order in which they were made."""
-    found = [from_plain(json.loads(path.read_text(encoding="utf-8"))) for path in folder.glob("order*.json")]
-    return sorted(found, key=lambda run: run.number)
 
 
 def from_plain(content: Mapping[str, Any]) -> Run:

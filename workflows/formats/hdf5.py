@@ -18,8 +18,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import AnyArray
 from stickslip.geometry.errors import DamagedError, MachineError
-from stickslip.workflows.formats.aside import write_aside
-from stickslip.workflows.formats.regular import read_regular
+from stickslip.workflows.formats.files import read_regular, write_aside
 
 Numbers = Mapping[str, float | int]
 USER_BLOCK = 512  # bytes, HDF5's smallest

@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from stickslip.geometry.errors import FolderError
-from stickslip.workflows.formats.aside import sync_folder
-from stickslip.workflows.formats.regular import parse_json, read_regular
+from stickslip.workflows.formats.files import parse_json, read_regular, sync_folder
 
 MARKER, PART = ".stickslip", "..stickslip.part"  # and the marker before it is whole
 SIGNATURE = "stickslip: results of a run;"

@@ -13,8 +13,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import AnyArray
 from stickslip.solvers.parallel.serialise import ByNode, Plain
-from stickslip.workflows.formats.aside import write_aside
-from stickslip.workflows.formats.regular import read_regular
+from stickslip.workflows.formats.files import read_regular, write_aside
 
 TEXT, BYTES = "text", "bytes"
 ARRAY, BY_NODE = "@array", "@by node"  # keys that no name of a scene can be

@@ -20,15 +20,13 @@ from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.units import Units
 from stickslip.solvers.results.step_result import OPEN, MeshData
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.steps import light_files, read_step, step_name, three
 from stickslip.workflows.pictures.body_picture import displacement_scale, plain
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
-from stickslip.workflows.pictures.focus import close_up
-from stickslip.workflows.pictures.render import render
+from stickslip.workflows.pictures.render import body_on_stage, render
 from stickslip.workflows.pictures.sheet import COLOURS, STATUS_COLOURS, Sheet, show_image, span
-from stickslip.workflows.pictures.solid_bodies import body_on_stage
-from stickslip.workflows.pictures.view import Image, View
+from stickslip.workflows.pictures.view import Image, View, close_up
 
 FRAMES = 100  # at most
 SECONDS, SLOWEST, LAST = 8.0, 0.5, 1.5  # longest duration [s] of the whole and of a frame; duration of the last frame

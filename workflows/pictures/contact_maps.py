@@ -13,11 +13,10 @@ from matplotlib.colors import to_rgb
 from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array, Ints
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, ContactState
-from stickslip.workflows.formats.shapes import corner_cells
-from stickslip.workflows.pictures.focus import focus
+from stickslip.workflows.formats.mesh_file import corner_cells
 from stickslip.workflows.pictures.render import SHADED, grid_of, render
 from stickslip.workflows.pictures.sheet import COLOURS, DPI, LINE, STATUS_COLOURS, Sheet, show_image, span
-from stickslip.workflows.pictures.view import View
+from stickslip.workflows.pictures.view import View, focus
 
 ARROWS = 250  # approximate largest number of arrows
 LONGEST = 0.12  # length of the longest arrow, relative to the size of the surface

@@ -10,9 +10,9 @@ from stickslip.solvers.effects import records
 from stickslip.solvers.results.step_result import ErrorParts
 from stickslip.solvers.scene.record import numbers_of, singular
 from stickslip.workflows.formats.plus_minus import missing, of_parts, parts_of, plus_minus, stated
+from stickslip.workflows.formats.results import Results
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.pictures.report_page import PHASES, as_written
-from stickslip.workflows.pictures.report_results import Results
 
 NOTHING = "–"
 APART = ("title", "hash", "output")  # of a scene: nothing that is asked of the solution

@@ -15,8 +15,8 @@ from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import EXACT, AnyArray, Array, Ints
 from stickslip.geometry.keys import parse
 from stickslip.geometry.obstacles.obstacle import Obstacle
+from stickslip.workflows.formats.results import Results
 from stickslip.workflows.formats.steps import StoredStep, read_step, three
-from stickslip.workflows.pictures.report_results import Results
 
 BUDGET = 3_000_000  # bytes of the steps; of a longer history, evenly chosen ones are shown
 VISIBLE, DRAWN = 0.02, 0.05  # of the size: a displacement that can be seen; what a smaller one is scaled to

@@ -20,7 +20,7 @@ from PIL import Image as Pillow
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.pictures.view import Image, View
 
 DPI = 200

@@ -19,7 +19,7 @@ from itertools import count
 from pathlib import Path
 
 from stickslip.geometry.errors import FolderError
-from stickslip.workflows.formats.aside import disk_errors, sync_folder
+from stickslip.workflows.formats.files import disk_errors, read_json, read_regular, sync_folder
 from stickslip.workflows.formats.marker import (
     LOG,
     PART,
@@ -34,7 +34,6 @@ from stickslip.workflows.formats.marker import (
     remove_own,
     strange,
 )
-from stickslip.workflows.formats.regular import read_json, read_regular
 from stickslip.workflows.formats.steps import light_files, step_files
 
 log = logging.getLogger(__name__)

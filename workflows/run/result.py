@@ -42,9 +42,8 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Stage
 from stickslip.solvers.stepping.method_chain import Switch
-from stickslip.workflows.formats.profile import seconds_of
-from stickslip.workflows.formats.regular import write_json
-from stickslip.workflows.pictures.report_results import PER_METRE
+from stickslip.workflows.formats.files import write_json
+from stickslip.workflows.formats.results import PER_METRE, seconds_of
 from stickslip.workflows.run.audit import Audited
 from stickslip.workflows.run.packages import packages
 from stickslip.workflows.scene_file.identity import identity

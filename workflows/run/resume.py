@@ -1,10 +1,16 @@
-"""What a run has left behind for one that resumes it: its steps, and the newest one's checkpoint."""
+"""What a run leaves for one that resumes it: its steps, the newest one's checkpoint, and what methods have learnt.
+
+The latter, learnt/000012.0.bin of rank 0, stands beside the newest two steps only, for it can be large. It serves the
+same ranks alone, so each keeps its own part: nothing is gathered. A step names the files that belong to it by its
+reference: their number, and the checksum of each rank's.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,25 +19,95 @@ from stickslip import VERSION
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.geometry.errors import DamagedError, FolderError, MachineError
 from stickslip.solvers.parallel.counters import Row
-from stickslip.solvers.parallel.serialise import broadcast, deserialise
+from stickslip.solvers.parallel.serialise import Plain, broadcast, deserialise
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoint
-from stickslip.workflows.formats.aside import disk_errors
+from stickslip.workflows.formats.files import disk_errors, make_folder, parse_json, read_json, read_regular
 from stickslip.workflows.formats.marker import is_certified, remove_unfinished
-from stickslip.workflows.formats.regular import parse_json, read_json, read_regular
+from stickslip.workflows.formats.serialised import PlainFile, read_plain
 from stickslip.workflows.formats.steps import light_files, light_name, read_checkpoint, step_files, step_name
-from stickslip.workflows.run.doubts import Seen
 from stickslip.workflows.run.folder import BEGUN, RESULT, ResultsFolder
-from stickslip.workflows.run.learnt import is_kept, remove_learnt
+from stickslip.workflows.run.ranks import all_act, raise_together
+from stickslip.workflows.run.warnings import Seen
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 
+FOLDER = "learnt"
 VERSIONS = {"stickslip": VERSION, "dolfinx": DOLFINX}
 FINISHED = ("converged", "doubtful")
 UNTOUCHED = "nothing is resumed, nothing was changed"
-
-
 STATES = ("state", "refined", "surplus")  # of a checkpoint, with values by node: these stay on rank 0
+
+
+class LearntFiles:
+    """Those of the last two steps; what is the same as at the step before is not written again."""
+
+    def __init__(self, folder: Path, comm: Any, before: str = "", last: str = "") -> None:
+        """
+        Args:
+            before, last: references of the last two steps.
+        """
+        self._folder, self._comm, self._two = folder / FOLDER, comm, (before, last)
+
+    def write(self, index: int, learnt: Plain) -> str:
+        """Bring it to the disk before the step's file: the step's reference; collective.
+
+        Raises:
+            MachineError: a disk is full; on all ranks.
+        """
+        file, last = PlainFile(learnt), self._two[1]
+        sums = self._comm.allgather(file.checksum)
+        if last.split()[1:] != sums:
+            last = " ".join([f"{index:06d}", *sums])
+
+            raise_together(self._comm, lambda: make_folder(self._folder))
+            all_act(self._comm, lambda: file.write(self._folder / _name(last, self._comm.rank)))
+        self._two = self._two[1], last
+        return last
+
+    def read(self) -> Plain | None:
+        """What belongs to the last step; None on all ranks if one's is lost, or if they were others; collective."""
+        last = self._two[1]
+        sums, rank = last.split()[1:], self._comm.rank
+        if len(sums) != self._comm.size:
+            return None
+        found = read_plain(self._folder / _name(last, rank), sums[rank])
+        return found if all(self._comm.allgather(found is not None)) else None
+
+    def forget(self) -> None:
+        """Remove the files of earlier steps, of all ranks; rank 0, when the last step is safe."""
+        numbers = {reference.partition(" ")[0] for reference in self._two}
+        _remove(self._folder, numbers)
+
+
+def remove_learnt(folder: Path) -> None:
+    """Of a run that is done and certified: nothing will go on from here, nor be estimated again.
+
+    Raises:
+        MachineError: no permission.
+    """
+    _remove(folder / FOLDER, ())
+    with suppress(OSError):  # the user keeps something there, or there is none
+        (folder / FOLDER).rmdir()
+
+
+def _remove(folder: Path, but: Container[str]) -> None:
+    """Remove the files of all steps but some."""
+    with disk_errors(folder):
+        for path in folder.glob(f"{'[0-9]' * 6}.*.bin"):
+            if path.name[:6] not in but:
+                path.unlink()
+
+
+def is_kept(folder: Path, reference: str) -> bool:
+    """Whether every rank's file is there, and whole."""
+    sums = reference.split()[1:]
+    files = (folder / FOLDER / _name(reference, rank) for rank in range(len(sums)))
+    return bool(sums) and all(read_plain(path, total) is not None for path, total in zip(files, sums, strict=True))
+
+
+def _name(reference: str, rank: int) -> str:
+    return f"{reference.partition(' ')[0]}.{rank}.bin"
 
 
 @dataclass(frozen=True, kw_only=True)

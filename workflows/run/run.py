@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import time as clock
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -13,45 +14,100 @@ from typing import Any
 
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.mesh_sizes import SizeField
-from stickslip.solvers.parallel.counters import Counters, Row
+from stickslip.solvers.parallel.counters import Clock, Counters, Row
 from stickslip.solvers.parallel.serialise import serialise
 from stickslip.solvers.results.linear_reference import LinearReference, linear_reference
 from stickslip.solvers.results.step_result import Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoints
 from stickslip.solvers.simulation.simulation import Bodies, Simulation, prepare
-from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.history import HistoryRow, HistoryTuple
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip.workflows.formats.files import write_json
 from stickslip.workflows.formats.marker import LOG, is_marked
 from stickslip.workflows.formats.mesh_file import mesh_checksum
-from stickslip.workflows.formats.profile import profile_lines
-from stickslip.workflows.formats.regular import write_json
+from stickslip.workflows.formats.results import profile_lines
 from stickslip.workflows.formats.steps import step_files, write_light, write_step
 from stickslip.workflows.run.audit import Audited, audit_steps
-from stickslip.workflows.run.collective import raise_together
-from stickslip.workflows.run.doubts import Fields, Seen, doubts
 from stickslip.workflows.run.folder import BEGUN, FORMER, ResultsFolder, work_of
-from stickslip.workflows.run.interrupt import Interrupt
-from stickslip.workflows.run.learnt import LearntFiles, remove_learnt
 from stickslip.workflows.run.mesh_report import report_mesh
-from stickslip.workflows.run.outputs import AFTER, BEFORE, Outputs
+from stickslip.workflows.run.ranks import Interrupt, all_act, raise_together
 from stickslip.workflows.run.result import Outcome, summary, write_result
 from stickslip.workflows.run.resume import (
     FINISHED,
     VERSIONS,
     EarlierRun,
+    LearntFiles,
     RunCheckpoint,
     find_earlier_run,
+    remove_learnt,
     remove_light,
     remove_surplus,
     run_of,
 )
+from stickslip.workflows.run.warnings import Fields, Seen, doubts
 from stickslip.workflows.run.watch import RunLog, Watch, foreseen, tell
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
-from stickslip.workflows.writers.writer import Ended, Job, wanted
+from stickslip.workflows.writers.writer import Ended, Job, Turn, Writer, wanted
 
+BEFORE = (Turn.BEFORE,)  # the run's own file is safe
+AFTER = (Turn.AFTER, Turn.LAST)
 log = logging.getLogger(__name__)
+Keep = Callable[[Simulation, Sequence[StepResult], Sequence[Errors]], bool]
+
+
+class Outputs:
+    """What a scene wants written; every method is collective.
+
+    Raises:
+        MachineError: on every rank, from any method: one writer cannot write.
+    """
+
+    def __init__(self, job: Job) -> None:
+        self._comm, self._writers = job.comm, [kind(job) for kind in wanted(job.scene)]
+        self._clock = job.simulation.clock if job.simulation else Clock()
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the files that the writers will make, see `Writer.names`."""
+        return [name for writer in self._writers for name in writer.names()]
+
+    def begin(self) -> None:
+        """The run begins in an empty folder."""
+        self._each(lambda writer: writer.begin())
+
+    def resume(self, steps: Sequence[StepResult]) -> None:
+        """The run goes on after these steps."""
+        self._each(lambda writer: writer.resume(steps))
+
+    def step(self, index: int, result: StepResult, turns: Sequence[Turn]) -> None:
+        """A step was solved: those whose turn it is write it."""
+        self._each(lambda writer: writer.step(index, result), turns)
+
+    def failed(self, index: int, history: Sequence[HistoryTuple]) -> None:
+        """A step could not be solved; these iterations belong to no step that was written."""
+        self._each(lambda writer: writer.failed(index, history))
+
+    def finish(self, ended: Ended, turns: Sequence[Turn]) -> None:
+        """The run ends: those whose turn it is finish their files."""
+        self._each(lambda writer: writer.finish(ended), turns)
+
+    def _each(self, act: Callable[[Writer], None], turns: Sequence[Turn] = tuple(Turn)) -> None:
+        for writer in self._writers:
+            if writer.turn in turns:
+                with self._clock.phase("output", part_of(writer)):
+                    (all_act if writer.collective else raise_together)(self._comm, partial(act, writer))
+
+
+def part_of(writer: Writer) -> str:
+    """Its name in the profile: that of its class in words.
+
+    >>> from stickslip.workflows.writers.tables import StepsTable
+    >>> part_of(StepsTable.__new__(StepsTable))
+    'steps table'
+    """
+    return re.sub(r"\B([A-Z])", r" \1", type(writer).__name__).lower()
 
 
 class Run:
@@ -228,9 +284,6 @@ class Run:
     def _on_rank_0(self, act: Callable[[], object]) -> None:
         """Act on rank 0; if that fails, every rank raises the same error."""
         raise_together(self._simulation.mesh.comm, act)
-
-
-Keep = Callable[[Simulation, Sequence[StepResult], Sequence[Errors]], bool]
 
 
 def run(

@@ -11,7 +11,7 @@ from typing import Any
 from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.user_files.child_process import end_with
 from stickslip.solvers.simulation.simulation import Bodies, Simulation
-from stickslip.workflows.formats.regular import read_json
+from stickslip.workflows.formats.files import read_json
 from stickslip.workflows.run.folder import BEGUN, OF_MEMBER, place_of, work_of
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch

@@ -8,35 +8,39 @@ each member then runs on one core.
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import math
 import os
+import re
 import tempfile
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from typing import Any
 
 from stickslip.geometry.errors import FolderError, SceneError
+from stickslip.geometry.keys import plain
 from stickslip.geometry.protocols import DataFrame
 from stickslip.geometry.user_files.child_process import run_child
 from stickslip.solvers.results.step_result import data_frame
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.formats.aside import disk_errors, write_aside
+from stickslip.workflows.formats.files import disk_errors, read_json, read_regular, write_aside
 from stickslip.workflows.formats.marker import is_certified
-from stickslip.workflows.formats.regular import read_json, read_regular
-from stickslip.workflows.run.collective import raise_together
 from stickslip.workflows.run.folder import BEGUN, RESULT, place_of
+from stickslip.workflows.run.ranks import raise_together
 from stickslip.workflows.run.result import scene_hash
 from stickslip.workflows.run.resume import FINISHED
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
-from stickslip.workflows.scene_file.read import to_dict
-from stickslip.workflows.sweep.members import Member, members
+from stickslip.workflows.scene_file.read import to_dict, with_keys
 
+MOST = 10_000  # members
+LONGEST = 80  # letters of a folder's name
+UNSAFE = re.compile(r"[^A-Za-z0-9.+=-]+")
 TABLE = "sweep.csv"
 OWN = ("status", "folder")  # columns of the table, behind those of the keys
 NOTHING_NEW = ("failed", "killed")  # statuses of members that have left no results
@@ -45,6 +49,78 @@ LONGEST_HEAD = 100_000  # bytes of a table in which its head is looked for
 OF_MPIRUN = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "ORTE_", "HYDI_", "MPI_LOCAL")  # variables that make a child a rank
 ROOT_MAY = "OMPI_ALLOW_RUN_AS_ROOT"
 Task = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Member:
+    """One scene of a sweep."""
+
+    name: str  # of its folder
+    values: Mapping[str, Any]  # of the keys that are swept
+    scene: Scene
+
+    @property
+    def bodies(self) -> str:
+        """The same for members that may share mesh and factor."""
+        whole = to_dict(self.scene)
+        return json.dumps([whole["geometry"], whole["bodies"]], sort_keys=True)
+
+
+def members(scene: Scene, over: Mapping[str, Sequence[Any]], files: Path | None = None) -> list[Member]:
+    """All combinations; the last key changes fastest.
+
+    Args:
+        over: values by dotted key, as in a scene file.
+        files: where a relative `geometry.file` begins, by default the working folder.
+
+    Raises:
+        SceneError: a key has no values, or a scene with one of them is wrong.
+    """
+    if not over:
+        raise SceneError("sweep: needs a key and its values, for example contacts.base.friction.mu=[0.1, 0.2, 0.3]")
+    for key, values in over.items():
+        if isinstance(values, str) or not isinstance(values, Sequence) or not len(values):
+            raise SceneError(f"sweep: {key}: expected a list of values, for example {key}=[0.1, 0.2, 0.3]")
+    found, names, count = list[Member](), short(list(over)), 1
+    for values in over.values():
+        count *= len(values)
+    if count > MOST:
+        raise SceneError(f"sweep: {count} members; at most {MOST}")
+    for combination in product(*over.values()):
+        chosen = {key: plain(value) for key, value in zip(over, combination, strict=True)}
+        name = _safe(",".join(f"{names[key]}={said(value)}" for key, value in chosen.items()))
+        try:
+            changed = with_keys(scene, chosen, files)
+        except SceneError as error:
+            raise SceneError(f"sweep: {name}: {error}") from None
+        if name in (member.name for member in found):
+            raise SceneError(f"sweep: {name}: stands there twice")
+        found.append(Member(name, chosen, changed))
+    return found
+
+
+def short(keys: Sequence[str]) -> dict[str, str]:
+    """The shortest ends of dotted keys that tell them apart."""
+    found = {}
+    for key in keys:
+        parts = key.split(".")
+        ends = [".".join(parts[k:]) for k in range(len(parts) - 1, -1, -1)]
+        others = [other for other in keys if other != key]
+        found[key] = next((end for end in ends if not any(f".{other}".endswith(f".{end}") for other in others)), key)
+    return found
+
+
+def said(value: Any) -> str:
+    """A value in a word or two."""
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _safe(name: str) -> str:
+    """A name for a folder, and a short hash where letters are lost."""
+    safe = UNSAFE.sub("_", name.replace(",", "+").replace(" ", ""))
+    if safe == name.replace(",", "+") and len(safe) <= LONGEST:
+        return safe
+    return f"{safe[: LONGEST - 9]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,11 @@ from stickslip.geometry.keys import Key
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.laws.normal import Unilateral
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.formats.aside import disk_errors, make_folder
 from stickslip.workflows.formats.fclib import LocalProblem, write_local
+from stickslip.workflows.formats.files import disk_errors, make_folder
 from stickslip.workflows.writers.writer import Job, Keys, Turn, Writer, keys_of
 
 FOLDER, KEY = "fclib", "output.fclib"

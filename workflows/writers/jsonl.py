@@ -9,8 +9,7 @@ from typing import Annotated
 from stickslip.geometry.keys import Key
 from stickslip.solvers.results.step_result import Errors, StepResult, told
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.formats.aside import disk_errors, write_aside
-from stickslip.workflows.formats.regular import json_text
+from stickslip.workflows.formats.files import disk_errors, json_text, write_aside
 from stickslip.workflows.writers.writer import Ended, Keys, Turn, Writer, keys_of
 
 NAME = "steps.jsonl"

@@ -1,4 +1,4 @@
-"""Pictures of the last step and of the history, and the animation: drawn at the end, from the files of the results."""
+"""Pictures of the last step and the history, the animation, report.html: made at the end from files of the results."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ import logging
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Annotated
 
 from stickslip.geometry.builders.builder import modelled
+from stickslip.geometry.keys import Key
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.writers.writer import Ended, Turn, Writer
+from stickslip.workflows.writers.writer import Ended, Keys, Turn, Writer, keys_of
 
 log = logging.getLogger(__name__)
 
@@ -82,3 +85,32 @@ def _drawing(what: str) -> Iterator[None]:
     except (ImportError, RuntimeError) as error:
         log.warning("no %s: %s", what, error)
         print(f"stickslip: no {what} could be drawn: {error}", file=sys.stderr)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportKeys(Keys):
+    """Whether it is made."""
+
+    report: Annotated[bool, Key("-", "make report.html, see also `stickslip report FOLDER`")] = False
+
+
+class Report(Writer):
+    """One page, with the pictures that stand there."""
+
+    turn = Turn.LAST  # shows the pictures
+    keys = ReportKeys
+    reader, files = "a browser", ("report.html",)
+
+    @classmethod
+    def wanted(cls, scene: Scene) -> bool:
+        return keys_of(ReportKeys, scene.output).report
+
+    def resume(self, steps: Sequence[StepResult]) -> None:
+        """Nothing: it is made of the whole history."""
+
+    def finish(self, ended: Ended) -> None:
+        if not ended.in_haste:
+            from stickslip.workflows.formats.results import read_results
+            from stickslip.workflows.pictures.report_page import NAME, write_report
+
+            write_report(read_results(self.job.folder), self.job.folder / NAME)

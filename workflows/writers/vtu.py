@@ -21,8 +21,8 @@ from stickslip.geometry.errors import MachineError
 from stickslip.geometry.keys import Key
 from stickslip.solvers.results.step_result import StepResult, von_mises
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.formats.aside import disk_errors, make_folder, write_aside
-from stickslip.workflows.formats.shapes import shape_of
+from stickslip.workflows.formats.files import disk_errors, make_folder, write_aside
+from stickslip.workflows.formats.mesh_file import shape_of
 from stickslip.workflows.formats.steps import StoredStep, read_step, shown_as, step_name, three
 from stickslip.workflows.writers import paraview_view
 from stickslip.workflows.writers.series import SeriesWriter

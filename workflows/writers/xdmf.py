@@ -11,10 +11,9 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.solvers.results.step_result import StepResult
-from stickslip.workflows.formats.aside import make_folder, write_aside
+from stickslip.workflows.formats.files import make_folder, write_aside
 from stickslip.workflows.formats.hdf5 import checksum, stored_checksum, write_arrays
-from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_arrays
-from stickslip.workflows.formats.shapes import Shape, shape_of
+from stickslip.workflows.formats.mesh_file import MESH_FILE, Shape, mesh_arrays, shape_of
 from stickslip.workflows.formats.steps import shown_as, step_name
 from stickslip.workflows.writers.series import SeriesWriter
 from stickslip.workflows.writers.writer import Job

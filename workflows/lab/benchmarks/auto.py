@@ -24,7 +24,7 @@ from mpi4py import MPI
 
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.mesh.mesh import build_mesh
-from stickslip.solvers.laws.tied import Tied
+from stickslip.solvers.laws.normal import Tied
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.scene import Scene

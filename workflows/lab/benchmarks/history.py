@@ -29,7 +29,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoints
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.run import run as running
-from stickslip.workflows.run.learnt import LearntFiles
+from stickslip.workflows.run.resume import LearntFiles
 from stickslip.workflows.run.watch import LOGGERS, Watch
 from stickslip.workflows.scene_file.read import read
 from stickslip.workflows.writers.tables import TableWriter

@@ -27,7 +27,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from rich.progress import Progress
 
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.benchmarks.peers.ours import OURS
 from stickslip.workflows.lab.benchmarks.peers.programs import PROGRAMS, measured
 from stickslip.workflows.lab.benchmarks.price_run import COUNTED, REFERENCE, Case

@@ -19,7 +19,7 @@ import typer
 from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.simulation.simulation import Simulation, prepare
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.benchmarks.price_run import cubes
 from stickslip.workflows.scene_file.read import read
 

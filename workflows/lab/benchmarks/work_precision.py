@@ -22,7 +22,7 @@ from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.step_result import Quantity, total_errors, values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import prepare
-from stickslip.workflows.cost.picture import BAND, log_log
+from stickslip.workflows.cost.pictures import BAND, log_log
 from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, Sheet
 from stickslip.workflows.scene_file.read import read
 

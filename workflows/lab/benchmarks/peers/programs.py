@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.benchmarks.peers.ours import OURS
 from stickslip.workflows.lab.benchmarks.peers.problem import write_problem
 from stickslip.workflows.lab.benchmarks.price_run import Case

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from stickslip.workflows.cost.measure import ONE_THREAD
-from stickslip.workflows.formats.aside import make_folder
+from stickslip.workflows.formats.files import make_folder
 from stickslip.workflows.lab.studies.block_price.measure import SMALL, Sizes, row_of, tables
 from stickslip.workflows.lab.studies.block_price.page import NAME, write_page
 from stickslip.workflows.lab.studies.published.finding import Rows

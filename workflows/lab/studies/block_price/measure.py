@@ -23,15 +23,14 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.classical.gram_uzawa import Gram
-from stickslip.solvers.laws.bilateral import Bilateral
-from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Stick
+from stickslip.solvers.laws.normal import Bilateral, Compliance
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.system.system import System
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.studies.published.finding import Row
 from stickslip.workflows.scene_file.read import read
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from stickslip.geometry.dolfinx_versions import DOLFINX
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.studies.block_price.measure import (
     AS_EXACT,
     BLOCK,

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.studies.published.claims import TANGENT, UZAWA
 from stickslip.workflows.lab.studies.published.finding import (
     Claim,

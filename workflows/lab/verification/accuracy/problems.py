@@ -11,7 +11,7 @@ import numpy as np
 
 from stickslip.geometry.builders.builder import Builder
 from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.laws.normal import Unilateral
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.cases import (
     cattaneo,

@@ -9,7 +9,7 @@ from typing import Literal
 
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.contact import Contact

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.effects.elastic_support import ElasticSupport
+from stickslip.solvers.effects.springs import ElasticSupport
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Load
 from stickslip.solvers.scene.material import Material

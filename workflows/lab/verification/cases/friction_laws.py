@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.solvers.laws.cohesion import Cohesion
+from stickslip.solvers.laws.friction import Cohesion, OrthotropicCoulomb
 from stickslip.solvers.laws.law import FrictionLaw
-from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.workflows.lab.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene, solve

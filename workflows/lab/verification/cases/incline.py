@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.effects.gravity import Gravity
+from stickslip.solvers.effects.body_forces import Gravity
 from stickslip.solvers.effects.periodic import Periodic
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.results.step_result import STICK, StepResult

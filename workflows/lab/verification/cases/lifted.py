@@ -8,9 +8,9 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.laws.law import NormalLaw
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.results.step_result import OPEN, StepResult
 from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.scene import Scene

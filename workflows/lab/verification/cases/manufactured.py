@@ -13,8 +13,8 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.fem.terms import LoadTerm
-from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material

@@ -16,11 +16,9 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders.half_space import HalfSpace
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
-from stickslip.solvers.laws.tied import Tied
-from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.laws.normal import Bilateral, Tied, Unilateral
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Support

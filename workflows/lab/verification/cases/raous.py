@@ -9,9 +9,8 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.laws.normal import Compliance, Unilateral
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, StepResult
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Load, Support

@@ -11,10 +11,9 @@ from scipy.integrate import trapezoid
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.friction import Coulomb, Tresca
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
-from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.laws.normal import Bilateral, Unilateral
 from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.results.step_result import SLIP, ContactState, StepResult
 from stickslip.solvers.scene.contact import Contact

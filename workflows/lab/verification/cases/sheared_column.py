@@ -13,11 +13,10 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.effects.periodic import Periodic
-from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Tresca
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.normal import Compliance, Unilateral
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
-from stickslip.solvers.laws.unilateral import Unilateral
 from stickslip.solvers.results.step_result import ContactState, StepResult
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Support

@@ -10,8 +10,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders.ring import Rings
-from stickslip.solvers.laws.compliance import Compliance
-from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.laws.normal import Compliance, Unilateral
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material

@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.builders.ring import Ring
 from stickslip.geometry.shape import Model
-from stickslip.solvers.effects.centrifugal import Centrifugal
+from stickslip.solvers.effects.body_forces import Centrifugal
 from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from stickslip.geometry.builders.blocks import TwoBlocks
-from stickslip.solvers.effects.body_force import BodyForce
+from stickslip.solvers.effects.body_forces import BodyForce
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material

@@ -68,17 +68,17 @@ TWO_BLOCKS = {
 SLIDING = TWO_BLOCKS | {"contacts": {"base": TWO_BLOCKS["contacts"]["base"] | {"sliding": True}}}
 EFFECTS: Mapping[str, Part] = {
     "contact": Part(base="held, 2D", calls=touching(2), serves=("solvers/contact/coupling.py",)),
-    "unilateral": Part(base="held, 2D", calls=touching(2), serves=("solvers/laws/unilateral.py",)),
+    "unilateral": Part(base="held, 2D", calls=touching(2), serves=()),
     "compliance": Part(
         base="tilted, 2D",
         calls=touching(2, normal=SOFT),
-        serves=("solvers/laws/compliance.py",),
+        serves=(),
     ),
     "bilateral": Part(
-        base="tilted, 2D", calls=touching(2, normal={"law": "bilateral"}), serves=("solvers/laws/bilateral.py",)
+        base="tilted, 2D", calls=touching(2, normal={"law": "bilateral"}), serves=()
     ),
-    "tied": Part(base="tilted, 2D", calls=touching(2, normal={"law": "tied"}), serves=("solvers/laws/tied.py",)),
-    "friction": Part(base="tilted, 3D", calls=touching(3, friction=COULOMB), serves=("solvers/laws/friction.py",)),
+    "tied": Part(base="tilted, 2D", calls=touching(2, normal={"law": "tied"}), serves=()),
+    "friction": Part(base="tilted, 3D", calls=touching(3, friction=COULOMB), serves=()),
     "quasistatic": Part(base="held, 2D", calls=STEPS),
     "multibody": Part(calls=TWO_BLOCKS, serves=("solvers/contact/mortar.py", "solvers/contact/coupling.py")),
     "sliding": Part(calls=SLIDING, serves=("solvers/stepping/pairs.py",)),
@@ -146,16 +146,16 @@ LAWS: Mapping[str, Part] = {
         ("coulomb", 2, {"mu": 0.2}, ()),
         ("tresca", 2, {"bound": [[0.0, 3.0]]}, ()),
         ("stick", 2, {}, ()),
-        ("capped_coulomb", 2, {"mu": 0.3, "s_max": 3.0}, ("solvers/laws/capped_coulomb.py",)),
-        ("compliance", 2, {"c_T": 100.0, "m_T": 1.0}, ("solvers/laws/tangential_compliance.py",)),
-        ("cohesion", 2, {"a": 0.5, "mu": 0.2}, ("solvers/laws/cohesion.py",)),
+        ("capped_coulomb", 2, {"mu": 0.3, "s_max": 3.0}, ()),
+        ("compliance", 2, {"c_T": 100.0, "m_T": 1.0}, ()),
+        ("cohesion", 2, {"a": 0.5, "mu": 0.2}, ()),
         ("pressure_dependent", 2, {"mu": [[0.0, 0.4], [40.0, 0.2]]}, ("solvers/laws/pressure_dependent.py",)),
         ("slip_dependent", 2, {"mu": [[0.0, 0.3], [0.02, 0.2]]}, WEAKENS),
         ("rate_dependent", 2, {"mu": [[0.0, 0.2], [0.1, 0.3]]}, ("solvers/laws/rate_dependent.py",)),
         ("static_kinetic", 2, {"mu_s": 0.3, "mu_k": 0.2, "slip_length": 0.02}, WEAKENS),
         (
             "orthotropic_coulomb", 3, {"mu_1": 0.3, "mu_2": 0.1, "axis": [1.0, 0.0, 0.0]},
-            ("solvers/laws/orthotropic_coulomb.py",),
+            (),
         ),
     )
 }  # fmt: skip

@@ -8,15 +8,14 @@ from pathlib import Path
 
 from stickslip.geometry.errors import FolderError
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.cost.run_record import Run, load, store
+from stickslip.workflows.cost.run_record import Run, from_plain
 from stickslip.workflows.cost.study import Study
-from stickslip.workflows.formats.aside import make_folder
-from stickslip.workflows.formats.regular import write_json
+from stickslip.workflows.formats.files import make_folder, write_json
 from stickslip.workflows.run.folder import RUNS, SCENE, ResultsFolder
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 
 
-class Kept:
+class StudyFolder:
     """The folder is filled beside its final place and renamed when the study is finished."""
 
     def __init__(self, target: Path, scene: Scene, resume: bool) -> None:
@@ -31,7 +30,7 @@ class Kept:
             raise FolderError(f"{target}: holds no cost study to resume; leave out --resume")
         if resume and source is not None:
             refuse_changes(json.loads((source / SCENE).read_text(encoding="utf-8")), plain, target)
-        self.runs = load(source / RUNS) if resume and source is not None else []
+        self.runs = _runs(source / RUNS) if resume and source is not None else []
         if resume and source == self._folder.work:
             self._folder.take_up(source)
         else:
@@ -49,8 +48,9 @@ class Kept:
 
     def keep(self, run: Run) -> None:
         """Write a finished run; it is safe when this returns."""
-        self._folder.declare([f"{RUNS}/{run.rung.name}.json"])
-        store(run, self.path / RUNS)
+        name = f"{RUNS}/{run.rung.name}.json"
+        self._folder.declare([name])
+        write_json(self.path / name, run.plain())
 
     def declare(self, studies: Iterable[Study]) -> None:
         """Say which tables and pictures will be made of the studies."""
@@ -64,3 +64,9 @@ class Kept:
     def abandon(self) -> None:
         """Remove the folder of a study without runs."""
         self._folder.abandon()
+
+
+def _runs(folder: Path) -> list[Run]:
+    """All finished runs, in the order in which they were made."""
+    found = [from_plain(json.loads(path.read_text(encoding="utf-8"))) for path in folder.glob("order*.json")]
+    return sorted(found, key=lambda run: run.number)

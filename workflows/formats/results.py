@@ -1,4 +1,4 @@
-"""What a results folder holds for a page: the content of result.json, the steps' files, the mesh, the pictures.
+"""A results folder, read: the content of result.json, the steps' files, the mesh, the pictures; and its profile.
 
 A run that was interrupted, or an older one, may lack some of it; what is not there is left out.
 """
@@ -6,7 +6,7 @@ A run that was interrupted, or an older one, may lack some of it; what is not th
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,19 +16,21 @@ import numpy as np
 from stickslip.geometry.arrays import AnyArray
 from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import Units
+from stickslip.solvers.parallel.counters import PHASES, Row
 from stickslip.solvers.scene.record import CONTACT_NUMBERS
+from stickslip.workflows.formats.csv_tables import STEPS, read_steps_table
+from stickslip.workflows.formats.files import read_json, read_regular
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.marker import own_files
 from stickslip.workflows.formats.mesh_file import MESH_FILE
-from stickslip.workflows.formats.regular import read_json, read_regular
 from stickslip.workflows.formats.steps import step_files
-from stickslip.workflows.formats.steps_csv import NAME as STEPS
-from stickslip.workflows.formats.steps_csv import read_steps_table
 
 RESULT, BEGUN, LOG = "result.json", "begun.json", "run.log"
 PER_METRE = {"N": "N/m", "N m": "N m/m", "J": "J/m", "m²": "m"}
 WORK = re.compile(r"^\.(.*)\.running$")  # name of the folder in which a run works
 OF_MESH = re.compile(r" INFO ((?:mesh|contact \w+): .*)$", re.MULTILINE)  # lines of the log
+HEAD = ("phase", "seconds", "share", "calls", "volume solves")
+REFERENCE = "linear_reference"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,3 +134,50 @@ def _text(path: Path) -> str:
         return read_regular(path).decode(errors="replace")
     except OSError:
         return ""
+
+
+def seconds_of(rows: Sequence[Row], reference: float | None) -> dict[str, float | None]:
+    """Wall time by phase [s], and `total`, which is the sum of all others.
+
+    Args:
+        rows: of the run's clock.
+        reference: of the fastest solver of the linear reference [s], which stands apart; None: it was not measured.
+
+    >>> row = Row(phase="linear_reference", part="", seconds=3.0, calls=1, volume_solves=0)
+    >>> found = seconds_of([row], 1.0)
+    >>> found["linear_reference"], found["linear_reference_others"], found["total"]
+    (1.0, 2.0, 3.0)
+    """
+    found: dict[str, float | None] = {phase: sum(r.seconds for r in rows if r.phase == phase) for phase in PHASES}
+    spent = found[REFERENCE] or 0.0
+    found[REFERENCE] = reference
+    found[f"{REFERENCE}_others"] = None if reference is None else spent - reference
+    return found | {"total": sum(row.seconds for row in rows)}
+
+
+def profile_rows(profile: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
+    """Rows below `HEAD` of the profile of result.json: each phase as a whole, and its parts below it."""
+    total = sum(row["seconds"] for row in profile)
+    for phase in dict.fromkeys(row["phase"] for row in profile):
+        own = [row for row in profile if row["phase"] == phase]
+        calls = sum(row["calls"] for row in own if not row["part"]) or max(row["calls"] for row in own)
+        yield _cells(phase, sum(r["seconds"] for r in own), total, calls, sum(r["volume_solves"] for r in own))
+        for row in own if len(own) > 1 else ():
+            name = f"  {row['part'] or 'all else'}"
+            yield _cells(name, row["seconds"], total, row["calls"], row["volume_solves"])
+    yield _cells("total", total, total, 0, sum(row["volume_solves"] for row in profile))
+
+
+def profile_lines(profile: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The same as a table of plain text."""
+    rows = [HEAD, *profile_rows(profile)]
+    wide = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
+    return [
+        "  ".join([row[0].ljust(wide[0]), *(cell.rjust(w) for cell, w in zip(row[1:], wide[1:], strict=True))]).rstrip()
+        for row in rows
+    ]
+
+
+def _cells(name: str, seconds: float, total: float, calls: int, solves: int) -> tuple[str, ...]:
+    share = f"{seconds / total:.1%}" if total else ""
+    return name.replace("_", " "), f"{seconds:.3f}", share, str(calls or ""), str(solves or "")

@@ -1,8 +1,8 @@
-"""cost_QUANTITY.png: error against seconds and against the mesh size, log-log."""
+"""cost_QUANTITY.png shows error against seconds and mesh size, cost_methods.png what methods side by side take."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,8 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from stickslip.geometry.units import SI, Units
 from stickslip.workflows.cost.run_record import Run
-from stickslip.workflows.cost.sentence import sentence
 from stickslip.workflows.cost.study import Study
+from stickslip.workflows.cost.tables import Line, sentence
 from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, Sheet
 
 MARKERS = {1: "^", 2: "s"}  # by order
@@ -22,6 +22,12 @@ LETTERS = 118  # of nine points, bold, that fit into a line
 DECADES = 100.0  # from the least error to the largest, up to which 2 and 5 are labelled too
 WIDE, APART = 1.8, 1.7  # triangle of the observed power: its width, and how far from the points, as factors
 LINES: dict[int, Any] = {1: (0, (4, 2)), 2: "-"}
+ROOM = 1.6  # factor beyond the smallest and the largest value
+Number = Callable[[Run], float]
+KINDS: tuple[tuple[str, Number], ...] = (
+    ("seconds on one core, all phases", lambda run: run.seconds),
+    ("volume solves", lambda run: run.volume_solves),
+)
 
 
 def draw(folder: Path, title: str, study: Study, units: Units = SI) -> Path:
@@ -160,3 +166,55 @@ def _legend(sheet: Sheet, axes: Any, study: Study, methods: Sequence[str], colou
         handles=handles, loc="lower left", bbox_to_anchor=(0.85 / sheet.width, 0.36 / sheet.height),
         ncols=len(handles), fontsize=8, frameon=False, borderpad=0, columnspacing=1.4,
     )  # fmt: skip
+
+
+def draw_methods(
+    folder: Path, title: str, found: Sequence[Line], methods: Sequence[str], said: str, units: Units = SI
+) -> Path:
+    """Seconds on the left, volume solves on the right; a mesh that a method did not solve is left out.
+
+    Args:
+        said: the comparison in one sentence.
+
+    Raises:
+        MachineError: the disk is full.
+    """
+    sheet = Sheet(10.0, 5.0, units=units)
+    colours = dict(zip(methods, CURVES * len(methods), strict=False))
+    orders = sorted({line.order for line in found})
+    for left, (name, number) in zip((0.85, 5.75), KINDS, strict=True):
+        axes = sheet.axes(left, 1.15, 4.0, 3.05)
+        log_log(axes)
+        for k, method in enumerate(methods):
+            for order in orders:
+                runs = [run for line in found if line.order == order and (run := line.runs[k]) and run.converged]
+                axes.plot(
+                    [run.h for run in runs], [number(run) or None for run in runs], color=colours[method],
+                    linestyle=LINES[order], linewidth=1.0, marker=MARKERS[order], markersize=5.5,
+                )  # fmt: skip
+        _y_axis(axes, [number(run) for line in found for run in line.runs if run and run.converged])
+        axes.set_xlabel("edge length of cells at the contact [m]", fontsize=9, color=INK)
+        axes.set_ylabel(name, fontsize=9, color=INK)
+        axes.invert_xaxis()
+    handles = [Line2D([], [], color=colours[m], marker="o", markersize=5, linewidth=1.2, label=m) for m in methods]
+    handles += [Line2D([], [], color=PALE, marker=MARKERS[o], linestyle=LINES[o], label=f"order {o}") for o in orders]
+    sheet.figure.legend(
+        handles=handles, loc="lower left", bbox_to_anchor=(0.85 / sheet.width, 0.36 / sheet.height),
+        ncols=len(handles), fontsize=8, frameon=False, borderpad=0, columnspacing=1.4,
+    )  # fmt: skip
+    sheet.head(title or "Methods side by side", "methods side by side on the same meshes", 0.85)
+    if said:
+        sheet.write(0.85, 0.16, said, fontsize=min(9.0, 9.0 * LETTERS / len(said)), fontweight="bold")
+    return sheet.save(folder / "cost_methods.png")
+
+
+def _y_axis(axes: Any, values: Sequence[float]) -> None:
+    """Limits around the values, and labels that are plain numbers where these span few decades."""
+    known = [value for value in values if value > 0]
+    if not known:
+        return
+    axes.set_ylim(min(known) / ROOM, max(known) * ROOM)
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    if max(known) < DECADES * min(known):
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")

@@ -14,12 +14,10 @@ import numpy as np
 from stickslip.geometry.errors import FolderError, MachineError
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.accuracy.level import Level
-from stickslip.workflows.accuracy.round import Round
-from stickslip.workflows.accuracy.standing import Standing
-from stickslip.workflows.formats.aside import disk_errors, write_aside
+from stickslip.workflows.accuracy.goals import Standing
+from stickslip.workflows.accuracy.level import Level, Round
+from stickslip.workflows.formats.files import disk_errors, read_json, read_regular, write_aside
 from stickslip.workflows.formats.marker import is_marked, remove_own
-from stickslip.workflows.formats.regular import read_json, read_regular
 from stickslip.workflows.run.folder import BEGUN, ResultsFolder, place_of
 from stickslip.workflows.run.resume import VERSIONS, run_of
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
@@ -27,7 +25,7 @@ from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, r
 ABOUT = "stickslip_rounds"  # array of the file that holds all but the sizes, as JSON; it tells the file from others
 
 
-class KeptRounds:
+class SavedRounds:
     """A file of all finished rounds and the level of the next one; on rank 0."""
 
     def __init__(self, target: Path, scene: Scene) -> None:

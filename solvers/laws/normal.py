@@ -1,4 +1,4 @@
-"""Normal compliance: contact pressure grows as a power of the penetration, p_n = c_n (u_n - g)_+^m_n."""
+"""Normal laws: bilateral, compliance by a power of the penetration, tied, unilateral (Signorini); without a penalty."""
 
 from __future__ import annotations
 
@@ -13,6 +13,20 @@ from stickslip.geometry.keys import Key
 from stickslip.solvers.laws.law import NormalLaw
 
 NEWTON_STEPS = 200  # never reached, as a test shows: Newton's method converges quadratically from the right
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bilateral(NormalLaw):
+    """u_n = g; the pressure p_n may have either sign."""
+
+    sides: ClassVar[int] = 2
+    law: Annotated[Literal["bilateral"], Key("-", "the law's name")] = "bilateral"
+
+    def resolvent(self, p_hat: Array, gamma: Array) -> Array:
+        return p_hat.copy()
+
+    def stiffness(self, p: Array, p_hat: Array) -> Array:
+        return np.full_like(p, np.inf)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,3 +97,36 @@ class Compliance(NormalLaw):
 
     def energy(self, p: Array) -> Array:
         return np.asarray(p * self.penetration(p) / (self.m_n + 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tied(NormalLaw):
+    """u_n = gap_offset, u_T = 0: bilateral and without slip. The geometric gap is not closed."""
+
+    sides: ClassVar[int] = 2
+    ties: ClassVar[bool] = True
+    law: Annotated[Literal["tied"], Key("-", "the law's name")] = "tied"
+
+    def resolvent(self, p_hat: Array, gamma: Array) -> Array:
+        return p_hat.copy()
+
+    def stiffness(self, p: Array, p_hat: Array) -> Array:
+        return np.full_like(p, np.inf)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unilateral(NormalLaw):
+    """p_n >= 0, u_n <= g, p_n (u_n - g) = 0."""
+
+    law: Annotated[Literal["unilateral"], Key("-", "the law's name")] = "unilateral"
+
+    def resolvent(self, p_hat: Array, gamma: Array) -> Array:
+        """Pressure (m,) [Pa]: max(p_hat, 0), for every gamma.
+
+        >>> Unilateral().resolvent(np.array([-1.0, 2.0]), np.ones(2))
+        array([0., 2.])
+        """
+        return np.maximum(p_hat, 0.0)
+
+    def stiffness(self, p: Array, p_hat: Array) -> Array:
+        return np.where(p_hat > 0, np.inf, 0.0)

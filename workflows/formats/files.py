@@ -1,4 +1,4 @@
-"""Files of JSON, and others that are read only if they are files: a pipe or a device in their place has no end."""
+"""Files appear whole or not at all, and are read only if they are regular files: a pipe or a device has no end."""
 
 from __future__ import annotations
 
@@ -7,10 +7,66 @@ import json
 import math
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from stickslip.workflows.formats.aside import write_aside
+from stickslip.geometry.errors import MachineError
+
+
+def write_aside(path: Path, *content: bytes | memoryview) -> None:
+    """Write beside `path`, bring it to the disk, then rename: readers and a crash see the old file or the new one.
+
+    A link is followed and kept.
+
+    Raises:
+        MachineError: disk full, no permission; `path` is then as it was.
+    """
+    with disk_errors(path):
+        path = Path(os.path.realpath(path)) if path.is_symlink() else path
+        aside = path.with_name(f".{path.name}.part")
+        try:
+            with aside.open("wb") as file:
+                file.writelines(content)
+                file.flush()
+                os.fsync(file.fileno())
+            aside.replace(path)
+        except BaseException:  # also on Ctrl-C
+            aside.unlink(missing_ok=True)
+            raise
+        sync_folder(path.parent)
+
+
+def make_folder(folder: Path) -> None:
+    """Create a folder that outlives a crash.
+
+    Raises:
+        MachineError: disk full, no permission.
+    """
+    if folder.is_dir():
+        return
+    with disk_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        sync_folder(folder.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring the names in a folder to the disk: a rename is not safe before."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def disk_errors(path: Path) -> Iterator[None]:
+    """Say in one line which file could not be written."""
+    try:
+        yield
+    except OSError as error:
+        raise MachineError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def read_regular(path: Path, size: int = -1) -> bytes:

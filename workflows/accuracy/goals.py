@@ -1,4 +1,4 @@
-"""Where a goal stands after a round: its number, and the parts of its error relative to it."""
+"""Goals of accuracy after a round: the number of each, and the parts of its error relative to it."""
 
 from __future__ import annotations
 
