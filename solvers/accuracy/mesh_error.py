@@ -7,7 +7,7 @@ the difference to areas whose edges lie between nodes, and EDGE times the facets
 largest slip of the nodes that touch is compared with that up to the same edge. Of a contact's sums and largest values
 no less is stated than `by_chance` says of the differences at its nodes, which may cancel; unless they do to FIXED
 of that, as equilibrium makes a force that loads prescribe. A largest pressure that grows
-without end as the mesh is refined has no error, see `peaks`, nor have the penetration that it causes and the slip
+without end as the mesh is refined has no error, see `grows`, nor have the penetration that it causes and the slip
 beside it.
 
 The stress at a probe, which is that at the midpoint of its cell, is compared with the mean of the stress with bubbles
@@ -19,6 +19,18 @@ triangles (.82), recovery in hexahedra (.6). Where the stress grows without end 
 that is not seen.
 
 The first four factors are fitted to problems of `stickslip verify accuracy`, on three meshes each.
+
+`by_chance` says how far sums and largest values of a contact may be off although they agree with those of a better
+solution. Differences at nodes cancel in a sum by chance. As if they were independent, that of the sum is at least a
+part of the root of the sum of their squares; of the dissipation since t = 0 that of the last step counts alone. A
+largest value is off by as much as the values around it. The parts are fitted to the problems of `stickslip verify
+accuracy`: they hardly raise what is stated, but where it would be .05 to .5 of the error.
+
+`grows` says whether a largest pressure, or a stress in a cell, has a limit, or grows without end as the mesh is
+refined: at a corner, at the end of a punch. Such a pressure falls off like a negative power of the distance: by much
+to the nearest nodes, by far less to those behind, or it waves there. Where it is smooth, or falls to zero at the edge
+of contact, the fall grows with the distance or stays. At the end of a side a smaller fall is enough. The largest
+pressure may be a smooth one yet: others that are nearly as high are looked at, too.
 """
 
 from __future__ import annotations
@@ -28,10 +40,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, TINY, Array, Bools
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, ROUNDING, TINY, Array, Bools, Ints
+from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.areas import areas_between_nodes, crossings, scatter
-from stickslip.solvers.accuracy.by_chance import by_chance
-from stickslip.solvers.accuracy.peaks import grows, grows_in
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.observe import Observer
@@ -49,6 +62,117 @@ from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.record import STRESSES, Value
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted
+
+FORCE, DISSIPATION, PRESSURE, SLIP = 0.3, 0.5, 0.5, 1.0
+
+
+def by_chance(c: ContactRows, own: ContactState, better: ContactState) -> dict[str, Value]:
+    """The least error of numbers of a contact, by quantity, >= 0.
+
+    Args:
+        own: whose errors are asked for.
+        better: a solution with less of the same error, at the same nodes.
+    """
+    weight, pressure = own.weight[:, None], np.abs(better.pressure - own.pressure)
+    force = weight * (better.traction - own.traction + (own.pressure - better.pressure)[:, None] * c.frames[:, 0])
+    work = (weight * (better.traction * better.slip_increment - own.traction * own.slip_increment)).sum(axis=1)
+    slip = np.linalg.norm(better.slip - own.slip, axis=1)
+    slipped = np.where(own.status == OPEN, 0.0, np.linalg.norm(own.slip, axis=1))
+    dissipation = DISSIPATION * float(np.linalg.norm(work))
+    return {
+        "force": FORCE * np.linalg.norm(force, axis=0),
+        "normal_force": FORCE * float(np.linalg.norm(own.weight * pressure)),
+        "max_pressure": PRESSURE * float(pressure[_around(c, own.pressure)].max(initial=0.0)),
+        "max_slip": SLIP * float(slip[_around(c, slipped)].max(initial=0.0)),
+        "dissipation": dissipation,
+        "dissipation_total": dissipation,
+    }
+
+
+def _around(c: ContactRows, values: Array) -> Bools:
+    """The nodes with the largest of some values (n,) above zero, and their neighbours."""
+    peaks = (values > 0) & (values == values.max(initial=0.0))
+    return np.asarray(peaks | (c.surface.neighbours() @ peaks.astype(float) > 0))
+
+
+STEEP = 0.15  # part by which the nearest nodes have less; smooth pressures: .10 at most on the meshes that were tried
+END = 0.05  # the same at the end of a side
+HIGH = 0.8  # of the largest pressure: where one as high as that grows, it is the largest on a finer mesh
+CONVEX = 1.5  # times the next fall; r^(-1/2) has 2.3, r^(-1/10) 1.8
+WAVES = 1.2  # times the next rise, if that is steep: pressures that alternate from node to node have 1
+
+
+def grows(side: Surface, pressure: Array) -> bool:
+    """Whether the largest pressure (n,) [Pa] of a side of n nodes, or another one nearly as high, grows without end."""
+    if not len(pressure):
+        return False
+    near, rim = side.neighbours().tocsr(), _rim(side)
+    high = np.flatnonzero(pressure >= HIGH * pressure.max(initial=0.0))
+    around = [pressure[near.indices[near.indptr[k] : near.indptr[k + 1]]] for k in high]
+    highest = pressure[high] >= [others.max(initial=0.0) for others in around]
+    falls = [others.min(initial=np.inf) for others in around] < (1 - END) * pressure[high]
+    return any(_grows_at(peak, side, pressure, near, rim) for peak in high[highest & falls])
+
+
+def _grows_at(peak: int, side: Surface, pressure: Array, near: Sparse, rim: Bools) -> bool:
+    """Whether the pressure at a node falls off to all sides like one that grows without end."""
+    first = np.arange(len(pressure)) == peak
+    # relative: neighbours that share a multiplier, as where two contacts meet
+    front = first | ((near @ first.astype(float) > 0) & (pressure >= (1 - ROUNDING) * pressure[peak]))
+    ends = bool(rim[front].any())
+    behind = [rim] if ends and side.dim == 3 else []  # along an edge it may be as high: so those behind it, too
+    return any(_falls(pressure, near, front, layer, END if ends else STEEP) for layer in (front, *behind))
+
+
+def _falls(pressure: Array, near: Sparse, front: Bools, layer: Bools, steep: float) -> bool:
+    """Whether a largest pressure (n,) falls off like a power of the distance from nodes `front`, and from `layer`."""
+    rings, seen = [float(pressure[front].max())], front
+    for _ in range(2):
+        seen = seen | layer
+        front = (near @ front.astype(float) > 0) & ~seen
+        if not front.any():
+            return False
+        rings.append(float(pressure[front].max()))
+        layer = front | (near @ layer.astype(float) > 0)
+    first, second = -np.diff(rings)
+    more = WAVES if second < -STEEP * rings[0] else CONVEX
+    return bool(rings[-1] > 0 and first > steep * rings[0] and first > more * abs(second))
+
+
+def grows_in(cells: Ints, stress: Array, cell: int) -> bool:
+    """Whether the stress in a cell, or close by, grows without end.
+
+    Args:
+        cells: (n, k) nodes of the cells.
+        stress: (n, 3, 3) [Pa].
+        cell: number of the cell.
+    """
+    size, nodes, seen = np.linalg.norm(stress, axis=(1, 2)), cells[cell], np.zeros(len(cells), bool)
+    rings = list[float]()
+    for _ in range(3):
+        ring = np.isin(cells, nodes).any(axis=1) & ~seen
+        if not ring.any():
+            return False
+        rings.append(float(size[ring].max()))
+        nodes, seen = cells[ring].ravel(), seen | ring
+    first, second = -np.diff(rings)
+    return bool(first > STEEP * rings[0] and first > CONVEX * abs(second))
+
+
+def _rim(side: Surface) -> Bools:
+    """Nodes (n,) at which a side ends: on a line between two corners, in 2D at a corner, of one facet alone."""
+    corners = dx.borders(side.shape)
+    ends = side.facets[:, corners]
+    rows = np.sort(ends, axis=2).reshape(-1, corners.shape[1])
+    _, line, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    alone = (count[line.ravel()] == 1).reshape(ends.shape[:2])
+    found = np.zeros(len(side.points), bool)
+    found[ends[alone]] = True
+    if side.degree == 2 and side.dim == 3:
+        middles = len(dx.reference_nodes(side.shape, 1)) + np.arange(len(corners))
+        found[side.facets[:, middles][alone]] = True
+    return found
+
 
 FACTOR, OPPOSED = 1.6, 0.5
 BETWEEN, EDGE = 0.75, 0.2

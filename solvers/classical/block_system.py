@@ -31,8 +31,8 @@ from stickslip.solvers.classical.block_matrices import (
 from stickslip.solvers.classical.uzawa import NEWTON_STEPS, step_length
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.fem.contact_forms import ComplianceForms, PointLaw
+from stickslip.solvers.interface.prepare import PREFIX, SparseSurface
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.interface.sparse import PREFIX, SparseSurface
 from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.linear.petsc_solver import NOISE, Allowed, InnerSolver, PetscOptions, direct, failure
 from stickslip.solvers.newton.active_set import ActiveSet

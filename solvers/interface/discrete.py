@@ -23,6 +23,7 @@ from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.scales import Scales
 from stickslip.solvers.laws.friction import CoulombByPoint
 from stickslip.solvers.laws.normal import Unilateral
 from stickslip.solvers.linear.block_diagonal import BlockDiagonal
@@ -91,10 +92,9 @@ class DiscreteProblem(SurfaceProblem):
     surface: GivenSurface
     mu: Array  # (contacts,) [-]
     q: Array  # (rows,) in the order of the contact dofs
-    scales: tuple[float, float]  # of r and of u: what one unit here is in the problem as it was given
+    units: tuple[float, float]  # of r and of u: what one unit here is in the problem as it was given
 
-    u_ref = 1.0  # the scaling above
-    p_ref = 1.0
+    scales = Scales(motion=1.0, traction=1.0, moved=np.ones(1), idle=False)  # by the scaling above
 
     @property
     def dim(self) -> int:
@@ -120,11 +120,11 @@ class DiscreteProblem(SurfaceProblem):
 
     def reactions(self, p: Array) -> Array:
         """r (rows,) of the problem as it was given, per contact, from p (rows,)."""
-        return np.asarray(self.surface.forces(p) * self.scales[0])
+        return np.asarray(self.surface.forces(p) * self.units[0])
 
     def velocities(self, p: Array) -> Array:
         """u = W r + q (rows,) of the problem as it was given, per contact, from p (rows,)."""
-        return np.asarray((self.surface.matrix @ self.surface.forces(p) + self.q) * self.scales[1])
+        return np.asarray((self.surface.matrix @ self.surface.forces(p) + self.q) * self.units[1])
 
 
 def discrete_problem(matrix: Sparse, q: Array, mu: Array) -> DiscreteProblem:
@@ -157,7 +157,7 @@ def discrete_problem(matrix: Sparse, q: Array, mu: Array) -> DiscreteProblem:
         stiffness=1.0,
         mu=mu,
         q=q / length,
-        scales=(length / size, length),
+        units=(length / size, length),
     )
 
 

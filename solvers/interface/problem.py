@@ -10,18 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import EPS, Array
+from stickslip.geometry.arrays import EXACT, LAST_DIGITS, ROUNDING, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load
+from stickslip.solvers.interface.scales import Scales
 
-ROUNDING = 1e-12  # of the largest motion: smaller motions count as zero
-PART = 1e-2  # of the distance from a compliant law that counts as defect
-LAST_DIGITS = 16 * EPS  # of motions
-SCALED = 1e-9  # relative difference up to which problems are the same in another unit
-FAR = 1e10  # times the motions that are given or expected: bodies that move farther have flown away
-BALANCED = 1e-9  # of all forces of a load on the contact dofs: a resultant below that is rounding
-NOTHING = 1e-9  # of p_ref: the most that rounding may press where nothing pushes the bodies
-LEAST = 1e-6  # of p_ref: tractions below that are measured against it, for they are differences of what is far larger
+PART = 1e-2  # of the stiffness of a compliant law, for which bodies that are softer still do not stand in
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,38 +38,41 @@ class SurfaceProblem:
     stiffness: float  # E / L [Pa/m], L the extent of the bodies
 
     @cached_property
-    def u_ref(self) -> float:
-        """Scale of relative displacement [m]: that of the load without contact, from where the bodies stand."""
+    def scales(self) -> Scales:
+        """Sizes of motions and tractions: those of the load without contact, from where the bodies stand."""
         n, u_c = self.surface.normal_rows, self.load.free
         if self.idle:
             u_c = u_c + self.surface.R @ (self.surface.R.T @ self.u_before)
         # without contact the augmentation holds a floating body, and is stiffer than contact
         w = self.relative_displacement(u_c)
+        r = w - self.gap
+        free = float(np.abs(w).max(initial=0.0))
+        closing, sliding = max(self._closing(w[:n]), self._closing(r[:n])), float(np.abs(r)[n:].max(initial=0.0))
         # a long slide causes no large pressure: tangential motion sets the scale only if no normal motion closes
-        motion = float(np.abs(w).max(initial=0.0))
-        closing = max(self._closing(w[:n]), self._closing((w - self.gap)[:n]))
-        sliding = float(np.abs(w - self.gap)[n:].max(initial=0.0))
-        u_ref = next((size for size in (closing, sliding) if size > ROUNDING * motion), motion)
-        if self.surface.floating or not u_ref:
-            u_ref = max(u_ref, self._mean_pressure / self.stiffness)
-        return u_ref
-
-    @cached_property
-    def p_ref(self) -> float:
-        """Scale of tractions [Pa]: the mean pressure of the applied force, and at least `stiffness` times `u_ref`."""
-        return max(self._mean_pressure, self.stiffness * self.u_ref)
-
-    @cached_property
-    def _mean_pressure(self) -> float:
-        """Applied force by contact area [Pa]."""
+        motion = next((size for size in (closing, sliding) if size > EXACT * free), free)
         area = sum(float(c.node_weights.sum()) for c in self.cone.contacts)
-        return self.force / area if area else 0.0
+        pressure = self.force / area if area else 0.0
+        if self.surface.floating or not motion:
+            motion = max(motion, pressure / self.stiffness)
+        traction = max(pressure, self.stiffness * motion)
+        moved = np.maximum(max(free, motion), np.maximum(np.abs(self.gap), np.abs(self.offset)))
+        return Scales(motion=motion, traction=traction, moved=moved, idle=self.idle)
+
+    @property
+    def u_ref(self) -> float:
+        """Scale of relative displacement [m]."""
+        return self.scales.motion
+
+    @property
+    def p_ref(self) -> float:
+        """Scale of tractions [Pa]."""
+        return self.scales.traction
 
     @property
     def idle(self) -> bool:
         """Whether bodies float and no load pushes them; strains that balance themselves do not."""
         f = self.load
-        return self.surface.floating and bool(np.abs(f.resultant).sum() <= BALANCED * np.abs(f.f_c).sum())
+        return self.surface.floating and bool(np.abs(f.resultant).sum() <= ROUNDING * np.abs(f.f_c).sum())
 
     def _closing(self, u_n: Array) -> float:
         """Largest entry of u_n (normal rows,) [m] that contact resists: closing, and opening where it also pulls."""
@@ -93,7 +90,7 @@ class SurfaceProblem:
             return False
         scale = self.p_ref / other.p_ref
         pairs = ((self.gap, other.gap), (self.offset, other.offset), (self.load.free, other.load.free))
-        allowed = SCALED * max(self.u_ref, float(np.abs(self.load.free).max(initial=0.0)))
+        allowed = ROUNDING * max(self.u_ref, float(np.abs(self.load.free).max(initial=0.0)))
         return all(np.abs(a - scale * b).max(initial=0.0) <= allowed for a, b in pairs)
 
     @property
@@ -110,7 +107,7 @@ class SurfaceProblem:
         """
         u_ref = self.u_ref
         if p.any():
-            u_ref = min(u_ref, self.scale(p) / float(self.weight.max()))
+            u_ref = min(u_ref, self.scales.of_tractions(p) / float(self.weight.max()))
         return self.surface.under(self.load, p, residual * u_ref)
 
     def relative_displacement(self, u_c: Array) -> Array:
@@ -124,34 +121,19 @@ class SurfaceProblem:
     def defect(self, p: Array, w: Array) -> Array:
         """Complementarity (KKT) defect p - P_C(p + k (w - gap)) (rows,) [Pa]: zero at the solution only.
 
-        It is the traction that each row lacks, as the bodies behind it would answer: k is theirs, E / extent. Where
-        bodies are much softer than a compliant law, it is a part of what the pressure differs from that of the law.
-        What the last digits of the motions decide is no defect, unless bodies have flown away; of bodies that nothing
-        pushes, what a law makes of these digits is none either.
+        It is the traction that each row lacks, as what is behind it would answer: k is the bodies' E / extent, or a
+        part of a compliant law's stiffness where bodies are much softer. What a motion misses by rounding is none.
 
         Args:
             p: tractions (rows,) [Pa].
             w: relative displacement (rows,) [m].
         """
-        r = w - self.gap
-        found: Array = self.cone.natural_residual(p, r, self.weight)
-        moved, *given = (float(np.abs(x).max(initial=0.0)) for x in (w, self.gap, self.offset))
-        rounding = LAST_DIGITS * max(min(moved, FAR * max(*given, self.u_ref)), *(given if self.idle else given[:1]))
-        doubt = self.weight * rounding
-        for place in self.cone.places if self.idle else ():
-            of_law = float(place.rows.normal.doubt(r[place.normal], rounding).max(initial=0.0))
-            for rows in (place.normal, place.tangential):  # friction bounds follow the pressure
-                doubt[rows] = np.maximum(doubt[rows], min(of_law, NOTHING * self.p_ref))
-        found = np.sign(found) * np.maximum(np.abs(found) - doubt, 0.0)
+        k, given = self.weight.copy(), self.cone.give(p)
         for place in self.cone.places:
-            n = place.normal
-            off = PART * place.rows.normal.misses(p[n], r[n], rounding)
-            found[n] = np.where(off > np.abs(found[n]), off, found[n])
+            of_law = place.rows.normal.stiffness(p[place.normal], p[place.normal])
+            k[place.normal] = np.maximum(k[place.normal], np.where(np.isfinite(of_law), PART * of_law, 0.0))
+        found: Array = self.cone.natural_residual(p, given + self.scales.known(w - self.gap - given), k)
         return found
-
-    def scale(self, p: Array) -> float:
-        """Largest traction of p (rows,) [Pa]: what the residual is relative to; at least a small part of `p_ref`."""
-        return max(float(np.abs(p).max(initial=0.0)), LEAST * self.p_ref)
 
     def imbalance(self, p: Array) -> float:
         """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 without modes.
@@ -161,7 +143,7 @@ class SurfaceProblem:
         surface = self.surface
         if not surface.floating:
             return 0.0
-        forces, least = surface.forces(p), np.abs(surface.forces(np.full(len(p), LEAST * self.p_ref)))
+        forces, least = surface.forces(p), np.abs(surface.forces(np.full(len(p), self.scales.of_tractions(0 * p))))
         work = np.abs(surface.R).T @ np.maximum(np.abs(forces), least)  # larger than that of any p that balances
         scale = max(float(work.sum()), float(np.abs(self.load.resultant).sum()))
         left = float(np.abs(self.load.resultant - surface.R.T @ forces).sum())
@@ -180,4 +162,4 @@ class SurfaceProblem:
         """
         if self.p_ref == 0:
             return 0.0
-        return float(self.surface.agreed(np.abs(self.defect(p, w)).max(initial=0.0) / self.scale(p)))
+        return float(self.surface.agreed(np.abs(self.defect(p, w)).max(initial=0.0) / self.scales.of_tractions(p)))

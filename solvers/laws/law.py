@@ -73,20 +73,6 @@ class NormalLaw(Choice):
         """Penetration (m,) [m] at a pressure (m,) [Pa]: the law's inverse."""
         return np.zeros_like(p)
 
-    def misses(self, p: Array, penetration: Array, rounding: float) -> Array:
-        """How far a pressure is from that of the law (m,) [Pa], >= 0; zero for a rigid law, which gives no pressure.
-
-        Args:
-            p: (m,) [Pa].
-            penetration: u_n - g (m,) [m].
-            rounding: error of the penetration [m], which is no fault of the pressure.
-        """
-        return np.zeros_like(p)
-
-    def doubt(self, penetration: Array, rounding: float) -> Array:
-        """What an error of the penetration (m,) [m], `rounding` [m], makes of the pressure (m,) [Pa]; rigid: zero."""
-        return np.zeros_like(penetration)
-
     def energy(self, p: Array) -> Array:
         """Energy stored in the law at pressure p (m,) [Pa], per area (m,) [J/m²]."""
         return np.zeros_like(p)

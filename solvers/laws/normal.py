@@ -88,13 +88,6 @@ class Compliance(NormalLaw):
         slope = self.c_n * self.m_n * self.penetration(p) ** (self.m_n - 1)
         return np.where(p_hat > 0, slope, 0.0)
 
-    def misses(self, p: Array, penetration: Array, rounding: float) -> Array:
-        return np.asarray(np.maximum(np.abs(p - self.pressure(penetration)) - self.doubt(penetration, rounding), 0.0))
-
-    def doubt(self, penetration: Array, rounding: float) -> Array:
-        d = np.maximum(penetration, 0.0)
-        return self.pressure(d + rounding) - self.pressure(d)
-
     def energy(self, p: Array) -> Array:
         return np.asarray(p * self.penetration(p) / (self.m_n + 1))
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.solvers.interface.limit_analysis import balancing_tractions
-from stickslip.solvers.interface.problem import LEAST, SurfaceProblem
+from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import QUICK, Driver, Iterate, OnStep, Solution, Stall, Status, ignore
 from stickslip.solvers.newton.active_set import ActiveSet, linearise
 
@@ -85,7 +85,7 @@ class Start:
         """
         r = problem.relative_displacement(problem.u_before) - problem.gap
         p_hat = p + problem.gamma * r
-        p_hat[np.abs(p_hat) <= LEAST * problem.p_ref] = 0.0
+        p_hat[np.abs(p_hat) <= problem.scales.no_traction] = 0.0
         return Start(p=p, u_c=problem.u_before, p_hat=p_hat, in_equilibrium=False)
 
 
@@ -106,7 +106,7 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
         zero = np.zeros_like(p)
         yield Start.at(problem, zero, np.zeros(problem.surface.size))
     else:
-        if np.abs(p).max(initial=0.0) > LEAST * problem.p_ref:  # what is smaller does not tell what touches
+        if np.abs(p).max(initial=0.0) > problem.scales.no_traction:  # what is smaller does not tell what touches
             yield Start.as_if(problem, p, p)
         if problem.idle:
             yield Start.where_it_stood(problem, p)

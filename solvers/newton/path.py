@@ -347,7 +347,7 @@ def others(
         # natural residual of another solution: it is the end of a path, not iterated
         if problem.natural_residual(found.p, w) > CLOSE or not keeps(found.p, w):
             continue
-        size = max(problem.scale(found.p), problem.scale(p))
+        size = max(problem.scales.of_tractions(found.p), problem.scales.of_tractions(p))
         # of the largest traction: solutions that differ by less are one
         if all(np.abs(found.p - one).max(initial=0.0) > SLIGHT * size for one in known):
             known.append(found.p)

@@ -277,7 +277,7 @@ class SurfaceModel:
         problem, known = self.problem, self.w + self.flexibility(self.p)
         scale = min(problem.p_ref, problem.u_ref * float(problem.gamma.min(initial=np.inf)))
         if self.p.any():
-            scale = min(scale, problem.scale(self.p))
+            scale = min(scale, problem.scales.of_tractions(self.p))
         system = SurfaceSystem(laws, problem.gamma, self.flexibility, known)
         found = system.solve(p, u, 0.3 * self.enough * scale)  # what each linear system may leave
         return problem.surface.agreed(found[0]), problem.surface.agreed(found[1])  # what is learnt is shared by ranks

@@ -385,7 +385,8 @@ def _status(
     """
     problem = accepted.problem
     before = float(np.abs(accepted.substep_start.p).max(initial=0.0))  # a release leaves a rest of it
-    scale = max(problem.scale(accepted.state.p), before)  # p_ref is far too large where bodies bend freely
+    # p_ref is far too large where bodies bend freely
+    scale = max(problem.scales.of_tractions(accepted.state.p), before)
     # of the largest traction, and of the motion that it causes: less than that is none
     touching = (pressure > ROUNDING * scale) | (c.normal.sides == 2)
     at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - accepted.slack)

@@ -163,4 +163,4 @@ class LawMemory:
         pairs = zip(own.with_friction(), other.with_friction(), strict=True)
         apart = (own.bound(a, p[a.normal]) - other.bound(b, p[b.normal]) for a, b in pairs)
         largest = max((float(np.abs(each[np.isfinite(each)]).max(initial=0.0)) for each in apart), default=0.0)
-        return largest / (problem.scale(p) or 1.0)  # zero: nothing is loaded
+        return largest / (problem.scales.of_tractions(p) or 1.0)  # zero: nothing is loaded

@@ -302,7 +302,7 @@ def test_the_scaled_problem_is_the_same_problem() -> None:
     assert_allclose(problem.velocities(p), W @ problem.reactions(p) + q, rtol=1e-10)
     w = problem.relative_displacement(problem.contact_displacement(p))
     N = problem.surface.N
-    assert_allclose(-(N.T @ w) * problem.scales[1], problem.velocities(p), rtol=1e-10)
+    assert_allclose(-(N.T @ w) * problem.units[1], problem.velocities(p), rtol=1e-10)
     assert_array_equal((N @ np.arange(18.0))[:6], np.arange(0.0, 18.0, 3.0))  # normal rows first
 
 

@@ -19,14 +19,11 @@ from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.areas import beyond_nodes, scatter, scatter_of_order_2
-from stickslip.solvers.accuracy.between_nodes import BetweenNodes
-from stickslip.solvers.accuracy.by_chance import DISSIPATION, PRESSURE, by_chance
-from stickslip.solvers.accuracy.by_chance import FORCE as PUSH
-from stickslip.solvers.accuracy.by_chance import SLIP as SLID
-from stickslip.solvers.accuracy.curved_sides import bulges
-from stickslip.solvers.accuracy.left_out import LeftOut, rim_of
-from stickslip.solvers.accuracy.mesh_error import without_limit
-from stickslip.solvers.accuracy.peaks import grows, grows_in
+from stickslip.solvers.accuracy.bubble_rows import BetweenNodes
+from stickslip.solvers.accuracy.facet_volume_correction import LeftOut, bulges, rim_of
+from stickslip.solvers.accuracy.mesh_error import DISSIPATION, PRESSURE, by_chance, grows, grows_in, without_limit
+from stickslip.solvers.accuracy.mesh_error import FORCE as PUSH
+from stickslip.solvers.accuracy.mesh_error import SLIP as SLID
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, Quantity
 from stickslip.solvers.scene.scene import Scene

@@ -330,19 +330,6 @@ def test_no_bound_leaves_every_traction_as_it_is() -> None:
     assert_array_equal(project_disc(t[1:], np.zeros(1)), 0.0)
 
 
-def test_a_pressure_misses_its_law_by_more_than_rounding_of_the_penetration() -> None:
-    """Of p = c d^2, which changes by c r (2 d + r) with an error r of d; rigid laws give no pressure to be missed."""
-    law, rounding = Compliance(c_n=4.0, m_n=2.0), 1e-3
-    p, d = np.array([1.0, 1.0, 1.1, 0.9, 0.0, 0.5]), np.array([0.5, 0.5001, 0.5, 0.5, -0.3, -0.3])
-    into = np.maximum(d, 0.0)
-    expected = np.maximum(np.abs(p - 4 * into**2) - 4 * rounding * (2 * into + rounding), 0.0)
-    assert_allclose(law.misses(p, d, rounding), expected, rtol=1e-12)
-    assert (expected > 0).tolist() == [False, False, True, True, False, True]
-    rigid = Unilateral().misses(p, d, rounding)
-    assert rigid.shape == p.shape
-    assert not rigid.any()
-
-
 AXIS = (0.0, 3.0, 0.0)
 PLAIN: list[FrictionLaw] = [
     Cohesion(a=0.7, mu=0.3),

@@ -25,7 +25,7 @@ from stickslip.geometry.errors import MachineError
 from stickslip.geometry.form_cache import LOCK, find_cache, once, patient, remove_left_over
 from stickslip.geometry.mesh.cell_quality import worst_quality
 from stickslip.geometry.mesh.mesh import build_mesh
-from stickslip.solvers.accuracy.resolution import BLIND, elements_touched, unresolved
+from stickslip.solvers.accuracy.errors import BLIND, elements_touched, unresolved
 from stickslip.solvers.results.step_result import Quantity
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.cases import hertz

@@ -20,8 +20,7 @@ from stickslip.geometry.user_files.meshing import cut_to_sizes
 from stickslip.geometry.user_files.raw_mesh import LOCAL_FACETS, RawMesh, check_neighbours
 from stickslip.solvers.accuracy import nested_run
 from stickslip.solvers.accuracy.bubbles import Bubbles
-from stickslip.solvers.accuracy.nested_run import NestedRun
-from stickslip.solvers.accuracy.where_to_refine import Places
+from stickslip.solvers.accuracy.nested_run import NestedRun, Places
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.results.step_result import Errors, Quantity, StepResult, quantities
 from stickslip.solvers.simulation.simulation import Simulation, prepare

@@ -15,13 +15,13 @@ from scipy import sparse
 from scipy.linalg import eigh, null_space
 
 from shared.problems import SceneOf, SimulationOf, SystemOf, surface_problem, times
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, Array
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.surfaces.surface import lumped_mass, surface_stiffness
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from stickslip.solvers.interface.prepare import prepare_surface
-from stickslip.solvers.interface.problem import LAST_DIGITS, LEAST, PART, SurfaceProblem
+from stickslip.solvers.interface.problem import PART, SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Solution
 from stickslip.solvers.linear.cholesky import InverseRoot, poles
@@ -180,8 +180,8 @@ def test_defects_are_relative_to_the_largest_traction() -> None:
     off = found.w + 1e-3
     defect = np.abs(problem.defect(found.p, off)).max()
     assert problem.natural_residual(found.p, off) == pytest.approx(defect / np.abs(found.p).max())
-    assert problem.scale(np.zeros_like(found.p)) == pytest.approx(LEAST * problem.p_ref)
-    assert problem.scale(-2 * problem.p_ref * np.ones_like(found.p)) == pytest.approx(2 * problem.p_ref)
+    assert problem.scales.of_tractions(np.zeros_like(found.p)) == pytest.approx(CLOSE * problem.p_ref)
+    assert problem.scales.of_tractions(-2 * problem.p_ref * np.ones_like(found.p)) == pytest.approx(2 * problem.p_ref)
 
 
 def test_a_volume_solve_may_err_by_what_the_residual_does_not_see(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -208,11 +208,12 @@ def test_pressure_off_a_stiff_law_is_a_defect_though_the_bodies_hardly_feel_it()
     more = found.p.copy()
     more[:n] *= 1.2
     seen = problem.defect(more, found.w)[:n]
-    law = place.rows.normal.pressure((found.w - problem.gap)[:n])
+    law = place.rows.normal
+    off = law.stiffness(more[:n], more[:n]) * ((found.w - problem.gap)[:n] - law.penetration(more[:n]))
     natural = problem.cone.natural_residual(more, found.w - problem.gap, problem.weight)[:n]
-    expected = np.maximum(PART * np.abs(more[:n] - law), np.abs(natural))
+    expected = np.maximum(PART * np.abs(off), np.abs(natural))
     assert_allclose(np.abs(seen)[closed], expected[closed], rtol=1e-3)
-    assert np.any(PART * np.abs(more[:n] - law)[closed] > np.abs(natural)[closed])
+    assert np.any(PART * np.abs(off)[closed] > np.abs(natural)[closed])
 
 
 def test_the_scale_of_motion_is_that_of_the_load_without_contact() -> None:

@@ -17,7 +17,7 @@ from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.nested_mesh import CornerMesh
 from stickslip.solvers.accuracy import two_level
 from stickslip.solvers.accuracy.bubbles import Bubbles, _quadrature
-from stickslip.solvers.accuracy.other_mesh import sides_of
+from stickslip.solvers.accuracy.lower_order import sides_of
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import Quantity, StepResult, quantities

@@ -23,7 +23,7 @@ from stickslip.geometry.memory import available, peak
 from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.solvers.accuracy.next_order import AT_THE_EDGE
+from stickslip.solvers.accuracy.lower_order import AT_THE_EDGE
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.results.step_result import OPEN, Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
@@ -125,7 +125,7 @@ class Rounds:
         return outcome, content
 
     def _missed(self, last: Round) -> str:
-        """What is said of goals that are not reached."""
+        """Say which goals are not reached."""
         missed = max(last.goals, key=lambda goal: goal.reached / goal.asked)
         said = f"reached {percent(missed.reached)} of {missed.name}"
         if self._stuck:
@@ -304,7 +304,7 @@ def _lowered(level: Level, comm: Comm) -> Level:
 
 
 def _hash(scene: Scene) -> str:
-    """The same for a scene with the same goals, whatever the budget."""
+    """Return a hash that is the same for a scene with the same goals, whatever the budget."""
     return scene_hash(replace(scene, accuracy=Accuracy(goals=scene.accuracy.goals)))
 
 

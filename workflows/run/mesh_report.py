@@ -18,7 +18,7 @@ from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.geometry.units import Units
-from stickslip.solvers.accuracy.resolution import faced
+from stickslip.solvers.accuracy.errors import faced
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import EFFECTS
 from stickslip.solvers.fem.supports import find_constraints
@@ -68,7 +68,7 @@ class MeshReport:
 
     @property
     def area_unit(self) -> tuple[str, str]:
-        """What an area is called, and its unit."""
+        """Word for an area, and its unit."""
         return ("length", self.length_unit) if self.plane else ("area", Units.of(self.units)("m²"))
 
     @property
