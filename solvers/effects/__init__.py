@@ -53,4 +53,4 @@ def by_name(table: str, told: Mapping[str, T] | None) -> Mapping[str, Mapping[st
     """
     if not told:
         return {}
-    return {"": told} if is_single(table) else told  # type: ignore[dict-item, return-value]
+    return {"": told} if is_single(table) else told  # type: ignore[return-value]
