@@ -81,7 +81,7 @@ class Bulging:
         )
 
     def among(self, nodes: Ints) -> Bulging:
-        """What has only some nodes (n,), in increasing order, numbered by their places there."""
+        """Keep entities whose nodes are all among (n,), in increasing order, and number them by their places there."""
         facets, out = _renumbered(self.facets, self.out, nodes)
         return Bulging(facets, out, *_renumbered(self.edges, self.beside, nodes))
 

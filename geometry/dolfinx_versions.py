@@ -114,7 +114,7 @@ def model_to_mesh(model: Any, comm: Comm, dim: int) -> tuple[DolfinxMesh, MeshTa
 
 
 def _partitioner(model: Any) -> Callable[..., Any]:
-    """What dolfinx asks on every rank where its cells go: all are on rank 0 yet, and go by `bisection`.
+    """Partition the cells for dolfinx, on every rank: all are on rank 0 yet, and go by `bisection`.
 
     SCOTCH, which dolfinx would ask, takes ten times as long: it needs the graph of all cells.
     """

@@ -27,7 +27,7 @@ class StickslipError(Exception):
 
 
 class InputError(StickslipError):
-    """What the user wrote is wrong. It may be of any length, and the text of the error repeats the ends of it only.
+    """The user's input is wrong. It may be of any length, and the text of the error repeats the ends of it only.
 
     Its text is the first mistake; further ones that were found with it are Python's notes, and `lines` has them all.
     """

@@ -134,7 +134,7 @@ def check_varying(value: Varying, key: str) -> None:
 
 
 class _WrongError(Exception):
-    """What is wrong with an expression."""
+    """Error in an expression."""
 
     def __init__(self, column: int, text: str) -> None:
         super().__init__(text)

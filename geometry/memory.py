@@ -1,4 +1,4 @@
-"""How much memory a process has had, and may still take by the machine, its control groups and its own limit."""
+"""Memory of a process: what it has had, and may still take by the machine, its control groups and its own limit."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def peak() -> float:
 
 
 def resident() -> float:
-    """What this process has now [bytes]; 0 on systems without /proc."""
+    """Resident memory of this process now [bytes]; 0 on systems without /proc."""
     taken = _text(Path("/proc/self/statm")).split()
     return float(taken[1]) * resource.getpagesize() if taken else 0.0
 
@@ -44,7 +44,7 @@ def is_full(process: int) -> bool:
 
 
 def ended_for_memory(root: Path = Path("/")) -> int:
-    """How many processes the system has ended since it started because memory was out; 0 where it does not say."""
+    """Number of processes that the system has ended since it started because memory was out; 0 if unknown."""
     lines = (line.split() for line in _text(root / "proc/vmstat").splitlines())
     return next((int(count) for name, count in lines if name == "oom_kill"), 0)
 

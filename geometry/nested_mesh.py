@@ -199,7 +199,7 @@ class _Parts:
 
 @cache
 def _parts(kind: str, halved: Halved) -> _Parts:
-    """How a cell with these edges halved is cut."""
+    """Parts of a cell whose given edges are halved."""
     old = dx.reference_nodes(kind, 2)
     corners = np.array(_corners(kind, halved))
     at = np.einsum("nc,pcd->pnd", dx.reference_basis(kind, 1, old)[0], old[corners])

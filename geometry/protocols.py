@@ -43,7 +43,7 @@ class PetscComm(Protocol):
 
 
 class Linear(Protocol):
-    """What can be added to its like and multiplied by a number."""
+    """Vectors: they can be added and multiplied by a number."""
 
     def __neg__(self) -> Self: ...
     def __add__(self, other: Self) -> Self: ...
@@ -145,7 +145,7 @@ class Mat(Protocol):
 
 
 class PetscSolver(Protocol):
-    """What preconditioners and linear solvers share."""
+    """Methods that PETSc's preconditioners and linear solvers share."""
 
     def setType(self, kind: str) -> None: ...
     def getType(self) -> str: ...

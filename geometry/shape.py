@@ -24,7 +24,7 @@ Model = Literal["plane strain", "plane stress", "axisymmetric", "3d"]
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What the scene requires of a mesh beyond the shape itself; sides are named body.side."""
+    """Requirements of a scene for its mesh beyond the shape itself; sides are named body.side."""
 
     model: Model
     contact_sides: tuple[str, ...] = ()  # sides to refine to `contact_mesh_size`
@@ -142,7 +142,7 @@ class Shape:
         raise NotImplementedError
 
     def bulging(self, gmsh: Gmsh, dim: int, unit: float) -> Bulging:
-        """How far curved surfaces bulge out of the facets of the mesh in the current gmsh model, after `put`.
+        """Find by how much curved surfaces bulge out of the facets of the current gmsh model, after `put`.
 
         Args:
             unit: length of the gmsh model's unit [m].

@@ -92,7 +92,7 @@ class Units:
         return f"{mass}/{self.length}³" if mass else f"{self.force} s²/{self.length}⁴"
 
     def __call__(self, unit: str) -> str:
-        """What takes the place of a unit of the SI, such as N/m."""
+        """Translate a unit of the SI, such as N/m."""
         pressure = f"({self.pressure})" if "/" in self.pressure and unit.startswith("Pa/") else self.pressure
         symbols = {"m": self.length, "N": self.force, "Pa": pressure, "J": self.energy, "kg/m³": self.density}
         return unit if self == SI else OF_SI.sub(lambda found: symbols[found[1]], unit)

@@ -17,7 +17,7 @@ from stickslip.solvers.parallel.counters import Counters
 
 
 class Status(Enum):
-    """How an iteration ended; the value tells the user what to try."""
+    """Ending of an iteration; the value tells the user what to try."""
 
     CONVERGED = "converged"
     MAX_IT = "the iterations ran out: raise solver.max_iterations"
@@ -99,7 +99,7 @@ class Plateau:
 
 @dataclass(frozen=True, kw_only=True)
 class Convergence:
-    """What theory says of Uzawa's iteration on a step, beside what happened.
+    """Convergence of Uzawa's iteration on a step: as theory has it, and as it happened.
 
     Without projection and with fixed bounds the error falls by max |1 - alpha lambda_i| an iteration in the metric Q,
     and converges for 0 < alpha < 2 / lambda_1 only. lambda_i are the eigenvalues of Q^-1 B F'^-1 B^T.
@@ -167,7 +167,7 @@ def never(number: int, residual: float) -> bool:
 
 @dataclass(frozen=True)
 class Iterate:
-    """What a method has reached: it yields one for each row of the history, and goes on if it is asked for more."""
+    """State that a method has reached: it yields one for each row of the history, and goes on if asked for more."""
 
     number: int  # of the iteration
     residual: float  # of the tractions, or the relative error that the method estimates [-]

@@ -1,1 +1,1 @@
-"""What a person runs: scene files, commands, runs and their results, verification, studies."""
+"""The programs that a person runs: scene files, commands, runs and their results, verification, studies."""

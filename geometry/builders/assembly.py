@@ -73,7 +73,7 @@ class Part:
         return replace(mesh, points=points)
 
     def request(self, name: str, request: Request) -> Request:
-        """What the assembly's mesh requires of that of the body `name`."""
+        """Return the part of the request that concerns the body `name`."""
         own = self._own(name, request.dim)
         slaves = tuple(own[side] for side in request.contact_sides if side in own)
         pairs = tuple((own[a], own[b]) for a, b in request.periodic if a in own and b in own)

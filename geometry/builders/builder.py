@@ -135,7 +135,7 @@ def check_symmetric(symmetric: bool, model: Model) -> None:
 
 
 def modelled(geometry: Mapping[str, Any], model: str) -> str:
-    """What a cut by symmetry leaves of the shape, by the keys of [geometry]: half, quarter, or empty if all of it.
+    """Return the part of the shape that is modelled, by the keys of [geometry]: half, quarter; empty: all.
 
     Resultants of an axisymmetric model are those of the full circle.
 

@@ -66,13 +66,7 @@ class Cuboid(Builder):
         return found
 
 
-def grid(
-    gmsh: Gmsh,
-    dim: int,
-    tensor: bool,
-    grading: Callable[[int], tuple[int, float]],
-    fine: Fine = (),
-) -> None:
+def grid(gmsh: Gmsh, dim: int, tensor: bool, grading: Callable[[int], tuple[int, float]], fine: Fine = ()) -> None:
     """Mesh every rectangle or box of the model by a structured (transfinite) grid.
 
     Args:

@@ -25,7 +25,7 @@ from stickslip.geometry.shape import Request, Shape
 
 @dataclass(frozen=True, kw_only=True)
 class NamedParts:
-    """What the gmsh model of a mesh tells every rank; a name stands for a tag."""
+    """Names and tags of a mesh's gmsh model, on every rank."""
 
     bodies: Mapping[str, int]  # name -> tag of cells
     sides: Mapping[str, int]  # name, as body.side -> tag of facets

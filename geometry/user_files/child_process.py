@@ -38,7 +38,7 @@ PIPE = 2**16  # bytes that a pipe holds; so many of the beginning, and of the en
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """How a child process ended."""
+    """Ending of a child process."""
 
     code: int | None  # its exit code; -n: signal n ended it; None: its time was over
     printed: str
@@ -89,7 +89,7 @@ def run_child(module: str, words: Sequence[str], folder: Path | None, seconds: f
 
 
 def _read(pipe: IO[bytes], seconds: float) -> bytes:
-    """What can be read within some seconds; nothing after its end."""
+    """Read what arrives within some seconds; nothing after its end."""
     poll = select.poll()
     poll.register(pipe, select.POLLIN)
     return os.read(pipe.fileno(), PIPE) if poll.poll(1000 * seconds) else b""

@@ -29,7 +29,7 @@ GROWTH = 0.3  # of the cell size per distance from a contact side
 
 @dataclass(frozen=True, kw_only=True)
 class MeshOptions:
-    """What the scene says about the mesh; lengths in the model's unit."""
+    """Mesh options of a scene; lengths are in the model's unit."""
 
     size: float | None  # edge length; None: the file's own sizes
     fine_size: float | None  # edge length at `fine_sides` and `fine_points`; None: `size`

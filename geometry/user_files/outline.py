@@ -214,7 +214,7 @@ class Shell:
         return bool((self._crossed(corners[facet].mean(axis=0), others) % 2 == 0) == (seen[facet] > 0))
 
     def _crossed(self, point: Array, counted: Bools) -> int:
-        """How many of the facets that are counted the ray from a point crosses."""
+        """Count the facets that the ray from a point crosses."""
         at = self.across @ point[: self.dim]
         corners = self.corners[counted & np.all((self.low <= at) & (at <= self.high), axis=1)]
         origin = corners[:, 0]

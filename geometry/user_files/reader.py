@@ -41,7 +41,7 @@ NO_MEMORY = "does not fit into memory; try a larger mesh_size"
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """What the child process is asked about a file: for its mesh, or for its outline if `mesh` is None."""
+    """Question to the child process about a file: its mesh, or its outline if `mesh` is None."""
 
     path: Path
     dim: int
@@ -109,7 +109,7 @@ def ask(question: Question) -> Outline | RawMesh:
 
 
 def _failure(question: Question, ended: Ended, limit: float, killed_for_memory: bool) -> StickslipError:
-    """Why a child process gave no answer.
+    """Explain why a child process gave no answer.
 
     Args:
         limit: of its time [s].

@@ -67,12 +67,12 @@ class Side:
 
     @property
     def off(self) -> float:
-        """How far the curved facets are from the CAD kernel's faces [m]."""
+        """Distance of the curved facets from the CAD kernel's faces [m]."""
         return max(face.off for face in self.faces) if self.form.kind == "other" else 0.0
 
     @property
     def sag(self) -> float:
-        """How far straight facets may be from the side [m]."""
+        """Largest distance of straight facets from the side [m]."""
         return max(_sag(face) for face in self.faces)
 
 
@@ -199,7 +199,7 @@ def _sides(faces: Sequence[Facets], outline: Outline, dim: int) -> list[Side]:
 
 
 def _sag(face: Facets) -> float:
-    """How far the facets of a face may be from the curved face [m]: by their bulge, and the turn of normals."""
+    """Largest distance of a face's facets from the curved face [m]: by their bulge, and the turn of normals."""
     corners, normals = face.corners, face.normals()
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     f, k = corners.shape[:2]

@@ -208,7 +208,7 @@ class UserFile(Noun, Shape):
         return None if declared == taken else declared
 
     def as_read(self, dim: int) -> str:
-        """How large the file is, in words."""
+        """Size of the file in words."""
         box = " x ".join(f"{length:.3g}" for length in np.ptp(self.box(dim), axis=0))
         return f"the file's box, read in {self.length_unit or self.scene_length}, is {box} {self.scene_length}"
 
@@ -288,7 +288,7 @@ class UserFile(Noun, Shape):
         return {}
 
     def question(self, dim: int, mesh: MeshOptions | None = None) -> Question:
-        """What the child process is asked: for the mesh if `mesh` is given, else for the outline."""
+        """Pose the question to the child process: for the mesh if `mesh` is given, else for the outline."""
         metres = self._metres
         names = {k: {"box": [x * metres for x in v.box]} if isinstance(v, Box) else v for k, v in self.names.items()}
         path = Path(self.file).resolve()

@@ -1,1 +1,1 @@
-"""How accurate each reported number of a run is: the parts of its error, in its own unit."""
+"""A posteriori error estimates of each reported number of a run: the parts of its error, in its own unit."""

@@ -30,7 +30,7 @@ Edge = tuple[Bools, Array, Bools | None]  # inside, outside, among: see `beyond_
 
 
 class Crossing(NamedTuple):
-    """Where the edge of an area lies between two neighbouring nodes."""
+    """Place where the edge of an area lies between two neighbouring nodes."""
 
     inside: int  # node
     outside: int
@@ -38,7 +38,7 @@ class Crossing(NamedTuple):
 
 
 def scatter(side: Surface, contact: ContactState, weights: Array) -> dict[str, float]:
-    """How uncertain the place of the edges leaves areas [m^(d-1)]: that of the facets that they cross, as if by chance.
+    """Uncertainty of areas by the place of their edges [m^(d-1)]: the facets that they cross, as if by chance.
 
     Arguments as in `areas_between_nodes`.
     """
@@ -89,7 +89,7 @@ def _halves(side: Surface) -> Surface:
 
 
 def beyond_nodes(side: Surface, inside: Bools, outside: Array, among: Bools | None = None) -> float:
-    """What the area inside a smooth edge has beyond the shares of the nodes inside it [m^(d-1)].
+    """Area inside a smooth edge beyond the shares of the nodes inside it [m^(d-1)].
 
     Args:
         side: of order 1 (corners count alone), n nodes.

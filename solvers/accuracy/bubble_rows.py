@@ -37,7 +37,7 @@ VORTEX = 0.5  # length of the mean direction of slip on a facet: less surrounds 
 
 @dataclass(frozen=True)
 class BetweenNodes:
-    """What friction between the nodes of one contact adds to that at its n nodes."""
+    """Work of friction between the nodes of one contact, in addition to that at its n nodes."""
 
     relative: Sparse  # (n, n_all)
     measures: Array  # (n, d, d): friction acts along their product with slip, at the bound
@@ -156,7 +156,7 @@ class BubbleRows:
         self._nodes.add(forces, at_contacts)
 
     def friction(self, cone: AdmissibleSet, old: State, new: State) -> dict[str, tuple[Array, float]]:
-        """What friction between nodes adds in a substep, by contact that it adds something to."""
+        """Friction between nodes in a substep, by contact that has some."""
         cone, found = with_memory(cone.at(new.time), new.memory), dict[str, tuple[Array, float]]()
         for place, between in zip(cone.places, self._between, strict=True):
             c, t = place.rows, new.p[place.tangential].reshape(-1, place.components)

@@ -128,7 +128,7 @@ class Bubbles:
         return total
 
     def initial_work(self, x: Vec) -> Array:
-        """What bubbles add to `InitialStrains.stress_work` (k,) [J]; collective."""
+        """Contribution of bubbles to `InitialStrains.stress_work` (k,) [J]; collective."""
         return np.array([force.dot(x) for force in self.initial])
 
     def inner(self, u: Vec, x: Vec) -> Vec:
@@ -211,11 +211,11 @@ class Bubbles:
         return self.system.constraints.links.added(dx.assemble_vector(*self._pull), self.elongation(x))
 
     def remote(self, x: Vec) -> Array:
-        """What bubbles add to the motion of remote points (components,) [m, rad]; collective."""
+        """Contribution of bubbles to the motion of remote points (components,) [m, rad]; collective."""
         return self.constraints.remote.motion(x)
 
     def elongation(self, x: Vec) -> Array:
-        """What bubbles add to the elongation of links (r,) [m]; collective."""
+        """Contribution of bubbles to the elongation of links (r,) [m]; collective."""
         return self.constraints.links.elongation(x)
 
     def relaxed(self, forces: Vec) -> Vec:
@@ -237,7 +237,7 @@ class Bubbles:
 
     @cached_property
     def _copies(self) -> Array:
-        """How many nodes move with each free dof: two where sides are periodic; at least one."""
+        """Number of nodes that move with each free dof: two where sides are periodic; at least one."""
         ones = self._T.createVecRight()
         ones.array[:] = 1.0
         copies = self._T.createVecRight()
@@ -246,7 +246,7 @@ class Bubbles:
 
     @cached_property
     def _shares(self) -> Sparse:
-        """What each own node (rows) is of the nodes of the mesh (columns, ghosts too) that it is between."""
+        """Weights of each own node (rows) on the nodes of the mesh (columns, ghosts too) that it is between."""
         corners, dofs, own = self._corners, dx.cell_dofs(self.space), self.nodes.owned
         shape = self.system.mesh.domain.topology.cell_type.name
         basis = dx.reference_basis(shape, 1, dx.reference_nodes(shape, 2))[0]

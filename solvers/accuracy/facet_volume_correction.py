@@ -1,4 +1,4 @@
-"""What straight facets leave out of bodies with curved surfaces: their forces, and the rim of flat sides.
+"""Volume between straight facets and the curved surfaces of bodies: its forces, and the rim of flat sides.
 
 Cells at a curved surface stand for a part of the body that is larger than they are, or smaller, by the facet times its
 mean bulge, see `find_bulging`. To first order their stiffness, weight and thermal load grow by the same ratio. Where a

@@ -225,7 +225,7 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
 
 
 def _rims(observe: Observer, accepted: Accepted, numbers: Numbers) -> dict[Quantity, float]:
-    """What the rims of contact sides add to the areas of a state with bubbles [m²]."""
+    """Areas of the rims of contact sides in a state with bubbles [m²]."""
     companion, found = observe.stepper.companion, dict[Quantity, float]()
     if not isinstance(companion, MeshCorrection):
         return found
@@ -244,7 +244,7 @@ def at_points(problem: Problem, found: Iterable[Quantity]) -> dict[Quantity, Err
 
 
 def without_limit(c: ContactRows, contact: ContactState, rounding: float) -> dict[Quantity, ErrorParts]:
-    """What is said in place of an error where the largest pressure of a contact grows without end.
+    """Explain why no error is stated: the largest pressure of a contact grows without end.
 
     With compliance it has a limit, which no mesh of that size comes near. The slip close by converges slowly as well,
     if there is one above `rounding` [m]. Where nothing touches, pressures are rounding, and none grows.
@@ -271,7 +271,7 @@ def _of_stress(error: Array) -> Array:
 
 
 def observed(observe: Observer, accepted: Accepted, state: State) -> Numbers:
-    """What another state at the end of the same step exerts; collective."""
+    """Numbers of another state at the end of the same step; collective."""
     start, before = accepted.start, accepted.substep_start
     same = replace(accepted, state=state, start=start.refined or start, substep_start=before.refined or before)
     return observe.numbers(same)

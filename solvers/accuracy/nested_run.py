@@ -66,7 +66,7 @@ NONE = -1  # number of a boundary without a name
 
 @dataclass(frozen=True)
 class Places:
-    """Where a mesh, and the meshes that are cut from it, are to be cut."""
+    """Places at which a mesh, and the meshes that are cut from it, are to be cut."""
 
     acted: tuple[str, ...]  # sides that contacts, supports and loads act on
     segments: Mapping[str, Array]  # by side, segments (s, 3, 2) [m]: their ends, and a point between
@@ -232,7 +232,7 @@ class NestedRun(OtherMeshRun):
             state = replace(accepted.state, refined=refined)
 
     def _cut_mesh(self, steps: Sequence[StepResult]) -> tuple[int, FlatMesh | None]:
-        """How often cells are cut, and the finer mesh, on every rank; None: it would be too dear; collective."""
+        """Cut cells on every rank: how often, and the finer mesh; None: it would be too dear; collective."""
         system = self._stepper.system
         mesh, size = self._flat(), Size.of(system.problem, system.mesh, system.constraints, system.contacts)
         found: tuple[int, FlatMesh | None] = 0, None
@@ -259,7 +259,7 @@ class NestedRun(OtherMeshRun):
 
 
 def _cut(mesh: FlatMesh, places: Places, size: Size) -> tuple[int, FlatMesh | None]:
-    """How often the cells at some places are cut, and the mesh then; None: it would be too dear.
+    """Cut the cells at some places: how often, and the mesh then; None: it would be too dear.
 
     Args:
         size: of the run.
@@ -279,7 +279,7 @@ def _cut(mesh: FlatMesh, places: Places, size: Size) -> tuple[int, FlatMesh | No
 
 
 def _seconds(size: Size) -> float:
-    """What it would take [s], by the cost model of `auto`."""
+    """Expected time [s] by the cost model of `auto`."""
     return size.condensed_seconds + OVERHEAD * size.steps
 
 

@@ -138,7 +138,7 @@ class Difference(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """What the histories of a run give; None: there is no such history, the run has too few steps."""
+    """Numbers of the histories of a run; None: there is no such history, the run has too few steps."""
 
     half: Difference | None = None  # the run, and half of its steps
     quarter: Difference | None = None  # half, and a quarter

@@ -140,7 +140,7 @@ SLOW, SOLVED = 0.33, 0.1  # residual after STEPS, by the first, from which on it
 
 @dataclass(frozen=True)
 class Answer:
-    """What the bodies and the contact answer to bubbles."""
+    """Response of the bodies and the contact to bubbles."""
 
     x: Vec  # the bubbles
     pull: Vec  # their inner forces on the nodes of the mesh [N]

@@ -318,7 +318,7 @@ class OnBlocks(Ready):
         self._measured_at = self.blocks.renewals
 
     def _convergence(self, found: Solution) -> Convergence | None:
-        """What theory says of the step, beside what happened; collective if `rates` is asked for."""
+        """Compare theory's statement on the step with what happened; collective if `rates` is asked for."""
         if self.lambda_1 is None or not len(self.blocks.rows):
             return None
         alpha, lambda_1, lambda_m = self.alpha, self.lambda_1, None

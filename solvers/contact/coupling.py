@@ -28,7 +28,7 @@ from stickslip.geometry.surfaces.surface import Surface
 
 @dataclass(frozen=True)
 class On:
-    """Where q points lie on a surface."""
+    """Places of q points on a surface."""
 
     facet: Ints  # (q,) row of its facets
     local: Array  # (q, d-1) reference coordinates there

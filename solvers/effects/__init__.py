@@ -34,7 +34,7 @@ def active(problem: Problem) -> tuple[Effect, ...]:
 
 
 def records() -> Mapping[str, RecordType]:
-    """What a step reports, by table: of every scene, of effects, and its energy."""
+    """Records of a step, by table: those of every scene, of effects, and its energy."""
     of_effects = {effect.name: effect.reports for effect in EFFECTS if effect.reports is not None}
     own = {table: record for table, record in RECORDS.items() if table != "energy"}
     return own | of_effects | {"energy": RECORDS["energy"]}

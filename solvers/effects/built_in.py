@@ -33,7 +33,7 @@ def _with_law(key: str, kind: type[object], scene: Scene) -> Iterable[str]:
 
 
 def _of_friction(scene: Scene) -> str:
-    """What each law costs beside Coulomb's."""
+    """Cost of each law beside Coulomb's."""
     friction = [contact.friction for contact in scene.contacts.values() if contact.friction is not None]
     laws = {getattr(law, law.tag): law for law in friction}
     rows = f"{scene.dim - 1} row{'s' * (scene.dim > 2)} a point"

@@ -66,7 +66,7 @@ class Effect(ABC):
         return ", ".join(f"{self.name}.{name}" if name else self.name for name in named) or None
 
     def adds(self, scene: Scene) -> str:
-        """What the effect adds to the problem of a scene that calls for it, and what that costs, for the plan."""
+        """Addition of the effect to the problem of a scene that calls for it, and its cost, for the plan."""
         kind, plain = type(self), Effect
         overridden = {
             "a load": kind.loads is not plain.loads,

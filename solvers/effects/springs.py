@@ -27,7 +27,7 @@ from stickslip.solvers.scene.timeline import Place
 
 
 class SpringForce(NamedTuple):
-    """What a spring between places exerts on the body at its end `at`."""
+    """Force of a spring between places on the body at its end `at`."""
 
     force: Annotated[Array, Number("N", "by component", "vector", "force")]
 

@@ -286,7 +286,7 @@ class Constraints:
         return np.concatenate([found[self._of_prescribed], *rigid])
 
     def _contradiction(self, node: int, time: float) -> SceneError:
-        """What is wrong at a node of this rank."""
+        """Contradiction at a node of this rank."""
         of = {self.supports[index] for index in self.components.support[self.components.node == node]}
         names = sorted(name if name == AXIS else f"supports.{name}" for name in of)
         point = ", ".join(f"{x:.6g}" for x in self.nodes.points[node - self.nodes.offset])

@@ -174,7 +174,7 @@ class WeakForms:
             return gradient
         hoop = u[0] / ufl.SpatialCoordinate(self.mesh.domain)[0]
         whole: UflExpr = ufl.as_matrix(
-            [[gradient[0, 0], gradient[0, 1], 0], [gradient[1, 0], gradient[1, 1], 0], [0, 0, hoop]],
+            [[gradient[0, 0], gradient[0, 1], 0], [gradient[1, 0], gradient[1, 1], 0], [0, 0, hoop]]
         )
         return whole
 

@@ -146,7 +146,7 @@ class RemotePoints:
 
     @cached_property
     def split(self) -> list[slice]:
-        """Where the components of each point are among the rows."""
+        """Split the rows by the components of each point."""
         ends = np.cumsum([0, *(len(point.weights) for point in self.every)])
         return [slice(*pair) for pair in pairwise(ends.tolist())]
 

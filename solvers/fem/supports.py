@@ -65,7 +65,7 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
 def _own_components(
     problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes, drives: list[Place], names: list[str]
 ) -> Components:
-    """What is prescribed at this rank's nodes, support by support; collective."""
+    """Prescribed displacements at this rank's nodes, support by support; collective."""
     found = [_components(nodes, np.zeros(0, np.int64), np.zeros((0, mesh.dim)), 0, 0)]
     for name, support in problem.supports.items():
         if support.boundary is not None:
@@ -151,7 +151,7 @@ def _with_supports(
 
 
 def _sprung(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) -> Sprung:
-    """What springs to the ground resist at this rank's nodes; collective."""
+    """Motions of this rank's nodes that springs to the ground resist; collective."""
     nothing = np.zeros((0, mesh.dim))
     found = [Sprung(nothing, nothing, np.zeros(0, np.int64))]
     for springs in problem.springs:

@@ -114,7 +114,7 @@ class FrictionLaw(Choice):
         return True
 
     def refuses(self, normal: NormalLaw) -> str | None:
-        """Why this law cannot be combined with a normal law; None if it can."""
+        """Explain why this law cannot be combined with a normal law; None if it can."""
         return None
 
     def check_model(self, model: str) -> None:
@@ -125,7 +125,7 @@ class FrictionLaw(Choice):
         """
 
     def memory(self, points: int) -> Array:
-        """What it remembers of points at rest (m_t,); it is kept from step to step and in checkpoints."""
+        """Memory of points at rest (m_t,); it is kept from step to step and in checkpoints."""
         return np.zeros(points)
 
     def after(self, memory: Array, slip: Array, step: float) -> Array:

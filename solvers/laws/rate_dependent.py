@@ -43,8 +43,7 @@ class RateDependent(FrictionLaw):
     timed: ClassVar[bool] = True
     drags: ClassVar[bool] = True
     mu: Annotated[
-        MuTable | str,
-        Key("m/s, -", "coefficient of friction by slip rate, [[V, mu], ...], or an expression in V"),
+        MuTable | str, Key("m/s, -", "coefficient of friction by slip rate, [[V, mu], ...], or an expression in V")
     ]
     law: Annotated[Literal["rate_dependent"], Key("-", "the law's name")] = "rate_dependent"
 

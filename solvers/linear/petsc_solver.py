@@ -148,7 +148,7 @@ def direct(ksp: KSP) -> bool:
 
 
 def failure(ksp: KSP) -> str:
-    """What a KSP that did not converge was, and PETSc's name of the reason."""
+    """Describe a KSP that did not converge, with PETSc's name of the reason."""
     reason = ksp.getConvergedReason()
     return f"{ksp.getType()} with {ksp.getPC().getType()} ended with {REASONS.get(reason, reason)}"
 

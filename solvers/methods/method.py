@@ -33,7 +33,7 @@ RIGID = "rigid"  # the operator of a rigid obstacle
 
 @dataclass(frozen=True, kw_only=True)
 class Applicability:
-    """What a method supports.
+    """Scenes and forms of the bodies that a method supports.
 
     Every method works in every model, with cells of every kind and order, with pairs that are searched again, and on
     any number of ranks.
@@ -80,7 +80,7 @@ class Before(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """What a method is prepared from."""
+    """Data that a method is prepared from."""
 
     system: System
     surface: DelassusOperator  # in a form that the method works with, see `condensed` and `matrix_free`
@@ -118,7 +118,7 @@ class Ready(ABC):
         return None
 
     def snapshot(self) -> dict[str, Plain]:
-        """What was learnt in earlier steps, as arrays and plain data; see `restore`."""
+        """Return what was learnt in earlier steps, as arrays and plain data; see `restore`."""
         return {}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:  # noqa: B027  most learn nothing

@@ -100,7 +100,7 @@ class OnTangent(Ready):
             self.make_coarse()
 
     def snapshot(self) -> dict[str, Plain]:
-        """What multigrid holds, whether there are coarse motions, the last step, and loads; see `restore`."""
+        """Return what multigrid holds, whether there are coarse motions, the last step, and loads; see `restore`."""
         moved, loads = None if self.moved is None else Own(self.moved), [(Own(f), u) for f, u in self.scale.loads]
         return {"held": self.held, "coarse": self.coarse is not None, "moved": moved, "loads": loads}
 

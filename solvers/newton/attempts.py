@@ -157,7 +157,7 @@ ATTEMPT = 60  # iterations of an attempt
 
 
 class Bodies(Protocol):
-    """How the bodies answer: exactly, or by a model. `u` is their displacement, in unknowns of their own."""
+    """Response of the bodies: exact, or by a model. `u` is their displacement, in unknowns of their own."""
 
     def solve(self, laws: ActiveSet, p: Array, u: Array) -> tuple[Array, Array]:
         """Tractions (rows,) [Pa] and displacement that satisfy the linearised laws, from an iterate (p, u).

@@ -221,7 +221,7 @@ class _Path:
         self.crossed: tuple[int, int] | None = None  # row that changed its state last, and its state before
 
     def solutions(self, kinks: int) -> Iterator[Start]:
-        """Where the path crosses s = 0, until it leads away, or has had that many kinks."""
+        """Follow the path and yield where it crosses s = 0, until it leads away, or has had that many kinks."""
         for kink in range(1, kinks + 1):
             z = -self.direction * (self.inverse @ self._by_s())  # dz along the path, for |ds| = 1
             dp = np.zeros_like(self.p)

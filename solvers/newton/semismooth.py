@@ -151,7 +151,7 @@ def simpler_ends(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[St
 
 
 def resting_start(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:
-    """Where bodies that nothing pushes come to rest: if nothing presses there, linear laws lead to the same place.
+    """Find where bodies that nothing pushes rest: if nothing presses there, linear laws lead to the same place.
 
     With a power of the penetration Newton's method would halve it without end. If they are squeezed all the same, by
     obstacles or loads that balance each other, it is a start like any other.

@@ -31,7 +31,7 @@ OTHER = "other"
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """What a phase has taken so far, or a part of it."""
+    """Time that a phase, or a part of it, has taken so far."""
 
     phase: str  # of `PHASES`
     part: Annotated[str, Key("", "empty: what of the phase is in no part that has a name")]
@@ -80,7 +80,7 @@ class Clock:
         return self.phase(self._on[-1][0], part)
 
     def rows(self) -> tuple[Row, ...]:
-        """What has been spent until now, in the order of `PHASES`; of a phase, what is in no part first."""
+        """Time spent until now, in the order of `PHASES`; of a phase, what is in no part comes first."""
         self._stop()
         order = list(PHASES)
         return tuple(

@@ -1,4 +1,4 @@
-"""What every rank has: chosen entries of a distributed vector, values that all agree on, matrices to distribute."""
+"""Replicated data: chosen entries of a distributed vector, values that ranks agree on, matrices to distribute."""
 
 from __future__ import annotations
 

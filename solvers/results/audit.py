@@ -76,7 +76,7 @@ class Audit:
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """What the defects of a step are relative to."""
+    """Scales of a step that its defects are relative to."""
 
     p: float  # p_top [Pa]
     u: Mapping[str, float]  # u_top by contact [m]
@@ -112,7 +112,7 @@ class Auditor:
 
     @cached_property
     def shared(self) -> tuple[str, ...]:
-        """What has no second formula, so that the solver's own is used: an error in it is not seen."""
+        """Return terms without a second formula, for which the solver's own is used: an error in it is not seen."""
         problem, zero = self.start.problem, np.zeros(1)
         found = ["loads"] * bool(self.start.loads) + [x.key for x in problem.links] + [x.key for x in problem.couplings]
         found += [f"{effect.name}: stiffness" for effect in active(problem) if effect.stiffens]

@@ -17,14 +17,7 @@ from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.protocols import Sparse
-from stickslip.solvers.laws.friction import (
-    CappedCoulomb,
-    Cohesion,
-    Coulomb,
-    OrthotropicCoulomb,
-    Stick,
-    Tresca,
-)
+from stickslip.solvers.laws.friction import CappedCoulomb, Cohesion, Coulomb, OrthotropicCoulomb, Stick, Tresca
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.mu_table import MuTable
 from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral

@@ -139,12 +139,7 @@ class Observer:
     estimate: Estimate  # adds errors of numbers to a result
 
     @classmethod
-    def of(
-        cls,
-        stepper: Stepper,
-        data: MeshData | None = None,
-        estimate: Estimate | None = None,
-    ) -> Observer:
+    def of(cls, stepper: Stepper, data: MeshData | None = None, estimate: Estimate | None = None) -> Observer:
         """Compile the strain and find the cells of the probes; collective.
 
         Args:
@@ -216,7 +211,7 @@ class Observer:
             return self.estimate(self, accepted, found)
 
     def numbers(self, accepted: Accepted) -> Numbers:
-        """What a step exerts, without fields of the volume; collective."""
+        """Numbers of a step, without fields of the volume; collective."""
         system, state = accepted.stepper.system, accepted.state
         contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
         reactions = system.reactions(state.residual) if state.reactions is None else state.reactions

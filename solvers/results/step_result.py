@@ -125,7 +125,7 @@ class ContactState(ContactNumbers):
     status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
 
     def columns(self) -> dict[str, AnyArray]:
-        """What stands at the nodes, by the columns of contact_NAME.csv but `arc`: arrays (n,); a status is a word."""
+        """Values at the nodes, by the columns of contact_NAME.csv but `arc`: arrays (n,); a status is a word."""
         axes = "xyz"[: self.points.shape[1]]
         vectors = (("traction", self.traction), ("slip", self.slip), ("slip_increment", self.slip_increment))
         parts = (("", self.points), *((f"{name}_", values) for name, values in (*vectors, ("lambda", self.lam))))
@@ -158,7 +158,7 @@ class ContactState(ContactNumbers):
 
 @dataclass(frozen=True, kw_only=True)
 class Numbers:
-    """What bodies, supports, obstacles and effects exert on each other; keys are the names of the scene.
+    """Numbers that bodies, supports, obstacles and effects report; keys are the names of the scene.
 
     Each table that an effect reports is an attribute too: `bolts` is `effects["bolts"]`, empty if the scene has none.
     """
@@ -292,7 +292,7 @@ def names_of(key: Quantity, value: Value) -> Sequence[tuple[str, int | None]]:
 
 
 def number_of(key: Quantity) -> Number:
-    """What is declared of a number."""
+    """Declaration of a number."""
     return numbers_of(records()[key.kind])[key.quantity]
 
 

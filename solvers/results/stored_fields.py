@@ -24,7 +24,7 @@ OF_STRESS = 1e3 * float(np.finfo(float).eps)  # rounding of the stress that moti
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFields:
-    """What is written for readers, beside the state; empty where it is not to be judged."""
+    """Fields that are written for readers, beside the state; empty where they are not to be judged."""
 
     stress: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))  # (cells, 3, 3), by number in gmsh's model [Pa]
     von_mises: Array = field(default_factory=lambda: np.zeros(0))  # (cells,) [Pa]

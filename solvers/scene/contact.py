@@ -37,8 +37,7 @@ class Contact(Noun):
     ] = None
 
     operator: Annotated[
-        Literal["mortar", "node-to-segment", "node-to-face"] | None,
-        Key("-", "between bodies; absent: mortar"),
+        Literal["mortar", "node-to-segment", "node-to-face"] | None, Key("-", "between bodies; absent: mortar")
     ] = None
     search_distance: Annotated[
         float | None, Key("m", "largest distance at which sides are paired; absent: a fifth of the sides' extent")

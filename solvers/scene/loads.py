@@ -1,4 +1,4 @@
-"""What acts on bodies: loads, supports, which prescribe displacements, and springs."""
+"""Loads, and boundary conditions: supports, which prescribe displacements, and springs."""
 
 from __future__ import annotations
 

@@ -56,14 +56,14 @@ class Number(Key):
 
 
 class Reaction(NamedTuple):
-    """What a support exerts on its body, or an elastic one."""
+    """Reaction of a support, or of an elastic one, on its body."""
 
     force: Annotated[Array, Number("N", "by component", "vector", "force")]
     moment: Annotated[Array, Number("N m", "about the origin, in the plane about z", "turn", "moment")]
 
 
 class ObstacleState(NamedTuple):
-    """Where a rigid obstacle is, without the part of a rotation, and what it exerts on the bodies by all its contacts.
+    """Place of a rigid obstacle, without the part of a rotation, and its force on the bodies by all its contacts.
 
     The moment is about the point of its rotation, if any.
     """
@@ -174,7 +174,7 @@ CONTACT_NUMBERS = tuple(key for key, number in numbers_of(ContactNumbers).items(
 
 
 def singular(table: str) -> str:
-    """What one record of a table is called: support, spring, elastic_support."""
+    """Name of one record of a table: support, spring, elastic_support."""
     return table.removesuffix("s")
 
 

@@ -91,8 +91,7 @@ class Scene(Noun):
     bodies: Mapping[str, Elastic]
     title: Annotated[str, Key("-", "a sentence for tables and pictures")] = ""
     units: Annotated[
-        str,
-        Key("-", '"SI", "mm-N-MPa", or other units of length, force and pressure: what results are labelled with'),
+        str, Key("-", '"SI", "mm-N-MPa", or other units of length, force and pressure: what results are labelled with')
     ] = "SI"
     obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
     contacts: Mapping[str, Contact] = field(default_factory=dict)
@@ -156,7 +155,7 @@ class Scene(Noun):
 
     @property
     def labels(self) -> Units:
-        """What the numbers of the scene and of its results are in."""
+        """Units of the scene and of its results."""
         return Units.of(self.units)
 
     @property
@@ -410,7 +409,7 @@ class Scene(Noun):
 
 
 def _lacking(expression: Expression) -> str:
-    """Why an expression does not know a constant of a material."""
+    """Explain why an expression does not know a constant of a material."""
     own = ", ".join(expression.constants)
     return f"this body has {own}" if own else "no body has it here; only sides and bodies do"
 

@@ -46,7 +46,7 @@ class Exact(Noun):
 
 @dataclass(frozen=True, kw_only=True)
 class Accuracy(Noun):
-    """How accurate numbers of the last step have to be: mesh, time steps and tolerance are refined until they are."""
+    """Accuracy asked of numbers of the last step: mesh, time steps and tolerance are refined until it is reached."""
 
     goals: Annotated[
         Mapping[str, float],

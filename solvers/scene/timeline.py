@@ -104,7 +104,7 @@ class Course:
         return self.timeline.value(drive, time)
 
     def at(self, time: float) -> tuple[float, Timeline, Mapping[Place, Amplitude]]:
-        """What the values at a time [s] follow from, to be compared with that of another time."""
+        """Data that the values at a time [s] follow from, to be compared with those of another time."""
         return time, self.timeline, self.found
 
     @contextmanager

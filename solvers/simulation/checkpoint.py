@@ -65,7 +65,7 @@ class Checkpoints:
         )
 
     def learnt(self) -> Plain:
-        """What methods have learnt, this rank's part, with the layout of nodes and ranks that it belongs to.
+        """This rank's part of what methods have learnt, with the layout of nodes and ranks that it belongs to.
 
         It can be large, and a resumed run can do without it. Nothing is copied: it is valid until the next step begins.
         """

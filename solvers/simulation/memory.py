@@ -1,4 +1,4 @@
-"""How much memory a run takes, by part, foretold before it is taken; and what is left out or refused where it is short.
+"""Memory of a run by part, predicted before it is taken; and what is left out or refused where it is short.
 
 Each part is there in some stages of a run, and the peak is that of the stage in which most is there. What grows with
 the mesh has a price by cell or unknown for each kind of cell, K and multigrid one by entry of K; the condensed form is
@@ -67,7 +67,7 @@ SHAPES = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}  #
 
 @dataclass(frozen=True)
 class Part:
-    """What takes memory."""
+    """Part of a run that takes memory."""
 
     name: str
     rank: float  # on each rank [bytes]
@@ -140,7 +140,7 @@ class Counts:
 
 
 def memory_of(output: Output, counts: Counts, size: Size, choice: Choice) -> Demand:
-    """What a run takes with this output, mesh and method."""
+    """Memory of a run with this output, mesh and method."""
     price, share = PRICES[counts.shape, counts.order], 1 / counts.processes
     form, cells, unknowns = choice.stages[0].surface, counts.cells, size.dofs
     multigrid = MULTIGRID * size.entries * share
@@ -171,7 +171,7 @@ def memory_of(output: Output, counts: Counts, size: Size, choice: Choice) -> Dem
 
 
 def foretold(scene: Scene) -> dict[str, object] | None:
-    """What a run will take by the number of cells that its geometry expects, before any mesh, see `Demand.plain`.
+    """Predict the memory of a run by the number of cells that its geometry expects; see `Demand.plain`.
 
     A body is taken for a cube with contact on one side, and all bodies for equally large. None where the number is not
     known; collective.
@@ -202,12 +202,12 @@ def foretold(scene: Scene) -> dict[str, object] | None:
 
 
 def least_available(comm: Comm) -> float:
-    """What each rank may take without knowing of the others [bytes], the least of all ranks; collective."""
+    """Memory that each rank may take without knowing of the others [bytes], the least of all ranks; collective."""
     return float(comm.allreduce(float(available()), op=MPI.MIN))
 
 
 def spare(comm: Comm) -> float:
-    """What the ranks of a machine have and may still take together [bytes], the least of all machines; collective."""
+    """Memory that the ranks of a machine have and may take together [bytes], the least of all machines; collective."""
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
     total = float(machine.allreduce(resident())) + float(machine.allreduce(available(), op=MPI.MIN))
     machine.Free()

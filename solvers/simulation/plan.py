@@ -208,7 +208,7 @@ def refuse_method(problem: Problem) -> None:
 
 
 def refusals(problem: Problem) -> Iterator[str]:
-    """What the method does not support, one sentence each: key, value, and what to use instead."""
+    """Yield what the method does not support, one sentence each: key, value, and what to use instead."""
     method = f"solver.method = {problem.solver.method}"
     asked = method_of(problem.solver)
     table = asked.WORKS_WITH
@@ -262,7 +262,7 @@ def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Re
 
 
 def _floating(problem: Problem, table: Applicability) -> Iterator[str]:
-    """Why a method cannot solve a problem with floating bodies or driven obstacles."""
+    """Explain why a method cannot solve a problem with floating bodies or driven obstacles."""
     if problem.rigid_modes.shape[1] and not table.floating and not (table.bedded and problem.bedded):
         what = "supports or compliant pressures" if table.bedded else "supports"
         yield f"needs bodies that their {what} hold; this one is held by contact alone"

@@ -78,7 +78,7 @@ class Seconds:
 
     @staticmethod
     def of(clock: Clock) -> Seconds:
-        """What a clock says now."""
+        """Read a clock."""
         return Seconds(**{f.name: clock.seconds(f.name) for f in fields(Seconds)})
 
 
@@ -142,10 +142,7 @@ class Simulation:
         return Bodies.of(self.problem, self.mesh, self.stepper.chain.volume)
 
     def steps(
-        self,
-        on_iteration: Callable[[HistoryRow], None] = lambda row: None,
-        done: int = 0,
-        state: State | None = None,
+        self, on_iteration: Callable[[HistoryRow], None] = lambda row: None, done: int = 0, state: State | None = None
     ) -> Iterator[StepResult]:
         """Solve the scene's history, one requested time after the other; collective.
 

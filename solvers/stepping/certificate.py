@@ -1,4 +1,4 @@
-"""What is known of an accepted substep beside its solution: the error of the iteration, and other solutions."""
+"""Observers of an accepted substep: the error of the iteration, and other solutions."""
 
 from __future__ import annotations
 

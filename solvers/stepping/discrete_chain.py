@@ -1,4 +1,4 @@
-"""How a discrete problem is solved by default: sweeps get near, Newton arrives, each helps the other where it fails.
+"""The default method of discrete problems: sweeps get near, Newton arrives, each helps the other where it fails.
 
 Gauss-Seidel is fast at first and slow near the solution, Newton the other way round. So they take turns, each from the
 best reactions so far, with more iterations every time. A point that many sweeps lead to can be one that Newton does not

@@ -153,7 +153,7 @@ def _motions(system: System, motion: Array, dofs: Ints) -> Iterator[tuple[float,
 
 
 def _verb(u: Array) -> str:
-    """What a rigid body does: "turns", or "moves along -x"; u: displacement (m, d) of one of its sides [m]."""
+    """Name a rigid motion: "turns", or "moves along -x"; u: displacement (m, d) of one of its sides [m]."""
     mean = u.mean(axis=0)
     if np.linalg.norm(u - mean, axis=1).max() > np.linalg.norm(mean):
         return "turns"
@@ -166,7 +166,7 @@ def _sign(size: float) -> str:
 
 
 def explain(problem: SurfaceProblem | None, solution: Solution, tolerance: float, size: float) -> str:
-    """Why the smallest substep failed, in one line.
+    """Explain in one line why the smallest substep failed.
 
     Args:
         problem: what was to be solved; None: it could not be set up.
@@ -187,7 +187,7 @@ def explain(problem: SurfaceProblem | None, solution: Solution, tolerance: float
 
 
 def _jumps(problem: SurfaceProblem | None) -> str:
-    """What to know of friction bounds that jump where the surfaces part."""
+    """Tell of friction bounds that jump where the surfaces part."""
     for place in problem.cone.with_friction() if problem is not None else ():
         friction = place.rows.friction
         if place.rows.normal.sides == 1 and friction is not None and friction.continuous:
@@ -199,7 +199,7 @@ def _jumps(problem: SurfaceProblem | None) -> str:
 
 
 def largest_residual(problem: SurfaceProblem, solution: Solution) -> str:
-    """Where the residual is largest: "contacts.base at (1, 0): normal "; empty if the problem has no tractions."""
+    """Name the place of the largest residual: "contacts.base at (1, 0): normal "; empty without tractions."""
     if not len(solution.p) or problem.p_ref == 0:
         return ""
     row = int(np.argmax(np.abs(problem.defect(solution.p, solution.w))))

@@ -32,7 +32,7 @@ Exact = Callable[[SurfaceProblem, Solution], tuple[Solution, float]]  # from a n
 
 
 def no_memory(cone: AdmissibleSet) -> dict[str, Array]:
-    """What laws remember at rest."""
+    """Memory of laws at rest."""
     laws = ((c, c.friction) for c in cone.contacts)
     return {c.name: law.memory(len(c.W_t)) for c, law in laws if law is not None and law.remembers}
 
@@ -58,7 +58,7 @@ def with_memory(cone: AdmissibleSet, memory: Memory, step: float | None = None) 
 
 @dataclass(frozen=True)
 class LawMemory:
-    """What laws remember in one substep; the loop around the method that solves it with the mu of its own slip."""
+    """Memory of laws in one substep; the loop around the method that solves it with the mu of its own slip."""
 
     cone: AdmissibleSet  # with laws that remember
     start: Memory  # at its start

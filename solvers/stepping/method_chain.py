@@ -279,7 +279,7 @@ class MethodChain:
         return known
 
     def snapshot(self) -> dict[str, Plain]:
-        """What the methods with the present form of the bodies have learnt, by stage; see `restore`."""
+        """Return what the methods with the present form of the bodies have learnt, by stage; see `restore`."""
         form = self.stage.surface
         known = {str(stage): ready.snapshot() for stage, ready in self._ready.items() if stage.surface == form}
         return self._learnt | known

@@ -76,7 +76,7 @@ class PairSearch:
 
 
 def relative_positions(system: System, state: State, names: Iterable[str]) -> dict[str, Array]:
-    """Where the surfaces of some contacts are: what the search for pairs starts from; collective.
+    """Places of the surfaces of some contacts, from which the search for pairs starts; collective.
 
     Returns:
         By contact, displacement (n_all, d) [m] of the nodes of both sides, minus that of a rigid obstacle.

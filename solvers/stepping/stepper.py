@@ -34,7 +34,7 @@ class Companion(Protocol):
         """No displacement of these nodes."""
 
     def __call__(self, stepper: SubstepSolver, old: State, new: State, problem: SurfaceProblem) -> State | None:
-        """What `State.refined` becomes after a substep from `old` to `new`; None: it was not found; collective.
+        """Find the new `State.refined` after a substep from `old` to `new`; None: it was not found; collective.
 
         Args:
             stepper: with the contact rows of the substep.

@@ -59,7 +59,7 @@ Substep = Callable[[State, float], Attempt]  # from a state to a time [s]; what 
 
 
 class Loop(Protocol):
-    """What is done around substeps, again and again if need be."""
+    """Loop around substeps."""
 
     def active(self) -> bool:
         """Whether there is anything to do for it."""
@@ -182,7 +182,7 @@ class SubstepSolver:
     def _solved(
         self, problem: SurfaceProblem, u_s: Vec, state: State, p: Array, on_step: OnStep
     ) -> tuple[Solution, SurfaceProblem]:
-        """What solves a posed problem from tractions p (rows,) [Pa], and the problem as it is then; collective."""
+        """Solve a posed problem from tractions p (rows,) [Pa]; returns the problem as it is then too; collective."""
         method = self.method_after(state)
         at_once = self.bolts and self.bolts.at_once(self, problem, u_s, state, p, on_step)
         if at_once:
@@ -191,7 +191,7 @@ class SubstepSolver:
         return memory.around(lambda problem, p: (method(problem, p, on_step), problem))(problem, p)
 
     def memory(self, state: State, end: float) -> LawMemory:
-        """What laws remember in a substep from a state to a time [s]."""
+        """Memory of laws in a substep from a state to a time [s]."""
         return LawMemory(self.cone.at(end), state.memory, end - state.time, self.system.problem.solver.tolerance)
 
     def _first_tractions(self, state: State, end: float) -> Array:
@@ -236,6 +236,6 @@ class SubstepSolver:
 
 
 def unsolved(state: State, size: int, status: Status, rows: list[Step]) -> Solution:
-    """What stands for the solution of a substep that ended early: the tractions of the state before it."""
+    """Stand-in for the solution of a substep that ended early: the tractions of the state before it."""
     residual = rows[-1].residual if rows else np.inf
     return Solution(p=state.p, w=state.w, u_c=np.zeros(size), status=status, residual=residual, history=tuple(rows))

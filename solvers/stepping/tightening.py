@@ -86,7 +86,7 @@ class Tightening:
 
     @property
     def unfound(self) -> str:
-        """Why a step ends without a solution."""
+        """Explain why a step ends without a solution."""
         bolts = "no shortening was found at which the tension is force"
         why = "nothing else holds the bodies there" if self.lost else "take shorter steps, or fewer springs"
         springs = f"no slack was found at which what is slack is free of force; {why}"

@@ -100,7 +100,7 @@ def at_rest(system: System, cone: AdmissibleSet) -> State:
 
 @dataclass(frozen=True, kw_only=True)
 class Surplus:
-    """What a displacement that is added to that of the nodes contributes to a state."""
+    """Contributions to a state by a displacement that is added to that of the nodes."""
 
     inner: Vec  # inner forces over all displacement dofs [N]
     relative: Array  # (rows,) relative displacement [m]

@@ -214,7 +214,7 @@ class ContactInterface:
 
 
 def loose_part(which: str, hinge: Array | None) -> SceneError:
-    """Why a scene is refused in which a part of the mesh can move.
+    """Explain why a scene is refused in which a part of the mesh can move.
 
     Args:
         which: part, in words that end with a blank.

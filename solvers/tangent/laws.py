@@ -244,7 +244,7 @@ class ContactPoints:
         return self.write(np.where(tangent.free, self.read(g) - self.W * tangent.p, 0.0), g)
 
     def apply(self, tangent: Tangent, y: Array, d: Array, closing: Array) -> Array:
-        """What the laws make of a motion d (m d,) [m] that bodies answer by forces y (m d,) [N].
+        """Apply the laws to a motion d (m d,) [m] that bodies answer by forces y (m d,) [N].
 
         Args:
             closing: growth of the pressures of compliant faces by that motion (rows,) [Pa].

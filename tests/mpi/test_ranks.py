@@ -327,9 +327,7 @@ def test_what_is_wrong_with_the_mesh_is_said_by_one_rank(spoken: tuple[Path, sub
     assert not (folder / "outside").exists()
 
 
-def test_run_without_convergence_ends_on_all_ranks_by_3(
-    spoken: tuple[Path, subprocess.CompletedProcess[str]],
-) -> None:
+def test_run_without_convergence_ends_on_all_ranks_by_3(spoken: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
     folder, done = spoken
     assert done.returncode == 3, done.stderr
     assert done.stderr.count("stickslip: not converged") == 1

@@ -268,15 +268,7 @@ def test_command_tells_each_member_and_solves_only_what_is_missing(
 
 @pytest.mark.usefixtures("here")
 def test_member_that_fails_does_not_take_the_others_with_it(call: Call, folder: Path) -> None:
-    words = [
-        "sweep",
-        "block",
-        *COARSER,
-        "solver.max_iterations=[1, 10000]",
-        "--set=solver.method=uzawa",
-        "-o",
-        "out",
-    ]
+    words = ["sweep", "block", *COARSER, "solver.max_iterations=[1, 10000]", "--set=solver.method=uzawa", "-o", "out"]
     code, out, err = call(*words)
     assert code == 3
     assert "1 of 2 members are not solved, or doubtful: max_iterations=1" in err

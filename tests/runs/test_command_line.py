@@ -144,13 +144,7 @@ def test_new_refuses_an_unknown_scene_and_a_missing_folder(call: Call, folder: P
 def test_plan_says_effects_reasons_method_and_times_and_writes_nothing(call: Call, folder: Path) -> None:
     code, out, err = call("plan", "block")
     assert (code, err) == (0, "")
-    for said in (
-        "contacts.base.friction",
-        "plane strain",
-        "method auto",
-        "2 steps at t = 1, 2",
-        read("block").title,
-    ):
+    for said in ("contacts.base.friction", "plane strain", "method auto", "2 steps at t = 1, 2", read("block").title):
         assert said in out
     assert not list(folder.iterdir())
 

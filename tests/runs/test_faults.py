@@ -161,8 +161,7 @@ def test_names_that_no_disk_has_are_refused(name: str, call: Call) -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "part"),
-    every_nth(4, [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1], [0.0, 0.2, 0.7, 1.4]),
+    ("number", "part"), every_nth(4, [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1], [0.0, 0.2, 0.7, 1.4])
 )
 def test_signal_while_it_starts_ends_with_130(
     number: signal.Signals, part: float, folder: Path, command: list[str], environment: dict[str, str]

@@ -93,9 +93,7 @@ def test_a_wrong_answer_is_doubtful_and_all_written(call: Call, folder: Path, mo
     assert result(folder / "other")["verdict"] is None
 
 
-WRONG = {
-    "a body far too stiff for its weight": ("strip", ["bodies.strip.E=1e18"], "equilibrium is"),
-}
+WRONG = {"a body far too stiff for its weight": ("strip", ["bodies.strip.E=1e18"], "equilibrium is")}
 
 
 @pytest.mark.parametrize(("scene", "overrides", "words"), WRONG.values(), ids=WRONG)
@@ -228,8 +226,7 @@ def test_plan_and_run_warn_of_linear_elements_that_lock(call: Call, folder: Path
 
 
 @pytest.mark.parametrize(
-    "override",
-    ["bodies.block.nu=0.48", "geometry.order=2", "model='plane stress'", "bodies.block.formulation='auto'"],
+    "override", ["bodies.block.nu=0.48", "geometry.order=2", "model='plane stress'", "bodies.block.formulation='auto'"]
 )
 def test_no_warning_where_nothing_locks(override: str) -> None:
     assert warnings(read("block", [SOFT[6:], ALONE[6:]]))

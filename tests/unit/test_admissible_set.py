@@ -18,13 +18,7 @@ from stickslip.solvers.classical.nsgs import colours
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem, project_cone, residual
 from stickslip.solvers.iteration import Status
-from stickslip.solvers.laws.friction import (
-    CappedCoulomb,
-    Coulomb,
-    OrthotropicCoulomb,
-    Stick,
-    Tresca,
-)
+from stickslip.solvers.laws.friction import CappedCoulomb, Coulomb, OrthotropicCoulomb, Stick, Tresca
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance

@@ -120,11 +120,7 @@ def test_in_axisymmetry_radial_friction_agrees(scene_of: SceneOf, simulation_of:
         model="axisymmetric",
         obstacles={"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
         contacts={
-            "base": {
-                "surface": "block.bottom",
-                "against": "foundation",
-                "friction": {"law": "coulomb", "mu": 0.02},
-            }
+            "base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.02}}
         },
         supports={"top": {"boundary": "block.top", "displacement": {"y": -0.1}}},
     )
@@ -647,10 +643,7 @@ def test_penalties_are_those_of_the_facets_at_each_point(simulation_of: Simulati
     scene = read("sphere")
     simulation = simulation_of(replace(scene, solver=Solver(method="perturbed-lagrangian", augment=False)))
     (c,) = simulation.system.contacts
-    omega_n, pole = (
-        penalties(simulation.system, 1000.0)[: len(c.W_n)],
-        np.argmin(c.surface.points[:, 0]),
-    )
+    omega_n, pole = (penalties(simulation.system, 1000.0)[: len(c.W_n)], np.argmin(c.surface.points[:, 0]))
     first = np.sort(np.linalg.norm(c.surface.points - c.surface.points[pole], axis=1))
     cell = first[2]  # of order 2: the node at its middle lies between
     assert omega_n.max() == pytest.approx(1000 * scene.bodies["disc"].E / cell, rel=0.2)

@@ -195,10 +195,7 @@ def test_a_wrong_speed_is_refused_in_one_line(model: str, centrifugal: dict[str,
 MODULUS, POISSON, ALPHA, T = 200.0, 0.3, 1e-3, 20.0
 BODY = {"block": {"E": MODULUS, "nu": POISSON}}
 WARM = {"thermal": {"block": {"expansion": ALPHA, "temperature": T}}}
-LAME_LAMBDA, LAME_MU = (
-    MODULUS * POISSON / ((1 + POISSON) * (1 - 2 * POISSON)),
-    MODULUS / (2 * (1 + POISSON)),
-)
+LAME_LAMBDA, LAME_MU = (MODULUS * POISSON / ((1 + POISSON) * (1 - 2 * POISSON)), MODULUS / (2 * (1 + POISSON)))
 EXACT = 1e-10  # uniform strains: order 1 is exact
 MODELS = ("plane strain", "plane stress", "axisymmetric", "3d")
 SIDES = {"plane strain": ("left", "bottom"), "axisymmetric": ("bottom",), "3d": ("left", "front", "bottom")}

@@ -512,10 +512,7 @@ def test_an_error_of_the_time_steps_that_nobody_measured_is_not_0(error: float) 
     assert _quantity(unknown)["time_step"] is None
     assert sentence(unknown).endswith(f"; {said}.")
     assert _of_steps(unknown) == "-"
-    for known, shown in (
-        (doubted({NAME: 0.0}, error=error), "0 %"),
-        (doubted({NAME: 2e-4}, error=error), "0.01 %"),
-    ):
+    for known, shown in ((doubted({NAME: 0.0}, error=error), "0 %"), (doubted({NAME: 2e-4}, error=error), "0.01 %")):
         assert known.time_step == pytest.approx(known.runs[0].time_steps[NAME] / 2.0)
         assert said not in sentence(known)
         assert _of_steps(known) == shown

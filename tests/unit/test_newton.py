@@ -398,9 +398,7 @@ def start_of(problem: SurfaceProblem) -> Start:
     return Start.at(problem, p, problem.contact_displacement(p))
 
 
-def judged(
-    monkeypatch: pytest.MonkeyPatch,
-) -> list[tuple[Array, Array, Array]]:
+def judged(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Array, Array, Array]]:
     """The iterates p, w, u of all attempts from now on."""
     seen: list[tuple[Array, Array, Array]] = []
     ending = Attempts._ending
@@ -459,10 +457,7 @@ def test_a_cycle_ends_an_attempt_at_its_first_repetition() -> None:
 def test_tractions_that_repeat_with_another_motion_are_no_cycle() -> None:
     x, y = np.array([1.0, -2.0]), np.array([3.0, 4.0])
 
-    def repeats(
-        iterate: tuple[Array, Array],
-        visited: list[tuple[Array, Array]],
-    ) -> bool:
+    def repeats(iterate: tuple[Array, Array], visited: list[tuple[Array, Array]]) -> bool:
         return Iterate(1, 1.0, *iterate).repeats([Iterate(0, 1.0, *before) for before in visited])
 
     assert repeats((x, y), [(y, x), (x * (1 + EXACT / 2), y)])

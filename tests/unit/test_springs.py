@@ -216,11 +216,7 @@ def test_a_rigid_motion_that_supports_prescribe_strains_the_springs_that_resist_
         (WHOLE, "botom", r"elastic_support\.bed\.boundary = block\.botom: no such side; did you mean"),
         ({}, "bottom", r"elastic_support\.bed\.normal = 0\.0: springs need a stiffness"),
         ({"normal": -1.0}, "bottom", r"elastic_support\.bed\.normal = -1\.0: must not be negative"),
-        (
-            {"normal": 1e-8, "tangential": STIFF},
-            "bottom",
-            r"elastic_support\.bed = 1e-08: too soft beside the bodies",
-        ),
+        ({"normal": 1e-8, "tangential": STIFF}, "bottom", r"elastic_support\.bed = 1e-08: too soft beside the bodies"),
         ({"stiffness": STIFF}, "bottom", r"elastic_support\.bed\.stiffness: unknown key"),
     ],
 )
@@ -428,10 +424,7 @@ FLOOR: dict[str, Any] = {
         ({"coupling": "stiff"}, r'remote_points\.p\.coupling = "stiff": .*known: rigid, distributing|"stiff"'),
         ({"moment": {"x": 1.0}}, r"remote_points\.p\.moment\.x = given: this model has x and y, and turns about z"),
         ({"force": {"z": 1.0}}, r"remote_points\.p\.force\.z = given: this model has x and y"),
-        (
-            {"force": {"x": 1.0}, "displacement": {"x": 0.0}},
-            r"\.p\.force\.x: displacement\.x is prescribed too",
-        ),
+        ({"force": {"x": 1.0}, "displacement": {"x": 0.0}}, r"\.p\.force\.x: displacement\.x is prescribed too"),
         ({"moment": {"z": 1.0}, "rotation": {"z": 0.0}}, r"remote_points\.p\.moment\.z: rotation\.z is prescribed too"),
         (
             {"coupling": "distributing", "displacement": {"x": 0.0}},

@@ -503,11 +503,7 @@ FLIPS: list[tuple[Callable[[Rows], Finding], Rows, Rows]] = [
     (c.first_order, springs(1e-1, 1e-2), springs(1e-1, 3e-2)),
     (c.stated, springs(0.9, 0.1), springs(1.1, 1.2)),
     (c.unsymmetric, systems(system(c.DIRECT)), systems(system(c.DIRECT, unsymmetry=1e-17))),
-    (
-        c.ill_conditioned,
-        two(c.DIRECT, "n", condition=(1e5, 4e5)),
-        two(c.DIRECT, "n", condition=(1e5, 1.1e5)),
-    ),
+    (c.ill_conditioned, two(c.DIRECT, "n", condition=(1e5, 4e5)), two(c.DIRECT, "n", condition=(1e5, 1.1e5))),
     (
         c.direct_is_slow,
         systems(system(c.DIRECT), system(c.INCOMPLETE, ratio=0.5)),

@@ -549,9 +549,7 @@ def test_condensed_it_is_the_tangent_of_the_method(solved_by_tangents: tuple[Sli
     assert_allclose(np.linalg.inv(inverse), expected, atol=1e-8 * np.abs(expected).max())
 
 
-def test_displacements_are_the_same_with_forces_too(
-    solved_by_tangents: tuple[SlipTangent, CondensedSurface],
-) -> None:
+def test_displacements_are_the_same_with_forces_too(solved_by_tangents: tuple[SlipTangent, CondensedSurface]) -> None:
     (K, f), (whole, g) = solved_by_tangents[0].of_displacements, solved_by_tangents[0].of_both
     u = mumps(K, f).x
     assert np.abs(u).max() > 0

@@ -129,11 +129,7 @@ def numbers(step: StepResult) -> dict[str, Any]:
 FOUR = ["steps.count=4"]
 COARSE_AND_FINE = [
     ("block", [], ["geometry.mesh_size=0.025", "geometry.contact_mesh_size=0.0125"]),
-    (
-        "two_blocks",
-        [],
-        ["geometry.mesh_size=0.04", "geometry.lower_mesh_size=0.05", "geometry.contact_mesh_size=0.01"],
-    ),
+    ("two_blocks", [], ["geometry.mesh_size=0.04", "geometry.lower_mesh_size=0.05", "geometry.contact_mesh_size=0.01"]),
     ("shrink_fit", [], ["geometry.mesh_size=0.1", "geometry.inner_mesh_size=0.075"]),
     ("half_space", FOUR, ["geometry.contact_mesh_size=0.01", *FOUR]),
     ("cube", ["geometry.mesh_size=0.25"], ["geometry.mesh_size=0.125"]),

@@ -331,12 +331,7 @@ def test_no_inner_accuracy_at_all_does_not_converge(scene_of: SceneOf, simulatio
 
 
 IC0, DROP = Gram(factor="ic0"), Gram(factor="drop")
-CHOICES = {
-    "complete": Gram(),
-    "drop": DROP,
-    "ic0": IC0,
-    "tractions": Gram(unknown="tractions"),
-}
+CHOICES = {"complete": Gram(), "drop": DROP, "ic0": IC0, "tractions": Gram(unknown="tractions")}
 
 
 @pytest.fixture(scope="module")

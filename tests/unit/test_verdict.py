@@ -16,14 +16,7 @@ from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Round, Sphere
 from stickslip.solvers.contact.coupling import rigid_coupling
 from stickslip.solvers.fem.forms import WeakForms
-from stickslip.solvers.laws.friction import (
-    CappedCoulomb,
-    Cohesion,
-    Coulomb,
-    OrthotropicCoulomb,
-    Stick,
-    Tresca,
-)
+from stickslip.solvers.laws.friction import CappedCoulomb, Cohesion, Coulomb, OrthotropicCoulomb, Stick, Tresca
 from stickslip.solvers.laws.law import FrictionLaw
 from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.pressure_dependent import PressureDependent

@@ -192,9 +192,7 @@ def test_lambda_max_bounds_the_largest_eigenvalue(law: str, dim: int, scene_of: 
 def test_a_floating_body_feels_no_augmentation(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     shelf = {"load": {"boundary": "block.top", "pressure": 0.1}, "push": {"boundary": "block.left", "pressure": 0.01}}
     scene = scene_of(
-        dim,
-        contacts={"base": STICKING["base"] | {"normal": {"law": "compliance", "c_n": 2.0}}},
-        loads=shelf,
+        dim, contacts={"base": STICKING["base"] | {"normal": {"law": "compliance", "c_n": 2.0}}}, loads=shelf
     )
     stepper = simulation_of(scene).stepper
     surface = stepper.surface

@@ -22,14 +22,7 @@ ROUNDED = 1.05  # the error that a law states is measured, too
 ENOUGH = 400  # iterations of a step; none of these cells takes more
 EVERY = 197  # a prime: the sample takes each method through laws, operators, models and more by turns
 CELLS = [cell for method in METHODS for model in MODELS for cell in whole(method, model)]
-OPEN = {
-    "normal": None,
-    "friction": None,
-    "operators": None,
-    "k_T": True,
-    "floating": True,
-    "driven": True,
-}
+OPEN = {"normal": None, "friction": None, "operators": None, "k_T": True, "floating": True, "driven": True}
 
 
 def wrong(cell: Cell, limit: int = 10000) -> str | None:

@@ -26,26 +26,12 @@ from stickslip.workflows.lab.verification.cases import (
 from stickslip.workflows.lab.verification.cases.bearing import contact_modulus, ellipse
 from stickslip.workflows.lab.verification.cases.incline import HOLDS, LAYER, SLIDES
 from stickslip.workflows.lab.verification.cases.limits import NONE, STEADY, Limit
-from stickslip.workflows.lab.verification.cases.manufactured import (
-    LAMBDA,
-    LAWS,
-    MU,
-    SLIP,
-    G,
-    Manufactured,
-)
+from stickslip.workflows.lab.verification.cases.manufactured import LAMBDA, LAWS, MU, SLIP, G, Manufactured
 from stickslip.workflows.lab.verification.cases.press_fit import HUB as PRESSED_HUB
 from stickslip.workflows.lab.verification.cases.press_fit import SHAFT as PRESSED_SHAFT
 from stickslip.workflows.lab.verification.cases.press_fit import pressure
 from stickslip.workflows.lab.verification.cases.shear_lag import FORCE, STRIP
-from stickslip.workflows.lab.verification.cases.shrink_fit import (
-    HUB,
-    INNER,
-    JOINT,
-    OUTER,
-    SHAFT,
-    RingMaterial,
-)
+from stickslip.workflows.lab.verification.cases.shrink_fit import HUB, INNER, JOINT, OUTER, SHAFT, RingMaterial
 
 
 def exact_penetration(stiffness: float, excess: float, c_n: float, m: int) -> float:
@@ -439,9 +425,7 @@ def test_hub_is_in_equilibrium_and_strained_as_its_stresses_say() -> None:
     assert_allclose(u / r, (hoop - PRESSED_HUB.nu * radial) / PRESSED_HUB.E, rtol=1e-12)
     assert_allclose(slope, (radial - PRESSED_HUB.nu * hoop) / PRESSED_HUB.E, rtol=1e-6, atol=1e-12)
     assert_allclose(
-        PRESSED_HUB.stresses(1e6, np.array([PRESSED_HUB.bore, PRESSED_HUB.outer]))[0],
-        [-1e6, 0.0],
-        atol=1e-3,
+        PRESSED_HUB.stresses(1e6, np.array([PRESSED_HUB.bore, PRESSED_HUB.outer]))[0], [-1e6, 0.0], atol=1e-3
     )
 
 

@@ -137,10 +137,7 @@ def test_it_is_combined_with_a_law_that_remembers_slip() -> None:
         "geometry": {"builder": "two_blocks", "length": 1.0, "height": 0.5, "mesh_size": 0.25, "lower_mesh_size": 0.25},
         "bodies": {"upper": {"E": 1e6, "nu": 0.0}, "lower": {"E": 1e6, "nu": 0.0}},
         "obstacles": {"floor": {"shape": "plane", "point": [0.0, -0.5], "normal": [0.0, 1.0]}},
-        "contacts": {
-            "joint": rubs,
-            "base": {"surface": "lower.bottom", "against": "floor", "friction": by_slip},
-        },
+        "contacts": {"joint": rubs, "base": {"surface": "lower.bottom", "against": "floor", "friction": by_slip}},
         "supports": {"top": {"boundary": "upper.top", "displacement": {"x": drawn(0.2)}}},
         "loads": {"press": {"boundary": "upper.top", "pressure": [[0.0, 0.0], [1.0, PRESS], [2.0, PRESS]]}},
         "steps": {"end": 2.0, "count": 8, "seconds": True},

@@ -157,9 +157,7 @@ def last(simulation: Simulation) -> StepResult:
 
 @pytest.mark.parametrize("m_n", [1.0, 2.0])
 @pytest.mark.parametrize(
-    "geometry",
-    [{}, {"mesh_size": 0.1}, {"cells": "tensor"}, {"order": 2}, {"order": 2, "mesh_size": 0.1}],
-    ids=str,
+    "geometry", [{}, {"mesh_size": 0.1}, {"cells": "tensor"}, {"order": 2}, {"order": 2, "mesh_size": 0.1}], ids=str
 )
 def test_friction_is_mu_times_the_normal_force(geometry: dict[str, Any], m_n: float) -> None:
     base = last(prepare(pulled(2, geometry, m_n, COULOMB))).contacts["base"]

@@ -142,8 +142,7 @@ def test_stated_error_is_a_bound_and_not_far_too_large(case: tuple[str, str, flo
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize(
-    ("name", "way"),
-    [(name, way) for name in READY_NAMES for way in WAYS if way not in LEFT_OUT.get(name, ())],
+    ("name", "way"), [(name, way) for name in READY_NAMES for way in WAYS if way not in LEFT_OUT.get(name, ())]
 )
 def test_it_is_so_for_every_method_on_every_ready_scene(name: str, way: str) -> None:
     if refused(name, overrides(name), way):

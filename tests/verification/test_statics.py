@@ -388,11 +388,7 @@ def test_pressure_goes_over_to_a_wider_block(tmp_path: Path, slave: str, size: f
     scene = from_dict(
         {
             "model": "plane strain",
-            "geometry": {
-                "file": str(tmp_path / "blocks.py"),
-                "order": order,
-                "parameters": {"size": size},
-            },
+            "geometry": {"file": str(tmp_path / "blocks.py"), "order": order, "parameters": {"size": size}},
             "bodies": {"upper": {"E": 2e6, "nu": 0.3}, "lower": {"E": 2e6, "nu": 0.3}},
             "contacts": {"joint": {"surface": surface, "against": against}},
             "supports": {

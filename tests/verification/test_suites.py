@@ -222,15 +222,7 @@ def case(
     part: str = TOTAL,
 ) -> Figure:
     return Figure(
-        problem=problem,
-        order=order,
-        mesh=1.5,
-        time=1.0,
-        name=NAME,
-        part=part,
-        stated=stated,
-        true=true,
-        scale=scale,
+        problem=problem, order=order, mesh=1.5, time=1.0, name=NAME, part=part, stated=stated, true=true, scale=scale
     )
 
 

@@ -40,9 +40,7 @@ def test_surfaces_as_stiff_as_steel_are_the_same_in_millimetres() -> None:
         "geometry": {"builder": "block", "length": 0.1, "height": 0.05, "mesh_size": 0.025},
         "bodies": {"block": {"E": 2.1e11, "nu": 0.3}},
         "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
-        "contacts": {
-            "base": {"surface": "block.bottom", "against": "floor", "normal": normal, "friction": friction},
-        },
+        "contacts": {"base": {"surface": "block.bottom", "against": "floor", "normal": normal, "friction": friction}},
         "loads": pressed,
     }
     assert not failures(units_case.in_both("block of steel", from_dict(block)))

@@ -1,4 +1,4 @@
-"""What `stickslip fclib` does: discrete Coulomb problems, each solved with several methods."""
+"""Solve discrete Coulomb problems, each with several methods: `stickslip fclib`."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def seconds(entries: Sequence[Entry], method: str) -> list[float]:
 
 
 def summary(entries: Sequence[Entry], found: Mapping[str, Sequence[float]]) -> Iterator[str]:
-    """How many problems each method has solved, in what time; with several methods also their profile."""
+    """Count the problems that each method has solved, with times; with several methods also their profile."""
     for name, times in found.items():
         solved = [time for time in times if math.isfinite(time)]
         yield f"{name}: {len(solved)} of {len(entries)} solved, in {sum(solved):.3f} s"

@@ -1,4 +1,4 @@
-"""What `stickslip sweep` does: a line for each member as it ends, and a table of all."""
+"""Run a sweep for `stickslip sweep`: a line for each member as it ends, and a table of all."""
 
 from __future__ import annotations
 

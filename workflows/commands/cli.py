@@ -31,9 +31,7 @@ FIRST = "run report compare plan mesh cost sweep verify fclib scenes schema cont
 ROOMS = ("stickslip.workflows.commands", "stickslip.workflows.lab.commands")
 
 app = typer.Typer(
-    help="Frictional contact between elastic bodies in FEniCSx.",
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
+    help="Frictional contact between elastic bodies in FEniCSx.", pretty_exceptions_enable=False, rich_markup_mode=None
 )
 
 

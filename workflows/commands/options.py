@@ -9,7 +9,7 @@ import typer
 
 
 def _scenes(begun: str) -> list[str]:
-    """What a shell completes to a scene: ready scenes, and files and folders here; it knows other paths itself."""
+    """Complete a scene's name for the shell: ready scenes, and files and folders here; it knows other paths itself."""
     ready, here = Path(__file__).parents[1] / "scenes", Path()
     files = [path.name for path in here.glob("*.toml")] + [f"{path.name}/" for path in here.iterdir() if path.is_dir()]
     return [

@@ -60,7 +60,7 @@ def _end(why: str) -> NoReturn:
 
 
 def _find_temporary_folder() -> None:
-    """Where TMPDIR leads nowhere, MPI would end the process with a page of its own."""
+    """Replace a TMPDIR that leads nowhere: MPI would end the process with a page of its own."""
     chosen = os.environ.get("TMPDIR")
     if chosen is None:
         return
@@ -80,7 +80,7 @@ def _stay_alone() -> None:
 
 
 def _open_streams() -> None:
-    """Where a standard stream is closed, nothing is read, and what is written is lost."""
+    """Open standard streams that are closed: nothing is read, and what is written is lost."""
     for number, mode in enumerate("rww"):
         try:
             os.fstat(number)

@@ -16,16 +16,7 @@ from stickslip.workflows.cost.progress import Teller
 from stickslip.workflows.cost.run_record import Run, Rung
 from stickslip.workflows.cost.study import Study, check, chosen, truth_of
 from stickslip.workflows.cost.study_folder import StudyFolder
-from stickslip.workflows.cost.tables import (
-    Line,
-    comparison,
-    headline,
-    lines,
-    plain,
-    sentence,
-    summary,
-    write_csv,
-)
+from stickslip.workflows.cost.tables import Line, comparison, headline, lines, plain, sentence, summary, write_csv
 from stickslip.workflows.formats.files import write_json
 from stickslip.workflows.run.ranks import Interrupt, refuse_mpirun
 

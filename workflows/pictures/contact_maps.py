@@ -50,12 +50,7 @@ def draw_surface(
 
     def add_pressure(stage: Any) -> None:
         stage.add_mesh(
-            grid,
-            scalars="pressure",
-            cmap=COLOURS,
-            clim=(norm.vmin, norm.vmax),
-            **lit,
-            show_scalar_bar=False,
+            grid, scalars="pressure", cmap=COLOURS, clim=(norm.vmin, norm.vmax), **lit, show_scalar_bar=False
         )
         add_edges(stage)
         if arrows is not None:

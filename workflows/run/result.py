@@ -71,7 +71,7 @@ BESIDE_WHEEL = ("fenics-ffcx", "fenics-ufl", "gmsh", "h5py", "mpi4py", "mpich", 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended."""
+    """Ending of a run."""
 
     status: str  # converged, doubtful, not_converged, no_equilibrium, interrupted; of rounds also inaccurate
     sentence: str  # what to tell the user, empty when converged

@@ -12,15 +12,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from stickslip.geometry.builders import Builder
-from stickslip.geometry.errors import (
-    FolderError,
-    GeometryError,
-    Mistakes,
-    SceneError,
-    nearest,
-    require,
-    shortened,
-)
+from stickslip.geometry.errors import FolderError, GeometryError, Mistakes, SceneError, nearest, require, shortened
 from stickslip.geometry.keys import adapter, parse
 from stickslip.geometry.shape import Model
 from stickslip.geometry.units import SI, Units

@@ -26,7 +26,7 @@ class Bench:
         self._bodies: Bodies | None = None
 
     def __call__(self, plain: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """How a run of a scene has ended: its status, what there is to say, and its seconds."""
+        """Ending of a scene's run: its status, what there is to say, and its seconds."""
         began = clock.perf_counter()
         try:
             scene = from_dict(plain)

@@ -125,7 +125,7 @@ def _safe(name: str) -> str:
 
 @dataclass(frozen=True)
 class Solved:
-    """How a member of a sweep has ended."""
+    """Ending of a member of a sweep."""
 
     member: Member
     folder: Path

@@ -44,7 +44,7 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """How a run ended."""
+    """Ending of a run."""
 
     status: str  # converged, doubtful, not_converged, no_equilibrium, interrupted
     steps: Sequence[StepResult]  # all of them, the last one with its fields, the others without

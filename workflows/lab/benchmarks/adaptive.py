@@ -1,4 +1,4 @@
-"""What adaptive rounds save beside finer meshes of one size: `python -m stickslip.workflows.lab.benchmarks.adaptive`.
+"""Savings of adaptive rounds beside uniform meshes: `python -m stickslip.workflows.lab.benchmarks.adaptive`.
 
 The rounds of `--accuracy` begin on a coarse mesh of one size. Beside them the same scene is refined as a whole, from
 the same mesh in order 1 and 2, and from one that is graded towards the contact by hand, until the true error is below
@@ -168,7 +168,7 @@ CASES: Mapping[str, Case] = {
 
 @dataclass(frozen=True)
 class Price:
-    """What an accuracy takes."""
+    """Price of an accuracy."""
 
     unknowns: float
     seconds: float
@@ -195,7 +195,7 @@ class Row:
 
     @property
     def number(self) -> str:
-        """What is asked for, in words."""
+        """Name the number that is asked for."""
         return f"{self.name}: {self.goal.split('.')[1]}"
 
     def line(self) -> str:
@@ -332,7 +332,7 @@ def page(found: Sequence[Row]) -> str:
 
 
 def _saved(found: Sequence[Row]) -> Iterator[str]:
-    """How many times more a mesh of one size and order 1 takes than the rounds."""
+    """Ratio of the price of a mesh of one size and order 1 to that of the rounds."""
     yield "| number | asked | times fewer unknowns | times fewer seconds | than halving, all runs of both |"
     yield "| --- | --- | --- | --- | --- |"
     for row in found:

@@ -1,4 +1,4 @@
-"""What `auto` costs beside the best method: `python -m stickslip.workflows.lab.benchmarks.auto` prints the table.
+"""Cost of `auto` beside the best method: `python -m stickslip.workflows.lab.benchmarks.auto` prints the table.
 
 Every method solves each scene in 2 and in 32 steps. CPU seconds of preparation and steps, without mesh, assembly and
 results; one thread. A run that takes longer than the limit is extended by its last steps, and marked ~.

@@ -64,7 +64,7 @@ def measure(scene: str, override: list[str]) -> dict[str, Any]:
 
 
 def counts(simulation: Simulation) -> dict[str, Any]:
-    """What the prices are by."""
+    """Counts that the prices are divided by."""
     mesh, system, stage = simulation.mesh, simulation.system, simulation.stepper.chain.stage
     found = Counts.of(mesh)
     size = Size.of(system.problem, mesh, system.constraints, system.contacts)

@@ -30,7 +30,7 @@ Figures = dict[str, dict[str, list[float]]]  # scene -> kind of figure (force â€
 
 
 class Record(TypedDict):
-    """What one platform found."""
+    """Figures of one platform."""
 
     dolfinx: str
     python: str

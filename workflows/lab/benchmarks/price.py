@@ -214,7 +214,7 @@ def _plain(row: Run) -> bool:
 
 
 def _section(rows: list[Run]) -> str:
-    """How the counts grow, then every run."""
+    """Section of a dimension: growth of the counts, then every run."""
     lines = [
         f"<tr><td>{method}<td>{surface}<td>{tolerance:g}<td>{slope:.2f}"
         for (method, surface, tolerance), slope in growth([row for row in rows if _plain(row)]).items()

@@ -1,4 +1,4 @@
-"""What a scene costs on many ranks, phase by phase: named costs, fitted to runs on one rank, and assumed of a cluster.
+"""Cost model of a scene on many ranks, phase by phase: fitted to runs on one rank, and assumed of a cluster.
 
 A cost has three shares: by unknown, by contact point, and fixed. What a share is divided by is the model: the work
 of the bodies by the ranks, that at the contact by the ranks whose part touches it, and what every rank does by nothing.
@@ -81,7 +81,7 @@ class Size:
 
 @dataclass(frozen=True)
 class Machine:
-    """What is assumed of a cluster; its cores are as fast as the one of the measurements."""
+    """Assumptions on a cluster; its cores are as fast as the one of the measurements."""
 
     latency: float = 1.5e-6  # of a message [s]
     node_bandwidth: float = 10e9  # of the network, to and from a node [bytes/s]
@@ -96,14 +96,14 @@ class Machine:
 
 @dataclass(frozen=True)
 class Phase:
-    """How a phase is shared out, and the terms that are fitted: by unknown, by contact point, fixed."""
+    """Sharing of a phase, and the terms that are fitted: by unknown, by contact point, fixed."""
 
     unknowns: str = "shared"  # "shared", "rank 0", or "" for none
     points: str = ""  # "shared" by those that touch, "replicated", or "" for none
     fixed: bool = False
 
     def terms(self, size: Size) -> Array:
-        """What the three costs (3,) are multiplied by."""
+        """Factors of the three costs (3,)."""
         unknowns = {"shared": size.unknowns / size.ranks, "rank 0": size.unknowns, "": 0.0}[self.unknowns]
         points = {"shared": size.touching, "replicated": size.points, "": 0.0}[self.points]
         return np.array([unknowns, points, float(self.fixed)])

@@ -269,7 +269,7 @@ def reduced(value: float) -> tuple[float, float]:
 
 
 def draw(problem: Problem) -> None:
-    """What rank 0 does alone: the mesh in gmsh, and its parts. `build_mesh` does it again."""
+    """Make on rank 0 alone the mesh in gmsh, and its parts. `build_mesh` does it again."""
     with gmsh_session() as gmsh:
         unit = mesh_shape(gmsh, problem.shape, problem.request)
         find_parts(gmsh, problem.request.dim, unit)
@@ -284,7 +284,7 @@ def parts(profile: cProfile.Profile) -> dict[str, float]:
 
 
 def calls(profile: cProfile.Profile) -> dict[str, int]:
-    """How often collectives of mpi4py were called during the steps."""
+    """Count the calls of mpi4py's collectives during the steps."""
     counts = dict.fromkeys(COLLECTIVES, 0)
     for (_, function), (count, _) in statistics(profile).items():
         for name in COLLECTIVES:

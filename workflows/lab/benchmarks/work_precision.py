@@ -1,4 +1,4 @@
-"""What accuracy costs, and whether it is known: `python -m stickslip.workflows.lab.benchmarks.work_precision` draws it.
+"""Work-precision diagram with stated errors: `python -m stickslip.workflows.lab.benchmarks.work_precision` draws it.
 
 A ready scene whose exact value is known is solved on finer and finer meshes. The error that each run states of one
 number, from that run alone, is drawn beside the true one, over the seconds that it took on one core, estimate included;

@@ -114,7 +114,7 @@ def agree(shown: Sequence[str], printed: Sequence[str]) -> bool:
 
 
 def printed_by(command: Command, folder: Path) -> list[str]:
-    """What a command prints, both streams together, without empty lines at the ends.
+    """Run a command and return both streams together, without empty lines at the ends.
 
     Raises:
         ValueError: it failed; a page that shows a failure says so with `|| echo`.

@@ -40,7 +40,7 @@ NUMBERS = {
 
 
 def mark(name: str) -> str:
-    """What a page was made from."""
+    """Hash of the sources of a page."""
     return hashlib.sha256(f"{VERSION}\n{scene_text(name)}".encode()).hexdigest()[:16]
 
 
@@ -75,7 +75,7 @@ def solved(name: str) -> dict[str, Any]:
 
 
 def facts(name: str, result: dict[str, Any]) -> dict[str, Any]:
-    """What the list of all scenes shows of a run."""
+    """Facts of a run for the list of all scenes."""
     scene = result["scene"]
     return {
         "mark": mark(name),

@@ -22,7 +22,7 @@ def renewed(text: str) -> str:
 
 
 def columns(method: Applicability) -> tuple[str, ...]:
-    """What the method can do, a cell for each of `COLUMNS`.
+    """Abilities of the method, a cell for each of `COLUMNS`.
 
     >>> columns(METHODS["regularised"].WORKS_WITH)
     ('unilateral, bilateral, compliance', 'coulomb, tresca; no k_T', 'rigid', 'held by supports',

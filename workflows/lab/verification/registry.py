@@ -59,7 +59,7 @@ def verify(names: Sequence[str], every_row: bool = False) -> bool:
 
 
 def line(name: str, count: int, failed: int) -> str:
-    """What is said of a problem.
+    """Line that is printed of a problem.
 
     >>> line("zeros", 9, 2)
     'zeros              2 of 9 FAILED  no force, friction, increment, bound or touch: nothing changes'

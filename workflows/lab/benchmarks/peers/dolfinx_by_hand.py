@@ -149,10 +149,7 @@ class Block:
         if self.snes.getConvergedReason() <= 0:
             raise SystemExit(f"SNES does not converge: reason {self.snes.getConvergedReason()}")
         self.u.x.array[:] = q.array_r
-        return {
-            "iterations": self.snes.getIterationNumber(),
-            "linear_iterations": self.snes.getLinearSolveIterations(),
-        }
+        return {"iterations": self.snes.getIterationNumber(), "linear_iterations": self.snes.getLinearSolveIterations()}
 
     def reactions(self) -> dict[str, float]:
         """Normal and tangential force [N] on the block, and the deepest penetration [m]."""

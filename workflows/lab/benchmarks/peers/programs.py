@@ -37,7 +37,7 @@ class Program:
     dims: tuple[int, ...] = (2, 3)
 
     def command(self) -> list[str]:
-        """What runs it; empty if it is not installed."""
+        """Command that runs it; empty if it is not installed."""
         if self.executable:
             return [sys.executable, str(HERE / self.script), *self.arguments] if shutil.which(self.needs) else []
         for python in PYTHONS:

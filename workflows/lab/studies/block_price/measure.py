@@ -241,7 +241,7 @@ class Solved:
 
 @dataclass(frozen=True)
 class Exact:
-    """What errors are measured against."""
+    """Reference that errors are measured against."""
 
     lam: Array  # (n, d)
     bound: Array  # (n,) [Pa]

@@ -397,7 +397,7 @@ def verdict(found: Finding) -> str:
 
 
 def conditions(rows: Rows) -> str:
-    """How the page was measured, and whether something else used the core."""
+    """Tell how the page was measured, and whether something else used the core."""
     measured = [row for table in rows.values() for row in table if done(row)]
     wall = sum(row["wall"] for row in measured)
     share = sum(row["cpu"] for row in measured) / wall if wall else 1.0

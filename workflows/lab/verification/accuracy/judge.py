@@ -139,7 +139,7 @@ def _columns(rows: Sequence[Mapping[str, float]]) -> Column:
 
 
 def _scales(simulation: Simulation, steps: Sequence[StepResult], values: Column) -> Column:
-    """What errors of numbers are measured by: the largest of their kind in all steps; a dissipation by itself."""
+    """Scales of errors of numbers: the largest of their kind in all steps; a dissipation by itself."""
     contacts = simulation.system.contacts
     states = [contact for step in steps for contact in step.contacts.values()]
     force = max(contact.normal_force for contact in states)
@@ -225,7 +225,7 @@ class Endless:
 
 @dataclass(frozen=True)
 class Share:
-    """How many of the counted cases are of the right size."""
+    """Share of the counted cases that are of the right size."""
 
     counted: int
     inside: float

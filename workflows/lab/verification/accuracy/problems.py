@@ -64,11 +64,7 @@ def _pressed() -> Scene:
 
 def _sheared() -> Scene:
     drawn = sheared_column.scene(
-        dim=2,
-        method=METHOD,
-        E=sheared_column.E,
-        friction=Coulomb(mu=sheared_column.MU),
-        path=sheared.TOP[:, None],
+        dim=2, method=METHOD, E=sheared_column.E, friction=Coulomb(mu=sheared_column.MU), path=sheared.TOP[:, None]
     )
     return replace(drawn, geometry=replace(drawn.geometry, mesh_size=0.2))
 

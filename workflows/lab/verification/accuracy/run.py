@@ -126,7 +126,7 @@ def words(share: Share) -> str:
 
 
 def line(study: Study) -> str:
-    """What is printed of a problem."""
+    """Line that is printed of a problem."""
     said = study.failure or words(Share.of(asked([study])))
     return f"{study.problem}: {said}; {study.seconds:.0f} s"
 
@@ -184,7 +184,7 @@ def _worst(case: Case) -> str:
 
 
 def _unknown(studies: Sequence[Study]) -> str:
-    """How many errors do not count because the truth is not known well enough, and what is found with them."""
+    """Count errors for which the truth is not known well enough, and tell what is found with them."""
     found, every = asked(studies), [replace(case, known=True) for case in asked(studies)]
     count = len(counted(every)) - len(counted(found))
     return (

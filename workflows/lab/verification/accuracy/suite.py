@@ -45,7 +45,7 @@ Key = tuple[Literal[1, 2], float]  # order, and factor on the mesh sizes
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """What a problem has given."""
+    """Results of a problem."""
 
     problem: str
     cases: tuple[Case, ...] = ()

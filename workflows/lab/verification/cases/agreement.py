@@ -42,10 +42,7 @@ RINGS = ("geometry.mesh_size=1.0", "geometry.inner_mesh_size=0.75")
 CLOSER = 0.1  # error of the limit over that of the finest level, at most
 AT_ONCE = ("supports.top.displacement={x=0.05, y=-0.1}", "steps={end=1.0, count=1}")
 # otherwise contact alone holds the inner ring, which not all methods can do
-HELD = (
-    "loads={}",
-    'supports.shaft={boundary="inner.inside", displacement={x=[[0, 0], [1, 0], [2, 5e-4]], y=0.0}}',
-)
+HELD = ("loads={}", 'supports.shaft={boundary="inner.inside", displacement={x=[[0, 0], [1, 0], [2, 5e-4]], y=0.0}}')
 SCENES: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "block": ("block", BLOCK),
     "block, in one step": ("block", BLOCK + AT_ONCE),
@@ -56,9 +53,7 @@ SCENES: Mapping[str, tuple[str, tuple[str, ...]]] = {
 }
 FORMS: Mapping[str, tuple[str, ...]] = {"surface-uzawa": ("condensed", "matrix-free")}  # where one method has two
 # no smaller: a smoothing of 1e-9 or springs 1e8 times as stiff as cells leave too few digits of penetrations
-LEVELS: Mapping[str, tuple[str, tuple[float, ...]]] = {
-    "regularised": ("smoothing", (1e-6, 1e-7, 1e-8)),
-}
+LEVELS: Mapping[str, tuple[str, tuple[float, ...]]] = {"regularised": ("smoothing", (1e-6, 1e-7, 1e-8))}
 
 
 def scene(name: str, method: str, **solver: Any) -> Scene:

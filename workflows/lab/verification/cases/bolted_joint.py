@@ -64,12 +64,7 @@ def scene(dim: int, method: str) -> Scene:
         rotation=dict.fromkeys(turns, 0.0),  # type: ignore[arg-type]
     )
     bolt = Bolt(
-        head="upper.top",
-        nut="lower.bottom",
-        axis=(*across, 1.0),
-        stiffness=BOLT,
-        force=((1.0, FORCE),),
-        held_from=1.0,
+        head="upper.top", nut="lower.bottom", axis=(*across, 1.0), stiffness=BOLT, force=((1.0, FORCE),), held_from=1.0
     )
     foot = Support(boundary="lower.bottom", displacement=dict.fromkeys("xyz"[:dim], 0.0))  # type: ignore[arg-type]
     return Scene(

@@ -58,7 +58,7 @@ class CircularDrive:
 
 @dataclass(frozen=True, kw_only=True)
 class SteadyTurn:
-    """What repeats from turn to turn."""
+    """Steady turn that repeats."""
 
     face_radius: float  # of the path of the base [m]
     lag: float  # angle of the base behind the top [rad]
@@ -83,9 +83,7 @@ def steady_polygon(drive: CircularDrive, n: int) -> SteadyTurn:
     sine, cosine = np.sin(np.pi / n), np.cos(np.pi / n)
     r = np.sqrt(A**2 - (a * cosine) ** 2) - a * sine
     return SteadyTurn(
-        face_radius=float(r),
-        lag=float(np.arcsin(a * cosine / A)),
-        dissipation=float(n * drive.bound * 2 * r * sine),
+        face_radius=float(r), lag=float(np.arcsin(a * cosine / A)), dissipation=float(n * drive.bound * 2 * r * sine)
     )
 
 

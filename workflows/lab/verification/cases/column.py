@@ -34,7 +34,7 @@ from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnState:
-    """Where the base of the column is and what it carries."""
+    """Place and load of the column's base."""
 
     penetration: float  # d - g where they touch, otherwise 0 [m]
     displacement: float  # d, downward [m]

@@ -34,12 +34,7 @@ TURNS: Mapping[int, tuple[tuple[float, float, float], float]] = {  # by dimensio
 
 
 def pressed(
-    method: str,
-    geometry: Builder,
-    model: Model,
-    sides: tuple[str, str, str, str],
-    depth: float,
-    way: tuple[float, ...],
+    method: str, geometry: Builder, model: Model, sides: tuple[str, str, str, str], depth: float, way: tuple[float, ...]
 ) -> Scene:
     """The upper body pressed `depth` [m] down, then moved sideways along `way` [m], and halfway back.
 

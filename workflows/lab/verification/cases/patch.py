@@ -145,7 +145,7 @@ def solve(patch: Patch) -> Joint:
 
 
 def unbalance(simulation: Simulation, step: StepResult) -> float:
-    """How far the nodal forces on slave and master are from action = reaction, over all contacts between bodies."""
+    """Defect of action = reaction of the nodal forces, over all contacts between bodies."""
     worst = 0.0
     for c, p_n, t in zip(simulation.system.contacts, *simulation.stepper.split(step.p), strict=True):
         slave, master = np.split(c.nodal_forces(p_n, t), [len(c.surface.nodes)])

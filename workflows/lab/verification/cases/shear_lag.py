@@ -114,11 +114,7 @@ COULOMB = Coulomb(mu=BOUND / PRESSURE)
 
 
 def scene(
-    method: str,
-    pulls: tuple[float, ...] = PULLS,
-    normal: NormalLaw = HELD,
-    friction: FrictionLaw = TRESCA,
-    n: int = N,
+    method: str, pulls: tuple[float, ...] = PULLS, normal: NormalLaw = HELD, friction: FrictionLaw = TRESCA, n: int = N
 ) -> Scene:
     """The strip on y = 0, its left end pulled outward by pulls[k] [N/m] at t = k + 1."""
     times = [float(k + 1) for k in range(len(pulls))]
@@ -159,17 +155,13 @@ class Answer:
         return np.array([base.dissipation_total for base in self.bases])
 
     def slipping(self, k: int) -> float:
-        """Where slip of pull k ends [m]."""
+        """End of the slip of pull k [m]."""
         return float(self.x[self.bases[k].status == SLIP].max(initial=0.0))
 
 
 @lru_cache
 def solve(
-    method: str,
-    pulls: tuple[float, ...] = PULLS,
-    normal: NormalLaw = HELD,
-    friction: FrictionLaw = TRESCA,
-    n: int = N,
+    method: str, pulls: tuple[float, ...] = PULLS, normal: NormalLaw = HELD, friction: FrictionLaw = TRESCA, n: int = N
 ) -> Answer:
     """All pulls. Bodies are condensed: iterative solves of so slender a strip reach 1e-8, and no further."""
     simulation = prepare(scene(method, pulls, normal, friction, n))
@@ -193,13 +185,7 @@ def figures(method: str, friction: FrictionLaw = TRESCA) -> list[Check]:
     return [
         Check("pulled: displacement [m]", out, there.displacement, 1e-3, relative=True),
         Check("let go: displacement [m]", unloaded, there.displacement - back.displacement, 2e-3, relative=True),
-        Check(
-            "pulled to pulled: dissipation [J]",
-            loop,
-            2 * let_go(STRIP, 2 * FORCE).dissipation,
-            3e-3,
-            relative=True,
-        ),
+        Check("pulled to pulled: dissipation [J]", loop, 2 * let_go(STRIP, 2 * FORCE).dissipation, 3e-3, relative=True),
         # slip ends one height before the bar's, less or more, as far as cells can tell
         within("pulled: slip ends at [m]", answer.slipping(0), there.slip_length - HEIGHT - 1 / N, there.slip_length),
         within("let go: slip ends at [m]", answer.slipping(1), back.slip_length - HEIGHT - 1 / N, back.slip_length),

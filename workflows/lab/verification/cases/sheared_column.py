@@ -115,13 +115,7 @@ TOLERANCE = 1e-9  # the solver's 1e-12, summed over six steps, and two digits to
 
 
 def scene(
-    *,
-    dim: int,
-    method: str,
-    E: float,
-    friction: FrictionLaw | None,
-    path: Array,
-    normal: NormalLaw = RIGID,
+    *, dim: int, method: str, E: float, friction: FrictionLaw | None, path: Array, normal: NormalLaw = RIGID
 ) -> Scene:
     """Column of side 1 m, pressed at t = 1, its top at path[k] (steps, dim - 1) [m] at t = k + 2."""
     opposite = {"right": "left"} | ({"back": "front"} if dim == 3 else {})

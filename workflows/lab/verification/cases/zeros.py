@@ -61,7 +61,7 @@ def solve(scene: Scene) -> list[StepResult]:
 
 
 def not_finite(step: StepResult) -> int:
-    """How many numbers of the step are NaN or infinite."""
+    """Count the numbers of the step that are NaN or infinite."""
     found = [step.displacement, step.stress, step.p, step.w, step.residual, step.p_ref, step.u_ref]
     found += [getattr(contact, f.name) for contact in step.contacts.values() for f in fields(contact)]
     found += [part for support in step.supports.values() for part in support]

@@ -1,1 +1,1 @@
-"""What effects cost: counters of scenes with and without each effect and law; `stickslip verify effects`."""
+"""Cost of effects: counters of scenes with and without each effect and law; `stickslip verify effects`."""

@@ -71,7 +71,7 @@ COUNTERS = [f.name for f in fields(Work) if f.name != "answer"]
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """What the suite has given."""
+    """Results of the suite."""
 
     studies: Sequence[Study]
     noise: Sequence[float]  # seconds of each scene by those of itself
@@ -100,7 +100,7 @@ def faults(found: Found) -> list[str]:
 
 
 def line(study: Study) -> str:
-    """What is printed of an effect."""
+    """Line that is printed of an effect."""
     added = _added(study)
     return f"{study.name}: {len(study.absent)} scenes without it; {study.base} with it: {added or 'the same counters'}"
 

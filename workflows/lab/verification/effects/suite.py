@@ -48,7 +48,7 @@ def block(dim: int, pressed: float | str = -0.02) -> Tables:
 
 
 def touching(dim: int, **contact: Any) -> Tables:
-    """What puts it on a floor."""
+    """Overrides that put it on a floor."""
     floor = {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
     base = {"surface": "block.bottom", "against": "floor", **contact}
     return {"obstacles": {"floor": floor}, "contacts": {"base": base}}
@@ -68,7 +68,7 @@ SCENES: Mapping[str, Tables] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """What a scene may call for."""
+    """Effect or law that a scene may call for."""
 
     calls: Tables  # what calls for it, beside or instead of tables of its base
     base: str = "rubbing, 2D"
@@ -192,7 +192,7 @@ REPEATS = 3  # pairs of runs whose seconds are compared
 
 @dataclass(frozen=True, kw_only=True)
 class Work:
-    """What a run has cost; its answer as a hash of all displacements and tractions."""
+    """Work of a run; its answer as a hash of all displacements and tractions."""
 
     forms: int  # compiled or loaded
     unknowns: int  # free displacements

@@ -42,7 +42,7 @@ OWN = Scale()
 
 
 class Outcome(Enum):
-    """How a variation ended; the values are the words of the page."""
+    """Ending of a variation; the values are the words of the page."""
 
     SOLVED = "solved"
     BRANCH = "solved, several solutions"  # others were met, or a second method found one: all satisfy all conditions
@@ -76,7 +76,7 @@ class Solved:
 
     @cached_property
     def complaints(self) -> tuple[str, ...]:
-        """What the audit finds wrong."""
+        """Complaints of the audit."""
         auditor = Auditor(self.simulation.problem, self.simulation.mesh)
         audits, before = list[Audit](), None
         for step in self.steps:
@@ -178,7 +178,7 @@ def _without_answer(sentence: str) -> Outcome:
 
 
 def _against_twin(own: Solved, scene: Scene, scale: Scale) -> tuple[str, str]:
-    """What became of the twin, in a word, and how the answer differs from it."""
+    """Compare with the twin: what became of it in a word, and how the answer differs from it."""
     try:
         twin = solve(scene)
     except StickslipError:
@@ -190,7 +190,7 @@ def _against_twin(own: Solved, scene: Scene, scale: Scale) -> tuple[str, str]:
 
 
 def _differences(own: Solved, twin: Solved, scale: Scale) -> Iterator[str]:
-    """How the answer differs from that of the twin, on the same mesh."""
+    """Differences of the answer from that of the twin, on the same mesh."""
     units = Units(length=scale.length, force=scale.force, plane=own.simulation.scene.model.startswith("plane"))
     theirs = twin.quantities()
     for key, (unit, mine) in own.quantities().items():

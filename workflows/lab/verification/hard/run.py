@@ -203,7 +203,7 @@ def write_page(page: Path, rows: Sequence[Row], command: str) -> None:
 
 
 def sentence(rows: Sequence[Row]) -> str:
-    """How many variations ended how."""
+    """Count the variations by their endings."""
     counts = Counter(row.verdict.outcome for row in rows)
     unanswered = [row for row in rows if row.verdict.outcome in (Outcome.FAILED, Outcome.DOUBTFUL)]
     held = sum(row.verdict.held for row in unanswered)
@@ -231,7 +231,7 @@ def confirmed(row: Row) -> bool:
 
 
 def twins(rows: Sequence[Row]) -> str:
-    """How many answers were compared with that of a twin, and what became of the other twins."""
+    """Count the answers that were compared with that of a twin, and the other twins."""
     doubles = [row.verdict for row in rows if row.name in FIXED and FIXED[row.name].twin]
     answers = [verdict for verdict in doubles if verdict.twin or verdict.outcome in (Outcome.SOLVED, Outcome.BRANCH)]
     found = Counter(verdict.twin or "not recorded" for verdict in answers)

@@ -44,7 +44,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Row:
-    """What became of a task."""
+    """Ending of a task."""
 
     scene: str
     kind: str

@@ -132,7 +132,7 @@ def times(mu: float | list[list[float]], factor: float) -> float | list[list[flo
 
 
 def overrides(before: Mapping[str, Any], after: Mapping[str, Any], at: str = "") -> list[str]:
-    """What `--set` takes to make one scene of the other; a table that loses a key is written whole.
+    """Overrides for `--set` that make one scene of the other; a table that loses a key is written whole.
 
     >>> overrides({"steps": {"end": 1.0, "count": 2}}, {"steps": {"end": 1.0, "count": 1}})
     ['steps.count=1']

@@ -72,7 +72,7 @@ def mirrored(tables: Tables) -> Tables | None:
 
 
 def _turned(place: Place, amplitude: Amplitude) -> Amplitude:
-    """What points along x, and what turns, has the other sign."""
+    """Mirror a number: along x, and of turns, it has the other sign."""
     return scaled(amplitude, -1.0) if place.component == "x" or place.quantity == "rotation" else amplitude
 
 
