@@ -11,10 +11,10 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import AnyArray, Array, inverses
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.elastic_energy import stress_by_compliance
+from stickslip.solvers.results.step_result import OPEN
 from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.system.system import System
 
-OPEN = 0  # of `ContactState.status`
 ROUNDING = 1e3 * float(np.finfo(float).eps)  # of the stress that motions as large as u make over a cell
 
 
