@@ -27,8 +27,8 @@ from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.user_files.user_file import Box, UserFile
 from stickslip.solvers.classical.gram_uzawa import Gram
+from stickslip.solvers.effects.body_forces import Gravity
 from stickslip.solvers.effects.bolts import BoltState
-from stickslip.solvers.effects.gravity import Gravity
 from stickslip.solvers.effects.periodic import Periodic
 from stickslip.solvers.effects.remote_points import RemoteState
 from stickslip.solvers.effects.springs import SpringForce

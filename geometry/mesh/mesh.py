@@ -23,24 +23,30 @@ from stickslip.geometry.protocols import Comm, DolfinxMesh, Gmsh, MeshTags
 from stickslip.geometry.shape import Request, Shape
 
 
-@dataclass(frozen=True)
-class Mesh:
-    """Distributed mesh; a name stands for the tag of cells (bodies) or of facets (sides, named body.side)."""
+@dataclass(frozen=True, kw_only=True)
+class NamedParts:
+    """What the gmsh model of a mesh tells every rank; a name stands for a tag."""
 
-    comm: Comm  # the caller's: dolfinx frees its copy with the mesh, and PETSc's objects on it would be lost
-    domain: DolfinxMesh
-    cell_tags: MeshTags
-    facet_tags: MeshTags
     bodies: Mapping[str, int]  # name -> tag of cells
-    sides: Mapping[str, int]  # name -> tag of facets
-    degree: int  # polynomial degree of geometry and displacement
-    axisymmetric: bool
+    sides: Mapping[str, int]  # name, as body.side -> tag of facets
     node_count: int  # of the gmsh model
     part_count: int  # number of parts, see `find_parts`
-    parts: Ints  # (local,) part of each node of this rank's cells, in the order of `domain.geometry`, numbered from 0
     joints: Joints  # nodes that several parts share
     seams: Mapping[str, int]  # see `open_seams`
     bulging: Bulging  # facets of curved surfaces
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mesh(NamedParts):
+    """Distributed mesh."""
+
+    comm: Comm  # the caller's: dolfinx frees its copy with the mesh, and PETSc's objects on it would be lost
+    domain: DolfinxMesh
+    cell_tags: MeshTags  # of bodies
+    facet_tags: MeshTags  # of sides
+    degree: int  # polynomial degree of geometry and displacement
+    axisymmetric: bool
+    parts: Ints  # (local,) part of each node of this rank's cells, in the order of `domain.geometry`, numbered from 0
 
     @property
     def dim(self) -> int:
@@ -107,24 +113,12 @@ def build_mesh(shape: Shape, request: Request, comm: Comm) -> Mesh:
 
 
 def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
-    names: dict[int, dict[str, int]] | None = None
-    unit = 1.0
+    made: tuple[NamedParts, Ints, float] | None = None
     failure: BaseException | None = None
-    found: tuple[Ints, Joints] | None = None
-    seams: dict[str, int] = {}
-    bulging = Bulging.none(request.dim)
     with gmsh_session() if comm.rank == 0 else nullcontext() as gmsh:
         if gmsh is not None:
             try:
-                try:
-                    shape.refuse_too_large(request, available())
-                except SceneError as error:
-                    raise SceneError(f"geometry.{error}") from None
-                unit = mesh_shape(gmsh, shape, request)
-                names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
-                found = find_parts(gmsh, request.dim, unit)
-                seams = open_seams(gmsh, request.dim, found[0], names[request.dim])
-                bulging = shape.bulging(gmsh, request.dim, unit)
+                made = _made(gmsh, shape, request)
             except InputError as error:
                 failure = GeometryError(str(error))
             except (StickslipError, KeyboardInterrupt) as error:
@@ -141,39 +135,49 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
     shares = comm.allgather(domain.topology.index_map(request.dim).size_local)
     if min(shares) == 0:
         raise GeometryError(f"the mesh has {sum(shares)} cells, too few for {comm.size} ranks; use fewer")
-    joints = found[1] if found else None
-    sizes = (len(found[0]), int(found[0].max()) + 1, int(np.count_nonzero(found[0] >= 0))) if found else None
-    names, joints, sizes, unit, seams, bulging = comm.bcast((names, joints, sizes, unit, seams, bulging))
-    assert names is not None
-    assert joints is not None
-    assert sizes is not None
-    node_count, part_count, used = sizes
+    named, of_nodes, unit = made or (None, None, 1.0)
+    used = 0 if of_nodes is None else int(np.count_nonzero(of_nodes >= 0))
+    named, used, unit = comm.bcast((named, used, unit))
+    assert named is not None
     if domain.geometry.index_map().size_global > used:  # dolfinx looks for shared facets
         raise GeometryError(
             f"cells hang together by points or edges only, where {comm.size} ranks would take them apart; use one "
             "rank, or join them by whole facets"
         )
     numbers = np.asarray(domain.geometry.input_global_indices, np.int64)
-    parts = from_rank_0(comm, numbers, found[0] if found else None) if part_count > 1 else np.zeros_like(numbers)
     domain.geometry.x[:] *= unit
     if shape.degree > 1:
         refuse_inverted_cells(domain, shape.degree)
     return Mesh(
+        **vars(named),
         comm=comm,
         domain=domain,
         cell_tags=cells,
         facet_tags=facets,
-        bodies=names[request.dim],
-        sides=names[request.dim - 1],
         degree=shape.degree,
         axisymmetric=request.model == "axisymmetric",
-        node_count=node_count,
-        part_count=part_count,
-        parts=parts,
-        joints=joints,
-        seams=seams,
-        bulging=bulging,
+        parts=from_rank_0(comm, numbers, of_nodes) if named.part_count > 1 else np.zeros_like(numbers),
     )
+
+
+def _made(gmsh: Gmsh, shape: Shape, request: Request) -> tuple[NamedParts, Ints, float]:
+    """Mesh the shape in the current gmsh model; also the part of each node, and the length of the model's unit [m]."""
+    try:
+        shape.refuse_too_large(request, available())
+    except SceneError as error:
+        raise SceneError(f"geometry.{error}") from None
+    dim, unit = request.dim, mesh_shape(gmsh, shape, request)
+    bodies, (part, joints) = _group_names(gmsh, dim), find_parts(gmsh, dim, unit)
+    named = NamedParts(
+        bodies=bodies,
+        sides=_group_names(gmsh, dim - 1),
+        node_count=len(part),
+        part_count=int(part.max()) + 1,
+        joints=joints,
+        seams=open_seams(gmsh, dim, part, bodies),
+        bulging=shape.bulging(gmsh, dim, unit),
+    )
+    return named, part, unit
 
 
 def mesh_shape(gmsh: Gmsh, shape: Shape, request: Request) -> float:

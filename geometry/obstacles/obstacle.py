@@ -70,12 +70,16 @@ class Obstacle(Choice):
     rotation: Annotated[Rotation | None, Key("-", "{ angle, point, axis }: prescribed rotation")] = None
 
     def __post_init__(self) -> None:
-        for key in ("displacement", "force"):
-            for axis, amplitude in getattr(self, key).items():
-                check(amplitude, f"{key}.{axis}")
+        for place, amplitude in self.amplitudes().items():
+            check(amplitude, ".".join(place))
         for axis in self.force:
             if axis in self.displacement:
                 raise SceneError(f"force.{axis}: displacement.{axis} is prescribed too; keep one of the two")
+
+    def amplitudes(self) -> dict[tuple[str, str], Amplitude]:
+        """Its values in time by key and component."""
+        found = {(key, axis): a for key in ("displacement", "force") for axis, a in getattr(self, key).items()}
+        return found | ({("rotation", "angle"): self.rotation.angle} if self.rotation is not None else {})
 
     def distance(self, x: Sequence[Any], sqrt: Callable[[Any], Any]) -> Any:
         """Signed distance [m] of a point with coordinates `x`, positive outside.

@@ -10,9 +10,10 @@ import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from stickslip.geometry.arrays import Array
@@ -34,33 +35,19 @@ from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.scene.problem import Problem
 
 
-@dataclass(frozen=True)
-class Eigenvalue:
-    """An eigenvalue and its direction."""
-
-    quotient: float  # Rayleigh quotient: not above the largest eigenvalue
-    error: float  # norm of its residual: some eigenvalue is not farther from it
-    direction: Array  # (n,) unit
-
-    @property
-    def value(self) -> float:
-        """The largest eigenvalue with its error added, so that a step size that divides by it is rather too small."""
-        return self.quotient + self.error
-
-
 def largest_eigenvalue(
     apply: Callable[[Array], Array], start: Array, tolerance: float = 1e-3, most: int = 60
-) -> Eigenvalue:
-    """The largest eigenvalue of an operator on vectors (n,), from a start (n,) that is not normal to its direction.
+) -> tuple[float, Array]:
+    """The largest eigenvalue of an operator on vectors (n,), and its direction (n,), from a start not normal to that.
 
-    It stops when the relative change of the Rayleigh quotient is within the tolerance four iterations in a row.
+    It stops when the relative change of the Rayleigh quotient is within the tolerance four iterations in a row. The
+    norm of the residual is added to that, so that a step size that divides by it is rather too small.
 
-    >>> found = largest_eigenvalue(lambda x: np.array([1.0, 3.0]) * x, np.ones(2))
-    >>> round(found.quotient, 3)
+    >>> round(largest_eigenvalue(lambda x: np.array([1.0, 3.0]) * x, np.ones(2))[0], 2)
     3.0
     """
     if not len(start):
-        return Eigenvalue(1.0, 0.0, start)
+        return 1.0, start
     x, value, error, small = start / np.linalg.norm(start), 0.0, 0.0, 0
     for k in range(1, most + 1):
         y = apply(x)
@@ -70,7 +57,7 @@ def largest_eigenvalue(
         if not value or small == 4 or k == most:
             break
         x = y / np.linalg.norm(y)
-    return Eigenvalue(value, error, x)
+    return value + error, x
 
 
 def smallest_eigenvalue(apply: Callable[[Array], Array], start: Array, vectors: int = 40) -> float:
@@ -269,17 +256,18 @@ class OnBlocks(Ready):
         return self.method.alpha or self.method.relaxation / self.lambda_1
 
     @cached_property
-    def _root(self) -> Array:
-        """T with T T^T = Q^-1 on the multipliers that may be non-zero: dense for a Gram matrix, else W^(-1/2) (m,)."""
+    def _root(self) -> Any:  # an array, or a sparse matrix
+        """T with T T^T = Q^-1 on the multipliers that may be non-zero."""
         rows = self.blocks.rows
         if self._gram is None:
-            return np.asarray(1 / np.sqrt(self.surface.W[rows]))
+            return sparse.diags(1 / np.sqrt(self.surface.W[rows]))
         return inverse_root(self._Q[np.ix_(rows, rows)])
 
     @cached_property
-    def _Q(self) -> Array:
-        """The Gram matrix on the rows of the multipliers (rows, rows), zero elsewhere."""
-        assert self._gram is not None
+    def _Q(self) -> Any:  # likewise
+        """The metric (rows, rows): the surface mass, or the Gram matrix, which is zero but for rows of multipliers."""
+        if self._gram is None:
+            return sparse.diags(self.surface.W)
         rows, Q = self.blocks.rows, self._gram.on_tractions(self.surface, self.blocks.cone)
         found = np.zeros_like(Q)
         found[np.ix_(rows, rows)] = Q[np.ix_(rows, rows)]
@@ -289,34 +277,24 @@ class OnBlocks(Ready):
     def _metric(self) -> DenseMetric:
         """Q / alpha; compliant rows keep their pressure in it."""
         if self._dense is None or self._dense.alpha != self.alpha:
-            on = np.zeros(len(self._Q), bool)
+            on = np.zeros(len(self.surface.W), bool)
             on[self.blocks.rows] = True
             self._dense = DenseMetric(surface=self.surface, Q=self._Q, carrying=on, root=self._root, alpha=self.alpha)
         return self._dense
 
     def _norm(self, p: Array) -> float:
         """Norm of a change of tractions (rows,) [Pa] in the metric Q / alpha: about an energy norm [J^(1/2)]."""
-        weighted = self.surface.W * p if self._gram is None else self._Q @ p
-        return float(np.sqrt(max(float(p @ weighted), 0.0) / self.alpha))
+        return float(np.sqrt(max(float(p @ (self._Q @ p)), 0.0) / self.alpha))
 
     def _preconditioned(self, x: Array) -> Array:
         """T^T (B F'^-1 B^T) T x: similar to Q^-1 B F'^-1 B^T."""
         counters = self.surface.counters
         p, before = np.zeros(len(self.surface.W)), (counters.volume_solves, counters.linear_iterations)
-        p[self.blocks.rows] = self._root_times(x)
+        p[self.blocks.rows] = self._root @ x
         forces = self.surface.W[self.blocks.rows] * self.blocks.response(p)[self.blocks.rows]
         counters.lanczos_applications += 1
         counters.volume_solves, counters.linear_iterations = before
-        return self._root_transposed_times(forces)
-
-    def _root_times(self, x: Array) -> Array:
-        """T x, tractions on the rows of the blocks."""
-        T = self._root
-        return np.asarray(T * x if T.ndim == 1 else T @ x)
-
-    def _root_transposed_times(self, forces: Array) -> Array:
-        T = self._root
-        return np.asarray(T * forces if T.ndim == 1 else T.T @ forces)
+        return np.asarray(self._root.T @ forces)
 
     def _start(self, p: Array | None = None) -> Array:
         """Start of eigenvalue iterations, T^-1 p = T^T Q p; as tractions it does not depend on the columns of T.
@@ -327,15 +305,16 @@ class OnBlocks(Ready):
         rows = self.blocks.rows
         if p is None or len(p) != len(rows):
             p = 1 + np.sin(np.arange(len(rows)))
-        Q_p = self.surface.W[rows] * p if self._gram is None else self._Q[np.ix_(rows, rows)] @ p
-        return self._root_transposed_times(Q_p)
+        whole = np.zeros(len(self.surface.W))
+        whole[rows] = p
+        return np.asarray(self._root.T @ (self._Q @ whole)[rows])
 
     def _measure(self) -> None:
         """Measure lambda_1, unless F' is still that of the last measurement; collective."""
         if self._measured_at == self.blocks.renewals:
             return
-        largest = largest_eigenvalue(self._preconditioned, self._start(self._direction))
-        self.lambda_1, self._direction = largest.value, self._root_times(largest.direction)
+        self.lambda_1, direction = largest_eigenvalue(self._preconditioned, self._start(self._direction))
+        self._direction = np.asarray(self._root @ direction)
         self._measured_at = self.blocks.renewals
 
     def _convergence(self, found: Solution) -> Convergence | None:

@@ -18,7 +18,7 @@ class InexactUzawa(FixedStep, InnerKeys, Stateless):
     """K_B u_{k+1} = R_B - B^T p_k + delta_k by conjugate gradients from u_k, ||delta_k|| <= tau_k; then as `Uzawa`.
 
     Q = W; alpha is given, or relaxation / lambda_max. With tau_k = 0 it is `Uzawa`; for small tau_k its rate is close
-    to that of `Uzawa` (Elman & Golub; `Tied.rate` of workflows/lab/analysis/saddle_points.py bounds it). Before a
+    to that of `Uzawa` (Elman & Golub; `Tied.rate` of workflows/lab/studies/saddle_points.py bounds it). Before a
     residual below the tolerance is accepted, the bodies are solved again, so accurately that the residual is reliable.
 
     Source: Pop (1999), (1.2); Elman & Golub, SIAM J. Numer. Anal. 31 (1994); Bramble, Pasciak & Vassilev, ibid. 34

@@ -25,40 +25,24 @@ from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.methods.method import Applicability, Method, Ready, SameEveryStep, Setup, Solve, Turn
 
 
-def sweep_until_solved(
-    problem: SurfaceProblem,
-    tractions: Callable[[], Array],
-    sweep: Callable[[], None],
-    *,
-    rtol: float,
-    max_it: int,
-    window: int,
-    on_step: OnStep,
-    looks: Callable[[int], bool] = lambda k: True,
-) -> Solution:
-    """Sweep over the contact points, and look at the natural residual.
+def sweeps(
+    problem: SurfaceProblem, tractions: Callable[[], Array], sweep: Callable[[], None], looks: Callable[[int], bool]
+) -> Iterator[Iterate]:
+    """Yield what sweeps over the contact points have reached.
 
     Args:
         problem: the contact problem of the step.
         tractions: those reached (rows,) [Pa], an array of its own each time.
         sweep: goes once over all points.
-        rtol: natural residual that is enough [-].
-        max_it: largest number of sweeps.
-        window: sweeps in which the smallest residual must halve.
-        on_step: called with each look.
-        looks: whether to look after k sweeps; at the last one it always looks.
+        looks: whether to look after k sweeps.
     """
-
-    def iterates() -> Iterator[Iterate]:
-        for k in count():
-            if looks(k) or k == max_it:
-                p = tractions()
-                u_c = problem.contact_displacement(p)
-                w = problem.relative_displacement(u_c)
-                yield Iterate(k, problem.natural_residual(p, w), p, w, u_c)
-            sweep()
-
-    return Driver(problem.surface.counters, rtol, max_it, on_step).run(iterates(), Stall(window))
+    for k in count():
+        if looks(k):
+            p = tractions()
+            u_c = problem.contact_displacement(p)
+            w = problem.relative_displacement(u_c)
+            yield Iterate(k, problem.natural_residual(p, w), p, w, u_c)
+        sweep()
 
 
 @dataclass(frozen=True)
@@ -104,16 +88,12 @@ class ColouredSweeps:
             for colour in colours:
                 colour.answer(r)
 
-        return sweep_until_solved(
-            problem,
-            lambda: np.asarray(N @ r),
-            sweep,
-            rtol=self.rtol,
-            max_it=self.max_it,
-            window=40 * PATIENT,  # plateaus of 2000 were seen
-            on_step=on_step,
-            looks=lambda k: k <= 10 or k % 5 == 0,  # to look costs as much as a sweep
-        )
+        def looks(k: int) -> bool:  # which costs as much as a sweep
+            return k <= 10 or k % 5 == 0 or k == self.max_it
+
+        driver = Driver(problem.surface.counters, self.rtol, self.max_it, on_step)
+        reached = sweeps(problem, lambda: np.asarray(N @ r), sweep, looks)
+        return driver.run(reached, Stall(40 * PATIENT))  # plateaus of 2000 were seen
 
 
 def coloured(problem: DiscreteProblem) -> list[Colour]:
@@ -216,9 +196,8 @@ class Sweeps(SameEveryStep):
                 p[i] = point.answer(p, loaded[i] - self.D[i] @ forces)
                 forces[i] = W[i] * p[i]
 
-        return sweep_until_solved(
-            problem, p.copy, sweep, rtol=self.method.rtol, max_it=self.method.max_it, window=PATIENT, on_step=on_step
-        )
+        driver = Driver(problem.surface.counters, self.method.rtol, self.method.max_it, on_step)
+        return driver.run(sweeps(problem, p.copy, sweep, lambda k: True), Stall(PATIENT))
 
 
 @dataclass(frozen=True)

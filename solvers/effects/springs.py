@@ -1,11 +1,11 @@
-"""Springs between two places of bodies, or a place and the ground; they hold bodies as supports do.
+"""Springs between two places, or a place and the ground, and springs per area: they hold bodies as supports do.
 
 One that acts in one way is a linear spring, and has a slack that each step finds, see `Tightening`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
@@ -16,9 +16,12 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import LIST, Key
 from stickslip.geometry.obstacles.obstacle import unit
+from stickslip.geometry.protocols import UflExpr, UflForm
 from stickslip.solvers.effects.effect import Effect, Equilibrium, named
-from stickslip.solvers.scene.loads import End, Link
-from stickslip.solvers.scene.record import Number
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.scene.loads import End, Link, Springs
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.record import Number, Reaction
 from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Place
 
@@ -134,4 +137,39 @@ class _Springs(Effect):
         return {name: SpringForce(force) for name, force in named(self.name, reached.links).items()}
 
 
-EFFECT = _Springs()
+@dataclass(frozen=True, kw_only=True)
+class ElasticSupport(EffectTable):
+    """Springs per area under a side, along its normal and across; their stress is stiffness times displacement."""
+
+    reports = Reaction
+
+    boundary: Annotated[str, Key("-", "side, as body.side")]
+    normal: Annotated[float, Key("Pa/m", "stiffness along the side's normal, in both directions")] = 0.0
+    tangential: Annotated[float, Key("Pa/m", "stiffness along the side")] = 0.0
+
+    def __post_init__(self) -> None:
+        for key in ("normal", "tangential"):
+            require(getattr(self, key) >= 0, key, getattr(self, key), "must not be negative, in Pa/m")
+        require(
+            self.normal + self.tangential > 0, "normal", self.normal, "springs need a stiffness; tangential is 0 too"
+        )
+
+    def check(self, scene: Scene, key: str) -> None:
+        scene.require_side(self.boundary, f"{key}.boundary")
+
+    def springs(self, key: str) -> tuple[Springs, ...]:
+        return (Springs(boundary=self.boundary, normal=self.normal, tangential=self.tangential, key=key),)
+
+
+class _ElasticSupport(Effect):
+    name = "elastic_support"
+    table = Mapping[str, ElasticSupport]
+
+    def stiffness(self, problem: Problem, weak: WeakForms, u: UflExpr) -> Iterable[UflForm]:
+        return [weak.springs(springs, u) for springs in problem.springs if springs.key.split(".")[0] == self.name]
+
+    def read(self, reached: Equilibrium) -> Mapping[str, Reaction]:
+        return {name: Reaction(*pair) for name, pair in named(self.name, reached.reactions).items()}
+
+
+EFFECTS = (_Springs(), _ElasticSupport())

@@ -345,7 +345,7 @@ class WeakForms:
             quantity = "force" if load.force is not None else "traction"
             found += [
                 self.load(Place("loads", name, quantity, "xyz"[i]), self.along(i, spread), on_side)
-                for i, a in enumerate(load.amplitudes())
+                for i, a in enumerate(load.vector or ())
                 if a != 0
             ]
         return found

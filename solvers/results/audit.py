@@ -15,7 +15,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import EPS, LAST_DIGITS, ROUNDING, SLIGHT, TINY, Array, Ints
+from stickslip.geometry.arrays import EPS, EXACT, LAST_DIGITS, ROUNDING, SLIGHT, TINY, Array, Ints
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.protocols import CompiledForm, Vec
@@ -29,8 +29,8 @@ from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.results.closed_formulas import bound, gap, penetration, prescribed, pressure, remembered
-from stickslip.solvers.results.multiplier_forces import MultiplierForces
 from stickslip.solvers.results.stored_fields import (
+    MultiplierForces,
     Record,
     contact_differences,
     difference,
@@ -38,7 +38,6 @@ from stickslip.solvers.results.stored_fields import (
     stress_difference,
 )
 from stickslip.solvers.scene.problem import Problem
-from stickslip.solvers.stepping.tightening import recall, tension_off
 from stickslip.solvers.system.nodal_contact import relative_to_obstacle
 from stickslip.solvers.system.system import System, assemble
 
@@ -502,3 +501,28 @@ def _law_stiffness(place: ContactBlock, p: Array) -> float:
 def _largest(values: Array | list[float]) -> float:
     """The largest value, at least 0; nan if one is nan."""
     return float(np.max(values, initial=0.0)) + 0.0  # no -0
+
+
+def recall(system: System, time: float, shortened: Array) -> None:
+    """Use the shortenings and slacks (b,) [m] that were found at a time [s]."""
+    bolts = zip(system.initial.tightened, shortened.tolist(), strict=True)
+    system.course.found = {bolt.shortening: ((time, x),) for bolt, x in bolts}
+
+
+def tension_off(system: System, u: Vec, time: float) -> Array:
+    """By how much the tension of each bolt differs from what the scene gives [N], 0 where it is held; collective.
+
+    Of a spring that acts in one way it is the smaller one of its force and of what its slack would take.
+    """
+    course, bolts = system.course, system.initial.tightened
+    held = [time > bolt.held_from * (1 + EXACT) for bolt in bolts]
+    if all(held):
+        return np.zeros(0)
+    values, k = system.initial.values(course, time), np.diag(system.initial.coupling)
+    work, off = system.initial.stress_work(values, u), list[float]()
+    for bolt, gone in zip(bolts, held, strict=True):
+        if bolt.tension is None:
+            off.append(min(-work[bolt.index], k[bolt.index] * (values[bolt.index] + bolt.gap)))
+        elif not gone:
+            off.append(-work[bolt.index] - course.value(bolt.tension, time))
+    return np.array(off)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.amplitude import Amplitude
+from stickslip.geometry.errors import SceneError, prefixed, require
 from stickslip.geometry.keys import Key, Noun
+from stickslip.geometry.shape import Model
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.friction import Stick
 from stickslip.solvers.laws.normal import Unilateral
@@ -66,3 +68,15 @@ class Contact(Noun):
     def degree(self, order: int) -> int:
         """Quadrature degree that both laws need on facets."""
         return max(self.normal.degree(order), self.friction.degree(order) if self.friction else 0)
+
+    def amplitudes(self) -> dict[tuple[str, str], Amplitude]:
+        """Its values in time by key and component."""
+        return {
+            ("friction", part): value for part, value in (self.friction.amplitudes() if self.friction else {}).items()
+        }
+
+    def check_model(self, model: Model) -> None:
+        """Refuse what friction does not have in the model."""
+        if self.friction is not None:
+            with prefixed("friction"):
+                self.friction.check_model(model)

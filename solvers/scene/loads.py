@@ -13,9 +13,16 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.expression import Varying, check_varying
 from stickslip.geometry.keys import LIST, TABLE, Key, Noun
+from stickslip.geometry.shape import Model
 from stickslip.solvers.scene.timeline import Place
 
 End = str | tuple[float, ...]  # of a link: a side, as body.side, or a point [m], at which a mesh vertex lies
+
+
+def check_point(point: tuple[float, ...] | None, model: Model) -> None:
+    """Refuse a key `point` with components that the model does not have, or lacks."""
+    found, dim = list(point or ()), 3 if model == "3d" else 2
+    require(point is None or len(found) == dim, "point", found, f"expected {dim} components in this model")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,14 +44,28 @@ class Load(Noun):
             raise SceneError(
                 f"{' / '.join(given) or 'traction / pressure / force'}: exactly one of the three is needed"
             )
-        for amplitude in self.amplitudes():
+        for amplitude in self.amplitudes().values():
             check_varying(amplitude, given[0])
 
-    def amplitudes(self) -> tuple[Varying, ...]:
-        """Values of the pressure, or of each component of traction or force."""
+    @property
+    def vector(self) -> tuple[Varying, ...] | None:
+        """The traction or the force by component; None: a pressure."""
+        return self.traction if self.traction is not None else self.force
+
+    def amplitudes(self) -> dict[tuple[str, str], Varying]:
+        """Its values in time by key and component; a pressure has none."""
         if self.pressure is not None:
-            return (self.pressure,)
-        return self.traction or self.force or ()
+            return {("pressure", ""): self.pressure}
+        key = "traction" if self.traction is not None else "force"
+        return {(key, axis): value for axis, value in zip("xyz", self.vector or (), strict=False)}
+
+    def check_model(self, model: Model) -> None:
+        """Refuse components that the model does not have, or lacks."""
+        key, found = "traction" if self.traction is not None else "force", list(self.vector or ())
+        dim = 3 if model == "3d" else 2
+        require(self.vector is None or len(found) == dim, key, found, f"expected {dim} components in this model")
+        radial = model == "axisymmetric" and self.force is not None and self.force[0] != 0
+        require(not radial, key, found, "a radial force has no resultant; use traction or pressure")
 
 
 Direction = Literal["x", "y", "z", "normal"]
@@ -68,6 +89,16 @@ class Support(Noun):
             require(
                 "normal" not in self.displacement, "displacement.normal", "given", "a point has no normal; use x, y, z"
             )
+
+    def amplitudes(self) -> dict[tuple[str, str], Varying]:
+        """Its values in time by key and component."""
+        return {("displacement", axis): value for axis, value in self.displacement.items()}
+
+    def check_model(self, model: Model) -> None:
+        """Refuse components that the model does not have, or lacks."""
+        check_point(self.point, model)
+        if model != "3d" and "z" in self.displacement:
+            raise SceneError("displacement.z: a plane model has x and y only")
 
 
 @dataclass(frozen=True, kw_only=True)

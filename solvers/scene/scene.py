@@ -282,30 +282,11 @@ class Scene(Noun):
         return acting[place.table][place.name] if place.table in acting else None
 
     def _varying(self) -> Iterator[Driven]:
-        def parts(table: str, name: str, quantity: str, values: Mapping[Any, Varying]) -> Iterator[Driven]:
-            return ((Place(table, name, quantity, part), amplitude) for part, amplitude in values.items())
-
-        def vector(table: str, name: str, quantity: str, values: tuple[Varying, ...] | None) -> Iterator[Driven]:
-            return parts(table, name, quantity, dict(zip("xyz", values or (), strict=False)))
-
-        for name, support in self.supports.items():
-            yield from parts("supports", name, "displacement", support.displacement)
-        for name, load in self.loads.items():
-            yield from vector("loads", name, "traction", load.traction)
-            yield from vector("loads", name, "force", load.force)
-            if load.pressure is not None:
-                yield Place("loads", name, "pressure"), load.pressure
-        for name, obstacle in self.obstacles.items():
-            yield from parts("obstacles", name, "displacement", obstacle.displacement)
-            yield from parts("obstacles", name, "force", obstacle.force)
-            if obstacle.rotation is not None:
-                yield Place("obstacles", name, "rotation", "angle"), obstacle.rotation.angle
-        for name, contact in self.contacts.items():
-            if contact.friction is not None:
-                yield from parts("contacts", name, "friction", contact.friction.amplitudes())
+        for key in ("supports", "loads", "obstacles", "contacts"):
+            for name, noun in getattr(self, key).items():
+                yield from ((Place(key, name, *part), value) for part, value in noun.amplitudes().items())
         for (section, name), table in self.effect_tables().items():
-            for (quantity, part), amplitude in table.amplitudes().items():
-                yield Place(section, name, quantity, part), amplitude
+            yield from ((Place(section, name, *part), value) for part, value in table.amplitudes().items())
 
     def _check_names(self, mistakes: Mistakes) -> None:
         tables = ("bodies", "obstacles", "contacts", "supports", "loads", "probes")
@@ -328,38 +309,15 @@ class Scene(Noun):
     def _check_dimensions(self, mistakes: Mistakes) -> None:
         with mistakes, prefixed("geometry"):
             self.geometry.check_model(self.model)
-        for name, obstacle in self.obstacles.items():
-            with mistakes, prefixed(f"obstacles.{name}"):
-                obstacle.check_model(self.model)
+        for key in ("obstacles", "contacts", "bodies", "loads", "supports", "probes"):
+            for name, noun in getattr(self, key).items():
+                with mistakes, prefixed(f"{key}.{name}"):
+                    noun.check_model(self.model)
         for name, contact in self.contacts.items():
-            if contact.friction is not None:
-                with mistakes, prefixed(f"contacts.{name}.friction"):
-                    contact.friction.check_model(self.model)
-                with mistakes:
-                    said = f"contacts.{name}.friction depends on slip rates: say that times are seconds, seconds = true"
-                    require(self.steps.seconds or not contact.friction.timed, "steps.seconds", "false", said)
-        for name, material in self.bodies.items():
-            with mistakes, prefixed(f"bodies.{name}"):
-                material.check_model(self.model)
-        expected = f"expected {self.dim} components in this model"
-        for name, load in self.loads.items():
-            vector = load.traction if load.traction is not None else load.force
-            key = f"loads.{name}.{'traction' if load.traction is not None else 'force'}"
-            radial = self.axisymmetric and load.force is not None and load.force[0] != 0
             with mistakes:
-                require(vector is None or len(vector) == self.dim, key, list(vector or ()), expected)
-                require(
-                    not radial, key, list(vector or ()), "a radial force has no resultant; use traction or pressure"
-                )
-        for table, items in (("supports", self.supports), ("probes", self.probes)):
-            for name, item in items.items():
-                found = list(item.point or ())
-                with mistakes:
-                    require(item.point is None or len(found) == self.dim, f"{table}.{name}.point", found, expected)
-        for name, support in self.supports.items():
-            with mistakes:
-                if self.dim == 2 and "z" in support.displacement:
-                    raise SceneError(f"supports.{name}.displacement.z: a plane model has x and y only")
+                timed = contact.friction is not None and contact.friction.timed
+                said = f"contacts.{name}.friction depends on slip rates: say that times are seconds, seconds = true"
+                require(self.steps.seconds or not timed, "steps.seconds", "false", said)
 
     def _check_rest(self, mistakes: Mistakes) -> None:
         with mistakes:

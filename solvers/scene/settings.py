@@ -9,6 +9,8 @@ from typing import Annotated, Any, Literal
 
 from stickslip.geometry.errors import require, require_known
 from stickslip.geometry.keys import Key, Noun
+from stickslip.geometry.shape import Model
+from stickslip.solvers.scene.loads import check_point
 
 SHORTEST, LONGEST = 1e-100, 1e100  # [s] of a history; powers of times far beyond are 0 or infinite
 
@@ -144,3 +146,7 @@ class Probe(Noun):
     """Displacement and stress at a point, each step."""
 
     point: Annotated[tuple[float, ...], Key("m", "inside a body or on its boundary")]
+
+    def check_model(self, model: Model) -> None:
+        """Refuse components that the model does not have, or lacks."""
+        check_point(self.point, model)

@@ -14,13 +14,13 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.stepping.certificate import certified, with_others
-from stickslip.solvers.stepping.given_tension import BoltsAndSprings
 from stickslip.solvers.stepping.halving import Halving
 from stickslip.solvers.stepping.history import History, HistoryRow, OnIteration, count_iterations
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.pairs import PairSearch
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.substep import Attempt, Loop, Methods, Substep, SubstepSolver
+from stickslip.solvers.stepping.tightening import BoltsAndSprings
 from stickslip.solvers.stepping.update import at_rest
 from stickslip.solvers.system.system import System
 

@@ -93,7 +93,7 @@ class Methods:
 
 
 class AtOnce(Protocol):
-    """Another way to solve a posed problem, with more unknowns at once; see `given_tension`."""
+    """Another way to solve a posed problem, with more unknowns at once; see `tightening`."""
 
     def at_once(
         self, solver: SubstepSolver, problem: SurfaceProblem, u_s: Vec, state: State, p: Array, on_step: OnStep

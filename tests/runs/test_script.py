@@ -29,9 +29,9 @@ from stickslip.solvers.simulation.script import Script
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.studies import block_from_python, shear_until_it_slips
+from stickslip.workflows.lab.verification.cases.sheared_column import COLUMN, TABLE
+from stickslip.workflows.lab.verification.cases.sheared_column import TOP as TO_AND_FRO
 from stickslip.workflows.lab.verification.cases.sheared_column import scene as column
-from stickslip.workflows.lab.verification.closed_forms.sheared_column import COLUMN, TABLE
-from stickslip.workflows.lab.verification.closed_forms.sheared_column import TOP as TO_AND_FRO
 from stickslip.workflows.scene_file.read import from_dict, read, to_dict
 
 

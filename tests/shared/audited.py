@@ -9,18 +9,13 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.prepared import prepare
 
-NAMES = ("time", "displacement", "p", "w", "reference", "driven", "shortened", "searched", "memory")
+record_of = Record.of  # what is audited of a step that was just solved, without the fields for readers
 
 
 def solved(scene: Scene) -> tuple[Simulation, list[StepResult]]:
     """All steps of a scene."""
     simulation = prepare(scene)
     return simulation, list(simulation.steps())
-
-
-def record_of(step: StepResult) -> Record:
-    """What is audited of a step that was just solved, without the fields for readers."""
-    return Record(**{name: getattr(step, name) for name in NAMES})
 
 
 def stored_by(step: StepResult) -> StoredFields:

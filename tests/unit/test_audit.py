@@ -20,8 +20,8 @@ from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.parallel.gather import nodes_of
 from stickslip.solvers.results import audit as module
 from stickslip.solvers.results.audit import Audit, Auditor, Record, Scales, _largest
-from stickslip.solvers.results.multiplier_forces import MultiplierForces
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, StepResult
+from stickslip.solvers.results.stored_fields import MultiplierForces
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation

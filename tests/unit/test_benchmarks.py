@@ -25,7 +25,7 @@ from stickslip.solvers.linear.multigrid import HYPRE
 from stickslip.solvers.results import linear_reference as module
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.formats.steps_csv import read_steps_table
+from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.lab.benchmarks import auto, discrete, history, platforms, price, price_run
 from stickslip.workflows.lab.benchmarks.auto import Case, Run
 from stickslip.workflows.lab.benchmarks.peers import programs

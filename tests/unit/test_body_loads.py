@@ -14,7 +14,7 @@ from shared.audited import audit, record_of, solved, stored_by
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.formats.steps_csv import read_steps_table
+from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.lab.verification.cases import by_place as case
 from stickslip.workflows.lab.verification.cases import warm_bars as fields_case
 from stickslip.workflows.lab.verification.cases.warm_bars import scene as field_scene
@@ -24,7 +24,7 @@ from stickslip.workflows.pictures.force_displacement import from_rest
 from stickslip.workflows.pictures.history import panels_of
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.writers.steps_table import steps_row
+from stickslip.workflows.writers.tables import steps_row
 
 E, NU = 200.0, 0.3
 HELD = {"left": {"boundary": "block.left", "displacement": {"x": 0.0, "y": 0.0}}}

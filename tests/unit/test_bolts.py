@@ -31,10 +31,10 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.simulation.simulation import prepare as estimating
-from stickslip.solvers.stepping.given_tension import BoltsAndSprings
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import StepError
+from stickslip.solvers.stepping.tightening import BoltsAndSprings
 from stickslip.solvers.system.system import assemble
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.run import run

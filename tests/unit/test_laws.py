@@ -40,9 +40,9 @@ from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
+from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene
 from stickslip.workflows.lab.verification.check import failures
-from stickslip.workflows.lab.verification.closed_forms import sheared_column
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 

@@ -28,7 +28,7 @@ from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.accuracy.errors import BLIND, elements_touched, unresolved
 from stickslip.solvers.results.step_result import Quantity
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.lab.verification.closed_forms import hertz
+from stickslip.workflows.lab.verification.cases import hertz
 from stickslip.workflows.run.mesh_report import can_touch, report_mesh
 from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict

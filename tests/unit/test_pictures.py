@@ -62,7 +62,7 @@ from stickslip.workflows.pictures.rigid import Rigid
 from stickslip.workflows.pictures.sheet import STATUS_COLOURS, Sheet
 from stickslip.workflows.pictures.view import View, focus
 from stickslip.workflows.run.run import run
-from stickslip.workflows.writers.steps_table import StepsTable
+from stickslip.workflows.writers.tables import StepsTable
 from stickslip.workflows.writers.writer import Job
 
 Ints = NDArray[np.int64]

@@ -15,8 +15,8 @@ from shared.audited import audit
 from shared.command import result
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.step_result import Quantity
+from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.formats.results import read_results
-from stickslip.workflows.formats.steps_csv import read_steps_table
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.pictures.report_compare import compare
 from stickslip.workflows.pictures.report_page import page

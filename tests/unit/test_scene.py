@@ -20,7 +20,7 @@ from shared.problems import SceneOf
 from stickslip.geometry.errors import LONGEST_LINE, SceneError, nearest, require
 from stickslip.solvers import effects
 from stickslip.solvers.effects import EFFECTS
-from stickslip.solvers.effects.gravity import Gravity
+from stickslip.solvers.effects.body_forces import Gravity
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.scene.loads import Load
 from stickslip.solvers.scene.record import CONTACT_NUMBERS, numbers_of

@@ -19,11 +19,10 @@ import stickslip
 from shared.synthetic import job_of, mesh_of, result_of
 from stickslip.geometry.errors import MachineError
 from stickslip.solvers.results.step_result import MeshData, StepResult, values
+from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.formats.marker import MARKER, mark
-from stickslip.workflows.formats.steps_csv import read_steps_table
 from stickslip.workflows.run.terminal import console, contact_cells, print_table
-from stickslip.workflows.writers.steps_table import StepsTable, steps_row
-from stickslip.workflows.writers.tables import ContactTables, HistoryTable, ProbeTable
+from stickslip.workflows.writers.tables import ContactTables, HistoryTable, ProbeTable, StepsTable, steps_row
 from stickslip.workflows.writers.writer import Ended, Writer
 
 

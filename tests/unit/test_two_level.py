@@ -25,7 +25,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import StepError, Stepper
 from stickslip.workflows.lab.verification.cases import manufactured as case
-from stickslip.workflows.lab.verification.closed_forms.manufactured import LAWS, MU
+from stickslip.workflows.lab.verification.cases.manufactured import LAWS, MU
 from stickslip.workflows.lab.verification.prepared import accepted
 from stickslip.workflows.scene_file.read import read
 

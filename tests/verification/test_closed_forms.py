@@ -12,9 +12,7 @@ from scipy.optimize import lsq_linear
 from scipy.special import ellipe, ellipk
 
 from stickslip.geometry.arrays import Array
-from stickslip.workflows.lab.verification.cases.press_fit import HUB as PRESSED_HUB
-from stickslip.workflows.lab.verification.cases.press_fit import SHAFT as PRESSED_SHAFT
-from stickslip.workflows.lab.verification.closed_forms import (
+from stickslip.workflows.lab.verification.cases import (
     circular_drive,
     column,
     hertz,
@@ -25,10 +23,10 @@ from stickslip.workflows.lab.verification.closed_forms import (
     sheared_column,
     shrink_fit,
 )
-from stickslip.workflows.lab.verification.closed_forms.hertz_ellipse import contact_modulus, ellipse
-from stickslip.workflows.lab.verification.closed_forms.incline import HOLDS, LAYER, SLIDES
-from stickslip.workflows.lab.verification.closed_forms.limits import NONE, STEADY, Limit
-from stickslip.workflows.lab.verification.closed_forms.manufactured import (
+from stickslip.workflows.lab.verification.cases.bearing import contact_modulus, ellipse
+from stickslip.workflows.lab.verification.cases.incline import HOLDS, LAYER, SLIDES
+from stickslip.workflows.lab.verification.cases.limits import NONE, STEADY, Limit
+from stickslip.workflows.lab.verification.cases.manufactured import (
     LAMBDA,
     LAWS,
     MU,
@@ -36,9 +34,11 @@ from stickslip.workflows.lab.verification.closed_forms.manufactured import (
     G,
     Manufactured,
 )
-from stickslip.workflows.lab.verification.closed_forms.press_fit import pressure
-from stickslip.workflows.lab.verification.closed_forms.shear_lag import FORCE, STRIP
-from stickslip.workflows.lab.verification.closed_forms.shrink_fit import (
+from stickslip.workflows.lab.verification.cases.press_fit import HUB as PRESSED_HUB
+from stickslip.workflows.lab.verification.cases.press_fit import SHAFT as PRESSED_SHAFT
+from stickslip.workflows.lab.verification.cases.press_fit import pressure
+from stickslip.workflows.lab.verification.cases.shear_lag import FORCE, STRIP
+from stickslip.workflows.lab.verification.cases.shrink_fit import (
     HUB,
     INNER,
     JOINT,

@@ -17,6 +17,7 @@ from stickslip.solvers.results.step_result import SLIP, STICK
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.lab.verification.cases import friction_laws as case
+from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases import sheared_column as sheared_column_case
 from stickslip.workflows.lab.verification.cases.friction_laws import BRITTLE, HARDENING, SOFT, TOP, G
 from stickslip.workflows.lab.verification.cases.sheared_column import (
@@ -32,9 +33,7 @@ from stickslip.workflows.lab.verification.cases.sheared_column import (
     scene,
     threshold,
 )
-from stickslip.workflows.lab.verification.check import Check, failures
-from stickslip.workflows.lab.verification.closed_forms import sheared_column
-from stickslip.workflows.lab.verification.cycles import accounted, repeats
+from stickslip.workflows.lab.verification.check import Check, accounted, failures, repeats
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict

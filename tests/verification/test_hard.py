@@ -18,8 +18,18 @@ from stickslip.workflows.lab.verification.hard import judge as judging
 from stickslip.workflows.lab.verification.hard import run as command
 from stickslip.workflows.lab.verification.hard import suite
 from stickslip.workflows.lab.verification.hard.judge import AGREEMENT, Outcome, Solved, Verdict, apart, judge
-from stickslip.workflows.lab.verification.hard.page import BAD, again, confirmed, table, twins, write_page
-from stickslip.workflows.lab.verification.hard.run import _line, _lines, _rows, hard
+from stickslip.workflows.lab.verification.hard.run import (
+    BAD,
+    _line,
+    _rows,
+    _stored_lines,
+    confirmed,
+    hard,
+    repeating,
+    table,
+    twins,
+    write_page,
+)
 from stickslip.workflows.lab.verification.hard.suite import NAMES, Row, Task, Worker, performed, results, tasks
 from stickslip.workflows.lab.verification.hard.tables import overrides, ready, scene_of
 from stickslip.workflows.lab.verification.hard.variations import FIXED, Scale, variation, varied
@@ -39,7 +49,7 @@ def blocks() -> list[Row]:
 def test_small_sibling_has_no_failure_and_no_wrong_answer(number: int, seed: int) -> None:
     rows = list(results(NAMES, number, seed, jobs=1, opinion=2.0))
     assert len(rows) == number
-    assert not [f"{again(row)}: {row.verdict.reason}" for row in rows if row.verdict.outcome in BAD]
+    assert not [f"{repeating(row)}: {row.verdict.reason}" for row in rows if row.verdict.outcome in BAD]
     assert sum(row.verdict.outcome is Outcome.SOLVED for row in rows) >= number / 2
 
 
@@ -382,7 +392,7 @@ def test_rows_from_before_twins_were_recorded_are_read(tmp_path: Path) -> None:
     plain = json.loads(_line(row))
     assert plain["verdict"].pop("twin") == "agrees"
     (tmp_path / "hard.jsonl").write_text(_line(row) + json.dumps(plain) + "\n")
-    assert _rows(tmp_path, _lines(tmp_path / "hard.jsonl")) == [
+    assert _rows(tmp_path, _stored_lines(tmp_path / "hard.jsonl")) == [
         row,
         replace(row, verdict=replace(row.verdict, twin="")),
     ]

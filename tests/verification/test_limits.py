@@ -20,7 +20,7 @@ from stickslip.solvers.scene.settings import Output, Steps
 from stickslip.workflows.formats.steps import read_step
 from stickslip.workflows.lab.verification.cases import column as column_case
 from stickslip.workflows.lab.verification.cases import limits as limits_case
-from stickslip.workflows.lab.verification.closed_forms.limits import END, LIMITS
+from stickslip.workflows.lab.verification.cases.limits import END, LIMITS
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.run import run

@@ -15,10 +15,10 @@ from stickslip.solvers.scene.material import Orthotropic
 from stickslip.solvers.simulation.plan import make_plan, warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.cases import orthotropic as case
+from stickslip.workflows.lab.verification.cases import orthotropic as exact
 from stickslip.workflows.lab.verification.cases.hertz import Touch
 from stickslip.workflows.lab.verification.cases.rubber import heated, off
 from stickslip.workflows.lab.verification.check import failures
-from stickslip.workflows.lab.verification.closed_forms import orthotropic as exact
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 

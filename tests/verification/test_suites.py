@@ -15,21 +15,29 @@ from stickslip.solvers.laws import FrictionLaw
 from stickslip.solvers.simulation.resolve import plan_rows
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.lab.verification import registry as module
-from stickslip.workflows.lab.verification.accuracy.answer import MESH, TIME, TOTAL, Answer, solve
+from stickslip.workflows.lab.verification.accuracy.judge import (
+    MESH,
+    TIME,
+    TOTAL,
+    Answer,
+    Share,
+    compare,
+    endless,
+    solve,
+)
 from stickslip.workflows.lab.verification.accuracy.judge import Case as Figure
-from stickslip.workflows.lab.verification.accuracy.judge import Share, compare, endless
-from stickslip.workflows.lab.verification.accuracy.page import line, passed
-from stickslip.workflows.lab.verification.accuracy.page import write_page as write_accuracy_page
 from stickslip.workflows.lab.verification.accuracy.problems import PROBLEMS
-from stickslip.workflows.lab.verification.accuracy.run import accuracy
+from stickslip.workflows.lab.verification.accuracy.run import accuracy, line, passed
+from stickslip.workflows.lab.verification.accuracy.run import write_page as write_accuracy_page
 from stickslip.workflows.lab.verification.accuracy.suite import Study as Figures
 from stickslip.workflows.lab.verification.accuracy.suite import in_steps
 from stickslip.workflows.lab.verification.check import Check, failures
-from stickslip.workflows.lab.verification.effects.page import Found, faults, write_page
-from stickslip.workflows.lab.verification.effects.parts import EFFECTS, LAWS, SCENES
-from stickslip.workflows.lab.verification.effects.run import effects
+from stickslip.workflows.lab.verification.effects.run import Found, effects, faults, write_page
 from stickslip.workflows.lab.verification.effects.suite import (
+    EFFECTS,
+    LAWS,
     ROOT,
+    SCENES,
     Absent,
     Study,
     Work,

@@ -18,13 +18,12 @@ from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import Units
 from stickslip.solvers.parallel.counters import PHASES, Row
 from stickslip.solvers.scene.record import CONTACT_NUMBERS
+from stickslip.workflows.formats.csv_tables import STEPS, read_steps_table
 from stickslip.workflows.formats.files import read_json, read_regular
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.marker import own_files
 from stickslip.workflows.formats.mesh_file import MESH_FILE
 from stickslip.workflows.formats.steps import step_files
-from stickslip.workflows.formats.steps_csv import NAME as STEPS
-from stickslip.workflows.formats.steps_csv import read_steps_table
 
 RESULT, BEGUN, LOG = "result.json", "begun.json", "run.log"
 PER_METRE = {"N": "N/m", "N m": "N m/m", "J": "J/m", "m²": "m"}

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,9 @@ from stickslip.workflows.formats.hdf5 import read_arrays, write_arrays
 from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
 
 CHECKPOINT = "checkpoint"  # a group
+NUMBERS = ("time", "p_ref", "u_ref")
+STATE = ("p", "w", "reference", "driven", "shortened")  # arrays of the group "state"
+GROUPS = ("searched", "memory")  # arrays by contact
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,13 +124,8 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
         "stress": result.stress.reshape(-1, 9),
         "von_mises": result.von_mises,
         "stress_error": result.stress_error,
-        "state/p": result.p,
-        "state/w": result.w,
-        "state/reference": result.reference,
-        "state/driven": result.driven,
-        "state/shortened": result.shortened,
-        **{f"searched/{name}": moved for name, moved in result.searched.items()},
-        **{f"memory/{name}": length for name, length in result.memory.items()},
+        **{f"state/{name}": getattr(result, name) for name in STATE},
+        **{f"{group}/{name}": array for group in GROUPS for name, array in getattr(result, group).items()},
     }
     for name, contact in result.contacts.items():
         arrays |= {f"contacts/{name}/{key}": value for key, value in _columns(contact).items()}
@@ -134,16 +133,7 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
     arrays |= {f"{CHECKPOINT}/{name}": array for name, array in to_arrays(plain, arrays).items()}
     path = folder / step_name(index)
     make_folder(path.parent)
-    write_arrays(
-        path,
-        arrays,
-        {
-            "index": int(index),
-            "time": float(result.time),
-            "p_ref": float(result.p_ref),
-            "u_ref": float(result.u_ref),
-        },
-    )
+    write_arrays(path, arrays, {"index": int(index), **{name: float(getattr(result, name)) for name in NUMBERS}})
     return path
 
 
@@ -171,23 +161,16 @@ def read_step(path: Path) -> StoredStep:
             _, contact, column = name.split("/")
             contacts.setdefault(contact, {})[column] = array
     try:
+        found: dict[str, Any] = {name: numbers[name] for name in NUMBERS}
+        found |= {name: arrays[name] for name in ("displacement", "von_mises", "stress_error")}
+        found |= {name: arrays[f"state/{name}"] for name in STATE}
+        for group in GROUPS:
+            found[group] = {name.split("/")[1]: each for name, each in arrays.items() if name.startswith(f"{group}/")}
         return StoredStep(
             index=int(numbers["index"]),
-            time=numbers["time"],
-            p_ref=numbers["p_ref"],
-            u_ref=numbers["u_ref"],
-            displacement=arrays["displacement"],
             stress=arrays["stress"].reshape(-1, 3, 3),
-            von_mises=arrays["von_mises"],
-            stress_error=arrays["stress_error"],
             contacts={name: StoredContact(**columns) for name, columns in contacts.items()},
-            p=arrays["state/p"],
-            w=arrays["state/w"],
-            reference=arrays["state/reference"],
-            driven=arrays["state/driven"],
-            shortened=arrays["state/shortened"],
-            searched={name.split("/")[1]: moved for name, moved in arrays.items() if name.startswith("searched/")},
-            memory={name.split("/")[1]: length for name, length in arrays.items() if name.startswith("memory/")},
+            **found,
         )
     except (KeyError, TypeError, ValueError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error

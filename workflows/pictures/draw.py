@@ -15,9 +15,9 @@ from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, ContactState, Errors, MeshData, Quantity, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.contact_line import Line, walk
+from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.formats.files import make_folder
 from stickslip.workflows.formats.plus_minus import MISSING, with_error
-from stickslip.workflows.formats.steps_csv import read_steps_table
 from stickslip.workflows.pictures.body_picture import BodyPictures
 from stickslip.workflows.pictures.force_displacement import draw_loops
 from stickslip.workflows.pictures.history import draw_history

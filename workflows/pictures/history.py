@@ -17,7 +17,7 @@ from stickslip.geometry.obstacles.obstacle import AXES
 from stickslip.solvers.results.step_result import SLIP, STICK
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.timeline import Place
-from stickslip.workflows.formats.steps_csv import column, is_prescribed
+from stickslip.workflows.formats.csv_tables import column, is_prescribed
 from stickslip.workflows.pictures.force_displacement import FEW, Columns, from_rest, per_metre
 from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, STATUS_COLOURS, STATUS_WORDS, Sheet, frame
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -60,19 +60,6 @@ def _record(folder: Path, index: int, dim: int) -> Record | None:
     if (folder / light_name(index)).exists() and not path.exists():
         return None
     stored = read_step(path)
-    return Record(
-        time=stored.time,
-        displacement=stored.displacement[:, :dim],
-        p=stored.p,
-        w=stored.w,
-        reference=stored.reference,
-        driven=stored.driven,
-        shortened=stored.shortened,
-        searched=stored.searched,
-        memory=stored.memory,
-        stored=StoredFields(
-            stress=stored.stress,
-            von_mises=stored.von_mises,
-            contacts={name: vars(contact) for name, contact in stored.contacts.items()},
-        ),
-    )
+    contacts = {name: vars(contact) for name, contact in stored.contacts.items()}
+    fields = StoredFields(stress=stored.stress, von_mises=stored.von_mises, contacts=contacts)
+    return replace(Record.of(stored), displacement=stored.displacement[:, :dim], stored=fields)

@@ -103,7 +103,7 @@ class Outputs:
 def part_of(writer: Writer) -> str:
     """Its name in the profile: that of its class in words.
 
-    >>> from stickslip.workflows.writers.steps_table import StepsTable
+    >>> from stickslip.workflows.writers.tables import StepsTable
     >>> part_of(StepsTable.__new__(StepsTable))
     'steps table'
     """

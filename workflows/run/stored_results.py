@@ -14,11 +14,11 @@ from stickslip.geometry.errors import FolderError
 from stickslip.geometry.protocols import DataFrame
 from stickslip.solvers.results.step_result import MeshData, StepResult, data_frame, html_table
 from stickslip.solvers.scene.record import CONTACT_NUMBERS
+from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_from
 from stickslip.workflows.formats.results import Results, read_results
 from stickslip.workflows.formats.steps import light_files, read_checkpoint
-from stickslip.workflows.formats.steps_csv import read_steps_table
 from stickslip.workflows.run.folder import BEGUN, RESULT, work_of
 
 

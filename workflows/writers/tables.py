@@ -1,4 +1,4 @@
-"""Tables for spreadsheets and scripts: contact_NAME.csv by step and point, probes.csv, history.csv by iteration.
+"""CSV tables for spreadsheets and scripts, in columns with names: of steps, contacts, probes and iterations.
 
 A step's rows are written before its file: whatever a crash leaves beyond the last step's file is then surplus, and
 `resume` takes it away.
@@ -13,18 +13,27 @@ from functools import cached_property
 
 import numpy as np
 
+from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.record import STRESSES
+from stickslip.solvers.results.step_result import ContactState, Errors, StepResult, total_errors, values
+from stickslip.solvers.scene.record import CONTACT_NUMBERS, ContactNumbers, ProbeValue, flat_names, numbers_of
+from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.history import HistoryTuple
 from stickslip.workflows.formats.contact_line import walk
-from stickslip.workflows.formats.csv_tables import Row, Table, append_tables, python_numbers, write_tables_again
+from stickslip.workflows.formats.csv_tables import (
+    STEPS,
+    Table,
+    append_tables,
+    column,
+    is_prescribed,
+    python_numbers,
+    write_tables_again,
+)
 from stickslip.workflows.formats.files import disk_errors
 from stickslip.workflows.writers.writer import Ended, Turn, Writer
 
-HISTORY = "history.csv"
-HEADER = ("step", "time", "iteration", "residual", "volume_solves", "seconds", "method")  # see `HistoryRow`
-PROBES = "probes.csv"
+PROBES, HISTORY = "probes.csv", "history.csv"
+OF_HISTORY = ("step", "time", "iteration", "residual", "volume_solves", "seconds", "method")  # see `HistoryRow`
 
 
 class TableWriter(Writer):
@@ -58,7 +67,7 @@ class TableWriter(Writer):
 
 
 class ContactTables(TableWriter):
-    """A table a contact."""
+    """contact_NAME.csv: the points of a contact surface, one row a step and point."""
 
     def names(self) -> list[str]:
         return [contact_table(name) for name in self.job.scene.contacts]
@@ -91,7 +100,7 @@ def contact_table(contact: str) -> str:
 
 
 class HistoryTable(TableWriter):
-    """One row an iteration."""
+    """history.csv: the iterations of every step, one row each; those of a step that failed too."""
 
     def names(self) -> list[str]:
         return [HISTORY]
@@ -105,28 +114,93 @@ class HistoryTable(TableWriter):
 
 def history_table(index: int, history: Iterable[HistoryTuple]) -> Table:
     """Rows of the iterations of a step."""
-    return Table(HISTORY, HEADER, [(int(index), *python_numbers(row)) for row in history])
+    return Table(HISTORY, OF_HISTORY, [(int(index), *python_numbers(row)) for row in history])
 
 
 class ProbeTable(TableWriter):
-    """One table for all probes; none where the scene has none."""
+    """probes.csv: one row a step and probe; none where the scene has no probes."""
 
     def names(self) -> list[str]:
         return [PROBES]
 
     def tables(self, index: int, result: StepResult) -> Iterator[Table]:
-        if result.probes:
-            yield Table(PROBES, probe_header(self.job.mesh.points.shape[1]), probe_rows(result))
+        numbers, dim = numbers_of(ProbeValue).items(), self.job.mesh.points.shape[1]
+        header = ["time", "probe", *(f"{key}_{axis}" for key, number in numbers for axis in number.axes(dim))]
+        rows = [
+            (
+                float(result.time),
+                name,
+                *(x for key, n in numbers for x in np.ravel(n.value(getattr(probe, key))).tolist()),
+            )
+            for name, probe in result.probes.items()
+        ]
+        if rows:
+            yield Table(PROBES, header, rows)
 
 
-def probe_header(dim: int) -> list[str]:
-    """Names of the columns."""
-    return ["time", "probe", *(f"displacement_{a}" for a in "xyz"[:dim]), *(f"stress_{ij}" for ij in STRESSES)]
+class StepsTable(TableWriter):
+    """steps.csv: what the scene prescribes at the time of each step, and its resultants, energies and cost, in a row.
+
+    What has no value then is an empty cell.
+    """
+
+    def names(self) -> list[str]:
+        return [STEPS]
+
+    def tables(self, index: int, result: StepResult) -> Iterator[Table]:
+        yield _table(steps_row(index, self.job.scene, result))
+
+    def finish(self, ended: Ended) -> None:
+        """Write it anew with a column for the total error of each number, where errors were estimated."""
+        if ended.errors is not None:
+            rows = (
+                steps_row(index, self.job.scene, step) | errors_row(step, errors)
+                for index, (step, errors) in enumerate(zip(ended.steps, ended.errors, strict=True), start=1)
+            )
+            write_tables_again(self.job.folder, ([_table(row)] for row in rows), self.names())
+        super().finish(ended)
 
 
-def probe_rows(result: StepResult) -> list[Row]:
-    """One row a probe."""
-    return [
-        (float(result.time), name, *python_numbers(displacement), *(float(stress[ij]) for ij in STRESSES.values()))
-        for name, (displacement, stress) in result.probes.items()
-    ]
+def _table(row: dict[str, float]) -> Table:
+    """A row; an empty cell for NaN."""
+    return Table(STEPS, list(row), [["" if np.isnan(n) else n for n in row.values()]])
+
+
+def errors_row(step: StepResult, errors: Errors) -> dict[str, float]:
+    """Total errors of one step's numbers by column; NaN: not known."""
+    return {f"{name}.error": value for name, value in total_errors(step, errors).items()}
+
+
+def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
+    """By column, in SI units; NaN: the mean slip where nothing touches.
+
+    Resultants act on the side that the scene calls `surface`.
+    """
+    found: dict[str, float] = {"step": index, "time": step.time}
+    for place, amplitude in scene.drives().items():
+        if is_prescribed(place):
+            found[column(place)] = value_at(amplitude, step.time, scene.steps.end)
+    numbers = values(step)
+    for name, contact in step.contacts.items():
+        found |= {f"{name}.{key}": numbers.pop(f"{name}.{key}") for key in CONTACT_NUMBERS}
+        found |= _vectors(name, contact, scene.axisymmetric)
+    effort = {key: getattr(step, key) for key in numbers_of(StepResult) if key != "time"}
+    every = found | dict(step.columns) | numbers | effort
+    return {name: float(n) if isinstance(n, float) else int(n) for name, n in every.items()}
+
+
+def _vectors(name: str, contact: ContactState, axisymmetric: bool) -> dict[str, float]:
+    """Components of the resultant, its moment and tangential part, and of the mean slip, weighted by pressure."""
+    tangential = contact.weight @ contact.traction
+    pressing = contact.weight * np.abs(contact.pressure)
+    touches = contact.contact_area > 0 and pressing.sum() > 0
+    slip = pressing @ contact.slip / (pressing.sum() if touches else np.nan)
+    if axisymmetric:  # over the full circle the radial parts balance
+        tangential = tangential * [0, 1]
+    vectors = {"force": contact.force, "tangential_force": tangential, "slip": slip, "moment": contact.moment}
+    shapes = {key: numbers_of(ContactNumbers)["moment" if key == "moment" else "force"] for key in vectors}
+    return {
+        column: float(x)
+        for key, vector in vectors.items()
+        for column, x in zip(flat_names("contacts", name, key, shapes[key], len(vector)), vector, strict=True)
+    }

@@ -34,7 +34,7 @@ from stickslip.solvers.scene.settings import Accuracy, Output, Steps
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.accuracy.rounds import Rounds
 from stickslip.workflows.lab.verification.cases import cattaneo, hertz, punch, raous
-from stickslip.workflows.lab.verification.closed_forms.raous import SIDE
+from stickslip.workflows.lab.verification.cases.raous import SIDE
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import LOGGERS, Watch
 

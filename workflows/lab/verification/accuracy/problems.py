@@ -24,10 +24,10 @@ from stickslip.workflows.lab.verification.cases import (
     sheared_column,
     shrink_fit,
 )
-from stickslip.workflows.lab.verification.closed_forms import circular_drive as circle
-from stickslip.workflows.lab.verification.closed_forms import column as column_form
-from stickslip.workflows.lab.verification.closed_forms import sheared_column as sheared
-from stickslip.workflows.lab.verification.closed_forms.shrink_fit import JOINT
+from stickslip.workflows.lab.verification.cases import circular_drive as circle
+from stickslip.workflows.lab.verification.cases import column as column_form
+from stickslip.workflows.lab.verification.cases import sheared_column as sheared
+from stickslip.workflows.lab.verification.cases.shrink_fit import JOINT
 from stickslip.workflows.scene_file.read import from_dict, read
 
 MESHES = (2.25, 1.5, 1.0)  # times the mesh sizes of a problem's scene

@@ -23,8 +23,18 @@ from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.stepper import StepError
-from stickslip.workflows.lab.verification.accuracy.answer import ITERATION, MESH, TIME, TOTAL, Answer, solve
-from stickslip.workflows.lab.verification.accuracy.judge import Case, Endless, compare, endless
+from stickslip.workflows.lab.verification.accuracy.judge import (
+    ITERATION,
+    MESH,
+    TIME,
+    TOTAL,
+    Answer,
+    Case,
+    Endless,
+    compare,
+    endless,
+    solve,
+)
 from stickslip.workflows.lab.verification.accuracy.problems import MESHES, PROBLEMS, Problem
 
 MORE = 16  # times the steps

@@ -1,6 +1,11 @@
-"""Two plates that a bolt clamps, drawn apart through a rigid remote point beyond the point where the joint opens."""
+"""Two plates that a bolt clamps, drawn apart through a rigid remote point beyond the point where the joint opens.
+
+A bolt that clamps two plates: bolt and plates as springs, in series while tightened, then side by side.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 from stickslip.geometry.builders.blocks import TwoBlocks
 from stickslip.solvers.effects.bolts import Bolt
@@ -11,9 +16,34 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import Check, close
-from stickslip.workflows.lab.verification.closed_forms.bolted_joint import BOLT, FORCE, HEIGHT, E, state
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
+
+E, HEIGHT = 1000.0, 1.0  # of each plate [Pa], [m]; lateral strain zero
+BOLT, FORCE = 400.0, 3.0  # stiffness of the bolt [N/m], what it is tightened to [N]
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointState:
+    """The joint diagram."""
+
+    tension: float  # of the bolt [N]
+    clamped: float  # force between the plates [N]
+    shortening: float  # of the bolt, by which it was tightened [m]
+
+
+def state(tightened: float, load: float, area: float) -> JointState:
+    """State of a joint tightened to a share of the force, that a load [N] then draws apart; area: of the plates [m²].
+
+    With c = E A / (2 h) of both plates, a load adds k / (k + c) of itself to the bolt, until the joint opens.
+
+    >>> state(1.0, 0.0, 2.0).clamped, state(1.0, 1e3, 2.0).tension
+    (3.0, 1000.0)
+    """
+    plates = E * area / (2 * HEIGHT)
+    preload = tightened * FORCE
+    tension = max(preload + load * BOLT / (BOLT + plates), load)
+    return JointState(tension=tension, clamped=tension - load, shortening=preload * (1 / BOLT + 1 / plates))
+
 
 SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 TOLERANCE = 1e-7  # the tolerance of an iterative method, 1e-11, times what bolt and plates differ in stiffness

@@ -3,6 +3,13 @@
 The flat sides are where a round cylinder has its middle, a / R = .085: as for one body, tractions are compared at the
 computed forces. The upper flat side is driven and does not turn, or a force presses it and contact alone holds
 the body.
+
+Two like cylinders pressed together, then sheared: partial slip from the edges inwards.
+
+Both half-planes are of one material, so that pressure and shear do not interact; the contact is small against
+the radii.
+
+Source: Johnson, Contact Mechanics (1985), section 7.2; Cattaneo (1938), Mindlin (1949).
 """
 
 from __future__ import annotations
@@ -23,14 +30,42 @@ from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Probe, Steps
-from stickslip.workflows.lab.verification.cases.hertz import ellipse
-from stickslip.workflows.lab.verification.check import Check, within
-from stickslip.workflows.lab.verification.closed_forms import hertz
-from stickslip.workflows.lab.verification.closed_forms.cattaneo import Cattaneo, cattaneo
-from stickslip.workflows.lab.verification.closed_forms.hertz import Hertz
-from stickslip.workflows.lab.verification.cycles import CYCLES, accounted, repeats
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.cases import hertz
+from stickslip.workflows.lab.verification.cases.hertz import Hertz, ellipse
+from stickslip.workflows.lab.verification.check import CYCLES, Check, accounted, repeats, within
+from stickslip.workflows.lab.verification.prepared import prepare, solver
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cattaneo:
+    """Hertz' contact under a shear force Q < mu P per length; the middle, |x| < c, sticks."""
+
+    pressed: Hertz
+    mu: float
+    c: float  # [m]
+
+    def shear(self, x: Array) -> Array:
+        """Tangential traction [Pa] at a distance x [m] from the middle: that of slip, less an ellipse where it sticks.
+
+        >>> middle = cattaneo(1.0, 0.15, 1.0, 1.0, mu=0.2)
+        >>> round(float(middle.shear(np.zeros(1))[0] / (middle.mu * middle.pressed.p0)), 12)
+        0.5
+        """
+        inner = Hertz(a=self.c, p0=self.pressed.p0 * self.c / self.pressed.a)
+        return self.mu * (self.pressed.pressure(x) - inner.pressure(x))
+
+
+def cattaneo(P: float, Q: float, R: float, E_star: float, mu: float) -> Cattaneo:
+    """Pressed with P and then sheared with Q per length [N/m]; 1 / R and 1 / E* are sums over both cylinders.
+
+    >>> one = hertz.plane_strain(200.0, 0.3)
+    >>> found = cattaneo(10.0, 0.93622, 4.0, one / 2, mu=0.2)
+    >>> round(found.pressed.a, 6), round(found.pressed.p0, 5), round(found.c, 6)
+    (0.680778, 9.35135, 0.496497)
+    """
+    pressed = hertz.cylinder(P, R, E_star)
+    return Cattaneo(pressed=pressed, mu=mu, c=float(pressed.a * np.sqrt(1 - Q / (mu * P))))
+
 
 SLOW = ("uzawa", "surface-uzawa")  # methods that take more than some seconds
 R, E, NU, MU = 8.0, 200.0, 0.3, 0.2

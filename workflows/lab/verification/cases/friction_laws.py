@@ -2,6 +2,15 @@
 
 A column that slips keeps its traction on the ellipse of the two coefficients: far behind its top at its support point
 in the way of the slip, t_i = mu_i² V_i p / |mu V|; from rest, at the nearest point to the trial traction.
+
+A point on a spring whose coefficient of friction depends on its slip so far: stick, weakening, jump, plateau.
+
+The spring's end is moved by V, and drags the point at w under a pressure p: tau = k (V - w), |tau| <= mu(l) p, l the
+length of the path of w. In a step the point slips until friction balances the spring for the first time. On a straight
+piece of mu(l) the excess |tau| - mu(l) p is linear in the slip: it falls if p d mu/dl > -k, otherwise slip jumps to the
+next piece.
+
+Source: derived here; the condition of stability is that of Rice & Ruina, J. Appl. Mech. 50 (1983), without a rate.
 """
 
 from __future__ import annotations
@@ -10,13 +19,47 @@ from dataclasses import replace
 
 import numpy as np
 
+from stickslip.geometry.arrays import Array
 from stickslip.solvers.laws.friction import Cohesion, OrthotropicCoulomb
 from stickslip.solvers.laws.law import FrictionLaw
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
+from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene, solve
 from stickslip.workflows.lab.verification.check import Check, close, farthest
-from stickslip.workflows.lab.verification.closed_forms import sheared_column, weakening
+
+
+def drag(table: tuple[tuple[float, float], ...], p: float, k: float, ends: Array) -> tuple[Array, Array]:
+    """Traction tau [Pa] and length of slip [m] after each step (steps,), from rest.
+
+    Args:
+        table: mu [-] by length of slip [m], linear between its lines and constant beyond them.
+        p: pressure [Pa].
+        k: stiffness of the spring [Pa/m].
+        ends: V after each step (steps,) [m], monotone between them.
+
+    >>> tau, length = drag(((0.0, 0.3), (1.0, 0.2)), 10.0, 2.0, np.array([1.0, 2.0, 5.0]))
+    >>> tau.round(9), length.round(9)
+    (array([2., 2., 2.]), array([0., 1., 4.]))
+    """
+    at, mu = np.array(table).T
+    tau, lengths, w, length = np.zeros(len(ends)), np.zeros(len(ends)), 0.0, 0.0
+    for i, V in enumerate(ends):
+        way = np.sign(V - w)
+        corners = [length, *at[at > length]]
+        excess = [k * (abs(V - w) - (x - length)) - p * float(np.interp(x, at, mu)) for x in corners]
+        slip = 0.0
+        if excess[0] > 0:
+            j = next((j for j, e in enumerate(excess) if e <= 0), len(corners))
+            if j == len(corners):  # beyond the last line mu stays what it is
+                slip = corners[-1] - length + excess[-1] / k
+            else:
+                part = excess[j - 1] / (excess[j - 1] - excess[j])
+                slip = corners[j - 1] - length + part * (corners[j] - corners[j - 1])
+        w, length = w + way * slip, length + slip
+        tau[i], lengths[i] = k * (V - w), length
+    return tau, lengths
+
 
 SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 G = sheared_column.COLUMN.G  # the column is 1 m high: the stiffness of its base against slip [Pa/m]
@@ -48,7 +91,7 @@ def bounded(method: str, law: FrictionLaw, bound: float) -> list[Check]:
 def weakened(method: str, law: StaticKinetic | SlipDependent) -> list[Check]:
     """Static friction that falls to kinetic with the length of slip."""
     steps = solve(scene(dim=2, method=method, E=E, friction=law, path=TOP[:, None]))[1:]
-    tau, length = weakening.drag(law.table, PRESSURE, G * (2 / 3 if law.k_T else 1.0), TOP)
+    tau, length = drag(law.table, PRESSURE, G * (2 / 3 if law.k_T else 1.0), TOP)
     steepest = f"{type(law).__name__}, mu falls by {law.weakening:.3g} /m, k_T = {law.k_T}"
     found = list[Check]()
     for k, step in enumerate(steps):

@@ -2,6 +2,12 @@
 
 A body's far side is never far enough for the approach, whose error is about a / distance, but its
 influence on the pressure falls as the cube of that: pressures are compared at the computed force.
+
+Hertz contact of a rigid round body with a half-space, or of a round body with a rigid plane; no friction.
+
+Lengths of the contact are small against the radius; E* = E / (1 - nu²) when the other body is rigid.
+
+Source: Johnson, Contact Mechanics (1985), sections 3.4 and 4.2.
 """
 
 from __future__ import annotations
@@ -26,14 +32,64 @@ from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.check import Check
-from stickslip.workflows.lab.verification.closed_forms import hertz
-from stickslip.workflows.lab.verification.closed_forms.hertz import Hertz
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hertz:
+    """A contact of half-width or radius a, with p = p0 sqrt(1 - (x / a)²)."""
+
+    a: float  # [m]
+    p0: float  # [Pa]
+
+    def pressure(self, x: Array) -> Array:
+        """Pressure [Pa] at a distance x [m] from the middle."""
+        return np.asarray(self.p0 * np.sqrt(np.maximum(1 - (x / self.a) ** 2, 0.0)))
+
+
+def plane_strain(E: float, nu: float) -> float:
+    """E* [Pa].
+
+    >>> plane_strain(1000.0, 0.5)
+    1333.3333333333333
+    """
+    return E / (1 - nu**2)
+
+
+def sphere(F: float, R: float, E_star: float) -> Hertz:
+    """Pressed with F [N].
+
+    >>> contact = sphere(60 * np.pi, 8.0, plane_strain(1000.0, 0.3))
+    >>> round(contact.a, 6), round(contact.p0, 4)
+    (1.009635, 88.2904)
+    """
+    a = (3 * F * R / (4 * E_star)) ** (1 / 3)
+    return Hertz(a=float(a), p0=float(3 * F / (2 * np.pi * a**2)))
+
+
+def approach(contact: Hertz, R: float) -> float:
+    """By how much distant points of sphere and half-space come closer [m].
+
+    >>> round(approach(sphere(60 * np.pi, 8.0, plane_strain(1000.0, 0.3)), 8.0), 6)
+    0.12742
+    """
+    return contact.a**2 / R
+
+
+def cylinder(P: float, R: float, E_star: float) -> Hertz:
+    """Pressed with P per length [N/m].
+
+    >>> contact = cylinder(np.pi, 1.0, 4.0)
+    >>> contact.a, contact.p0
+    (1.0, 2.0)
+    """
+    a = np.sqrt(4 * P * R / (np.pi * E_star))
+    return Hertz(a=float(a), p0=float(2 * P / (np.pi * a)))
+
 
 R, E, NU = 8.0, 1000.0, 0.3
 F = 60 * np.pi  # [N]
-E_STAR = hertz.plane_strain(E, NU)
+E_STAR = plane_strain(E, NU)
 NEAR = 1.3  # radius with cells of equal size, over a
 SHARE = {"axisymmetric": 1.0, "plane strain": 0.5, "3d": 0.25}  # of the load, in the part of the body that is meshed
 
@@ -59,8 +115,8 @@ class Touch:
 
     def exact(self, load: float) -> Hertz:
         """Hertz' answer to a load."""
-        kind = hertz.cylinder if self.model == "plane strain" else hertz.sphere
-        return kind(load, self.radius, hertz.plane_strain(E, self.nu))
+        kind = cylinder if self.model == "plane strain" else sphere
+        return kind(load, self.radius, plane_strain(E, self.nu))
 
     @property
     def dim(self) -> int:
@@ -121,7 +177,7 @@ def _obstacle(touch: Touch, up: str) -> Obstacle:
     if touch.driven_by == "force":
         drive = {"force": {up: sense * SHARE[touch.model] * touch.load}}
     else:
-        drive = {"displacement": {up: sense * hertz.approach(touch.exact(touch.load), touch.radius)}}
+        drive = {"displacement": {up: sense * approach(touch.exact(touch.load), touch.radius)}}
     across = (0.0,) * (touch.dim - 1)
     if touch.against == "plane":
         return Plane(point=(*across, 0.0), normal=(*across, 1.0), **drive)  # type: ignore[arg-type]
@@ -230,7 +286,7 @@ def approaches() -> list[Check]:
     found = []
     for load, tolerance in ((F, 0.02), (LIGHT, 3e-3)):
         touch = Touch(against="half-space", load=load)
-        exact = hertz.approach(touch.exact(load), R)
+        exact = approach(touch.exact(load), R)
         name = f"ball on a half-space, {load:.4g} N: approach [m]"
         found.append(Check(name, solve(touch).approach, exact, tolerance, relative=True))
     return found

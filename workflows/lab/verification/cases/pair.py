@@ -21,9 +21,7 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import Check
-from stickslip.workflows.lab.verification.prepared import observed
-from stickslip.workflows.lab.verification.solver import solver
-from stickslip.workflows.lab.verification.turned import rotation, turned_system
+from stickslip.workflows.lab.verification.prepared import observed, rotation, solver, turned_system
 
 SLOW = ("uzawa", "surface-uzawa")  # methods that take more than some seconds
 REACH = 0.3  # [m]; by default a part of the box along the axes, which is another one when turned

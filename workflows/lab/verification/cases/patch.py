@@ -22,8 +22,7 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.check import Check, farthest, within
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 SLOW = ("condensed-newton", "uzawa")  # methods that take more than some seconds
 E, NU, P, PUSH = 2e6, 0.3, 1e5, 0.1  # [Pa], -, [Pa], [m]

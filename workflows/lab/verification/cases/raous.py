@@ -1,8 +1,20 @@
-"""The block of Raous, Chabrand and Lebon: linear triangles, 32 x 32 x 2."""
+"""The block of Raous, Chabrand and Lebon: linear triangles, 32 x 32 x 2.
+
+Block of Raous, Chabrand and Lebon: separation, slip and stick at mu = 1 on one face.
+
+[0, 0.04]² m in plane strain: y = 0 on a rigid plane, u_x = 0 on x = 0.04, u_y = 0 at the corner (0.04, 0); a pressure
+down on top and a larger one in +x on x = 0, growing in proportion. Forces and works are per metre of thickness.
+
+Source: U_X_PUBLISHED is Raous, Chabrand & Lebon (1988), J. Méc. Théor. Appl. 7, "Numerical methods for frictional
+contact problems and applications". All else was computed for this project by independent programs, and is data;
+only the balance F_N = pressure times side and the dependence of the dissipation on n are exact.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 
@@ -17,33 +29,95 @@ from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.workflows.lab.verification.check import Check, within
-from stickslip.workflows.lab.verification.closed_forms import raous
-from stickslip.workflows.lab.verification.cycles import accounted
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.check import Check, accounted, within
+from stickslip.workflows.lab.verification.prepared import prepare, solver
+
+SIDE = 0.04  # [m]
+E = 1.3e11  # [Pa]
+NU = 0.2
+MU = 1.0
+TOP_PRESSURE = 5e7  # downward [Pa]
+SIDE_PRESSURE = 15e7  # in +x [Pa]
+
+X = np.array([0.0, 1.25e-3, 5e-3, 7.5e-3, 11.25e-3])  # samples on y = 0 [m]
+U_X_PUBLISHED = np.array([2.86e-5, 2.72e-5, 2.28e-5, 1.98e-5, 1.50e-5])  # [m]
+U_X_CONVERGED = np.array([2.860e-5, 2.723e-5, 2.287e-5, 1.981e-5, 1.541e-5])  # [m]
+U_X_P1_32 = np.array([2.853e-5, 2.715e-5, 2.281e-5, 1.977e-5, 1.539e-5])  # linear triangles, 32 x 32 x 2 [m]
+
+OPEN_UNTIL = 3.4e-3  # [m]
+SLIP_UNTIL = 29.8e-3  # [m]
+F_N = 2.000e6  # contact and corner support together, upward [N/m]
+F_T = 1.4054e6  # friction, against +x [N/m]
+CORNER_SHARE_P1_32 = 0.025  # of F_N, carried by the corner support on the 32 x 32 mesh
+DISSIPATION_LIMIT = 4.401  # of infinitely many steps [J/m]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComplianceShift:
+    """Relative change of u_x at x = 0 with c_n = k_T = k E / SIDE, against the limit on the same mesh."""
+
+    k: float
+    shift: float
+    tolerance: float  # quadrature and stick rule: 15 % of the shift; beyond k = 1000 only |shift| < 0.1 %
+
+
+COMPLIANCE_SHIFTS = (
+    ComplianceShift(k=10, shift=-0.042, tolerance=0.15 * 0.042),
+    ComplianceShift(k=100, shift=-0.0046, tolerance=0.15 * 0.0046),
+    ComplianceShift(k=1000, shift=-0.0004, tolerance=0.15 * 0.0004),
+    ComplianceShift(k=1e4, shift=-0.0001, tolerance=0.0009),
+)
+
+
+def dissipation(n: int) -> float:
+    """Frictional work of an implicit proportional ramp in n equal steps [J/m].
+
+    At load k / n the tractions are k / n and the slip of the step is 1 / n of the final ones, so the works of the steps
+    are as k / n^2, and their sum as (n + 1) / (2 n): one step makes twice the limit. The displacements do not depend
+    on n.
+
+    >>> dissipation(1)
+    8.802
+    """
+    if n < 1:
+        raise ValueError(f"n = {n}: a ramp has at least one step")
+    return DISSIPATION_LIMIT * (n + 1) / n
+
+
+def state(x: float) -> Literal["open", "slip", "stick"]:
+    """State (open, slip, stick) of the contact face at abscissa x [m]; the two limits are given to 0.1 mm.
+
+    >>> state(0.0), state(0.01), state(0.035)
+    ('open', 'slip', 'stick')
+    """
+    if not 0 <= x <= SIDE:
+        raise ValueError(f"x = {x} m: the block reaches from 0 to {SIDE} m")
+    if x < OPEN_UNTIL:
+        return "open"
+    return "slip" if x < SLIP_UNTIL else "stick"
+
 
 SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 N = 32
 RAMPS = (1, 2, 5, 20)  # steps
-CELL = raous.SIDE / N  # [m]
+CELL = SIDE / N  # [m]
 
 
-def scene(method: str, steps: int = 1, mu: float = raous.MU, n: int = N, k: float | None = None) -> Scene:
+def scene(method: str, steps: int = 1, mu: float = MU, n: int = N, k: float | None = None) -> Scene:
     """n x n x 2 triangles, the loads growing in proportion; compliant with c_n = k_T = k E / SIDE, or rigid contact."""
-    stiffness = None if k is None else k * raous.E / raous.SIDE
+    stiffness = None if k is None else k * E / SIDE
     base = Contact(
         surface="block.bottom",
         against="floor",
         normal=Unilateral() if stiffness is None else Compliance(c_n=stiffness),
         friction=Coulomb(mu=mu, k_T=stiffness),
     )
-    low, up, corner = (0.0, 0.0), (0.0, 1.0), (raous.SIDE, 0.0)
+    low, up, corner = (0.0, 0.0), (0.0, 1.0), (SIDE, 0.0)
     return Scene(
         title="Block of Raous, Chabrand and Lebon",
         model="plane strain",
-        geometry=Block(length=raous.SIDE, height=raous.SIDE, mesh_size=raous.SIDE / n),
-        bodies={"block": Material(E=raous.E, nu=raous.NU)},
+        geometry=Block(length=SIDE, height=SIDE, mesh_size=SIDE / n),
+        bodies={"block": Material(E=E, nu=NU)},
         obstacles={"floor": Plane(point=low, normal=up)},
         contacts={"base": base},
         supports={
@@ -51,8 +125,8 @@ def scene(method: str, steps: int = 1, mu: float = raous.MU, n: int = N, k: floa
             "corner": Support(point=corner, displacement={"y": 0.0}),
         },
         loads={
-            "top": Load(boundary="block.top", pressure=raous.TOP_PRESSURE),
-            "left": Load(boundary="block.left", pressure=raous.SIDE_PRESSURE),
+            "top": Load(boundary="block.top", pressure=TOP_PRESSURE),
+            "left": Load(boundary="block.left", pressure=SIDE_PRESSURE),
         },
         steps=Steps(count=steps),
         solver=solver(method, 1e-11),
@@ -60,31 +134,31 @@ def scene(method: str, steps: int = 1, mu: float = raous.MU, n: int = N, k: floa
 
 
 @lru_cache
-def march(method: str, steps: int = 1, mu: float = raous.MU, n: int = N) -> tuple[tuple[StepResult, ...], Array]:
+def march(method: str, steps: int = 1, mu: float = MU, n: int = N) -> tuple[tuple[StepResult, ...], Array]:
     """All steps, and the abscissae of the nodes of the contact [m]."""
     simulation = prepare(scene(method, steps, mu, n))
     return tuple(simulation.steps()), simulation.data.surfaces["base"][0][:, 0]
 
 
-def solve(method: str, steps: int = 1, mu: float = raous.MU, n: int = N) -> tuple[StepResult, Array]:
+def solve(method: str, steps: int = 1, mu: float = MU, n: int = N) -> tuple[StepResult, Array]:
     """The last step."""
     done, x = march(method, steps, mu, n)
     return done[-1], x
 
 
-def displacements(method: str, steps: int = 1, mu: float = raous.MU) -> list[Check]:
+def displacements(method: str, steps: int = 1, mu: float = MU) -> list[Check]:
     """u_x at the five samples, all of them nodes, against the column of the same mesh."""
     last, x = solve(method, steps, mu)
     order = np.argsort(x)
-    u_x = np.interp(raous.X, x[order], last.contacts["base"].slip[order, 0])
+    u_x = np.interp(X, x[order], last.contacts["base"].slip[order, 0])
     # the other code's column is one of figures rounded to 4 digits, from another way of averaging the contact: 0.2 %
     return [
         Check(f"u_x at x = {1000 * at:g} mm [m]", float(found), float(reference), 2e-3, relative=True)
-        for at, found, reference in zip(raous.X, u_x, raous.U_X_P1_32, strict=True)
+        for at, found, reference in zip(X, u_x, U_X_P1_32, strict=True)
     ]
 
 
-def forces(method: str, mu: float = raous.MU) -> list[Check]:
+def forces(method: str, mu: float = MU) -> list[Check]:
     """Equilibrium of forces, and the friction force.
 
     How the corner shares F_n with its neighbour is a matter of the discretisation: with multipliers at nodes a node
@@ -94,13 +168,13 @@ def forces(method: str, mu: float = raous.MU) -> list[Check]:
     base, corner = last.contacts["base"], last.supports["corner"][0][1]
     return [
         # balance only: as exact as the solver
-        Check("F_n, contact and corner [N/m]", base.normal_force + corner, raous.F_N, 1e-9, relative=True),
+        Check("F_n, contact and corner [N/m]", base.normal_force + corner, F_N, 1e-9, relative=True),
         # the mesh: 1.6, .41, .10 % too large at n = 16, 32, 64, which extrapolates to the converged figure
-        Check("F_t [N/m]", base.tangential_force, raous.F_T, 6e-3, relative=True),
+        Check("F_t [N/m]", base.tangential_force, F_T, 6e-3, relative=True),
     ]
 
 
-def zones(method: str, mu: float = raous.MU) -> list[Check]:
+def zones(method: str, mu: float = MU) -> list[Check]:
     """Open, slip and stick zones, to the resolution of cells of 1.25 mm."""
     last, x = solve(method, mu=mu)
     status = last.contacts["base"].status[np.argsort(x)]
@@ -110,13 +184,13 @@ def zones(method: str, mu: float = raous.MU) -> list[Check]:
     return [
         Check("open, slip, stick come in this order (1: yes)", float(ordered), 1.0, 0.0, relative=False),
         # a limit lies between the last node of one state and the first of the next: a cell, and its half each way
-        within("last open node [m]", opened.max(initial=0), raous.OPEN_UNTIL - 1.5 * CELL, raous.OPEN_UNTIL + CELL / 2),
-        within("last slipping node [m]", slipping.max(initial=0), raous.SLIP_UNTIL - 2 * CELL, raous.SLIP_UNTIL + CELL),
-        within("first sticking node [m]", sticking.min(initial=1), raous.SLIP_UNTIL - CELL, raous.SLIP_UNTIL + CELL),
+        within("last open node [m]", opened.max(initial=0), OPEN_UNTIL - 1.5 * CELL, OPEN_UNTIL + CELL / 2),
+        within("last slipping node [m]", slipping.max(initial=0), SLIP_UNTIL - 2 * CELL, SLIP_UNTIL + CELL),
+        within("first sticking node [m]", sticking.min(initial=1), SLIP_UNTIL - CELL, SLIP_UNTIL + CELL),
     ]
 
 
-def ramped(method: str, mu: float = raous.MU, counts: tuple[int, ...] = RAMPS, n: int = N) -> list[Check]:
+def ramped(method: str, mu: float = MU, counts: tuple[int, ...] = RAMPS, n: int = N) -> list[Check]:
     """A ramp of many steps dissipates (steps + 1) / steps of the limit, and its displacements do not depend on them."""
     found = []
     one, _ = solve(method, 1, mu, n)
@@ -125,7 +199,7 @@ def ramped(method: str, mu: float = raous.MU, counts: tuple[int, ...] = RAMPS, n
         work, alone = last.contacts["base"].dissipation_total, one.contacts["base"].dissipation_total
         # the mesh: .8, .23, .06 % too small at 16, 32, 64 cells
         mesh = 5e-3 * (N / n) ** 2
-        found.append(Check(f"{name}: dissipation [J/m]", work, raous.dissipation(steps), mesh, relative=True))
+        found.append(Check(f"{name}: dissipation [J/m]", work, dissipation(steps), mesh, relative=True))
         found += accounted(name, march(method, steps, mu, n)[0])
         if steps > 1:
             ratio = work / alone if mu else 0.0
@@ -136,7 +210,7 @@ def ramped(method: str, mu: float = raous.MU, counts: tuple[int, ...] = RAMPS, n
     return found
 
 
-def once(method: str, mu: float = raous.MU) -> list[Check]:
+def once(method: str, mu: float = MU) -> list[Check]:
     """The checks of a single step; with another mu than 1 they must fail."""
     return displacements(method, mu=mu) + forces(method, mu) + zones(method, mu)
 

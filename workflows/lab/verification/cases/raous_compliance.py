@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 
 from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.lab.verification.cases import raous
 from stickslip.workflows.lab.verification.cases import raous as raous_case
 from stickslip.workflows.lab.verification.check import Check
-from stickslip.workflows.lab.verification.closed_forms import raous
 from stickslip.workflows.lab.verification.prepared import prepare
 
 SLOW = ("surface-uzawa",)  # methods that take more than some seconds

@@ -1,11 +1,22 @@
 """The sheared column: periodic lateral faces; pressed first, then its top driven back and forth.
 
 The state is uniform, so any mesh is exact, and a step of any size is.
+
+Sheared column on a frictional base: stick, slip, reversal, dissipation.
+
+A column of shear modulus G and height H with periodic lateral faces is in uniform shear: tau = G (V - w) / H, V the
+displacement of its top and w that of its base [m]. The base carries |tau| <= s, and slips along tau where
+|tau| = s. So the exact answer to a step of V is to clip the trial traction, and w follows from the shear.
+A base of tangential stiffness k_T moves by tau / k_T before it slips: a spring in series, w = slip + tau / k_T.
+
+Signs: tau [Pa] is t of the friction law, t dv = s |dv|: it has the sign of the slip v it makes.
+
+Source: derived here. In one dimension the return map is exact along any monotone step, so a step may be of any size.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,12 +34,70 @@ from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.workflows.lab.verification.check import Check, close, farthest
-from stickslip.workflows.lab.verification.closed_forms import column, sheared_column
-from stickslip.workflows.lab.verification.closed_forms.sheared_column import ShearedColumn
-from stickslip.workflows.lab.verification.cycles import CYCLES, accounted, repeats
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.cases import column
+from stickslip.workflows.lab.verification.check import CYCLES, Check, accounted, close, farthest, repeats
+from stickslip.workflows.lab.verification.prepared import prepare, solver
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShearedColumn:
+    """A column of shear modulus G and height H on a base of friction bound s (mu p, or Tresca's)."""
+
+    G: float  # [Pa]
+    bound: float  # s [Pa]
+    height: float = 1.0  # [m]
+    k_T: float = np.inf  # stiffness of the base before slip [Pa/m]
+
+    @property
+    def stiffness(self) -> float:
+        """tau over V while the base sticks [Pa/m].
+
+        >>> ShearedColumn(G=1000.0, bound=3.0, k_T=1000.0).stiffness
+        500.0
+        """
+        return self.G / (self.height + self.G / self.k_T)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShearHistory:
+    """The states after each step, (steps,) each."""
+
+    tau: Array  # tangential traction on the base [Pa]
+    slip: Array  # displacement of the base, elastic part included [m]
+    dissipation: Array  # cumulative, per area of the base [J/m²]
+
+
+def drive(column: ShearedColumn, top: Array) -> ShearHistory:
+    """Drive the top through a sequence of displacements, from an undeformed start.
+
+    Args:
+        column: what is sheared.
+        top: V at the end of each step (steps,) [m]; V is monotone between them.
+
+    >>> history = drive(ShearedColumn(G=1000.0, bound=3.0), np.array([0.001, 0.01]))
+    >>> history.tau
+    array([1., 3.])
+    """
+    tau, slip, dissipation = np.zeros((3, len(top)))
+    v = work = 0.0
+    for k, V in enumerate(top):
+        trial = column.stiffness * (V - v)
+        tau[k] = np.clip(trial, -column.bound, column.bound)
+        dv = (trial - tau[k]) / column.stiffness  # exactly 0 where it sticks
+        v += dv
+        work += tau[k] * dv
+        slip[k], dissipation[k] = v + tau[k] / column.k_T, work
+    return ShearHistory(tau=tau, slip=slip, dissipation=dissipation)
+
+
+COLUMN = ShearedColumn(G=1000.0, bound=3.0)  # p = 10 Pa, mu = 0.3
+TOP = np.array([0.001, 0.01, 0.005, -0.01, 0.01])  # [m]: stick, slip, unloading, slip back, slip again
+TABLE = ShearHistory(
+    tau=np.array([1.0, 3.0, -2.0, -3.0, 3.0]),
+    slip=np.array([0.0, 0.007, 0.007, -0.007, 0.007]),
+    dissipation=np.array([0.0, 0.021, 0.021, 0.063, 0.105]),
+)
+
 
 SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 E, NU = 2600.0, 0.3  # G = 1000 Pa
@@ -97,7 +166,7 @@ def laws(mu: float = MU) -> dict[str, FrictionLaw]:
     }
 
 
-def driven(method: str, name: str, friction: FrictionLaw, top: Array = sheared_column.TOP) -> list[Check]:
+def driven(method: str, name: str, friction: FrictionLaw, top: Array = TOP) -> list[Check]:
     """Pressed by 10 Pa on a rigid floor, whose bound is 3 Pa."""
     states = bases(scene(dim=2, method=method, E=E, friction=friction, path=top[:, None]))
     return compare(name, states, PRESSURE, _softened(friction), top)
@@ -108,7 +177,7 @@ def penetrating(method: str, c_T: float, m_T: float, k_T: float | None = None) -
     friction = TangentialCompliance(c_T=c_T, m_T=m_T, k_T=k_T)
     exact = column.driven_by_displacement(M=M, U=PRESSURE / M, g=0.0, c_n=SOFT.c_n, m=SOFT.m_n)
     sheared = replace(_softened(friction), bound=c_T * exact.penetration**m_T)
-    top = sheared_column.TOP
+    top = TOP
     states = bases(scene(dim=2, method=method, E=E, friction=friction, path=top[:, None], normal=SOFT))
     return compare(f"bound by penetration, m_T = {m_T:g}, k_T = {k_T}", states, exact.pressure, sheared, top)
 
@@ -116,7 +185,7 @@ def penetrating(method: str, c_T: float, m_T: float, k_T: float | None = None) -
 def threshold(method: str, c_T: float, m_T: float) -> list[Check]:
     """The base sticks a millionth below the bound and slips a millionth above it."""
     depth = column.driven_by_displacement(M=M, U=PRESSURE / M, g=0.0, c_n=SOFT.c_n, m=SOFT.m_n).penetration
-    limit = c_T * depth**m_T / sheared_column.COLUMN.G
+    limit = c_T * depth**m_T / COLUMN.G
     found = []
     for beyond in (-1e-6, 1e-6):
         path = np.array([[limit * (1 + beyond)]])
@@ -130,13 +199,13 @@ def threshold(method: str, c_T: float, m_T: float) -> list[Check]:
 
 
 def _softened(friction: FrictionLaw) -> ShearedColumn:
-    return replace(sheared_column.COLUMN, k_T=friction.k_T or np.inf)
+    return replace(COLUMN, k_T=friction.k_T or np.inf)
 
 
 def compare(name: str, states: list[ContactState], pressure: float, sheared: ShearedColumn, top: Array) -> list[Check]:
     """Traction, slip and dissipation after each of the top's moves, at the worst node of the base."""
     pressed, *moved = states
-    exact = sheared_column.drive(sheared, top)
+    exact = drive(sheared, top)
     found = [close(f"{name}: pressure [Pa]", farthest(pressed.pressure, pressure), pressure, TOLERANCE, pressure)]
     scale = abs(top).max()
     for k, base in enumerate(moved):

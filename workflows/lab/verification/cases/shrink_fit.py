@@ -1,4 +1,7 @@
-"""The shrink fit: a quarter of both rings; interference by geometry or by gap_offset."""
+"""The shrink fit: a quarter of both rings; interference by geometry or by gap_offset.
+
+A ring pressed into another one, in plane strain: Lamé's closed form, with a compliant interface too.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from math import inf
 from typing import Literal
 
 import numpy as np
+from scipy.optimize import brentq
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders.ring import Rings
@@ -16,10 +20,66 @@ from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.check import Check, farthest, within
-from stickslip.workflows.lab.verification.closed_forms import shrink_fit
-from stickslip.workflows.lab.verification.closed_forms.shrink_fit import HUB, INNER, INTERFERENCE, JOINT, OUTER, SHAFT
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
+
+INNER, JOINT, OUTER = 1.0, 2.0, 3.0  # radii [m]
+INTERFERENCE = 1e-3  # [m]
+COMPLIANT = {(1e5, 1.0): 13.1118881, (1e8, 2.0): 10.2574554}  # (c_n [Pa/m^m], m): tabulated p [Pa]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RingMaterial:
+    """Elastic constants."""
+
+    E: float  # [Pa]
+    nu: float  # [-]
+
+
+SHAFT, HUB = RingMaterial(E=2e5, nu=0.3), RingMaterial(E=1e5, nu=0.25)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """State of the interface."""
+
+    p: float  # [Pa]
+    u_in: float  # radial displacement of the inner ring there [m]
+    u_out: float  # of the outer ring [m]
+
+
+def give(material: RingMaterial, at: float, free: float) -> float:
+    """Radial displacement away from a pressure of 1 Pa on the circle `at`, the circle `free` being free [m/Pa].
+
+    Source: Timoshenko & Goodier, Theory of Elasticity, § 28, with E / (1 - nu^2) and nu / (1 - nu) for plane strain.
+
+    >>> give(RingMaterial(E=1.0, nu=0.0), at=1.0, free=1e9)  # a hole in a plane: (1 + nu) r / E
+    1.0
+    """
+    return (1 + material.nu) / material.E * at * ((1 - 2 * material.nu) * at**2 + free**2) / abs(free**2 - at**2)
+
+
+def fit(interference: float = INTERFERENCE, c_n: float = inf, m: float = 1.0) -> Fit:
+    """Pressure at which rings and interface together deform by the interference.
+
+    p = c_n d^m on the remaining overlap d; without compliance d = 0.
+    """
+    inner, outer = give(SHAFT, JOINT, INNER), give(HUB, JOINT, OUTER)
+    rigid = interference / (inner + outer)
+    p = rigid if c_n == inf else brentq(
+        lambda p: p * (inner + outer) + (p / c_n) ** (1 / m) - interference, 0.0, rigid, xtol=1e-15 * rigid, rtol=1e-15
+    )  # fmt: skip
+    return Fit(p=p, u_in=-p * inner, u_out=p * outer)
+
+
+def drawn_too_large(interference: float = INTERFERENCE) -> tuple[float, Fit]:
+    """Pressure on the outer ring, and the state of the inner one, whose outer radius is 2 m + interference.
+
+    Both rings carry the same force on a sector, on circles of different radius.
+    """
+    at = JOINT + interference
+    inner, outer = give(SHAFT, at, INNER), give(HUB, JOINT, OUTER) * at / JOINT
+    p = interference / (inner + outer)
+    return p * at / JOINT, Fit(p=p, u_in=-p * inner, u_out=p * outer)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,12 +163,12 @@ def solve(press: Press) -> Pressed:
     return Pressed(joint.normal_force / joint.weight.sum(), joint.pressure, u_in, u_out)
 
 
-def exact(press: Press) -> shrink_fit.Fit:
+def exact(press: Press) -> Fit:
     """The closed form, its pressure that on the slave."""
     if not press.drawn or press.c_n != inf:
-        return shrink_fit.fit(press.interference, press.c_n, press.m)
-    p_outer, state = shrink_fit.drawn_too_large(press.interference)
-    return state if press.slave == "inner" else shrink_fit.Fit(p=p_outer, u_in=state.u_in, u_out=state.u_out)
+        return fit(press.interference, press.c_n, press.m)
+    p_outer, state = drawn_too_large(press.interference)
+    return state if press.slave == "inner" else Fit(p=p_outer, u_in=state.u_in, u_out=state.u_out)
 
 
 def figures(press: Press, tolerance: float) -> list[Check]:
@@ -139,7 +199,7 @@ def compliant() -> list[Check]:
     """Compliant interface as well; by geometry the circles of 2 and 2.001 m count as one, an error of a thousandth."""
     return [
         check
-        for c_n, m in shrink_fit.COMPLIANT
+        for c_n, m in COMPLIANT
         for drawn in (False, True)
         for check in figures(Press(cells=FINE, ratio=1.5, c_n=c_n, m=m, drawn=drawn), 1e-3 if drawn else APART)
     ]

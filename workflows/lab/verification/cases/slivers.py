@@ -20,13 +20,12 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.lab.verification.cases import column
 from stickslip.workflows.lab.verification.cases import column as column_case
 from stickslip.workflows.lab.verification.cases import incline as incline_case
+from stickslip.workflows.lab.verification.cases.incline import HOLDS
 from stickslip.workflows.lab.verification.check import Check, farthest, within
-from stickslip.workflows.lab.verification.closed_forms import column
-from stickslip.workflows.lab.verification.closed_forms.incline import HOLDS
-from stickslip.workflows.lab.verification.prepared import observed, system_of
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import observed, solver, system_of
 
 ASPECT = 1e3
 CELLS = 4  # a side of 1 m

@@ -1,4 +1,7 @@
-"""Rings that spin, a quarter of each: a free ring in plane stress and strain, a cylinder, and a shrink fit."""
+"""Rings that spin, a quarter of each: a free ring in plane stress and strain, a cylinder, and a shrink fit.
+
+Rings that spin: a free one in plane stress or strain, and a shrink fit that its speed loosens.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +13,58 @@ import numpy as np
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.builders.ring import Ring
 from stickslip.geometry.shape import Model
-from stickslip.solvers.effects.centrifugal import Centrifugal
+from stickslip.solvers.effects.body_forces import Centrifugal
 from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.cases import shrink_fit as still
+from stickslip.workflows.lab.verification.cases.shrink_fit import (
+    HUB,
+    INNER,
+    INTERFERENCE,
+    JOINT,
+    OUTER,
+    SHAFT,
+    Fit,
+    RingMaterial,
+    give,
+)
 from stickslip.workflows.lab.verification.check import Check, close, farthest
-from stickslip.workflows.lab.verification.closed_forms.shrink_fit import HUB, INNER, INTERFERENCE, JOINT
-from stickslip.workflows.lab.verification.closed_forms.spinning_rings import DENSITIES, fit, growth
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
+
+DENSITIES = (2.0, 1.0)  # of the inner and the outer ring [kg/m³]
+
+
+def growth(material: RingMaterial, pull: float, inner: float, outer: float, r: float, plane_strain: bool) -> float:
+    """Radial displacement [m] at r of a free ring under centrifugal forces.
+
+    Source: Timoshenko & Goodier, Theory of Elasticity, § 32, with E / (1 - nu^2) and nu / (1 - nu) for plane strain.
+
+    Args:
+        pull: density times speed squared [N/m^4].
+
+    >>> growth(RingMaterial(E=1.0, nu=0.3), 1.0, 1.0 - 1e-9, 1.0, 1.0, plane_strain=False)  # a hoop: pull r^3 / E
+    0.999999998...
+    """
+    E, nu = material.E, material.nu
+    if plane_strain:
+        E, nu = E / (1 - nu**2), nu / (1 - nu)
+    both = (inner * outer / r) ** 2
+    radial = (3 + nu) / 8 * pull * (inner**2 + outer**2 - both - r**2)
+    hoop = (3 + nu) / 8 * pull * (inner**2 + outer**2 + both - (1 + 3 * nu) / (3 + nu) * r**2)
+    return r / E * (hoop - nu * radial)
+
+
+def fit(interference: float, speed: float) -> Fit:
+    """State of the joint of the shrink fit's rings in plane strain, at a speed [rad/s] at which they still touch."""
+    inner, outer = (rho * speed**2 for rho in DENSITIES)
+    u_in, u_out = growth(SHAFT, inner, INNER, JOINT, JOINT, True), growth(HUB, outer, JOINT, OUTER, JOINT, True)
+    give_in, give_out = give(SHAFT, JOINT, INNER), give(HUB, JOINT, OUTER)
+    p = (interference - (u_out - u_in)) / (give_in + give_out)
+    return Fit(p=p, u_in=u_in - p * give_in, u_out=u_out + p * give_out)
+
 
 SPEED = 3.0  # [rad/s] of the ring and the cylinder
 LOOSENING = 2.5  # [rad/s] of the fit, at which a fifth of the pressure is left

@@ -24,19 +24,18 @@ from stickslip.workflows.lab.verification.cases import press_fit as press_fit_ca
 from stickslip.workflows.lab.verification.cases import punch as punch_case
 from stickslip.workflows.lab.verification.cases import raous as raous_case
 from stickslip.workflows.lab.verification.cases import shear_lag as shear_lag_case
+from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases import sheared_column as sheared_column_case
 from stickslip.workflows.lab.verification.cases import shrink_fit as shrink_fit_case
+from stickslip.workflows.lab.verification.cases.circular_drive import DRIVE
 from stickslip.workflows.lab.verification.cases.hertz import Touch
+from stickslip.workflows.lab.verification.cases.incline import HOLDS
 from stickslip.workflows.lab.verification.cases.patch import Patch
 from stickslip.workflows.lab.verification.cases.press_fit import Fit
 from stickslip.workflows.lab.verification.cases.punch import Cut
 from stickslip.workflows.lab.verification.cases.shrink_fit import Press
 from stickslip.workflows.lab.verification.check import Check
-from stickslip.workflows.lab.verification.closed_forms import sheared_column
-from stickslip.workflows.lab.verification.closed_forms.circular_drive import DRIVE
-from stickslip.workflows.lab.verification.closed_forms.incline import HOLDS
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import step_file
 from stickslip.workflows.lab.verification.units import in_millimetres, millimetres
 from stickslip.workflows.scene_file.read import read

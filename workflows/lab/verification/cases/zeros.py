@@ -22,8 +22,7 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import Check, within
-from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.lab.verification.solver import solver
+from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E, NU, MU = 1000.0, 0.3, 0.3
 DOWN, ACROSS = 0.01, 0.005  # of the top [m]

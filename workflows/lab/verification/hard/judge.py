@@ -80,7 +80,7 @@ class Solved:
         auditor = Auditor(self.simulation.problem, self.simulation.mesh)
         audits, before = list[Audit](), None
         for step in self.steps:
-            record = _record(step)
+            record = Record.of(step)
             audits.append(auditor(record, before if step.substeps == 1 else None))
             before = record
         times, errors = [s.time for s in self.steps], [s.law_error for s in self.steps]
@@ -109,20 +109,6 @@ class Solved:
             return np.zeros((0, 0))
         stepper = self.simulation.stepper
         return np.array([stepper.system.interface.forces(*stepper.split(step.p)).array for step in self.steps])
-
-
-def _record(step: StepResult) -> Record:
-    return Record(
-        time=step.time,
-        displacement=step.displacement,
-        p=step.p,
-        w=step.w,
-        reference=step.reference,
-        driven=step.driven,
-        shortened=step.shortened,
-        searched=step.searched,
-        memory=step.memory,
-    )
 
 
 def _resultants(step: StepResult) -> Array:

@@ -1,4 +1,7 @@
-"""`stickslip verify hard`: run the hard suite, tell what was not solved, and write its page."""
+"""`stickslip verify hard`: run the hard suite, tell what was not solved, and write its page.
+
+The page and the picture of the hard suite: counts by scene and by kind, and every variation that was not solved.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +9,19 @@ import json
 import shlex
 import sys
 import time as clock
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from statistics import median
+
+import numpy as np
 
 from stickslip import VERSION
 from stickslip.geometry.errors import MachineError, SceneError, nearest, require
-from stickslip.workflows.lab.verification.hard.judge import Outcome, Verdict
-from stickslip.workflows.lab.verification.hard.page import BAD, sentence, write_page
-from stickslip.workflows.lab.verification.hard.page import again as repeated
+from stickslip.workflows.lab.verification.hard.judge import AGREES, DIFFERS, Outcome, Verdict
 from stickslip.workflows.lab.verification.hard.suite import NAMES, Row, judged_again, results
+from stickslip.workflows.lab.verification.hard.variations import FIXED
 from stickslip.workflows.lab.verification.suite_folder import made, writing
 
 NUMBER = 2000
@@ -63,7 +69,7 @@ def hard(
     require(not (again and resume), "--resume", "", "goes without --again")
     if folder is not None and (folder / PART).exists() and not (again or resume):
         raise SceneError(f"{folder / PART}: of a run that was ended; go on with --resume, or remove it")
-    earlier = _rows(folder / LINES, _lines(folder / LINES)) if folder is not None and again else []
+    earlier = _rows(folder / LINES, _stored_lines(folder / LINES)) if folder is not None and again else []
     run = json.dumps({"version": VERSION, "scenes": list(scenes), "seed": seed})
     rows = _begun(folder / PART, run)[:number] if folder is not None and resume else []
     began = clock.monotonic()
@@ -75,7 +81,7 @@ def hard(
             keep(row)
         if row.verdict.outcome in BAD:
             print(
-                f"{row.scene}, {row.name}: {row.verdict.outcome.value}: {row.verdict.reason}\n  {repeated(row)}",
+                f"{row.scene}, {row.name}: {row.verdict.outcome.value}: {row.verdict.reason}\n  {repeating(row)}",
                 flush=True,
             )
         elif sys.stdout.isatty():
@@ -113,13 +119,13 @@ def _begun(path: Path, run: str) -> list[Row]:
         MachineError: there are none.
         SceneError: they are of another run.
     """
-    first, *lines = _lines(path) or [""]
+    first, *lines = _stored_lines(path) or [""]
     if first != run:
         raise SceneError(f"--resume: {path} is of another run: {first or 'nothing'}")
     return _rows(path, lines)
 
 
-def _lines(path: Path) -> list[str]:
+def _stored_lines(path: Path) -> list[str]:
     """Whole lines of a file.
 
     Raises:
@@ -157,3 +163,164 @@ def _line(row: Row) -> str:
     plain = asdict(row)
     plain["verdict"]["outcome"] = row.verdict.outcome.value
     return json.dumps(plain, ensure_ascii=False) + "\n"
+
+
+COLOURS = {  # in the order of the page's columns
+    Outcome.SOLVED: "#bcd9c2",
+    Outcome.BRANCH: "#5aa469",
+    Outcome.PROVED: "#9ecae1",
+    Outcome.UNDECIDED: "#6a8fb5",
+    Outcome.REFUSED: "#d9d9d9",
+    Outcome.FAILED: "#f4a742",
+    Outcome.DOUBTFUL: "#e6d94c",
+    Outcome.WRONG: "#c8372d",
+}
+BAD = (Outcome.WRONG, Outcome.FAILED, Outcome.DOUBTFUL)
+SHOWN = 160  # characters of a reason
+
+
+def write_page(page: Path, rows: Sequence[Row], command: str) -> None:
+    """Write the page, and its picture beside it; the picture has the page's name and ends in .png."""
+    picture = page.with_suffix(".png")
+    page.write_text("\n".join(_lines(rows, command, picture.name)) + "\n", encoding="utf-8")
+    draw(picture, rows)
+
+
+def sentence(rows: Sequence[Row]) -> str:
+    """How many variations ended how."""
+    counts = Counter(row.verdict.outcome for row in rows)
+    unanswered = [row for row in rows if row.verdict.outcome in (Outcome.FAILED, Outcome.DOUBTFUL)]
+    held = sum(row.verdict.held for row in unanswered)
+    words = [f"{counts[outcome]} {outcome.value}" for outcome in COLOURS if counts[outcome]]
+    failed = f" (of these with held bodies: {held})" if unanswered else ""
+    return f"{len(rows)} variations: {'; '.join(words)}{failed}"
+
+
+def _lines(rows: Sequence[Row], command: str, picture: str) -> Iterator[str]:
+    yield "# The hard suite"
+    yield ""
+    yield f"Made by `{command}`, version {VERSION}; do not edit."
+    yield ""
+    yield f"{sentence(rows)}."
+    yield ""
+    yield (
+        "Every ready scene, on a coarser mesh, in many variations. Each answer is judged by its audit; by a second "
+        "method at a tighter tolerance; and where a scene with the same answer is known (other units, another time, a "
+        "mirror), by that one."
+    )
+    yield ""
+    yield (
+        "- *solved, several solutions*: so much friction, or a body that is free to move without resistance, admits "
+        "more than one; others were met on the way, or a second method found one, and all satisfy all conditions."
+    )
+    yield "- *no equilibrium, proved*: with a collapse mechanism of floating bodies as certificate."
+    yield (
+        "- *near a limit, undecided*: of floating bodies; none was found from some load on, which is said, but "
+        "the bounds of the limit analysis are too wide to prove that there is none (with compliance by up to a third)."
+    )
+    yield (
+        "- *refused*: with one line that says why, before solving or where the sides of a sliding contact have moved "
+        "apart."
+    )
+    yield (
+        "- *failed*: no answer within the limits of iterations or time; or an error of the program, be it in the "
+        "second opinion."
+    )
+    yield "- *doubtful*: the audit found a fault; the run says so, and ends with exit code 1."
+    yield (
+        "- *wrong*: judges disagree, and the run does not say so; a second method alone shows that where there is no "
+        "friction, for with friction there may be several solutions."
+    )
+    yield "- *second*: share of the answers that a second method had an opinion on."
+    yield ""
+    yield twins(rows)
+    yield ""
+    yield f"![Scenes and variations, coloured by outcome]({picture})"
+    yield ""
+    yield "## By scene"
+    yield ""
+    yield from table("scene", rows, lambda row: row.scene)
+    yield ""
+    yield "## By kind of variation"
+    yield ""
+    yield from table("kind", rows, lambda row: row.kind)
+    for outcome in (*BAD, Outcome.UNDECIDED, Outcome.BRANCH, Outcome.REFUSED):
+        found = [row for row in rows if row.verdict.outcome is outcome]
+        if found:
+            yield ""
+            yield f"## {outcome.value.capitalize()}"
+            yield ""
+            yield from (line for row in found for line in _entry(row))
+
+
+def table(heading: str, rows: Sequence[Row], key: Callable[[Row], str]) -> Iterator[str]:
+    """Counts of outcomes by a key, in Markdown."""
+    yield f"| {heading} | variations | {' | '.join(o.value for o in COLOURS)} | second | median seconds |"
+    yield "|---|" + "--:|" * (len(COLOURS) + 3)
+    for name in dict.fromkeys(key(row) for row in sorted(rows, key=key)):
+        own = [row for row in rows if key(row) == name]
+        counts = Counter(row.verdict.outcome for row in own)
+        answers = [row for row in own if row.verdict.outcome in (Outcome.SOLVED, Outcome.BRANCH)]
+        second = f"{sum(confirmed(row) for row in answers)} of {len(answers)}"
+        seconds = median(row.verdict.seconds for row in own)
+        yield f"| {name} | {len(own)} | {' | '.join(str(counts[o]) for o in COLOURS)} | {second} | {seconds:.2f} |"
+
+
+def confirmed(row: Row) -> bool:
+    """Whether a second method had an opinion on the answer."""
+    return bool(row.verdict.second) and "none" not in row.verdict.second and "no use" not in row.verdict.second
+
+
+def twins(rows: Sequence[Row]) -> str:
+    """How many answers were compared with that of a twin, and what became of the other twins."""
+    doubles = [row.verdict for row in rows if row.name in FIXED and FIXED[row.name].twin]
+    answers = [verdict for verdict in doubles if verdict.twin or verdict.outcome in (Outcome.SOLVED, Outcome.BRANCH)]
+    found = Counter(verdict.twin or "not recorded" for verdict in answers)
+    compared = found.pop(AGREES, 0) + found.pop(DIFFERS, 0)
+    others = "; ".join(f"{word}: {count}" for word, count in found.items())
+    return (
+        f"Of {len(answers)} answers with a twin, a scene whose answer is known to be the same, {compared} were compared"
+        f" with it{f' ({others})' if others else ''}."
+    )
+
+
+def _entry(row: Row) -> Iterator[str]:
+    """The variation, its reason, and the command that repeats it."""
+    held = "held" if row.verdict.held else "floating"
+    yield f"- {row.scene}, {row.name} ({held}, {row.verdict.seconds:.1f} s): {row.verdict.reason[:SHOWN]}"
+    yield f"  `{repeating(row)}`"
+
+
+def repeating(row: Row) -> str:
+    """The command that solves the variation once more."""
+    return shlex.join(["stickslip", "run", row.scene, *(f"--set={word}" for word in row.overrides)])
+
+
+def draw(picture: Path, rows: Sequence[Row]) -> None:
+    """A matrix of scenes and variations, fixed ones first, coloured by outcome."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import to_rgb
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    names = [name for name in FIXED if any(row.name == name for row in rows)]
+    drawn = {row.name for row in rows if row.kind == "random"}
+    names += sorted(drawn, key=lambda name: int(name.split()[1]))
+    scenes = sorted({row.scene for row in rows})
+    cells = np.ones((len(scenes), len(names), 3))
+    for row in rows:
+        cells[scenes.index(row.scene), names.index(row.name)] = to_rgb(COLOURS[row.verdict.outcome])
+    figure = Figure(figsize=(3 + 0.14 * len(names), 3.2 + 0.2 * len(scenes)), layout="constrained")
+    axes = figure.subplots()
+    axes.imshow(cells, aspect="auto")
+    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
+    axes.set_yticks(range(len(scenes)), scenes, fontsize=7)
+    axes.set_xticks(np.arange(len(names)) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(scenes)) - 0.5, minor=True)
+    axes.grid(which="minor", color="white", linewidth=0.6)
+    axes.tick_params(which="both", length=0)
+    for side in axes.spines.values():
+        side.set_visible(False)
+    patches = [Patch(color=colour, label=outcome.value) for outcome, colour in COLOURS.items()]
+    figure.legend(handles=patches, loc="outside upper center", ncols=len(patches), fontsize=7, frameon=False)
+    FigureCanvasAgg(figure).print_figure(picture, dpi=110)

@@ -1,18 +1,25 @@
-"""The variations: each is a function of a scene's tables, and says itself where it does not apply."""
+"""The variations: each is a function of a scene's tables, and says itself where it does not apply.
+
+Loads close to a limit: gravity turned sideways, to a share of the angle at which floating bodies cease to rest.
+
+A scene of boxes seen in a mirror: x goes to the other end of the box, and left is right.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, value_at
+from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.scene.timeline import Place
-from stickslip.workflows.lab.verification.hard.limit import near_limit, sideways
-from stickslip.workflows.lab.verification.hard.mirror import BOXES, mirrored
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.lab.verification.hard.tables import (
     Tables,
     copied,
@@ -22,6 +29,7 @@ from stickslip.workflows.lab.verification.hard.tables import (
     over_drives,
     over_motions_and_loads,
     resolved,
+    scaled,
     scene_of,
     sizes,
     softest,
@@ -29,8 +37,114 @@ from stickslip.workflows.lab.verification.hard.tables import (
     times,
     travel,
 )
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.units import Units, convert
 from stickslip.workflows.scene_file.read import to_dict
+
+BOXES = ("block", "strip", "stack", "two_blocks")
+OTHER = {"left": "right", "right": "left"}
+
+
+def mirrored(tables: Tables) -> Tables | None:
+    """The mirror image, meshed by a grid, for only a grid is its own image; None if the shape is not its own image."""
+    shape = tables["geometry"]
+    if shape.get("builder") not in BOXES or shape.get("offset", 0.0) != 0.0:
+        return None
+    if "body_force" in tables or any("moment" in point for point in tables.get("remote_points", {}).values()):
+        return None  # may be an expression; turns with the axes
+    scene = scene_of(tables)
+    ends = np.asarray(scene.geometry.box(scene.dim))[:, 0]
+    middle = float(ends.min() + ends.max())
+    found = over_drives(tables, _turned)
+    found["geometry"]["cells"] = "tensor"
+    for contact in found["contacts"].values():
+        contact["surface"], contact["against"] = _other(contact["surface"]), _other(contact["against"])
+        _mirror(contact.get("friction", {}), middle)
+    for body in found["bodies"].values():
+        for key in {"axis_1", "axis_2"} & body.keys():
+            body[key][0] *= -1
+    for table in ("supports", "loads", "probes", "obstacles", "springs", "bolts", "remote_points"):
+        for entry in found.get(table, {}).values():
+            _mirror(entry, middle)
+    for pair in found.get("periodic", {}).values():
+        pair["boundary"], pair["with"] = _other(pair["boundary"]), _other(pair["with"])
+    return found
+
+
+def _turned(place: Place, amplitude: Amplitude) -> Amplitude:
+    """What points along x, and what turns, has the other sign."""
+    return scaled(amplitude, -1.0) if place.component == "x" or place.quantity == "rotation" else amplitude
+
+
+def _mirror(entry: dict[str, Any], middle: float) -> None:
+    for key in ("boundary", "at", "to", "head", "nut"):
+        if isinstance(entry.get(key), str):
+            entry[key] = _other(entry[key])
+    for table in (entry, entry.get("rotation") or {}):
+        if "point" in table:
+            table["point"][0] = middle - table["point"][0]
+    for key in ("normal", "axis", "direction"):
+        if key in entry:
+            entry[key][0] *= -1
+
+
+def _other(side: str) -> str:
+    """
+    >>> _other("block.left"), _other("block.top"), _other("table")
+    ('block.right', 'block.top', 'table')
+    """
+    body, dot, name = side.rpartition(".")
+    return f"{body}{dot}{OTHER.get(name, name)}"
+
+
+STEEPEST = 2.0  # of the vertical component; bodies that rest even there have no limit
+HALVINGS = 14  # of the bracket
+
+
+def sideways(share: float, tables: Tables) -> Tables | None:
+    """After its end, gravity also grows sideways, to this share of its vertical component; None without gravity."""
+    if "gravity" not in tables:
+        return None
+    end, acceleration = tables["steps"]["end"], tables["gravity"]["acceleration"]
+    down = value_at(_tuple(acceleration[-1]), end, end)
+    acceleration[0] = [[0.0, 0.0], [end, 0.0], [2 * end, share * abs(down)]]
+    tables["steps"] = {"end": 2 * end, "count": 2 * tables["steps"]["count"]}
+    return tables
+
+
+def near_limit(factor: float, tables: Tables) -> Tables | None:
+    """`sideways` to this factor of its limit, which is bracketed by limit analysis; None if there is none."""
+    steepest = sideways(STEEPEST, copied(tables))
+    if steepest is None or not resolve(scene_of(tables)).rigid_modes.shape[1] or not _falls(steepest):
+        return None
+    low, high = 0.0, STEEPEST
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        trial = sideways(middle, copied(tables))
+        assert trial is not None
+        low, high = (low, middle) if _falls(trial) else (middle, high)
+    return sideways(factor * (low if factor < 1 else high), tables)
+
+
+def _falls(tables: Tables) -> bool:
+    """Whether it is proved that the bodies cannot rest under the loads of the end; one iteration is enough."""
+    gravity = tables["gravity"]["acceleration"]
+    end = tables["steps"]["end"]
+    tables["gravity"]["acceleration"] = [value_at(_tuple(a), end, end) for a in gravity]
+    tables["steps"] = {"end": end, "count": 1}
+    scene = scene_of(tables)
+    try:
+        list(prepare(replace(scene, solver=replace(scene.solver, max_iterations=1))).steps())
+    except NoEquilibriumError:
+        return True
+    except StickslipError:
+        return False
+    return False
+
+
+def _tuple(value: float | list[list[float]]) -> float | tuple[tuple[float, float], ...]:
+    return float(value) if np.isscalar(value) else tuple((t, v) for t, v in value)  # type: ignore[union-attr,arg-type]
+
 
 Random = np.random.Generator
 Change = Callable[[Tables, Random], Tables | None]  # None: does not apply; it may work on the tables it is given

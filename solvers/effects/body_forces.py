@@ -1,16 +1,18 @@
-"""Centrifugal load: bodies that spin about an axis are pulled away from it by density times speed² times distance."""
+"""Forces per volume of bodies: gravity, forces given as such, and the centrifugal load of bodies that spin."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated
 
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import Key
+from stickslip.geometry.expression import Varying, check_varying
+from stickslip.geometry.keys import LIST, Key
 from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.fem.forms import WeakForms
@@ -18,6 +20,71 @@ from stickslip.solvers.fem.terms import LoadTerm
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Place
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gravity(EffectTable):
+    """Acceleration of gravity, the same in all bodies."""
+
+    acceleration: Annotated[tuple[Amplitude, ...], Key("m/s²", "by component, in time"), LIST]
+
+    def __post_init__(self) -> None:
+        for amplitude in self.acceleration:
+            check(amplitude, "acceleration")
+
+    def amplitudes(self) -> Mapping[tuple[str, str], Amplitude]:
+        return {("acceleration", axis): a for axis, a in zip("xyz", self.acceleration, strict=False)}
+
+    def check(self, scene: Scene, key: str) -> None:
+        found, where = list(self.acceleration), f"{key}.acceleration"
+        require(len(found) == scene.dim, where, found, f"expected {scene.dim} components in this model")
+        radial = scene.axisymmetric and found[0] != 0
+        require(not radial, where, found, "an axisymmetric body has gravity along the axis y alone")
+        if not any(material.density for material in scene.bodies.values()):
+            raise SceneError("gravity: no body has a density; set bodies.NAME.density, in kg/m³")
+
+
+class _Gravity(Effect):
+    name = "gravity"
+    table = Gravity
+
+    def loads(self, problem: Problem, weak: WeakForms) -> Iterable[LoadTerm]:
+        for body, material in problem.bodies.items():
+            for axis in range(problem.dim):
+                if material.density:
+                    form = weak.along(axis, material.density) * weak.volume(body)
+                    yield LoadTerm(drive=Place("gravity", "", "acceleration", "xyz"[axis]), form=form)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyForce(EffectTable):
+    """Force per volume on one body, [body_force.BODY]."""
+
+    force: Annotated[tuple[Varying, ...], Key("N/m³", "force per volume, by component")]
+
+    def __post_init__(self) -> None:
+        for value in self.force:
+            check_varying(value, "force")
+
+    def amplitudes(self) -> Mapping[tuple[str, str], Varying]:
+        return {("force", axis): value for axis, value in zip("xyz", self.force, strict=False)}
+
+    def check(self, scene: Scene, key: str) -> None:
+        scene.require_body(key)
+        found, expected = list(self.force), f"expected {scene.dim} components in this model"
+        require(len(found) == scene.dim, f"{key}.force", found, expected)
+
+
+class _BodyForce(Effect):
+    name = "body_force"
+    table = Mapping[str, BodyForce]
+
+    def loads(self, problem: Problem, weak: WeakForms) -> Iterable[LoadTerm]:
+        for body, table in problem.tables["body_force"].items():
+            for axis, value in enumerate(table.force):
+                if value != 0:
+                    place = Place("body_force", body, "force", "xyz"[axis])
+                    yield weak.load(place, weak.along(axis), partial(weak.volume, body))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,4 +136,4 @@ class _Centrifugal(Effect):
                 yield LoadTerm(drive=drive, power=2, form=pull * weak.volume(body))
 
 
-EFFECT = _Centrifugal()
+EFFECTS = (_Gravity(), _BodyForce(), _Centrifugal())

@@ -1,1 +1,0 @@
-"""Closed forms and published figures as functions, with their sources."""
