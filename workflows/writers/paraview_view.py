@@ -11,10 +11,8 @@ import os
 import sys
 from typing import Any
 
-from stickslip.geometry.arrays import TINY
-
 SCALE = None  # of the displacement; None: the largest one is drawn as a tenth of the bodies' size
-SHARE = 0.1
+SHARE, SMALL = 0.1, 1e-300
 THROUGH = 0.4  # opacity of solid bodies, through which contacts are seen
 FROM = (-1.0, -1.6, 0.6)  # where solid bodies are seen from
 
@@ -36,7 +34,7 @@ def show(pv: Any, source: Any, scale: float | None) -> Any:
     low, high = ends[0::2], ends[1::2]
     size = sum((high[axis] - low[axis]) ** 2 for axis in range(3)) ** 0.5
     moved = max(abs(end) for end in source.PointData["displacement"].GetRange(-1))
-    factor = SHARE * size / max(moved, TINY) if scale is None else scale
+    factor = SHARE * size / max(moved, SMALL) if scale is None else scale
     warped = pv.WarpByVector(registrationName=f"displacement x {factor:.3g}", Input=source)
     warped.Vectors = ["POINTS", "displacement"]
     warped.ScaleFactor = factor
