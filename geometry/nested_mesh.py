@@ -29,35 +29,59 @@ EDGES = {  # corners of each edge and the node between them, in dolfinx's order 
     "quadrilateral": ((0, 1, 4), (0, 2, 5), (1, 3, 6), (2, 3, 7)),
 }
 OPPOSITE = {"triangle": (), "quadrilateral": ([0, 3], [1, 2])}  # edges that are halved together
-GMSH = {"triangle": (9, (0, 1, 2, 5, 3, 4)), "quadrilateral": (10, (0, 1, 3, 2, 4, 6, 7, 5, 8))}  # type, order of nodes
+GMSH = {  # type, and its order of the nodes of cells and of facets
+    "triangle": (9, (0, 1, 2, 5, 3, 4), (0, 1, 2)),
+    "quadrilateral": (10, (0, 1, 3, 2, 4, 6, 7, 5, 8), (0, 1, 2)),
+    "tetrahedron": (4, (0, 1, 2, 3), (0, 1, 2)),
+    "hexahedron": (5, (0, 1, 3, 2, 4, 5, 7, 6), (0, 1, 3, 2)),
+}
 DIGITS = 12  # of basis functions: there they are multiples of 1 / 64
 Halved = tuple[bool, ...]  # of each edge of a cell
 
 
 @dataclass(frozen=True, kw_only=True)
-class FlatMesh(Shape):
-    """Cells of order 2 in the plane, n nodes; as a shape it is put into gmsh as it is."""
+class ArrayMesh(Shape):
+    """Cells of order 2; as a shape it is put into gmsh as it is, with those of its nodes that `GMSH` names."""
 
-    kind: str  # triangle or quadrilateral
-    points: Array  # (n, 2) [m]
+    kind: str  # triangle, quadrilateral, tetrahedron or hexahedron
+    points: Array  # (n, d) [m]
     cells: Ints  # (c, k) nodes, in dolfinx's order
     body: Ints  # (c,) index in `names`
     names: tuple[str, ...]  # of the bodies
-    sides: Mapping[str, Ints]  # body.side -> its facets (f, 3): the ends, and the node between them
-    periodic: tuple[tuple[str, str], ...] = ()  # pairs of sides that are cut alike
-
-    @property
-    def degree(self) -> int:
-        return 2
+    sides: Mapping[str, Ints]  # body.side -> nodes of its facets (f, k), the corners first
 
     def refuse_too_large(self, request: Request, free: float = np.inf) -> None:
         """The cells are there already."""
 
     def put(self, gmsh: Gmsh, request: Request) -> float:
-        kind, order = GMSH[self.kind]
-        bodies = {name: self.cells[self.body == k][:, order] for k, name in enumerate(self.names)}
-        RawMesh(2, kind, np.column_stack([self.points, np.zeros(len(self.points))]), bodies, dict(self.sides)).put(gmsh)
+        kind, order, around = GMSH[self.kind]
+        cells = self.cells[:, order]
+        used = np.unique(cells)
+        bodies = {name: np.searchsorted(used, cells[self.body == k]) for k, name in enumerate(self.names)}
+        sides = {name: np.searchsorted(used, facets[:, around]) for name, facets in self.sides.items()}
+        points = np.pad(self.points[used], ((0, 0), (0, 3 - request.dim)))
+        RawMesh(request.dim, kind, points, bodies, sides).put(gmsh)
         return 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CornerMesh(ArrayMesh):
+    """The same cells in 3D, of order 1 and with straight edges: without the nodes between corners."""
+
+    @property
+    def degree(self) -> int:
+        return 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatMesh(ArrayMesh):
+    """Cells in the plane; facets are given by their ends, and the node between them."""
+
+    periodic: tuple[tuple[str, str], ...] = ()  # pairs of sides that are cut alike
+
+    @property
+    def degree(self) -> int:
+        return 2
 
     def edges(self) -> tuple[Ints, Ints]:
         """All edges (e, 3), the ends in increasing order and the node between, and those of each cell (c, k)."""
@@ -201,37 +225,3 @@ def _corners(kind: str, halved: Halved) -> list[tuple[int, ...]]:
         for a, b in pairwise(columns)
         for c, d in pairwise(rows)
     ]
-
-
-OF_CORNERS = {  # gmsh's type, and its order of the corners of cells and of facets
-    "tetrahedron": (4, (0, 1, 2, 3), (0, 1, 2)),
-    "hexahedron": (5, (0, 1, 3, 2, 4, 5, 7, 6), (0, 1, 3, 2)),
-}
-
-
-@dataclass(frozen=True, kw_only=True)
-class CornerMesh(Shape):
-    """As a shape it is put into gmsh as it is."""
-
-    kind: str  # tetrahedron or hexahedron
-    points: Array  # (n, 3) [m], of order 2
-    cells: Ints  # (c, k) nodes, the corners first, in dolfinx's order
-    body: Ints  # (c,) index in `names`
-    names: tuple[str, ...]  # of the bodies
-    sides: Mapping[str, Ints]  # body.side -> nodes of its facets (f, k), the corners first
-
-    @property
-    def degree(self) -> int:
-        return 1
-
-    def refuse_too_large(self, request: Request, free: float = np.inf) -> None:
-        """It is smaller than the mesh that is there."""
-
-    def put(self, gmsh: Gmsh, request: Request) -> float:
-        kind, order, around = OF_CORNERS[self.kind]
-        corners = self.cells[:, order]
-        used = np.unique(corners)
-        bodies = {name: np.searchsorted(used, corners[self.body == k]) for k, name in enumerate(self.names)}
-        sides = {name: np.searchsorted(used, facets[:, around]) for name, facets in self.sides.items()}
-        RawMesh(3, kind, self.points[used], bodies, sides).put(gmsh)
-        return 1.0

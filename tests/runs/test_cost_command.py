@@ -168,7 +168,7 @@ def test_a_study_killed_while_taken_up_loses_no_run(call: Call, folder: Path, mo
         raise ZeroDivisionError  # the first run is about to be copied
 
     with monkeypatch.context() as killed:
-        killed.setattr(stickslip.workflows.cost.study_folder, "store", die)
+        killed.setattr(stickslip.workflows.cost.study_folder, "write_json", die)
         with pytest.raises(ZeroDivisionError):
             call(*PLAIN, "-q", "--budget", "30", "--resume")
     made: list[Rung] = []

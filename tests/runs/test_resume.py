@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 import stickslip
-import stickslip.workflows.accuracy.rounds
 from shared.command import Call, result
 from shared.histories import LEARNS, PUSHED, SMALL, Stop, assert_same, names_in, rows
 from stickslip.geometry.errors import FolderError, SceneError
@@ -507,7 +506,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
         found.append(scene)
         return run(scene, *more, **keys)
 
-    monkeypatch.setattr(stickslip.workflows.accuracy.rounds, "run", count)
+    monkeypatch.setattr("stickslip.workflows.run.run.run", count)
     return found
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from mutation.mutants import TABLE, Mutant, Reason, reasons
 from shared.names import ROOT, definitions, named
-from stickslip.workflows.run.packages import packages
+from stickslip.workflows.run.result import packages
 
 
 def test_what_the_numbers_depend_on_is_listed_with_debians_versions() -> None:
@@ -24,7 +24,7 @@ def test_what_the_numbers_depend_on_is_listed_with_debians_versions() -> None:
 
 
 def test_where_dolfinx_is_a_wheel_debians_packages_are_no_matter(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stickslip.workflows.run.packages.version", lambda name: f"1.0+{name}")
+    monkeypatch.setattr("stickslip.workflows.run.result.version", lambda name: f"1.0+{name}")
     found = packages.__wrapped__()
     assert found["dolfinx-solver-real"] == "1.0+dolfinx-solver-real"
     assert {"gmsh", "h5py", "mpich", "numpy"} < set(found)

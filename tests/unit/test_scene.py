@@ -290,6 +290,9 @@ WRONG_VALUES: dict[str, tuple[Callable[[], object], str]] = {
     "no geometry": (lambda: scene(geometry=None), "^geometry = null: expected a table$"),
     "no body": (lambda: scene(bodies={"block": None}), "^bodies.block = null: expected a Material$"),
     "a list of bodies": (lambda: scene(bodies=[1]), r"^bodies = \[1\]: expected a table$"),
+    "effect": (lambda: scene(gravity=9.81), "^gravity = 9.81: expected a Gravity$"),
+    "misspelt effect": (lambda: scene(gravty=None), r"^gravty: unknown key; did you mean gravity\?$"),
+    "effect's table": (lambda: scene(springs={"s": 1.0}), "^springs.s = 1.0: expected a Spring$"),
     "law": (lambda: s.Contact(surface="a.b", against="c", friction=0.3), "^friction = 0.3: expected a table$"),
     "row": (
         lambda: s.Support(boundary="a.b", displacement={"y": [[0, 0], [1]]}),
@@ -353,9 +356,6 @@ ODD = {
     "long value": f"model={'x' * 100_000}",
     "lone surrogate": "title=\udcff",
     "row": "supports.top.displacement.y=[[0,0],[1]]",
-    "effect": (lambda: scene(gravity=9.81), "^gravity = 9.81: expected a Gravity$"),
-    "misspelt effect": (lambda: scene(gravty=None), r"^gravty: unknown key; did you mean gravity\?$"),
-    "effect's table": (lambda: scene(springs={"s": 1.0}), "^springs.s = 1.0: expected a Spring$"),
 }
 
 

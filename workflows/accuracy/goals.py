@@ -90,7 +90,7 @@ def standings(goals: Mapping[str, float], step: StepResult, errors: Errors) -> l
 
 
 def _least(key: Quantity, known: Mapping[Quantity, Value]) -> float:
-    """Up to where a number is what rounding, or a mesh without symmetry, leaves of 0.
+    """Return the size up to which a number is what rounding, or a mesh without symmetry, leaves of 0.
 
     What can cancel out is compared with its vector, friction with the force of its contact. Areas, pressures, works and
     the like are small only where little happens: beside rounding.

@@ -35,7 +35,7 @@ AT_SIDE = 0.6  # of a facet: nodes of the other side that lie nearer, and no nod
 
 @dataclass(frozen=True)
 class Level:
-    """What a round is solved with."""
+    """Mesh, order, time steps and tolerance of a round."""
 
     order: Literal[1, 2] = 1
     highest: Literal[1, 2] = 2  # order to which it may go
@@ -85,7 +85,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Move:
-    """From one round to the next."""
+    """A step from one round to the next."""
 
     finer: float  # factor of the error in the energy norm, beside what the order changes
     splits: int  # factor of the number of time steps
@@ -94,7 +94,7 @@ class Move:
     raises: bool = False  # whether the last one had a lower order
 
     def error(self, goal: Standing) -> float:
-        """What it is expected to leave of a goal's error."""
+        """Return the error of a goal that it is expected to leave."""
         gain = GAIN if self.raises else 1.0
         return float(goal.mesh / gain * self.finer**RATE + goal.time_step / self.splits + goal.rest)
 
@@ -103,7 +103,7 @@ class Move:
         return float(self.finer ** (-dim / self.order) * (UNKNOWNS[dim] if self.raises else 1))
 
     def work(self, steps: int, dim: int) -> float:
-        """What it costs, in a unit that no clock decides: the same moves are taken on every machine.
+        """Return its cost, in a unit that no clock decides: the same moves are taken on every machine.
 
         Args:
             steps: of the last round.

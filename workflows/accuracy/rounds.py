@@ -125,7 +125,7 @@ class Rounds:
         return outcome, content
 
     def _missed(self, last: Round) -> str:
-        """What is said of goals that are not reached."""
+        """Say which goals are not reached."""
         missed = max(last.goals, key=lambda goal: goal.reached / goal.asked)
         said = f"reached {percent(missed.reached)} of {missed.name}"
         if self._stuck:
@@ -304,7 +304,7 @@ def _lowered(level: Level, comm: Comm) -> Level:
 
 
 def _hash(scene: Scene) -> str:
-    """The same for a scene with the same goals, whatever the budget."""
+    """Return a hash that is the same for a scene with the same goals, whatever the budget."""
     return scene_hash(replace(scene, accuracy=Accuracy(goals=scene.accuracy.goals)))
 
 

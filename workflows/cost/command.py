@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,8 +25,8 @@ from stickslip.workflows.cost.tables import (
     sentence,
     summary,
     write_csv,
-    write_summary,
 )
+from stickslip.workflows.formats.files import write_json
 from stickslip.workflows.run.ranks import Interrupt, refuse_mpirun
 
 BUSY = 0.9  # share of a core below which seconds are not those of the runs alone
@@ -36,7 +36,7 @@ MESHES = 2  # fewest runs of one order and method that a comparison needs
 
 @dataclass(frozen=True)
 class Answer:
-    """How the study ended."""
+    """End of the study: exit code and sentences."""
 
     exit_code: int
     sentence: str  # the price of the first quantity
@@ -101,19 +101,12 @@ def cost(
         content = summary(scene, runs, studies, status, budget, [*notes, *left_out])
         if named:
             content |= {"side_by_side": plain(beside, ladder.methods), "comparison": compared}
-        write_summary(kept.path / "cost.json", content)
+        write_json(kept.path / "cost.json", content)
         if scene.output.pictures:
-            _draw(kept.path, scene, studies)
-            _draw_methods(kept.path, scene, beside, ladder.methods, compared)
+            _draw(kept.path, scene, studies, beside, ladder.methods, compared)
         place = kept.finish()
-    share = core_share(runs)
-    if share < BUSY:
-        teller.note(
-            f"warning: the machine was busy, the runs got {100 * share:.0f} % of a core: read seconds with care"
-        )
-    for study in studies:
-        if study.truth.warning:
-            teller.note(study.truth.warning)
+    for warning in _warnings(runs, studies):
+        teller.note(warning)
     teller.table(studies)
     teller.methods(beside, ladder.methods)
     if compared:
@@ -151,16 +144,20 @@ def _ending(whole: bool, runs: Sequence[Run], said: str) -> Answer:
     return Answer(0, said)
 
 
-def _draw_methods(folder: Path, scene: Scene, found: Sequence[Line], methods: Sequence[str], said: str) -> None:
-    from stickslip.workflows.cost.pictures import draw_methods
+def _warnings(runs: Sequence[Run], studies: Sequence[Study]) -> Iterator[str]:
+    """Yield what makes the seconds or a reference value doubtful."""
+    if (share := core_share(runs)) < BUSY:
+        yield f"warning: the machine was busy, the runs got {100 * share:.0f} % of a core: read seconds with care"
+    yield from (study.truth.warning for study in studies if study.truth.warning)
 
-    if found:
-        draw_methods(folder, scene.title, found, methods, said, scene.labels)
 
-
-def _draw(folder: Path, scene: Scene, studies: Sequence[Study]) -> None:
-    from stickslip.workflows.cost.pictures import draw
+def _draw(
+    folder: Path, scene: Scene, studies: Sequence[Study], beside: Sequence[Line], methods: Sequence[str], said: str
+) -> None:
+    from stickslip.workflows.cost.pictures import draw, draw_methods
 
     for study in studies:
         if study.truth.meshes > 1:
             draw(folder, scene.title, study, scene.labels)
+    if beside:
+        draw_methods(folder, scene.title, beside, methods, said, scene.labels)

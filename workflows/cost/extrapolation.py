@@ -20,7 +20,7 @@ TRUSTED = 0.2  # share of the step from the finest mesh to the limit that two po
 
 @dataclass(frozen=True)
 class Limit:
-    """What q(h) = value + C h^rate tends to."""
+    """Limit of q(h) = value + C h^rate for h -> 0."""
 
     value: float
     uncertainty: float  # absolute

@@ -1,4 +1,4 @@
-"""What accuracy will cost, before anything is solved but coarse versions: `stickslip plan SCENE --cost`.
+"""The price of accuracy is foretold before anything is solved but coarse versions: `stickslip plan SCENE --cost`.
 
 The scene is solved on meshes that are coarser than its own, of order 1, with the errors of its numbers, until a few
 seconds are used. Errors of the mesh and seconds follow powers of the cells' size through the finest of them, errors of
@@ -68,13 +68,13 @@ class Coarse:
 
     @property
     def seconds(self) -> float:
-        """Of the whole version [s]."""
+        """Seconds of the whole version [s]."""
         return self.setup + self.steps * self.step
 
 
 @dataclass(frozen=True)
 class Price:
-    """What an accuracy is expected to take."""
+    """Mesh, steps and seconds that an accuracy is expected to take."""
 
     asked: float
     seconds: float  # [s]

@@ -56,7 +56,7 @@ class Ladder:
                     yield from (rung for run in tight if _worth(run) for rung in self._looser(run.rung, done))
 
     def turn(self, rung: Rung) -> int:
-        """What comes before what, whatever it costs, ascending: methods side by side climb mesh by mesh."""
+        """Return the key by which rungs are ordered, whatever they cost: methods side by side climb mesh by mesh."""
         return rung.level if self.together else 0
 
     def _next(self, tight: Sequence[Run], order: int, runs: Sequence[Run], start: float) -> int:
@@ -108,7 +108,7 @@ def ladder_of(scene: Scene, named: Sequence[str] = ()) -> tuple[Ladder, list[str
 
 
 def _possible(all_of: Sequence[T], attempt: Callable[[T], object]) -> tuple[list[T], dict[T, SceneError]]:
-    """Those that are not refused, and why the others are.
+    """Return those that are not refused, and why the others are.
 
     Raises:
         SceneError: all of them are.
@@ -151,7 +151,7 @@ def _ended(tight: Sequence[Run]) -> bool:
 
 @dataclass(frozen=True)
 class Budget:
-    """What all runs together may use."""
+    """Seconds and memory that all runs together may use."""
 
     seconds: float  # [s]
     memory: float  # of one process [bytes]

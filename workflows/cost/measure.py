@@ -99,7 +99,7 @@ def _wait(process: subprocess.Popen[bytes], until: float, stop: Stop) -> str:
 
 
 def _broken(code: int, said: str) -> dict[str, Any]:
-    """How a process without an answer ended, in words."""
+    """Say how a process without an answer ended."""
     lines = said.strip().splitlines() or [f"ended with code {code}"]
     memory = code == -signal.SIGKILL or "MemoryError" in said or "Out of memory" in said
     return {"status": "out_of_memory" if memory else "failed", "sentence": lines[-1]}

@@ -1,4 +1,4 @@
-"""What `stickslip cost` says while it climbs, and at the end."""
+"""Progress of `stickslip cost` while it climbs, and its tables at the end."""
 
 from __future__ import annotations
 

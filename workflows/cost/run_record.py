@@ -33,7 +33,7 @@ class Rung:
 
     @property
     def chain(self) -> tuple[int, str]:
-        """What stays fixed while the mesh is refined: order, method."""
+        """Order and method, which stay fixed while the mesh is refined."""
         return self.order, self.method
 
     @property
@@ -99,7 +99,7 @@ class Run:
         return sum(self.phases.values())
 
     def plain(self) -> dict[str, Any]:
-        """As plain data for JSON."""
+        """Return plain data for JSON."""
         return asdict(self)
 
 

@@ -252,5 +252,5 @@ class Study:
 
 
 def _at_best(rung: Rung, other: Rung) -> float:
-    """What the error of another mesh of the chain is multiplied by to be one that this rung may have at best."""
+    """Return the factor by which the error of another mesh of the chain becomes the least that this rung may have."""
     return RATIO ** (-2 * rung.order * max(rung.level - other.level, 0))

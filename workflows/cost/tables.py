@@ -15,7 +15,7 @@ from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.run_record import PHASES, Run
 from stickslip.workflows.cost.study import Study
-from stickslip.workflows.formats.files import write_aside, write_json
+from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.run.result import scene_hash
 from stickslip.workflows.scene_file.read import to_dict
 
@@ -93,7 +93,7 @@ def percent(value: float) -> str:
 
 
 def _changes(run: Run, following: Run) -> str:
-    """What the next digit takes besides a finer mesh."""
+    """Say what the next digit takes besides a finer mesh."""
     new = [] if following.rung.order == run.rung.order else [f"order {following.rung.order}"]
     new += [f"h = {following.h:.3g}"] if following.h != run.h else []
     new += [following.rung.method] if following.rung.method != run.rung.method else []
@@ -135,7 +135,7 @@ def lines(runs: Sequence[Run], methods: Sequence[str], tolerance: float) -> list
 
 
 def plain(found: Sequence[Line], methods: Sequence[str]) -> list[dict[str, Any]]:
-    """As plain data for JSON: for each mesh, the numbers of every method; null where it did not get so far."""
+    """Return plain data for JSON: for each mesh, the numbers of every method; null where it did not get so far."""
     return [
         {"order": line.order, "h": line.h, "methods": dict(zip(methods, map(_numbers, line.runs), strict=True))}
         for line in found
@@ -208,11 +208,6 @@ def summary(
         ],
         "notes": list(notes),
     }
-
-
-def write_summary(path: Path, content: dict[str, Any]) -> None:
-    """Write cost.json."""
-    write_json(path, content)
 
 
 def _row(run: Run) -> list[object]:

@@ -26,7 +26,7 @@ Row = Sequence[object]
 
 
 class Table(NamedTuple):
-    """What a step adds to a table."""
+    """Rows that a step adds to a table."""
 
     name: str  # of the file
     header: Sequence[str]  # the same at every step

@@ -44,7 +44,7 @@ class LocalProblem:
         return len(self.q) // len(self.mu)
 
     def others(self, r: Array) -> Mapping[str, Array]:
-        """What a solution holds besides u and r, by its name in the format."""
+        """Numbers that a solution holds besides u and r, by their names in the format."""
         return {}
 
 

@@ -108,7 +108,7 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 
 
 def json_text(content: dict[str, Any], indent: int | None = 1) -> str:
-    """As a JSON file has it, on one line without an indent; a number that is not finite becomes null."""
+    """Return the text of a JSON file, on one line without an indent; a number that is not finite becomes null."""
     return json.dumps(_finite(content), indent=indent, ensure_ascii=False, allow_nan=False)
 
 

@@ -88,7 +88,7 @@ def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]
 
 
 def stored_checksum(path: Path) -> str | None:
-    """What the file says the checksum of its arrays is; None where there is no such file."""
+    """Return the checksum of its arrays that the file states; None where there is no such file."""
     try:
         sums = _sums(read_regular(path, USER_BLOCK))
     except OSError:

@@ -30,7 +30,7 @@ UNFINISHED = re.compile(r"\.(.+)\.part")  # name of a file before it is whole
 
 @dataclass(frozen=True, kw_only=True)
 class Marker:
-    """What the marker of a folder says."""
+    """Content of the marker of a folder."""
 
     names: tuple[str, ...] = ()  # of the run's files and, with a slash at the end, of its folders
     sha256: dict[str, str] = field(default_factory=dict)  # by file

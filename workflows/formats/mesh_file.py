@@ -107,5 +107,5 @@ def mesh_from(arrays: Mapping[str, AnyArray], dim: int) -> MeshData:
 
 
 def mesh_checksum(mesh: MeshData) -> str:
-    """The same for the same mesh."""
+    """Return a checksum that is the same for the same mesh."""
     return checksum(mesh_arrays(mesh), {})

@@ -70,7 +70,7 @@ def stated(parts: ErrorParts) -> float | None:
 
 
 def of_parts(value: float, parts: ErrorParts) -> str:
-    """The same with the sum of the known parts of its error.
+    """Return a number with the sum of the known parts of its error.
 
     >>> of_parts(0.242957, ErrorParts(mesh=1e-4, time_step=1e-4)), of_parts(0.242957, ErrorParts(converges=False))
     ('0.2430 ± 0.0002*', '0.24 (grows)')
@@ -79,7 +79,7 @@ def of_parts(value: float, parts: ErrorParts) -> str:
 
 
 def with_error(value: float, parts: ErrorParts | None, unit: str) -> str:
-    """The same with its unit.
+    """Return a number with its error and its unit.
 
     >>> with_error(0.242957, ErrorParts(converges=False), "Pa"), with_error(0.242957, ErrorParts(mesh=1e-4), "Pa")
     ('0.24 Pa (grows)', '0.2430 ± 0.0001* Pa')

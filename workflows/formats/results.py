@@ -64,7 +64,7 @@ class Results:
 
     @property
     def units(self) -> Units:
-        """What the numbers are in."""
+        """Units of the numbers."""
         return Units.of(str(self.scene.get("units", "SI")))
 
     @property
@@ -101,7 +101,7 @@ def read_results(folder: Path) -> Results:
 
 
 def _without_end(folder: Path) -> dict[str, Any]:
-    """What is known of a run that is at work, or was killed: its scene, and the rows of steps.csv.
+    """Return what is known of a run that is at work, or was killed: its scene, and the rows of steps.csv.
 
     Raises:
         FolderError: no run has written the folder.
@@ -169,7 +169,7 @@ def profile_rows(profile: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ..
 
 
 def profile_lines(profile: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The same as a table of plain text."""
+    """Return the profile as a table of plain text."""
     rows = [HEAD, *profile_rows(profile)]
     wide = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
     return [

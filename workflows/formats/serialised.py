@@ -49,7 +49,7 @@ def digest_of(array: AnyArray) -> str:
 
 
 def to_parts(plain: Plain, known: Mapping[str, AnyArray]) -> tuple[Any, Parts]:
-    """What JSON can say of it, and the arrays that it points at.
+    """Return plain data as JSON can say them, and the arrays that these point at.
 
     Args:
         known: arrays that will stand beside them under these names.
@@ -97,7 +97,7 @@ def to_arrays(plain: Plain, known: Mapping[str, AnyArray]) -> dict[str, AnyArray
 
 
 def from_arrays(text: AnyArray, content: AnyArray, known: Mapping[str, AnyArray]) -> Plain:
-    """What `to_arrays` was given."""
+    """Return what `to_arrays` was given."""
     return from_parts(json.loads(text.tobytes()), content.tobytes(), known)
 
 

@@ -92,12 +92,12 @@ def shown_as(field: str) -> str:
 
 
 def step_files(folder: Path) -> dict[int, Path]:
-    """Those with fields below the results folder by index; what else a user keeps there is none."""
+    """Return the files of steps with fields below the results folder by index; what else a user keeps there is none."""
     return {int(path.stem): path for path in sorted(folder.glob(f"steps/{'[0-9]' * 6}.h5"))}
 
 
 def light_files(folder: Path) -> dict[int, Path]:
-    """Those without fields."""
+    """Return the files of steps without fields."""
     return {int(path.name[:6]): path for path in sorted(folder.glob(f"steps/{'[0-9]' * 6}.light.h5"))}
 
 

@@ -127,7 +127,7 @@ def _facts(results: Results) -> list[str]:
 
 
 def _modelled(results: Results) -> list[str]:
-    """What forces are those of, where it is not the whole body."""
+    """Return the part whose forces are told, where it is not the whole body."""
     part = modelled(results.scene.get("geometry") or {}, results.scene.get("model", ""))
     return [f"a {results.units.metre} of thickness"] * results.plane + [f"the modelled {part}"] * bool(part)
 
@@ -304,7 +304,7 @@ def _rows(name: str, value: Any) -> list[tuple[str, str]]:
 
 
 def as_written(value: Any) -> str:
-    """As a scene file says it; what is empty is left out.
+    """Return a value as a scene file says it; what is empty is left out.
 
     >>> as_written({"law": "coulomb", "mu": 0.3, "gap": {}, "x": [[0.0, 0.0], [1.0, 0.5]]})
     'law = coulomb, mu = 0.3, x = [[0, 0], [1, 0.5]]'

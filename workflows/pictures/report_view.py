@@ -39,7 +39,7 @@ PIECES = {
 
 
 def model(results: Results) -> dict[str, Any] | None:
-    """What the view shows; None if no step's file or no mesh is there.
+    """Return the data of the view; None if no step's file or no mesh is there.
 
     Raises:
         MachineError: a step's file is damaged.

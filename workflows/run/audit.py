@@ -55,7 +55,7 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
 
 
 def _record(folder: Path, index: int, dim: int) -> Record | None:
-    """What a step's file has; None if it is a light one."""
+    """Read a step's file; None if it is a light one."""
     path = folder / step_name(index)
     if (folder / light_name(index)).exists() and not path.exists():
         return None

@@ -47,7 +47,7 @@ AT_WORK = "process {pid} on {host}"  # a line of run.log
 
 
 def place_of(target: Path) -> Path:
-    """Where the results stand: the target, or where a link leads.
+    """Return where the results stand: the target, or where a link leads.
 
     Raises:
         FolderError: no folder can be made there.

@@ -68,7 +68,7 @@ class MeshReport:
 
     @property
     def area_unit(self) -> tuple[str, str]:
-        """What an area is called, and its unit."""
+        """Word for an area, and its unit."""
         return ("length", self.length_unit) if self.plane else ("area", Units.of(self.units)("m²"))
 
     @property

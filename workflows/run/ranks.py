@@ -30,7 +30,7 @@ def all_act(comm: Any, act: Callable[[], object]) -> None:
 
 
 def _failed(act: Callable[[], object], rank: int) -> tuple[StickslipError | None, BaseException | None]:
-    """What to tell the others, and what to show here."""
+    """Return the error to tell the others, and the one to show here."""
     try:
         act()
     except StickslipError as error:
@@ -50,7 +50,7 @@ def _raise(failure: StickslipError | None, mistake: BaseException | None) -> Non
 
 
 def from_rank_0(comm: Any, act: Callable[[], T]) -> T:
-    """What `act` returns on rank 0, on every rank; its error, if any, is raised on every rank."""
+    """Return on every rank what `act` returns on rank 0; its error, if any, is raised on every rank."""
     found: list[T] = []
     raise_together(comm, lambda: found.append(act()))
     shared: T = comm.bcast(found[0] if found else None)

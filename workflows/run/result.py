@@ -7,8 +7,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any, Literal, NotRequired, cast, get_type_hints
 
@@ -45,7 +49,6 @@ from stickslip.solvers.stepping.method_chain import Switch
 from stickslip.workflows.formats.files import write_json
 from stickslip.workflows.formats.results import PER_METRE, seconds_of
 from stickslip.workflows.run.audit import Audited
-from stickslip.workflows.run.packages import packages
 from stickslip.workflows.scene_file.identity import identity
 from stickslip.workflows.scene_file.read import to_dict
 
@@ -56,6 +59,14 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 STATUSES = Literal["converged", "doubtful", "not_converged", "no_equilibrium", "inaccurate", "interrupted"]
 LARGEST = ("discretisation", "law", "iteration", "linear_solver")  # errors of the run
 Numbers = float | list[float]  # a number, or a vector by component
+DPKG = Path("/var/lib/dpkg/status")
+DEBIAN = re.compile(  # the rest of a name is the version of the library's interface
+    r"lib(dolfinx-real|petsc-real|slepc-real|mumps-|hypre-|gmsh|occt-modeling-algorithms-|openblas0-pthread|openmpi|"
+    r"hdf5-openmpi-|seccomp)[0-9.t-]*|python3-(dolfinx-real|ffcx|ufl|gmsh|petsc4py-real|scipy|h5py-mpi|seccomp)"
+)
+PYPI = ("numpy", "pydantic")
+WHEEL = "dolfinx-solver-real"  # PETSc, SLEPc, MUMPS, OpenBLAS and HDF5 are in it
+BESIDE_WHEEL = ("fenics-ffcx", "fenics-ufl", "gmsh", "h5py", "mpi4py", "mpich", "scipy")
 
 
 @dataclass(frozen=True)
@@ -132,7 +143,7 @@ def summary(
 
 
 def _largest(errors: Sequence[float]) -> float | None:
-    """Of all steps; NaN, which becomes null, where that of a step is not known."""
+    """Return the sum over all steps; NaN, which becomes null, where that of a step is not known."""
     return float(np.max(errors)) if errors else None
 
 
@@ -146,7 +157,7 @@ def _verdict(simulation: Simulation, steps: Sequence[StepResult], audited: Audit
 
 
 def scene_hash(scene: Scene) -> str:
-    """The same for the same scene; a geometry file counts by its content, not by its place."""
+    """Return a hash that is the same for the same scene; a geometry file counts by its content, not by its place."""
     return hashlib.sha256(json.dumps(identity(scene, ("units",)), sort_keys=True).encode()).hexdigest()
 
 
@@ -271,3 +282,28 @@ def _nullable(node: Any) -> Any:
         return node
     found = {key: _nullable(value) for key, value in node.items() if not (key == "title" and isinstance(value, str))}
     return found | {"type": ["number", "null"]} if node.get("type") == "number" else found
+
+
+@cache
+def packages() -> dict[str, str]:
+    """Version of each package by name: PyPI's alone where dolfinx is a wheel, else Debian's too where there is dpkg."""
+    found = _of_pypi(*PYPI, WHEEL)
+    if WHEEL in found:
+        return dict(sorted((found | _of_pypi(*BESIDE_WHEEL)).items()))
+    try:
+        text = DPKG.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return found
+    for entry in text.split("\n\n"):
+        fields = dict(re.findall(r"^(Package|Status|Version): (.*)$", entry, re.MULTILINE))
+        if DEBIAN.fullmatch(fields.get("Package", "")) and fields.get("Status", "").endswith(" installed"):
+            found[fields["Package"]] = fields["Version"]
+    return dict(sorted(found.items()))
+
+
+def _of_pypi(*names: str) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for name in names:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found

@@ -1,4 +1,4 @@
-"""What a run leaves for one that resumes it: its steps, the newest one's checkpoint, and what methods have learnt.
+"""A run leaves for one that resumes it its steps, the newest one's checkpoint, and what methods have learnt.
 
 The latter, learnt/000012.0.bin of rank 0, stands beside the newest two steps only, for it can be large. It serves the
 same ranks alone, so each keeps its own part: nothing is gathered. A step names the files that belong to it by its
@@ -40,7 +40,7 @@ STATES = ("state", "refined", "surplus")  # of a checkpoint, with values by node
 
 
 class LearntFiles:
-    """Those of the last two steps; what is the same as at the step before is not written again."""
+    """Files of the last two steps; one that is the same as at the step before is not written again."""
 
     def __init__(self, folder: Path, comm: Any, before: str = "", last: str = "") -> None:
         """
@@ -66,7 +66,7 @@ class LearntFiles:
         return last
 
     def read(self) -> Plain | None:
-        """What belongs to the last step; None on all ranks if one's is lost, or if they were others; collective."""
+        """Read that of the last step; None on all ranks if one's is lost, or if they were others; collective."""
         last = self._two[1]
         sums, rank = last.split()[1:], self._comm.rank
         if len(sums) != self._comm.size:
@@ -81,7 +81,7 @@ class LearntFiles:
 
 
 def remove_learnt(folder: Path) -> None:
-    """Of a run that is done and certified: nothing will go on from here, nor be estimated again.
+    """Remove what was learnt in a run that is done and certified: nothing will go on from here, nor be estimated again.
 
     Raises:
         MachineError: no permission.
@@ -112,7 +112,7 @@ def _name(reference: str, rank: int) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class RunCheckpoint:
-    """What a run goes on from besides the result of a step; it stands in each step's file."""
+    """State from which a run goes on, besides the result of a step; it stands in each step's file."""
 
     checkpoint: Checkpoint  # of the solver
     spent: tuple[Row, ...]  # by phase, until then, by all processes that have worked on the run
@@ -123,7 +123,7 @@ class RunCheckpoint:
 
 @dataclass(frozen=True, kw_only=True)
 class EarlierRun:
-    """What an earlier run has left to go on with; by default nothing: the run begins."""
+    """Remains of an earlier run to go on with; by default nothing: the run begins."""
 
     steps: tuple[StepResult, ...] = ()  # the last one with its fields, on rank 0; the others without
     last: RunCheckpoint | None = None  # of the last step
@@ -149,7 +149,7 @@ def _without_states(last: RunCheckpoint | None) -> RunCheckpoint | None:
 
 
 def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
-    """What there is to resume, in the working folder or, if the run ended early, in the target; rank 0.
+    """Find what there is to resume, in the working folder or, if the run ended early, in the target; rank 0.
 
     The folder is locked. A damaged last step is left out, with a note: it is solved again. One that cannot be read may
     be sound: it is not touched.

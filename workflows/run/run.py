@@ -58,7 +58,7 @@ Keep = Callable[[Simulation, Sequence[StepResult], Sequence[Errors]], bool]
 
 
 class Outputs:
-    """What a scene wants written; every method is collective.
+    """All writers that a scene asks for; every method is collective.
 
     Raises:
         MachineError: on every rank, from any method: one writer cannot write.
@@ -274,7 +274,7 @@ class Run:
         return outcome, final
 
     def _warnings(self) -> tuple[str, ...]:
-        """What the answer gives reason to doubt, the same on every rank; collective."""
+        """Return the warnings of the answer, the same on every rank; collective."""
         found: list[str] = []
         self._on_rank_0(
             lambda: found.extend((*self._fields.warnings(), *doubts(self._simulation, self.steps, self._errors)))
@@ -414,7 +414,7 @@ def _close(results: ResultsFolder, status: str) -> None:
 
 
 def begun_with(simulation: Simulation) -> dict[str, Any]:
-    """What a run of the simulation is begun with; its mesh is on rank 0 alone."""
+    """Return scene, mesh and versions that a run is begun with; the mesh is on rank 0 alone."""
     scene, mesh = identity(simulation.scene, DECIDES_NOTHING), mesh_checksum(simulation.data)
     return {"scene": scene, "mesh": mesh, "units": simulation.scene.units} | VERSIONS
 

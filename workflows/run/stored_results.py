@@ -50,7 +50,7 @@ class StoredSteps(Sequence[StepResult]):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Loaded:
-    """What a run has left in its folder; files are read when they are asked for."""
+    """Results that a run has left in its folder; files are read when they are asked for."""
 
     folder: Path
     result: Mapping[str, Any]  # the content of result.json; of a run without an end: its scene, and what steps.csv has
@@ -58,7 +58,7 @@ class Loaded:
 
     @property
     def status(self) -> str:
-        """How the run ended, see `Outcome`; "not ended" while it is at work, or was killed."""
+        """Status with which the run ended, see `Outcome`; "not ended" while it is at work, or was killed."""
         return str(self.result["status"])
 
     @property

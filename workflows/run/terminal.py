@@ -1,4 +1,4 @@
-"""What the run says on the terminal: progress while it works, a short table at the end."""
+"""The terminal shows a run: progress while it works, a short table at the end."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ class Reporter:
             )
 
     def files(self, outcome: Outcome) -> None:
-        """What to doubt, and which files to open."""
+        """Print what to doubt, and which files to open."""
         for warning in outcome.warnings:
             self.line(f"warning: {warning}")
         if self.quiet:
@@ -162,7 +162,7 @@ class Reporter:
 
 
 def time_left(seconds: float) -> str:
-    """What is said of the time that the steps to come will take; nothing below a minute.
+    """Say how long the steps to come will take; nothing below a minute.
 
     >>> time_left(59.0), time_left(100.0), time_left(20_000.0)
     ('', ', about 2 minutes left', ', about 5.6 hours left')

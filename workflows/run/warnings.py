@@ -1,4 +1,4 @@
-"""What the answer itself gives reason to doubt, judged after the solve: one sentence each, for the last lines."""
+"""Warnings of an answer, judged after the solve: each says in one sentence what there is reason to doubt."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def _jump(cells: Ints, stress: Array, von_mises: Array) -> float:
 def doubts(
     simulation: Simulation, steps: Sequence[StepResult], errors: Sequence[Errors] | None = None
 ) -> Iterator[str]:
-    """What contacts and energies give reason to doubt.
+    """Warn of what contacts and energies give reason to doubt.
 
     Args:
         errors: of the numbers of each step; None: not estimated.
@@ -215,7 +215,7 @@ def _carried_at_points(problem: Problem, steps: Sequence[StepResult]) -> Iterato
 
 
 def _several_solutions(steps: Sequence[StepResult], unit: str) -> Iterator[str]:
-    """Where friction admits several solutions: of the first such step, for what follows depends on the one taken."""
+    """Warn of the first step where friction admits several solutions; what follows depends on the one taken."""
     step = next((step for step in steps if step.other_solutions), None)
     if step is None:
         return
@@ -231,7 +231,7 @@ def _several_solutions(steps: Sequence[StepResult], unit: str) -> Iterator[str]:
 
 
 def _slip_jumps(steps: Sequence[StepResult]) -> Iterator[str]:
-    """Where friction weakens faster than bodies unload: of the first such step."""
+    """Warn where friction weakens faster than bodies unload: of the first such step."""
     found = [step for step in steps if step.weakening >= 1]
     if found:
         yield (
@@ -335,7 +335,7 @@ def _few_points(rows: ContactRows, problem: Problem, state: ContactState) -> Ite
 
 
 def _refine(problem: Problem, side: str) -> str:
-    """What makes the elements of a side smaller: some builders have a key of their own for a body."""
+    """Name the key that makes the elements of a side smaller: some builders have a key of their own for a body."""
     key = f"{side.partition('.')[0]}_mesh_size"
     return f"refine geometry.{key}" if getattr(problem.shape, key, None) else "refine contact_mesh_size"
 

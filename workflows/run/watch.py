@@ -1,4 +1,4 @@
-"""What a run tells while it works: to run.log, and to whoever watches."""
+"""A run tells how it goes while it works: to run.log, and to whoever watches."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Watch:
 
 
 def tell(simulation: Simulation, report: MeshReport, earlier: EarlierRun, watch: Watch) -> None:
-    """What there is to say before the first step; rank 0 only."""
+    """Say what there is to say before the first step; rank 0 only."""
     log.info("%s", at_work())
     for line in report.lines():
         log.info("%s", line)

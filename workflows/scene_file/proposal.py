@@ -38,7 +38,7 @@ LONGEST = 3  # bodies in the name of a side
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """What is found in a geometry file."""
+    """Bodies and pairs that are found in a geometry file."""
 
     path: Path
     geometry: UserFile

@@ -354,7 +354,7 @@ def _refuse_odd_values(value: Any, path: tuple[str, ...] = ()) -> None:
 
 
 def _toml(text: str) -> dict[str, Any]:
-    """What a TOML text holds.
+    """Return the tables of a TOML text.
 
     Raises:
         ValueError: it is none; the text of the error is one line.

@@ -61,7 +61,7 @@ class Member:
 
     @property
     def bodies(self) -> str:
-        """The same for members that may share mesh and factor."""
+        """Hash that is the same for members that may share mesh and factor."""
         whole = to_dict(self.scene)
         return json.dumps([whole["geometry"], whole["bodies"]], sort_keys=True)
 
@@ -283,7 +283,7 @@ def _tasks(left: Sequence[Member], place: Path, workers: int) -> Iterator[Task]:
 
 
 def _leave_mpirun() -> None:
-    """What this process starts is no rank of its job."""
+    """Make sure that what this process starts is no rank of its job."""
     for key in [*os.environ]:
         if key.startswith(OF_MPIRUN) and not key.startswith(ROOT_MAY):
             del os.environ[key]

@@ -44,11 +44,11 @@ class TableWriter(Writer):
 
     @abstractmethod
     def names(self) -> Sequence[str]:
-        """Of all tables that it may write."""
+        """Return the names of all tables that it may write."""
 
     @abstractmethod
     def tables(self, index: int, result: StepResult) -> Iterable[Table]:
-        """What a step adds to them; needs no displacement and no stress."""
+        """Return what a step adds to them; needs no displacement and no stress."""
 
     def resume(self, steps: Sequence[StepResult]) -> None:
         """Write every table anew; one that has no rows is removed."""

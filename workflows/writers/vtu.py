@@ -25,8 +25,8 @@ from stickslip.workflows.formats.files import disk_errors, make_folder, write_as
 from stickslip.workflows.formats.mesh_file import shape_of
 from stickslip.workflows.formats.steps import StoredStep, read_step, shown_as, step_name, three
 from stickslip.workflows.writers import paraview_view
-from stickslip.workflows.writers.series import SeriesWriter
 from stickslip.workflows.writers.writer import Keys, keys_of
+from stickslip.workflows.writers.xdmf import SeriesWriter
 
 INDEX, FOLDER = "fields.pvd", "vtu"
 VIEW = Path(paraview_view.__file__)  # copied as it is

@@ -33,7 +33,7 @@ class Turn(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """What a writer knows of its run."""
+    """All that a writer knows of its run."""
 
     folder: Path  # a writer writes below it only, what `Writer.names` names; `write_aside` keeps it readable always
     scene: Scene
@@ -177,7 +177,7 @@ AnyKeys = TypeVar("AnyKeys", bound=Keys)
 
 
 def keys_of(kind: type[AnyKeys], output: Output) -> AnyKeys:
-    """What a scene says of the keys that a writer has added, with defaults filled in.
+    """Return what a scene says of the keys that a writer has added, with defaults filled in.
 
     Raises:
         SceneError: a value is wrong.

@@ -51,6 +51,21 @@ class Check:
         )
 
 
+TWO = ("condensed-newton", "uzawa")
+METHODS = (*TWO, "surface-uzawa")  # surface-uzawa where it does not take minutes
+ONE = ("condensed-newton",)  # where there is little contact, or none
+FLOATING = ("condensed-newton", "surface-uzawa")  # where contact alone holds the bodies
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A verification problem; `checks` solves it with a method."""
+
+    about: str
+    checks: Callable[[str], list[Check]]
+    methods: tuple[str, ...] = METHODS
+
+
 def close(name: str, computed: float, reference: float, tolerance: float, scale: float) -> Check:
     """Relative to the reference, or to `scale` where the reference is 0.
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 import json
 import shlex
 import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -16,6 +17,8 @@ import numpy as np
 
 from stickslip import VERSION
 from stickslip.geometry.errors import SceneError, nearest, require
+from stickslip.workflows.formats.files import disk_errors, make_folder
+from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.verification.accuracy.judge import (
     BELOW,
     COUNTS,
@@ -39,7 +42,6 @@ from stickslip.workflows.lab.verification.accuracy.judge import (
 from stickslip.workflows.lab.verification.accuracy.problems import MESHES, PROBLEMS
 from stickslip.workflows.lab.verification.accuracy.suite import LOOSE, MORE, Study, studies
 from stickslip.workflows.lab.verification.hard.tables import overrides
-from stickslip.workflows.lab.verification.suite_folder import made, writing
 from stickslip.workflows.scene_file.read import READY, read, to_dict
 
 
@@ -63,7 +65,7 @@ def accuracy(names: Sequence[str] = (), jobs: int = 1, folder: Path | None = Non
             raise SceneError(f"--scenes {name}: no such problem; {nearest(name, PROBLEMS)}")
     require(jobs >= 1, "--jobs", jobs, "must be at least 1")
     if folder is not None:
-        made(folder)
+        make_folder(folder)
     found, began = list[Study](), clock.monotonic()
     for study in studies(tuple(names) or tuple(PROBLEMS), jobs):
         found.append(study)
@@ -71,7 +73,7 @@ def accuracy(names: Sequence[str] = (), jobs: int = 1, folder: Path | None = Non
     print(f"{sentence(found)}; {clock.monotonic() - began:.0f} s")
     if folder is not None:
         words = ["stickslip", "verify", "accuracy", *(["--scenes", ",".join(names)] if names else [])]
-        with writing(folder):
+        with disk_errors(folder):
             write_page(folder / "accuracy.md", found, shlex.join([*words, "-o", folder.resolve().name]))
             (folder / "accuracy.jsonl").write_text("".join(map(_text, found)), encoding="utf-8")
     return passed(found)
@@ -140,9 +142,45 @@ def again(case: Case) -> str:
 
 def write_page(page: Path, studies: Sequence[Study], command: str) -> None:
     """Write the page, and its picture beside it; the picture has the page's name and ends in .png."""
-    picture = page.with_suffix(".png")
-    page.write_text("\n".join(_lines(studies, command, picture.name)) + "\n", encoding="utf-8")
-    draw(picture, [case for study in studies for case in study.cases])
+    picture, cases = page.with_suffix(".png"), [case for study in studies for case in study.cases]
+    first = [case for case in cases if case.order == 1]
+    second = [case for case in cases if case.order == 2 and case.part == MESH]
+    worst = sorted(counted(asked(studies)), key=lambda case: -abs(np.log(max(case.effectivity, 1e-9) / 1.4)))[:WORST]
+    text = render(
+        "lab/verification/templates/accuracy.md",
+        command=command,
+        version=VERSION,
+        sentence=f"{sentence(studies)}." + ("" if enough(studies) else " That is not what is asked for."),
+        **{name: f"{100 * share:.0f}" for name, share in (("inside", INSIDE), ("below", BELOW), ("silent", SILENT))},
+        within=f"[{LOW:g}, {HIGH:g}]",
+        too_small=f"{TOO_SMALL:g}",
+        too_large=f"{TOO_LARGE:g}",
+        meshes=", ".join(f"{mesh:g}" for mesh in MESHES),
+        **{"mesh": MESH, "time": TIME, "iteration": ITERATION, "total": TOTAL},
+        finer=sorted(round(1 / problem.fine) for problem in PROBLEMS.values()),
+        more=MORE,
+        loose=f"{LOOSE:g}",
+        counts=f"{COUNTS:g}",
+        unknown=_unknown(studies),
+        picture=picture.name,
+        by_part=table("part, order", cases, lambda case: f"{case.part}, order {case.order}"),
+        by_kind=table("part, kind", first, lambda case: f"{case.part}, {kind(case.name)}"),
+        by_problem=table("problem", asked(studies), lambda case: case.problem),
+        of_order_2=table("problem", second, lambda case: case.problem),
+        studies=studies,
+        endless=_endless([each for study in studies for each in study.endless]),
+        worst="\n".join(map(_worst, worst)),
+    )
+    page.write_text(text, encoding="utf-8")
+    draw(picture, cases)
+
+
+def _worst(case: Case) -> str:
+    """A case, and the command that solves it once more."""
+    return (
+        f"- {case.problem}, mesh {case.mesh:g}, t = {case.time:g}: {case.part} error of {case.name}: stated / true"
+        f" {case.effectivity:.2f}, true error {100 * case.size:.2g} % of its scale\n  `{again(case)}`"
+    )
 
 
 def _unknown(studies: Sequence[Study]) -> str:
@@ -155,98 +193,10 @@ def _unknown(studies: Sequence[Study]) -> str:
     )
 
 
-def _lines(studies: Sequence[Study], command: str, picture: str) -> Iterator[str]:
-    cases = [case for study in studies for case in study.cases]
-    yield "# Stated errors beside true ones"
-    yield ""
-    yield f"Made by `{command}`, version {VERSION}; do not edit."
-    yield ""
-    yield f"{sentence(studies)}." + ("" if enough(studies) else " That is not what is asked for.")
-    yield ""
-    yield (
-        f"Asked for are {100 * INSIDE:.0f} % within [{LOW:g}, {HIGH:g}], at most {100 * BELOW:.0f} % below"
-        f" {TOO_SMALL:g}, none above {TOO_LARGE:g}, and at most {100 * SILENT:.0f} % of the true errors that are large"
-        " enough to count not stated, in no problem and part all of them. Every number of every step of the problems"
-        f" is judged, vectors by component, each on three meshes (cells {', '.join(f'{mesh:g}' for mesh in MESHES)}"
-        " times as large), in both orders. A number that has several names, as a force and its reaction, counts once."
-    )
-    yield ""
-    yield "| part | true error: the distance to |"
-    yield "|---|---|"
-    finer = sorted(round(1 / problem.fine) for problem in PROBLEMS.values())
-    yield (
-        f"| {MESH} (with geometry) | order 2 on a mesh {finer[0]} to {finer[-1]} times finer than the finest, same"
-        " steps; closed forms |"
-    )
-    yield f"| {TIME} | {MORE} times the steps on the same mesh |"
-    yield f"| {ITERATION} (with linear_solver) | the run, from `surface-uzawa`, matrix-free, at tolerance {LOOSE:g} |"
-    yield f"| {TOTAL} | order 2 on the finer mesh in {MORE} times the steps, where that is affordable |"
-    yield ""
-    yield (
-        f"An error counts if it is above {COUNTS:g} of the scale of its kind: forces, of the largest normal force;"
-        " moments, of that times the size of the bodies; areas, of the area of the side; pressures and stresses, of the"
-        " largest pressure; lengths, of the largest displacement of the contact; energies, of the stored energy;"
-        " dissipations, of themselves where they are above a thousandth of it. What the iteration leaves is stated as a"
-        " bound. Errors of the time steps below half a per cent come from single nodes that slip a step earlier or"
-        f" later, which shorter histories do not show. {_unknown(studies)}"
-    )
-    yield ""
-    yield f"![Stated over true errors, by the size of the true error]({picture})"
-    yield ""
-    yield "## By part"
-    yield ""
-    yield from table("part, order", cases, lambda case: f"{case.part}, order {case.order}")
-    yield ""
-    yield (
-        "Of order 2 in 3D, areas, largest pressures and penetrations are stated to be off by 1.5 times what it adds to"
-        " order 1."
-    )
-    yield "Errors of the stress at probes are not judged."
-    yield ""
-    yield "## By kind of quantity, order 1"
-    yield ""
-    first = [case for case in cases if case.order == 1]
-    yield from table("part, kind", first, lambda case: f"{case.part}, {kind(case.name)}")
-    yield ""
-    yield "## By problem, order 1"
-    yield ""
-    yield from table("problem", asked(studies), lambda case: case.problem)
-    yield ""
-    yield "## By problem, order 2: the mesh"
-    yield ""
-    second = [case for case in cases if case.order == 2 and case.part == MESH]
-    yield from table("problem", second, lambda case: case.problem)
-    yield ""
-    yield "## Sizes"
-    yield ""
-    yield "| problem | unknowns of order 1 | of the truth | seconds |"
-    yield "|---|--:|--:|--:|"
-    for study in studies:
-        *own, best = study.unknowns or (0,)
-        yield f"| {study.problem} | {', '.join(map(str, own))} | {best} | {study.seconds:.0f} |"
-    yield ""
-    yield "## Largest pressures without a limit"
-    yield ""
-    yield from _endless([each for study in studies for each in study.endless])
-    yield ""
-    yield "## The worst cases of order 1"
-    yield ""
-    worst = sorted(counted(asked(studies)), key=lambda case: -abs(np.log(max(case.effectivity, 1e-9) / 1.4)))[:WORST]
-    for case in worst:
-        yield (
-            f"- {case.problem}, mesh {case.mesh:g}, t = {case.time:g}: {case.part} error of {case.name}: stated / true"
-            f" {case.effectivity:.2f}, true error {100 * case.size:.2g} % of its scale"
-        )
-        yield f"  `{again(case)}`"
-
-
-def table(heading: str, cases: Sequence[Case], key: Callable[[Case], str]) -> Iterator[str]:
+def table(heading: str, cases: Sequence[Case], key: Callable[[Case], str]) -> str:
     """Shares by a key, in Markdown, in the order in which the keys come up."""
-    yield (
-        f"| {heading} | counted | within [{LOW:g}, {HIGH:g}] | below {TOO_SMALL:g} | above {TOO_LARGE:g} | median |"
-        " largest true error | not stated |"
-    )
-    yield "|---|" + "--:|" * 7
+    head = f"| {heading} | counted | within [{LOW:g}, {HIGH:g}] | below {TOO_SMALL:g} | above {TOO_LARGE:g} | median |"
+    lines = [f"{head} largest true error | not stated |", "|---|" + "--:|" * 7]
     for name in dict.fromkeys(map(key, cases)):
         own = [case for case in cases if key(case) == name]
         share = Share.of(own)
@@ -260,24 +210,23 @@ def table(heading: str, cases: Sequence[Case], key: Callable[[Case], str]) -> It
                 f"{share.median:.2f}",
                 f"{100 * largest:.2g} %",
             ]
-        yield f"| {name} | {share.counted} | {' | '.join(figures)} | {share.silent} |"
+        lines.append(f"| {name} | {share.counted} | {' | '.join(figures)} | {share.silent} |")
+    return "\n".join(lines)
 
 
-def _endless(found: Sequence[Endless]) -> Iterator[str]:
+def _endless(found: Sequence[Endless]) -> str:
     """Found, missed and false alarms, each with its steps and meshes."""
     groups = {
         "found": [each for each in found if each.said and each.true],
         "missed": [each for each in found if not each.said],
         "false alarms": [each for each in found if not each.true],
     }
-    yield "At the ends of a punch and at corners the largest pressure grows with every finer mesh; no error is stated."
-    yield ""
+    lines = []
     for name, members in groups.items():
-        places = {f"{each.problem}, {each.name}": 0 for each in members}
-        for each in members:
-            places[f"{each.problem}, {each.name}"] += 1
+        places = Counter(f"{each.problem}, {each.name}" for each in members)
         said = "; ".join(f"{place} ({count})" for place, count in places.items())
-        yield f"- {name}: {len(members)}{': ' if said else ''}{said}"
+        lines.append(f"- {name}: {len(members)}{': ' if said else ''}{said}")
+    return "\n".join(lines)
 
 
 def draw(picture: Path, cases: Sequence[Case]) -> None:

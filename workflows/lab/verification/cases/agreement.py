@@ -20,7 +20,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.lab.verification.check import Check, within
+from stickslip.workflows.lab.verification.check import Case, Check, within
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read
 
@@ -177,3 +177,8 @@ def checks(method: str) -> list[Check]:
     if method == REFERENCE:
         return [check for name in SCENES for check in mixed(name)]
     return [check for name in SCENES if fits(name, method) for check in compared(name, method)]
+
+
+CASE = Case(
+    about="ready scenes: forces, resultants, displacements of every method are the same", checks=checks, methods=ALL
+)

@@ -13,7 +13,7 @@ import numpy as np
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.lab.verification.check import Check, close
+from stickslip.workflows.lab.verification.check import ONE, Case, Check, close
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -92,3 +92,6 @@ def problems() -> Iterator[Solved]:
 def checks(method: str) -> list[Check]:
     """Their checks; there is no contact, and the method of no account."""
     return [check for *_, found in problems() for check in found]
+
+
+CASE = Case(about="a beam bent through a remote point, rigid and distributing", checks=checks, methods=ONE)

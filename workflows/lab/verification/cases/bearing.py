@@ -22,7 +22,7 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.lab.verification.check import Check
+from stickslip.workflows.lab.verification.check import ONE, Case, Check
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import MM, NEAR, on_plane, read_step, step_file
 
@@ -264,3 +264,6 @@ def checks(method: str) -> list[Check]:
     """A loaded ball of a bearing, one on a flat, and the approach under a light load."""
     found = figures(Rest(load=HEAVY, method=method)) + figures(Rest(on="flat", cells=6.0, method=method))
     return found + figures(Rest(load=LIGHT, cells=2.0, method=method), fine=False)
+
+
+CASE = Case(about="a ball on a groove, from a STEP file: Hertz' ellipse", checks=checks, methods=ONE)

@@ -15,7 +15,7 @@ from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.workflows.lab.verification.check import Check, close
+from stickslip.workflows.lab.verification.check import Case, Check, close
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E, HEIGHT = 1000.0, 1.0  # of each plate [Pa], [m]; lateral strain zero
@@ -110,3 +110,6 @@ def checks(method: str) -> list[Check]:
                 ),
             ]
     return found
+
+
+CASE = Case(about="a bolt tightened, held, its joint drawn apart", checks=checks)

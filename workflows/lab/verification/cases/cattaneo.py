@@ -32,7 +32,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Probe, Steps
 from stickslip.workflows.lab.verification.cases import hertz
 from stickslip.workflows.lab.verification.cases.hertz import Hertz, ellipse
-from stickslip.workflows.lab.verification.check import CYCLES, Check, accounted, repeats, within
+from stickslip.workflows.lab.verification.check import CYCLES, Case, Check, accounted, repeats, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 
@@ -317,3 +317,6 @@ def checks(method: str) -> list[Check]:
         return loosely(method)
     found = [check for name, pair in PAIRS.items() for check in figures(name, pair)]
     return found + swapped() + floats() + nodes_to_segments() + reversals()
+
+
+CASE = Case(about="two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin", checks=checks)

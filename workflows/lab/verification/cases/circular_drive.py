@@ -31,7 +31,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.lab.verification.cases.sheared_column import MU, scene
-from stickslip.workflows.lab.verification.check import Check, accounted
+from stickslip.workflows.lab.verification.check import Case, Check, accounted
 from stickslip.workflows.lab.verification.prepared import observed, rotation, turned_system
 
 
@@ -216,3 +216,6 @@ def checks(method: str, mu: float = MU) -> list[Check]:
     counts = COUNTS[:2] if method == "surface-uzawa" else COUNTS  # this method is slow
     found = [check for n in counts for check in steady_checks(method, n, mu=mu)]
     return found + first_order(method, counts) + turned(method, 16)
+
+
+CASE = Case(about="the round friction cone in 3D, closed form", checks=checks)

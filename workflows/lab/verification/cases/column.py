@@ -28,7 +28,7 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.lab.verification.check import Check, close, farthest
+from stickslip.workflows.lab.verification.check import Case, Check, close, farthest
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 
@@ -285,3 +285,6 @@ def checks(method: str) -> list[Check]:
         for beyond in GRAZING:
             found += grazing(method, 2, m, beyond)
     return found
+
+
+CASE = Case(about="column on a compliant foundation, against the closed form", checks=checks)

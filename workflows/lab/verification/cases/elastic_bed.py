@@ -15,7 +15,7 @@ from stickslip.solvers.scene.loads import Load
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.workflows.lab.verification.check import Check, close, farthest
+from stickslip.workflows.lab.verification.check import Case, Check, close, farthest
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E, HEIGHT, GAP = 1000.0, 1.0, 1e-3  # [Pa], [m], [m] between plate and top
@@ -93,3 +93,6 @@ def checks(method: str) -> list[Check]:
                 close(f"{at}: external work [J]", step.energy.external, work + step.energy.contact, TOLERANCE, work),
             ]
     return found
+
+
+CASE = Case(about="a column that only springs hold, pressed and sheared", checks=checks)

@@ -26,7 +26,7 @@ from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene, solve
-from stickslip.workflows.lab.verification.check import Check, close, farthest
+from stickslip.workflows.lab.verification.check import Case, Check, close, farthest
 
 
 def drag(table: tuple[tuple[float, float], ...], p: float, k: float, ends: Array) -> tuple[Array, Array]:
@@ -141,3 +141,6 @@ def checks(method: str) -> list[Check]:
     found = [check for law, bound in BOUNDED for check in bounded(method, law, bound)]
     found += [check for law in WEAKENING for check in weakened(method, law)]
     return found + dragged(method) + nearest(method)
+
+
+CASE = Case(about="cohesion, tables of mu, static and kinetic, two coefficients", checks=checks)

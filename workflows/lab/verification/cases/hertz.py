@@ -31,7 +31,7 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.lab.verification.check import Check
+from stickslip.workflows.lab.verification.check import TWO, Case, Check
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 
@@ -306,3 +306,6 @@ def checks(method: str) -> list[Check]:
             found += figures(name, touch)
         found += approaches() + ball_3d()
     return found
+
+
+CASE = Case(about="round bodies and obstacles in 2D, axisymmetry and 3D, Hertz", checks=checks, methods=TWO)

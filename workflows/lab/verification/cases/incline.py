@@ -28,7 +28,7 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.cases.column import constrained_modulus
-from stickslip.workflows.lab.verification.check import Check, farthest
+from stickslip.workflows.lab.verification.check import FLOATING, Case, Check, farthest
 from stickslip.workflows.lab.verification.prepared import observed, solver, system_of
 
 
@@ -129,3 +129,6 @@ def slides(method: str, mu: float = SLIDES) -> list[Check]:
 def checks(method: str) -> list[Check]:
     """Both sides of the threshold, with a method that can solve bodies held by contact alone."""
     return holds(method) + slides(method)
+
+
+CASE = Case(about="layer that friction holds, and one that it cannot", checks=checks, methods=FLOATING)

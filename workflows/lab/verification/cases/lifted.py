@@ -30,7 +30,7 @@ from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.cases.column import C_N, driven_by_displacement
 from stickslip.workflows.lab.verification.cases.sheared_column import COLUMN, MU, PRESSURE, RIGID, E, M, solve
 from stickslip.workflows.lab.verification.cases.sheared_column import scene as sheared
-from stickslip.workflows.lab.verification.check import Check, accounted, farthest, worst
+from stickslip.workflows.lab.verification.check import Case, Check, accounted, farthest, worst
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,3 +197,6 @@ def checks(method: str) -> list[Check]:
     """In 2D, and in 3D along oblique paths; on rigid ground and on foundations of steep and of zero initial tangent."""
     kinds: list[tuple[int, NormalLaw]] = [(2, RIGID), (3, RIGID), *((2, law) for law in FOUNDATIONS)]
     return [check for dim, law in kinds for check in worst(checks_of(method, dim, normal=law))]
+
+
+CASE = Case(about="grazing, contact lost and regained, closed form", checks=checks)

@@ -27,7 +27,7 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
-from stickslip.workflows.lab.verification.check import Check, accounted, within
+from stickslip.workflows.lab.verification.check import FLOATING, Case, Check, accounted, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 Table = tuple[tuple[float, float], ...]
@@ -154,3 +154,6 @@ def held(method: str, name: str, limit: Limit) -> list[Check]:
 def checks(method: str) -> list[Check]:
     """All of them, with a method that can solve bodies held by contact alone."""
     return [check for name, limit in LIMITS.items() for check in held(method, name, limit)]
+
+
+CASE = Case(about="blocks that friction holds up to a known time, statics", checks=checks, methods=FLOATING)

@@ -38,7 +38,7 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.system import System
-from stickslip.workflows.lab.verification.check import Check
+from stickslip.workflows.lab.verification.check import Case, Check
 from stickslip.workflows.lab.verification.prepared import accepted, solver, system_of
 
 E, NU, MU = 10.0, 0.3, 0.4
@@ -188,3 +188,6 @@ def rates(method: str, law: Manufactured, order: int, meshes: Sequence[int] = ME
 def checks(method: str, mu: float = MU) -> list[Check]:
     """All laws and both orders; with another mu than 0.4 they must fail."""
     return [check for law in LAWS for order in RATES for check in rates(method, law, order, mu=mu)]
+
+
+CASE = Case(about="rates of convergence, both orders, three laws", checks=checks)

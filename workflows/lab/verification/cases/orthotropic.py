@@ -21,7 +21,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.shape import Model
 from stickslip.solvers.method_registry import METHODS
 from stickslip.workflows.lab.verification.cases.hertz import Hertz, cylinder, ellipse
-from stickslip.workflows.lab.verification.check import Check, close, farthest
+from stickslip.workflows.lab.verification.check import TWO, Case, Check, close, farthest
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -372,3 +372,8 @@ def checks(method: str) -> list[Check]:
         cases = (Rolled(0.0), Rolled(90.0), Rolled(30.0), Rolled(30.0, "plane stress"))
         found += [check for case in cases for check in on_a_half_plane(case, method)]
     return found
+
+
+CASE = Case(
+    about="orthotropic: uniform stress off the axes, a tube, a roller on half-planes", checks=checks, methods=TWO
+)

@@ -20,7 +20,7 @@ from stickslip.solvers.scene.loads import Direction, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.workflows.lab.verification.check import Check
+from stickslip.workflows.lab.verification.check import Case, Check
 from stickslip.workflows.lab.verification.prepared import observed, rotation, solver, turned_system
 
 SLOW = ("uzawa", "surface-uzawa")  # methods that take more than some seconds
@@ -129,3 +129,6 @@ def checks(method: str) -> list[Check]:
     """All of them; plain Uzawa needs tens of thousands of iterations where cells are graded."""
     names = [name for name in SCENES if method == "condensed-newton" or name not in GRADED]
     return [check for name in names for check in turned(name, method)]
+
+
+CASE = Case(about="two bodies with friction, turned as a whole: nothing changes", checks=checks)

@@ -21,7 +21,7 @@ from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.lab.verification.check import Check, farthest, within
+from stickslip.workflows.lab.verification.check import TWO, Case, Check, farthest, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 SLOW = ("condensed-newton", "uzawa")  # methods that take more than some seconds
@@ -219,3 +219,6 @@ def checks(method: str) -> list[Check]:
         if METHODS[method].WORKS_WITH.floating or not (patch.loaded or patch.contrast != 1)
         for check in figures(replace(patch, method=method))
     ]
+
+
+CASE = Case(about="two blocks, meshes of 1:1 to 1:20: a uniform pressure goes over", checks=checks, methods=TWO)

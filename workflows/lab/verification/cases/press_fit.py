@@ -22,7 +22,7 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.lab.verification.check import Check, close
+from stickslip.workflows.lab.verification.check import TWO, Case, Check, close
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import MM, on_cylinder, on_plane, read_step, step_file
 
@@ -302,3 +302,7 @@ def heated(method: str) -> list[Check]:
     """The hub is put on hot, without touching, and cools: first it grips, then it presses as if pressed on cold."""
     found = figures(Fit(heated=True, method=method), SOLID)
     return found + figures(Fit(model="axisymmetric", heated=True, method=method), SECTION)
+
+
+CASE = Case(about="a shaft pressed into a hub, from a STEP file, Lamé's closed form", checks=checks)
+HEATED_HUB = Case(about="a hub from a STEP file shrinks onto its shaft, Lamé", checks=heated, methods=TWO)

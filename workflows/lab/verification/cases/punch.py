@@ -43,7 +43,7 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.lab.verification.check import Check
+from stickslip.workflows.lab.verification.check import Case, Check
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 NU = 0.3
@@ -236,3 +236,6 @@ def checks(method: str) -> list[Check]:
     if method != REFERENCE:
         return agree(method)
     return tractions(method) + far(method) + stick(method) + incompressible(method) + incompressible(method, order=1)
+
+
+CASE = Case(about="rigid flat punch, closed forms and stick widths", checks=checks)

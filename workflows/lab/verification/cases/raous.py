@@ -29,7 +29,7 @@ from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.workflows.lab.verification.check import Check, accounted, within
+from stickslip.workflows.lab.verification.check import Case, Check, accounted, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 SIDE = 0.04  # [m]
@@ -218,3 +218,6 @@ def once(method: str, mu: float = MU) -> list[Check]:
 def checks(method: str) -> list[Check]:
     """All of them."""
     return once(method) + ramped(method)
+
+
+CASE = Case(about="block of Raous, Chabrand and Lebon, published figures", checks=checks)

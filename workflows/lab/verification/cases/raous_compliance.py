@@ -9,7 +9,7 @@ import numpy as np
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.lab.verification.cases import raous
 from stickslip.workflows.lab.verification.cases import raous as raous_case
-from stickslip.workflows.lab.verification.check import Check
+from stickslip.workflows.lab.verification.check import Case, Check
 from stickslip.workflows.lab.verification.prepared import prepare
 
 SLOW = ("surface-uzawa",)  # methods that take more than some seconds
@@ -41,3 +41,6 @@ def checks(method: str, mu: float = raous.MU) -> list[Check]:
         for at in raous.COMPLIANCE_SHIFTS
         if method != "uzawa" or at.k <= UZAWA_UP_TO
     ]
+
+
+CASE = Case(about="the same block, its face compliant: the shift", checks=checks)

@@ -8,7 +8,7 @@ from stickslip.geometry.shape import Model
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.cases import hertz as case
-from stickslip.workflows.lab.verification.check import Check, close
+from stickslip.workflows.lab.verification.check import ONE, Case, Check, close
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -64,3 +64,6 @@ def checks(method: str) -> list[Check]:
         error = off(case.Touch(model=model, order=1, cells=CELLS, nu=NU))
         found.append(close(f"{model}, nu = {NU}: pressures off Hertz', rms [-]", error, 0.0, 0.01, 1.0))
     return found
+
+
+CASE = Case(about="nearly incompressible: Hertz at nu = .4999, heat", checks=checks, methods=ONE)

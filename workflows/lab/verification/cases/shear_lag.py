@@ -31,7 +31,7 @@ from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.workflows.lab.verification.check import CYCLES, Check, accounted, repeats, within
+from stickslip.workflows.lab.verification.check import CYCLES, FLOATING, Case, Check, accounted, repeats, within
 from stickslip.workflows.lab.verification.prepared import prepare
 
 LENGTH, HEIGHT = 1.0, 0.02  # [m]
@@ -252,3 +252,6 @@ def checks(method: str) -> list[Check]:
     if method != "condensed-newton":
         return cycled(method, n=COARSE)
     return figures(method) + cycled(method) + cycled(method, COULOMB, Unilateral(), COARSE) + coulomb(method)
+
+
+CASE = Case(about="a strip slips from its end: partial slip, hysteresis", checks=checks, methods=FLOATING)

@@ -35,7 +35,7 @@ from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.cases import column
-from stickslip.workflows.lab.verification.check import CYCLES, Check, accounted, close, farthest, repeats
+from stickslip.workflows.lab.verification.check import CYCLES, Case, Check, accounted, close, farthest, repeats
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 
@@ -245,3 +245,6 @@ def checks(method: str, mu: float = MU) -> list[Check]:
     for c_T, m_T, k_T in BY_PENETRATION:
         found += penetrating(method, c_T, m_T, k_T) + threshold(method, c_T, m_T)
     return found
+
+
+CASE = Case(about="stick, slip, reversal, dissipation, closed form", checks=checks)

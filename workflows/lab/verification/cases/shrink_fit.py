@@ -19,7 +19,7 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.lab.verification.check import Check, farthest, within
+from stickslip.workflows.lab.verification.check import Case, Check, farthest, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 INNER, JOINT, OUTER = 1.0, 2.0, 3.0  # radii [m]
@@ -243,3 +243,6 @@ def checks(method: str) -> list[Check]:
     if method != "condensed-newton":
         return figures(Press(cells=0.125, ratio=1.5, method=method), 1e-3)
     return fits() + compliant() + facets() + overlaps()
+
+
+CASE = Case(about="a ring pressed into another one, Lamé's closed form", checks=checks)

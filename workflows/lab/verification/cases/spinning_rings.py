@@ -31,7 +31,7 @@ from stickslip.workflows.lab.verification.cases.shrink_fit import (
     RingMaterial,
     give,
 )
-from stickslip.workflows.lab.verification.check import Check, close, farthest
+from stickslip.workflows.lab.verification.check import TWO, Case, Check, close, farthest
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 DENSITIES = (2.0, 1.0)  # of the inner and the outer ring [kg/m³]
@@ -141,3 +141,6 @@ def loosened(method: str) -> list[Check]:
 def checks(method: str) -> list[Check]:
     """Free rings have no contact: one method is enough for them."""
     return loosened(method) + (free() if method == "condensed-newton" else [])
+
+
+CASE = Case(about="a ring, a cylinder and a shrink fit spin: closed form", checks=checks, methods=TWO)

@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.lab.verification.check import Check, close
+from stickslip.workflows.lab.verification.check import Case, Check, close
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -153,3 +153,6 @@ def checks(method: str) -> list[Check]:
                 "3d", acts, "surface-uzawa", surface="matrix-free"
             )
     return found
+
+
+CASE = Case(about="springs in series with a column, alone, between bodies, of one way", checks=checks)

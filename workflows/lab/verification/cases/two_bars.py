@@ -20,7 +20,7 @@ from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.workflows.lab.verification.check import Check, close, farthest
+from stickslip.workflows.lab.verification.check import Case, Check, close, farthest
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E_1, E_2 = 1000.0, 3000.0  # [Pa]
@@ -94,3 +94,6 @@ def checks(method: str, order: Literal[1, 2] = 1) -> list[Check]:
             close(f"{at}: energy out of balance [J]", float(np.abs(off)), 0.0, TOLERANCE, work),
         ]
     return found
+
+
+CASE = Case(about="bars that sinusoidal body forces push together, closed form", checks=checks)

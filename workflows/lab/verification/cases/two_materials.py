@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from stickslip.workflows.lab.verification.check import Check, close
+from stickslip.workflows.lab.verification.check import ONE, Case, Check, close
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -68,3 +68,6 @@ def checks(method: str) -> list[Check]:
             close(f"{name}: displacement of the middle [m]", middle, share * STRETCH, 1e-9, STRETCH),
         ]
     return found
+
+
+CASE = Case(about="two materials that share nodes: in series, side by side", checks=checks, methods=ONE)

@@ -34,7 +34,7 @@ from stickslip.workflows.lab.verification.cases.patch import Patch
 from stickslip.workflows.lab.verification.cases.press_fit import Fit
 from stickslip.workflows.lab.verification.cases.punch import Cut
 from stickslip.workflows.lab.verification.cases.shrink_fit import Press
-from stickslip.workflows.lab.verification.check import Check
+from stickslip.workflows.lab.verification.check import TWO, Case, Check
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import step_file
 from stickslip.workflows.lab.verification.units import in_millimetres, millimetres
@@ -199,3 +199,6 @@ def checks(method: str) -> list[Check]:
     """All of them."""
     names = [name for name in SCENES if METHODS[method].WORKS_WITH.floating or name not in FLOATING + GRADED]
     return [check for name in names for check in compared(name, method)] + from_step(method)
+
+
+CASE = Case(about="every scene in mm, N, MPa: the same answers", checks=checks, methods=TWO)

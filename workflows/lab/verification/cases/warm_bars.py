@@ -13,7 +13,7 @@ import numpy as np
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.lab.verification.check import Check, close
+from stickslip.workflows.lab.verification.check import ONE, Case, Check, close
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -130,3 +130,6 @@ def problems() -> Iterator[Solved]:
 def checks(method: str) -> list[Check]:
     """Their checks, by one method."""
     return [check for *_, found in problems() for check in found]
+
+
+CASE = Case(about="temperatures in space and by body: bars, a cylinder, a gap", checks=checks, methods=ONE)

@@ -21,7 +21,7 @@ from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.workflows.lab.verification.check import Check, within
+from stickslip.workflows.lab.verification.check import Case, Check, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E, NU, MU = 1000.0, 0.3, 0.3
@@ -140,3 +140,6 @@ def checks(method: str) -> list[Check]:
     """All of them."""
     floating = no_force(method, held=False) if METHODS[method].WORKS_WITH.floating else []
     return no_force(method) + floating + no_touch(method) + no_increment(method) + no_friction(method)
+
+
+CASE = Case(about="no force, friction, increment, bound or touch: nothing changes", checks=checks)

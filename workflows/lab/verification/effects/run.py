@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import shlex
 import time as clock
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
@@ -15,6 +15,8 @@ import numpy as np
 
 from stickslip import VERSION
 from stickslip.geometry.errors import SceneError, nearest
+from stickslip.workflows.formats.files import disk_errors, make_folder
+from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.verification.effects.suite import (
     EFFECTS,
     LAWS,
@@ -26,7 +28,6 @@ from stickslip.workflows.lab.verification.effects.suite import (
     schur,
     studied,
 )
-from stickslip.workflows.lab.verification.suite_folder import made, writing
 
 NAMES = (*EFFECTS, *(f"friction.{law}" for law in LAWS))
 
@@ -49,7 +50,7 @@ def effects(names: Sequence[str] = (), folder: Path | None = None) -> bool:
         if name not in NAMES:
             raise SceneError(f"--scenes {name}: no such effect or law; {nearest(name, NAMES)}")
     if folder is not None:
-        made(folder)
+        make_folder(folder)
     studies, began = [], clock.monotonic()
     for name in names or NAMES:
         studies.append(studied(name))
@@ -59,7 +60,7 @@ def effects(names: Sequence[str] = (), folder: Path | None = None) -> bool:
     print(f"{sentence(found)}; {clock.monotonic() - began:.0f} s")
     if folder is not None:
         words = ["stickslip", "verify", "effects", *(["--scenes", ",".join(names)] if names else [])]
-        with writing(folder):
+        with disk_errors(folder):
             write_page(folder / "effects.md", found, shlex.join([*words, "-o", folder.resolve().name]))
     return not faults(found)
 
@@ -121,66 +122,31 @@ def sentence(found: Found) -> str:
 
 def write_page(page: Path, found: Found, command: str) -> None:
     """Write the page."""
-    page.write_text("\n".join(_lines(found, command)) + "\n", encoding="utf-8")
-
-
-def _row(*cells: object) -> str:
-    return f"| {' | '.join(map(str, cells))} |"
-
-
-def _lines(found: Found, command: str) -> Iterator[str]:
     seconds = np.percentile([e.seconds for study in found.studies for e in study.absent] or [np.nan], [25, 50, 75])
-    itself = np.percentile(found.noise, [25, 50, 75])
-    yield "# What effects cost"
-    yield ""
-    yield f"Made by `{command}`, version {VERSION}; do not edit."
-    yield ""
-    yield f"{sentence(found)}."
-    yield ""
-    yield "## Scenes that do not call for an effect"
-    yield ""
-    yield (
-        "Each scene below is prepared and solved, its errors estimated, with the effect in the registry and with it"
-        " taken out. *Differ*: counters of the table below, or bits of displacements and tractions, that are not the"
-        " same. *Asked*: calls of Python functions that are left out without it: they ask whether it is on. *Idle*:"
-        " calls of files that serve it alone, by all of stickslip's in the run: they find nothing to do. *Seconds*: of"
-        f" the processor with it, by those without it, medians of {REPEATS} pairs, then of the scenes. Of all"
-        f" pairs half lie within {seconds[0]:.3f} and {seconds[2]:.3f}, their median is {seconds[1]:.3f}; those of a"
-        f" scene and itself within {itself[0]:.3f} and {itself[2]:.3f}, {itself[1]:.3f}."
-    )
-    yield ""
-    yield _row("effect", "scenes without it", "differ", "asked", "idle", "seconds")
-    yield "|---|---|--:|--:|--:|--:|"
-    for study in found.studies:
-        if each := study.absent:
-            differ = sum(a != b for e in each for a, b in zip(astuple(e.with_it), astuple(e.without), strict=True))
-            asked, idle = max(e.asked for e in each), max(e.idle / e.calls for e in each)
-            names = "; ".join(e.scene for e in each) if len(each) < len(SCENES) else "all"
-            ratio = float(np.median([e.seconds for e in each]))
-            yield _row(study.name, names, differ, asked, f"{100 * idle:.1f} %", f"{ratio:.2f}")
-    yield ""
     scenes = {e.scene: e.with_it for study in found.studies for e in study.absent}
-    heads = [name.replace("_", " ") for name in COUNTERS]
-    yield _row("scene", *heads)
-    yield f"|---|{'--:|' * len(heads)}"
-    for scene, work in scenes.items():
-        yield _row(scene, *(getattr(work, counter) for counter in COUNTERS))
-    yield ""
-    yield "## Scenes that call for it"
-    yield ""
-    yield "What differs from the scene that it is added to; `friction.NAME` are laws of friction, beside Coulomb's."
-    yield "*Idle*: calls, in the scene without it, of files that serve it alone."
-    yield ""
-    yield _row("effect or law", "added to", "counters", "idle")
-    yield "|---|---|---|--:|"
-    for study in found.studies:
-        yield _row(study.name, study.base, _added(study) or "the same", study.idle)
-    yield ""
-    if found.smooth and found.rubbing:
-        yield "## Without friction"
-        yield ""
-        yield (
-            f"The ready scene `cube` at h = 1/16 touches at {found.smooth.rows} points. Without friction the Schur"
-            f" complement holds {found.smooth.condensed} displacements, the normal ones; with friction"
-            f" {found.rubbing.condensed}."
-        )
+    text = render(
+        "lab/verification/templates/effects.md",
+        command=command,
+        version=VERSION,
+        sentence=sentence(found),
+        repeats=REPEATS,
+        seconds=[f"{value:.3f}" for value in seconds],
+        itself=[f"{value:.3f}" for value in np.percentile(found.noise, [25, 50, 75])],
+        absent=[_absent(study) for study in found.studies if study.absent],
+        heads=[name.replace("_", " ") for name in COUNTERS],
+        scenes=[(scene, *(getattr(work, counter) for counter in COUNTERS)) for scene, work in scenes.items()],
+        called=[(study.name, study.base, _added(study) or "the same", study.idle) for study in found.studies],
+        smooth=found.smooth,
+        rubbing=found.rubbing,
+    )
+    page.write_text(text, encoding="utf-8")
+
+
+def _absent(study: Study) -> tuple[object, ...]:
+    """The cells of an effect, of the scenes that do not call for it."""
+    each = study.absent
+    differ = sum(a != b for e in each for a, b in zip(astuple(e.with_it), astuple(e.without), strict=True))
+    asked, idle = max(e.asked for e in each), max(e.idle / e.calls for e in each)
+    names = "; ".join(e.scene for e in each) if len(each) < len(SCENES) else "all"
+    ratio = float(np.median([e.seconds for e in each]))
+    return study.name, names, differ, asked, f"{100 * idle:.1f} %", f"{ratio:.2f}"

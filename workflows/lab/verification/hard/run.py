@@ -19,10 +19,11 @@ import numpy as np
 
 from stickslip import VERSION
 from stickslip.geometry.errors import MachineError, SceneError, nearest, require
+from stickslip.workflows.formats.files import disk_errors, make_folder
+from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.verification.hard.judge import AGREES, DIFFERS, Outcome, Verdict
 from stickslip.workflows.lab.verification.hard.suite import NAMES, Row, judged_again, results
 from stickslip.workflows.lab.verification.hard.variations import FIXED
-from stickslip.workflows.lab.verification.suite_folder import made, writing
 
 NUMBER = 2000
 LINES = "hard.jsonl"
@@ -63,7 +64,7 @@ def hard(
     require(seed >= 0, "--seed", seed, "must not be negative")
     require(jobs >= 1, "--jobs", jobs, "must be at least 1")
     if folder is not None:
-        made(folder)
+        make_folder(folder)
     for option, asked in (("--again", again), ("--resume", resume)):
         require(folder is not None or not asked, option, "", "needs the folder of an earlier run, with -o")
     require(not (again and resume), "--resume", "", "goes without --again")
@@ -92,7 +93,7 @@ def hard(
         words += ["--scenes", ",".join(scenes)] if scenes else []
         words += ["-o", folder.resolve().name]
         command = shlex.join(words) + (f" && {shlex.join([*words, '--again'])}" if again else "")
-        with writing(folder):
+        with disk_errors(folder):
             write_page(folder / "hard.md", rows, command)
             (folder / LINES).write_text("".join(map(_line, rows)), encoding="utf-8")
             if not again:
@@ -102,11 +103,11 @@ def hard(
 
 def _keeper(path: Path, run: str, rows: Sequence[Row]) -> Callable[[Row], None]:
     """Write the rows so far; the function that is returned appends one more."""
-    with writing(path.parent):
+    with disk_errors(path.parent):
         path.write_text("".join([f"{run}\n", *map(_line, rows)]), encoding="utf-8")
 
     def keep(row: Row) -> None:
-        with writing(path.parent), path.open("a", encoding="utf-8") as file:
+        with disk_errors(path.parent), path.open("a", encoding="utf-8") as file:
             file.write(_line(row))
 
     return keep
@@ -182,7 +183,22 @@ SHOWN = 160  # characters of a reason
 def write_page(page: Path, rows: Sequence[Row], command: str) -> None:
     """Write the page, and its picture beside it; the picture has the page's name and ends in .png."""
     picture = page.with_suffix(".png")
-    page.write_text("\n".join(_lines(rows, command, picture.name)) + "\n", encoding="utf-8")
+    groups = {
+        outcome.value.capitalize(): "\n".join(_entry(row) for row in rows if row.verdict.outcome is outcome)
+        for outcome in (*BAD, Outcome.UNDECIDED, Outcome.BRANCH, Outcome.REFUSED)
+    }
+    text = render(
+        "lab/verification/templates/hard.md",
+        command=command,
+        version=VERSION,
+        sentence=sentence(rows),
+        twins=twins(rows),
+        picture=picture.name,
+        by_scene="\n".join(table("scene", rows, lambda row: row.scene)),
+        by_kind="\n".join(table("kind", rows, lambda row: row.kind)),
+        groups={name: entries for name, entries in groups.items() if entries},
+    )
+    page.write_text(text, encoding="utf-8")
     draw(picture, rows)
 
 
@@ -194,63 +210,6 @@ def sentence(rows: Sequence[Row]) -> str:
     words = [f"{counts[outcome]} {outcome.value}" for outcome in COLOURS if counts[outcome]]
     failed = f" (of these with held bodies: {held})" if unanswered else ""
     return f"{len(rows)} variations: {'; '.join(words)}{failed}"
-
-
-def _lines(rows: Sequence[Row], command: str, picture: str) -> Iterator[str]:
-    yield "# The hard suite"
-    yield ""
-    yield f"Made by `{command}`, version {VERSION}; do not edit."
-    yield ""
-    yield f"{sentence(rows)}."
-    yield ""
-    yield (
-        "Every ready scene, on a coarser mesh, in many variations. Each answer is judged by its audit; by a second "
-        "method at a tighter tolerance; and where a scene with the same answer is known (other units, another time, a "
-        "mirror), by that one."
-    )
-    yield ""
-    yield (
-        "- *solved, several solutions*: so much friction, or a body that is free to move without resistance, admits "
-        "more than one; others were met on the way, or a second method found one, and all satisfy all conditions."
-    )
-    yield "- *no equilibrium, proved*: with a collapse mechanism of floating bodies as certificate."
-    yield (
-        "- *near a limit, undecided*: of floating bodies; none was found from some load on, which is said, but "
-        "the bounds of the limit analysis are too wide to prove that there is none (with compliance by up to a third)."
-    )
-    yield (
-        "- *refused*: with one line that says why, before solving or where the sides of a sliding contact have moved "
-        "apart."
-    )
-    yield (
-        "- *failed*: no answer within the limits of iterations or time; or an error of the program, be it in the "
-        "second opinion."
-    )
-    yield "- *doubtful*: the audit found a fault; the run says so, and ends with exit code 1."
-    yield (
-        "- *wrong*: judges disagree, and the run does not say so; a second method alone shows that where there is no "
-        "friction, for with friction there may be several solutions."
-    )
-    yield "- *second*: share of the answers that a second method had an opinion on."
-    yield ""
-    yield twins(rows)
-    yield ""
-    yield f"![Scenes and variations, coloured by outcome]({picture})"
-    yield ""
-    yield "## By scene"
-    yield ""
-    yield from table("scene", rows, lambda row: row.scene)
-    yield ""
-    yield "## By kind of variation"
-    yield ""
-    yield from table("kind", rows, lambda row: row.kind)
-    for outcome in (*BAD, Outcome.UNDECIDED, Outcome.BRANCH, Outcome.REFUSED):
-        found = [row for row in rows if row.verdict.outcome is outcome]
-        if found:
-            yield ""
-            yield f"## {outcome.value.capitalize()}"
-            yield ""
-            yield from (line for row in found for line in _entry(row))
 
 
 def table(heading: str, rows: Sequence[Row], key: Callable[[Row], str]) -> Iterator[str]:
@@ -284,11 +243,11 @@ def twins(rows: Sequence[Row]) -> str:
     )
 
 
-def _entry(row: Row) -> Iterator[str]:
+def _entry(row: Row) -> str:
     """The variation, its reason, and the command that repeats it."""
     held = "held" if row.verdict.held else "floating"
-    yield f"- {row.scene}, {row.name} ({held}, {row.verdict.seconds:.1f} s): {row.verdict.reason[:SHOWN]}"
-    yield f"  `{repeating(row)}`"
+    about = f"{row.scene}, {row.name} ({held}, {row.verdict.seconds:.1f} s)"
+    return f"- {about}: {row.verdict.reason[:SHOWN]}\n  `{repeating(row)}`"
 
 
 def repeating(row: Row) -> str:
