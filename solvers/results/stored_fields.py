@@ -14,11 +14,11 @@ from stickslip.geometry.arrays import EPS, ROUNDING, AnyArray, Array, inverses
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.elastic_energy import stress_by_compliance
-from stickslip.solvers.results.step_result import OPEN
 from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.system.nodal_contact import NodalContact, traction_fields
 from stickslip.solvers.system.system import System
 
+OPEN = 0  # of `ContactState.status`
 OF_STRESS = 1e3 * EPS  # rounding of the stress that motions as large as u make over a cell
 
 
