@@ -260,14 +260,14 @@ class OnBlocks(Ready):
         """T with T T^T = Q^-1 on the multipliers that may be non-zero."""
         rows = self.blocks.rows
         if self._gram is None:
-            return sparse.diags(1 / np.sqrt(self.surface.W[rows]))
+            return sparse.diags(1 / np.sqrt(self.surface.W[rows]), format="csr")
         return inverse_root(self._Q[np.ix_(rows, rows)])
 
     @cached_property
     def _Q(self) -> Any:  # likewise
         """The metric (rows, rows): the surface mass, or the Gram matrix, which is zero but for rows of multipliers."""
         if self._gram is None:
-            return sparse.diags(self.surface.W)
+            return sparse.diags(self.surface.W, format="csr")
         rows, Q = self.blocks.rows, self._gram.on_tractions(self.surface, self.blocks.cone)
         found = np.zeros_like(Q)
         found[np.ix_(rows, rows)] = Q[np.ix_(rows, rows)]

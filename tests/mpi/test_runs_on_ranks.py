@@ -203,7 +203,7 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> Both:
 
 def test_two_ranks_audit_as_one_does(both: Both) -> None:
     alone, one = both["audit"]
-    assert len(alone) == len(one) == 8
+    assert len(alone) == len(one) == 10
     assert max(defect for step in (*alone, *one) for defect in step[:1]) < 1e-9  # the solver's tolerance is 1e-11
     wrong = [[step[1] for step in steps] for steps in (alone, one)]
     assert min(wrong[0]) > 1e-6
