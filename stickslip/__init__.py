@@ -52,6 +52,7 @@ step.remote_points      displacement [m], rotation [rad], force [N] and moment [
 step.obstacles          displacement (d,) [m], force (d,) [N] and moment [N m] by name
 step.probes             displacement (d,) [m] and stress (3, 3) [Pa] at points, by name
 step.energy             an `Energy` [J]
+step.NAME               so any other table that an effect reports, as step.plungers["stop"].force [N]
 step.residual           how well equilibrium and contact laws are satisfied, relative
 
 A status is `OPEN`, `SLIP` or `STICK`: `base.status == stickslip.STICK` is a mask (n,).
@@ -86,7 +87,7 @@ Obstacles         Plane, Cylinder, Sphere, Cone, Rotation
 Normal laws       Unilateral, Compliance, Bilateral, Tied
 Friction laws     Coulomb, CappedCoulomb, Cohesion, OrthotropicCoulomb, PressureDependent,
                   RateDependent, SlipDependent, StaticKinetic, Stick, TangentialCompliance, Tresca
-Effects           BodyForce, Bolt, Centrifugal, ElasticSupport, Gravity, Periodic, RemotePoint,
+Effects           BodyForce, Bolt, Centrifugal, ElasticSupport, Gravity, Periodic, Plunger, RemotePoint,
                   Spring, Thermal
 Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
                   HistoryTuple, Step, Status

@@ -8,10 +8,14 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Mapping
+from typing import TypeVar
 
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.record import RECORDS, RecordType
+from stickslip.solvers.scene.scene import EffectTable
+
+T = TypeVar("T")
 
 _ORDER = ("contact", "unilateral", "compliance", "bilateral", "friction")  # the others follow by name
 _modules = [importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)]
@@ -34,3 +38,19 @@ def records() -> Mapping[str, RecordType]:
     of_effects = {effect.name: effect.reports for effect in EFFECTS if effect.reports is not None}
     own = {table: record for table, record in RECORDS.items() if table != "energy"}
     return own | of_effects | {"energy": RECORDS["energy"]}
+
+
+def is_single(table: str) -> bool:
+    """Whether a table has one record only, which has no name."""
+    return table == "energy" or isinstance(EffectTable.kinds.get(table), type)
+
+
+def by_name(table: str, told: Mapping[str, T] | None) -> Mapping[str, Mapping[str, T]]:
+    """Records of a table by name, that of a single one at "", as result.json has the table.
+
+    >>> by_name("energy", {"stored": 1.0}), by_name("supports", None)
+    ({'': {'stored': 1.0}}, {})
+    """
+    if not told:
+        return {}
+    return {"": told} if is_single(table) else told  # type: ignore[return-value]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from stickslip.geometry.arrays import AnyArray, Array, Ints
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import DataFrame
-from stickslip.solvers.effects import records
+from stickslip.solvers.effects import is_single, records
 from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.parallel.serialise import Plain, deserialise, serialise
 from stickslip.solvers.scene.record import (
@@ -339,7 +339,7 @@ def told(step: StepResult, errors: Errors | None) -> Plain:
             own["error"] = stated or None
     return {
         **{key: getattr(step, key) for key in numbers_of(StepResult)},
-        **{table: by_name.get("", by_name) for table, by_name in found.items()},
+        **{table: by_name.get("") if is_single(table) else by_name for table, by_name in found.items()},
         "error": {"energy_norm": energy_norm(step)},
         "convergence": step.convergence and asdict(step.convergence),
         "other_solutions": [dict(forces) for forces in step.other_solutions],

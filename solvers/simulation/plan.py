@@ -21,8 +21,7 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.material import NEARLY, Elastic, Material
 from stickslip.solvers.scene.problem import PlanRow, Problem, Setup
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.resolve import set_up, with_rigid_modes
-from stickslip.solvers.simulation.unresisted_modes import is_faint, least_springs
+from stickslip.solvers.simulation.resolve import is_faint, least_springs, set_up, with_rigid_modes
 
 INWARD = 0.99  # component along -r of the outward normal of a facet on the axis of symmetry
 UNLOCKED = {True: 'formulation = "auto"', False: "geometry.order = 2"}  # by whether the body is isotropic

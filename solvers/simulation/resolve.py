@@ -1,11 +1,31 @@
-"""From a scene to the frozen `Problem` that all rooms below the simulation read, in two steps."""
+"""From a scene to the frozen `Problem` that all rooms below the simulation read, in two steps.
+
+First sides, contact pairs and springs are set up; then the rigid modes that nothing of these resists are found: null
+spaces of supports, and of supports with contact and friction. Before there is a mesh they are those of whole bodies. A
+body's cells need not hang together: then parts of the mesh can move by themselves, which no scene shows.
+"""
 
 from __future__ import annotations
 
-from stickslip.solvers.effects import EFFECTS
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+from scipy.linalg import null_space
+
+from stickslip.geometry.arrays import ROUNDING, Array
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.mesh.joints import is_rigid
+from stickslip.solvers.contact.coupling import seen_from
+from stickslip.solvers.effects import EFFECTS, active
+from stickslip.solvers.fem.constraints import AXES
+from stickslip.solvers.fem.rigid_fields import rigid_fields, rigid_names
+from stickslip.solvers.method_registry import method_of
+from stickslip.solvers.scene.loads import Coupling, End, Support
 from stickslip.solvers.scene.problem import Pair, PlanRow, Problem, Setup
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.unresisted_modes import unresisted_modes
+from stickslip.solvers.system.contact_interface import UNTOUCHED, loose_part
+from stickslip.solvers.system.system import System
 
 
 def resolve(scene: Scene) -> Problem:
@@ -62,3 +82,211 @@ def plan_rows(scene: Scene) -> tuple[PlanRow, ...]:
         else PlanRow(effect=effect.name, on=False, because="not in the scene")
         for effect, key in because
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnresistedModes:
+    """Rigid modes of a scene that nothing resists.
+
+    Coefficients run over the k rigid motions of all bodies, body by body, see `rigid_fields`.
+    """
+
+    rigid_modes: Array  # (k, r) orthonormal basis of the modes that no support or spring resists
+    bedded: bool  # supports and compliant pressures together resist all modes of the bodies
+    unheld: str  # a mode, in words, that no support, contact or friction resists either; empty if there is none
+
+
+def unresisted_modes(setup: Setup) -> UnresistedModes:
+    """Find the rigid modes that nothing resists, from sample points of the sides; nothing is meshed.
+
+    Obstacles that forces drive move too: contact resists only motion relative to them.
+
+    Raises:
+        SceneError, GeometryError: the geometry does not have a side that the scene names.
+    """
+    motions = RigidMotions(setup)
+    blocks = [np.zeros((1, len(motions.kinds)))]
+    for support in setup.supports.values():
+        blocks += _supported(setup, support, motions)
+    for springs in setup.springs:
+        points, normals = setup.sample(springs.boundary)
+        fields = motions.fields(springs.boundary.split(".")[0], points)
+        blocks += [np.einsum("kd,kdj->kj", along, fields) for along in springs.directions(normals)]
+    for link in setup.links:
+        moved = np.sum([sign * _mean(setup, end, motions) for end, sign in link.ends.values()], axis=0)
+        blocks.append(link.directions @ moved)
+    for coupling in setup.couplings:
+        blocks += _held(setup, coupling, motions)
+    for slave, master in setup.request.periodic:
+        here, there = (motions.fields(side.split(".")[0], setup.sample(side)[0]) for side in (slave, master))
+        blocks.extend(here - there)
+    supported = np.concatenate(blocks)[:, : len(motions.bodies) * motions.each]
+    pairs, bedding = setup.pairs.values(), [*blocks]
+    for pair in pairs:
+        if pair.contact.normal.at_quadrature:
+            bedding += _touching(setup, replace(pair, contact=replace(pair.contact, friction=None)), motions)
+        blocks += _touching(setup, pair, motions)
+    left = np.asarray(null_space(np.concatenate(blocks), rcond=ROUNDING))
+    most = int(np.argmax(np.linalg.norm(left, axis=1))) if left.shape[1] else -1
+    return UnresistedModes(
+        rigid_modes=np.asarray(null_space(supported, rcond=ROUNDING)),
+        bedded=not null_space(np.concatenate(bedding)[:, : len(motions.bodies) * motions.each], rcond=ROUNDING).size,
+        unheld=motions.kinds[most] if most >= 0 else "",
+    )
+
+
+class RigidMotions:
+    """The k rigid motions of a scene: those of its bodies, and those of the obstacles that forces drive.
+
+    Attributes:
+        kinds: each motion in words (k,).
+        each: number of motions of one body.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        """List the motions."""
+        self.setup, self.box = setup, setup.shape.box(setup.dim)
+        names = rigid_names(setup.dim, setup.axisymmetric)
+        self.bodies = list(setup.bodies)
+        self.driven = [(name, axis) for name, obstacle in setup.obstacles.items() for axis in obstacle.driven()]
+        several = len(self.bodies) > 1
+        self.kinds = [
+            f"{kind} of {f'bodies.{body}' if several else 'the body'}" for body in self.bodies for kind in names
+        ]
+        self.kinds += [f"motion of obstacles.{name} along {axis}, which a force moves" for name, axis in self.driven]
+        self.each = len(names)
+
+    def fields(self, body: str, points: Array) -> Array:
+        """Displacement (m, d, k) of a body's points (m, d) [m] in each motion of size 1."""
+        centre, scale = self.box.mean(axis=0), float(np.ptp(self.box, axis=0).max())
+        found = np.zeros((*points.shape, len(self.kinds)))
+        first = self.bodies.index(body) * self.each
+        found[:, :, first : first + self.each] = rigid_fields(points, centre, scale, self.setup.axisymmetric)
+        return found
+
+    def of_obstacle(self, name: str, points: Array) -> Array:
+        """Displacement (m, d, k) of an obstacle at points (m, d) [m] in each motion of size 1."""
+        found = np.zeros((*points.shape, len(self.kinds)))
+        for column, (driven, axis) in enumerate(self.driven, start=len(self.bodies) * self.each):
+            found[:, AXES[axis], column] = driven == name
+        return found
+
+
+def _supported(setup: Setup, support: Support, motions: RigidMotions) -> list[Array]:
+    """Rows (m, k): displacement in the directions that a support prescribes, one block for each direction."""
+    dim = setup.dim
+    if support.boundary is None:
+        points, normals = np.array([support.point], float), np.zeros((1, dim))
+        body = _nearest_body(setup, points)
+    else:
+        points, normals = setup.sample(support.boundary)
+        body = support.boundary.split(".")[0]
+    fields = motions.fields(body, points)
+    blocks = []
+    for axis in support.displacement:
+        directions = normals if axis == "normal" else np.tile(np.eye(dim)[AXES[axis]], (len(points), 1))
+        blocks.append(np.einsum("kd,kdj->kj", directions, fields))
+    return blocks
+
+
+def _mean(setup: Setup, end: End, motions: RigidMotions) -> Array:
+    """Displacement (d, k) of an end of a link in each motion of size 1; of a side the mean."""
+    if isinstance(end, str):
+        return np.asarray(motions.fields(end.split(".")[0], setup.sample(end)[0]).mean(axis=0))
+    point = np.array([end], float)
+    return np.asarray(motions.fields(_nearest_body(setup, point), point)[0])
+
+
+def _held(setup: Setup, coupling: Coupling, motions: RigidMotions) -> list[Array]:
+    """Rows (1, k): prescribed motion of a remote point; a rigid body has it in all of its points."""
+    about, extent = np.array(coupling.point), float(np.ptp(motions.box, axis=0).max())
+    points = np.concatenate([about[None], about + extent * np.eye(setup.dim)])
+    of_point = rigid_fields(points, about, extent, setup.axisymmetric)
+    moved = motions.fields(coupling.boundary.split(".")[0], points)
+    found = np.linalg.pinv(of_point.reshape(-1, of_point.shape[2])) @ moved.reshape(-1, moved.shape[2])
+    return [found[component : component + 1] for component in coupling.prescribed]
+
+
+def _touching(setup: Setup, pair: Pair, motions: RigidMotions) -> list[Array]:
+    """Rows (m, k): relative displacement that a contact resists; its normal part alone if it has no friction."""
+    contact = pair.contact
+    points, normals = setup.sample(contact.surface)
+    relative = motions.fields(contact.surface.split(".")[0], points)
+    if pair.obstacle is not None:
+        relative -= motions.of_obstacle(pair.obstacle, points)
+        normals = seen_from(setup.obstacles[pair.obstacle], points)[1]
+    else:
+        relative -= motions.fields(contact.against.split(".")[0], points)
+    if contact.tangential and contact.tangential.resists() and not is_faint(setup, pair):
+        return list(relative)
+    return [np.einsum("kd,kdj->kj", normals, relative)]
+
+
+def is_faint(setup: Setup, pair: Pair) -> bool:
+    """Whether the tangential springs of a contact are too soft to hold a body, beside the softest body's stiffness."""
+    k_T = pair.contact.tangential.k_T if pair.contact.tangential else None
+    return k_T is not None and k_T < least_springs(setup)
+
+
+def least_springs(setup: Setup) -> float:
+    """Stiffness [Pa/m] of the softest springs that can hold a body."""
+    softest = min(material.least_modulus for material in setup.bodies.values())
+    # of E / extent: a body held by softer tangential springs slides until rounding takes its stresses
+    return ROUNDING * softest / setup.extent
+
+
+def _nearest_body(setup: Setup, point: Array) -> str:
+    """The body with the side nearest to the point (1, d) [m]: an estimate from sample points, without a mesh."""
+    sides = [f"{body}.{side}" for body, named in setup.shape.bodies(setup.dim).items() for side in named]
+    nearest = min(reversed(sides), key=lambda side: np.linalg.norm(setup.sample(side)[0] - point, axis=1).min())
+    return nearest.split(".")[0]
+
+
+def refuse_loose_parts(system: System) -> None:
+    """Check that contact holds what supports do not, and that the method can solve that; collective.
+
+    The scene's own bodies are checked before the mesh, see `planned`.
+
+    Raises:
+        SceneError: nothing resists a motion, or the method needs bodies that their supports hold.
+    """
+    _refuse_dangling(system)
+    interface, problem = system.interface, system.problem
+    modes = interface.rigid_modes
+    if modes.shape[1] <= problem.rigid_modes.shape[1]:
+        return
+    resisted = [np.zeros((0, modes.shape[1]))]
+    for rows in system.contacts:
+        tangential = problem.pairs[rows.name].contact.tangential
+        moved = interface.trace(rows) @ modes
+        resisted += [N @ moved for N in (rows.N_n, rows.N_t)[: 1 + bool(tangential and tangential.resists())]]
+    interface.refuse_loose(np.concatenate(resisted), "that contact does not resist ")
+    method = method_of(problem.solver)
+    if not method.WORKS_WITH.floating:
+        raise SceneError(
+            f"solver.method = {problem.solver.method}: needs bodies that their supports hold in all parts of the mesh; "
+            "contact alone holds one; use condensed-newton"
+        )
+    for effect in active(problem):
+        if effect.other_stiffness(problem):
+            raise SceneError(f"{effect.name}: needs bodies that their supports hold in all parts; add a support")
+
+
+def _refuse_dangling(system: System) -> None:
+    """Refuse a part that nothing touches and that can turn even if the rest stands still.
+
+    It needs no list of all motions, which would be long for a mesh that falls into thousands of parts.
+    """
+    mesh, joints = system.mesh, system.mesh.joints
+    of = system.constraints
+    own, periodic = of.held[of.is_own(of.held)] - of.nodes.offset, of.periodic
+    held = np.unique(np.concatenate([of.nodes.part[own], of.sprung.part])).tolist()
+    touched = {*chain.from_iterable(mesh.comm.allgather(held)), *of.links.parts}
+    touched.update(np.unique([*periodic.part, *periodic.root_part]).tolist())
+    touched.update(*(point.part.tolist() for point in of.remote.rigid if point.rows))
+    touched.update(*(np.unique(rows.part).tolist() for rows in system.contacts))
+    for part in range(mesh.part_count) if mesh.part_count > 1 else ():
+        points = joints.points[(joints.parts == part).any(axis=1)]
+        held = len(points) > 0 if mesh.axisymmetric else is_rigid(points)
+        if part not in touched and not held:
+            raise loose_part(UNTOUCHED, points[0] if len(points) else None)

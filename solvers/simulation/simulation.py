@@ -24,8 +24,8 @@ from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.memory import Counts, Demand, affordable, memory_of, spare
 from stickslip.solvers.simulation.plan import planned
+from stickslip.solvers.simulation.resolve import refuse_loose_parts
 from stickslip.solvers.simulation.script import Script
-from stickslip.solvers.simulation.unresisted_modes import refuse_loose_parts
 from stickslip.solvers.stepping.choice import Size, choose
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain, Reached

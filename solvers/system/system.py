@@ -32,8 +32,7 @@ from stickslip.solvers.parallel.released import watch
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Course, Place
 from stickslip.solvers.system.applied_loads import AppliedLoads, InitialStrains
-from stickslip.solvers.system.contact_interface import ContactInterface
-from stickslip.solvers.system.obstacles import Obstacles
+from stickslip.solvers.system.contact_interface import ContactInterface, Obstacles
 from stickslip.solvers.system.stiffness import AveragedStiffness, Products, Stiffness
 
 NOTHING = 1e-20  # stiffness of what shrinks, relative to E: below it is rounding [m]

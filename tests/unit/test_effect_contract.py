@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import pytest
+from jsonschema import Draft202012Validator
 from numpy.testing import assert_allclose
 
 from shared.audited import audit
@@ -15,14 +17,18 @@ from stickslip.geometry.errors import SceneError
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import UflExpr, UflForm
 from stickslip.solvers import effects
-from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.effects.effect import Effect, Equilibrium
 from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.results.step_result import told, values
 from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.record import Number
 from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Timeline
 from stickslip.solvers.simulation import resolve
 from stickslip.solvers.simulation.plan import make_plan
+from stickslip.workflows.formats.files import json_text
 from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.run.result import result_schema
 from stickslip.workflows.scene_file.read import from_dict
 
 K, E, MOVED = 500.0, 1000.0, -0.03
@@ -51,9 +57,36 @@ class _Bedding(Effect):
         return {"bedding.k": problem.tables["bedding"]["floor"].k}
 
 
+class Weight(NamedTuple):
+    """What a step reports of it."""
+
+    force: Annotated[float, Number("N", "of all bodies", words="weight")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scales(EffectTable):
+    """A table without names."""
+
+    reports = Weight
+
+    factor: Annotated[float, Key("-", "of the stored energy")]
+
+
+class _Scales(Effect):
+    name = "scales"
+    table = Scales
+
+    def read(self, reached: Equilibrium) -> Mapping[str, Weight]:
+        return {"": Weight(reached.problem.tables["scales"].factor)}
+
+
+KINDS = {name: EffectTable.kinds.pop(name) for name in ("bedding", "scales")}  # known here alone
+
+
 @pytest.fixture(autouse=True)
 def bedding(monkeypatch: pytest.MonkeyPatch) -> None:
-    every = (*effects.EFFECTS, _Bedding())
+    every = (*effects.EFFECTS, _Bedding(), _Scales())
+    monkeypatch.setattr(EffectTable, "kinds", EffectTable.kinds | KINDS)
     for module in (effects, resolve):
         monkeypatch.setattr(module, "EFFECTS", every)
 
@@ -86,6 +119,18 @@ def test_springs_enter_forces_energy_and_audit(supports: dict[str, dict[str, obj
     assert step.energy.external == pytest.approx(step.energy.stored, rel=1e-10)
     assert step.columns == {"bedding.k": K}
     assert max(audit(simulation, step).values()) < 1e-10
+
+
+def test_a_table_without_names_reports_one_record() -> None:
+    found = replace(on_springs(LID), scales=Scales(factor=3.0))  # type: ignore[call-arg]
+    assert "scale.force" in found.quantities()
+    weighed, other = (next(prepare(each).steps()) for each in (found, on_springs(LID)))
+    assert (values(weighed)["scale.force"], weighed.scales[""].force, other.scales) == (3.0, 3.0, {})
+    lines = [json.loads(json_text(told(step, None))) for step in (weighed, other)]
+    assert [line["scales"] for line in lines] == [{"force": 3.0, "error": None}, None]
+    schema = Draft202012Validator({"$ref": "#/$defs/StepRecord", "$defs": result_schema()["$defs"]})
+    for line in lines:
+        schema.validate(line | {"audit": None})
 
 
 def test_the_plan_names_it_and_its_table() -> None:

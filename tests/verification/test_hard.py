@@ -163,7 +163,7 @@ def test_answer_that_its_audit_doubts(monkeypatch: pytest.MonkeyPatch) -> None:
     verdict = next(judge(scene))
     assert verdict.outcome is Outcome.REFUSED
     assert "(contacts.ground.friction.k_T is too soft beside the bodies)" in verdict.reason
-    monkeypatch.setattr("stickslip.solvers.simulation.unresisted_modes.least_springs", lambda scene: 0.0)
+    monkeypatch.setattr("stickslip.solvers.simulation.resolve.least_springs", lambda scene: 0.0)
     verdict = next(judge(scene))
     assert (verdict.outcome, verdict.held) == (Outcome.DOUBTFUL, False)
     assert "rounding is" in verdict.reason

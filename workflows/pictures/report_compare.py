@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from stickslip.geometry.errors import FolderError
-from stickslip.solvers.effects import records
+from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.results.step_result import ErrorParts
 from stickslip.solvers.scene.record import numbers_of, singular
 from stickslip.workflows.formats.plus_minus import missing, of_parts, parts_of, plus_minus, stated
@@ -99,12 +99,10 @@ def _numbers(a: Results, b: Results) -> Iterator[tuple[str, ...]]:
         return " or ".join(dict.fromkeys((a.unit(of), b.unit(of))))
 
     for kind, record in records().items():
-        told = [step.get(kind) or {} for step in last]
-        mine, theirs = ({"": each} if kind == "energy" else each for each in told)
+        mine, theirs = (by_name(kind, step.get(kind)) for step in last)
         for name in dict.fromkeys([*mine, *theirs]):
-            owner = {"contacts": f"{name}: ", "supports": f"{name}: ", "energy": ""}.get(
-                kind, f"{singular(kind)} {name}: "
-            )
+            plain = {"contacts": f"{name}: ", "supports": f"{name}: ", "energy": ""}
+            owner = plain.get(kind, f"{f'{singular(kind)} {name}'.rstrip()}: ")
             both = mine.get(name) or {}, theirs.get(name) or {}
             for key, number in numbers_of(record).items():
                 for place, axis in enumerate(number.axes(3 if a.solid else 2) if number.words else ()):

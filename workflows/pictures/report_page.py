@@ -20,7 +20,7 @@ from stickslip.geometry.arrays import ROUNDING, Array, Bools
 from stickslip.geometry.builders.builder import modelled
 from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import SI
-from stickslip.solvers.effects import records
+from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of, singular
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
@@ -238,13 +238,13 @@ def _forces(results: Results) -> dict[str, Table]:
     held = [
         (f"{singular(kind)} {name}", *(number(owner, "force", place) for place in range(len(axes))), _moment(owner))
         for kind, record in records().items()
-        for name, owner in (last.get(kind) or {}).items()
+        for name, owner in by_name(kind, last.get(kind)).items()
         if "force" in numbers_of(record) and owner and owner.get("force")
     ]
     alone = [
         (f"{singular(kind)} {name}", f"{declared.words} [{results.unit(declared.unit)}]", number(owner, key))
         for kind, record in records().items()
-        for name, owner in (last.get(kind) or {}).items()
+        for name, owner in by_name(kind, last.get(kind)).items()
         for key, declared in numbers_of(record).items()
         if kind not in ("contacts", "energy") and declared.words and not declared.shape
     ]

@@ -24,7 +24,7 @@ from stickslip import VERSION
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.geometry.keys import Key
 from stickslip.geometry.units import SI, Units
-from stickslip.solvers.effects import records
+from stickslip.solvers.effects import is_single, records
 from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.parallel.counters import PHASES, Counters, Row
 from stickslip.solvers.results.audit import Audit
@@ -265,7 +265,8 @@ def _reported_step() -> Any:
             own |= {"statuses": statuses} if table == "contacts" else {}
             own |= {"error": errors} if is_estimated(record) else {}
             made[record] = _table(record.__name__, own, record.__doc__)
-        keys[table] = made[record] if table == "energy" else DICT[str, made[record]]
+        single = made[record] if table == "energy" else made[record] | None  # null: the effect is off
+        keys[table] = single if is_single(table) else DICT[str, made[record]]
     norm: dict[str, Any] = dict.fromkeys(("total", *PARTS), float | None) | {"converges": bool}
     keys["error"] = _table("StepErrors", {"energy_norm": _table("EnergyNorm", norm, energy_norm.__doc__)})
     keys["audit"] = Annotated[Audit | None, Key("", "relative defects; null: not audited")]
