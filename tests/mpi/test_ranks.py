@@ -600,7 +600,7 @@ import json
 import numpy as np
 from mpi4py import MPI
 import stickslip
-from shared.matrices import whole
+from shared.problems import whole
 from stickslip.solvers.system.stiffness import without_rounding
 comm = MPI.COMM_WORLD
 K = whole(stickslip.prepare(stickslip.read("cube", ["geometry.mesh_size=0.125"])).system)

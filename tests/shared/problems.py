@@ -1,13 +1,19 @@
-"""Small scenes: what makes them, their surface problems at t = 1, and their loads multiplied."""
+"""Small scenes: what makes them, their surface problems at t = 1, their loads multiplied, their matrices."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
+from typing import Any
 
+import numpy as np
+
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Mat
 from stickslip.solvers.interface.flexibility import Load
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.system.system import System
+from stickslip.solvers.system.system import System, whole_stiffness
 
 SceneOf = Callable[..., Scene]  # what the fixtures of tests/unit give
 SimulationOf = Callable[[Scene], Simulation]
@@ -25,3 +31,17 @@ def times(load: Load, factor: float) -> Load:
     f_q = load.f_q.copy()
     f_q.scale(factor)
     return replace(load, f_q=f_q, f_c=factor * load.f_c, resultant=factor * load.resultant, free=factor * load.free)
+
+
+def dense(matrix: Any) -> Array:
+    """A PETSc matrix of one rank, as an array."""
+    indptr, indices, data = matrix.getValuesCSR()
+    found = np.zeros(matrix.size)
+    for row, (i, j) in enumerate(pairwise(indptr)):
+        found[row, indices[i:j]] = data[i:j]
+    return found
+
+
+def whole(system: System) -> Mat:
+    """K of all displacements, assembled for itself."""
+    return whole_stiffness(system.problem, system.weak, system.constraints.links, system.dilatation)

@@ -15,8 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.audited import record_of, stored_by
 from shared.cases import often
-from shared.matrices import dense, whole
-from shared.problems import SceneOf, SimulationOf, SystemOf, surface_problem, times
+from shared.problems import SceneOf, SimulationOf, SystemOf, dense, surface_problem, times, whole
 from stickslip import Block
 from stickslip.geometry.arrays import Array, Ints, cross
 from stickslip.geometry.errors import SceneError

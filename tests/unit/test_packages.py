@@ -3,6 +3,7 @@
 import ast
 import re
 import tomllib
+from functools import cache
 from pathlib import Path
 from textwrap import dedent
 
@@ -10,8 +11,35 @@ import numpy as np
 import pytest
 
 from mutation.mutants import TABLE, Mutant, Reason, reasons
-from shared.names import ROOT, definitions, named
 from stickslip.workflows.run.result import packages
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def named(text: str) -> list[tuple[str, str]]:
+    """All pairs of file and name in a page."""
+    return sorted(set(re.findall(r"`([^`\s]+)::([^`\s]+)`", text)))
+
+
+@cache
+def definitions(file: str) -> dict[str, str]:
+    """What a file defines, name and Class.name, with the lines of each."""
+    text = (ROOT / file).read_text(encoding="utf-8")
+    lines = text.splitlines()
+    return {name: "\n".join(lines[first - 1 : last]) for name, first, last in _defined(ast.parse(text).body, "")}
+
+
+def _defined(body: list[ast.stmt], prefix: str) -> list[tuple[str, int, int]]:
+    found: list[tuple[str, int, int]] = []
+    for node in body:
+        first, last = node.lineno, node.end_lineno or node.lineno
+        if isinstance(node, ast.ClassDef | ast.FunctionDef):
+            found.append((prefix + node.name, first, last))
+        if isinstance(node, ast.ClassDef):
+            found += _defined(node.body, f"{prefix}{node.name}.")
+        assigned = getattr(node, "targets", [getattr(node, "target", None)])
+        found += [(prefix + target.id, first, last) for target in assigned if isinstance(target, ast.Name)]
+    return found
 
 
 def test_what_the_numbers_depend_on_is_listed_with_debians_versions() -> None:

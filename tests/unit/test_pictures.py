@@ -23,7 +23,6 @@ from scipy.spatial import Delaunay
 
 import stickslip
 from shared.cases import every_nth, often, slow
-from shared.images import colours
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import MachineError
 from stickslip.geometry.obstacles.obstacle import Rotation
@@ -64,6 +63,15 @@ from stickslip.workflows.pictures.view import View, focus
 from stickslip.workflows.run.run import run
 from stickslip.workflows.writers.tables import StepsTable
 from stickslip.workflows.writers.writer import Job
+
+
+def colours(path: Path) -> int:
+    """Number of colours of a picture, which must not be small."""
+    pixels = imread(path)
+    assert pixels.shape[0] > 300
+    assert pixels.shape[1] > 600
+    return len(np.unique((pixels[..., :3] * 255).astype(int) @ [65536, 256, 1]))
+
 
 Ints = NDArray[np.int64]
 SHAPES = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]

@@ -15,8 +15,7 @@ from scipy import sparse
 import stickslip
 from shared.cases import every_nth, often, slow
 from shared.drawn import GEO, draw, scene_data
-from shared.matrices import dense, whole
-from shared.problems import SceneOf, SimulationOf, SystemOf, surface_problem
+from shared.problems import SceneOf, SimulationOf, SystemOf, dense, surface_problem, whole
 from stickslip.geometry.arrays import Array, inverse_and_determinant, inverses
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.protocols import Mat, Sparse
