@@ -84,9 +84,7 @@ def guarded(act: Callable[[], object]) -> int:
     except ModuleNotFoundError as error:
         return _say(f"{error}; {LIBRARIES}", 4)
     except (ImportError, OSError) as error:
-        if isinstance(error, ImportError) or error.errno is None:  # a library that does not fit under `ulimit -v`
-            return _say(f"{shortened(error, 200)}; a library, a file or memory is missing (see ulimit -v)", 4)
-        return _say(f"{error.filename or 'what is printed cannot be written'}: {error.strerror or error}", 4)
+        return _say(_missing(error), 4)
     except SystemExit as ended:  # a command that has said how it ended; or rich, if the reader of stdout has gone
         return ended.code if isinstance(ended.code, int) else 1
     except MemoryError:
@@ -94,6 +92,13 @@ def guarded(act: Callable[[], object]) -> int:
     if code == STOPPED:  # typer returns it for KeyboardInterrupt
         return _say("interrupted", STOPPED)
     return code if isinstance(code, int) else 0
+
+
+def _missing(error: ImportError | OSError) -> str:
+    """Say which file fails; a library that does not fit under `ulimit -v` has none."""
+    if isinstance(error, ImportError) or error.errno is None:
+        return f"{shortened(error, 200)}; a library, a file or memory is missing (see ulimit -v)"
+    return f"{error.filename or 'what is printed cannot be written'}: {error.strerror or error}"
 
 
 def _say(text: str, code: int) -> int:

@@ -80,13 +80,9 @@ def cost(
             kept.keep(run)
             teller.done(run)
 
-        if runs:
-            teller.note(f"{len(runs)} finished runs are taken over")
-        for note in notes:
-            teller.note(note)
+        teller.note(*[f"{len(runs)} finished runs are taken over"] * bool(runs), *notes)
         whole, left_out = climb(ladder, runs, limits, solve, keep)
-        for note in left_out:
-            teller.note(note)
+        teller.note(*left_out)
         if not runs:
             kept.abandon()
             if not whole:
@@ -105,8 +101,7 @@ def cost(
         if scene.output.pictures:
             _draw(kept.path, scene, studies, beside, ladder.methods, compared)
         place = kept.finish()
-    for warning in _warnings(runs, studies):
-        teller.note(warning)
+    teller.note(*_warnings(runs, studies))
     teller.table(studies)
     teller.methods(beside, ladder.methods)
     if compared:

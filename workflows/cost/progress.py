@@ -42,10 +42,10 @@ class Teller:
     ) -> None:
         self.progress.stop()
 
-    def note(self, text: str) -> None:
-        """A line that stays."""
-        if not self.quiet:
-            self.console.print(text, soft_wrap=True)
+    def note(self, *lines: str) -> None:
+        """Print lines that stay."""
+        for line in () if self.quiet else lines:
+            self.console.print(line, soft_wrap=True)
 
     def next(self, what: str, spent: float, runs: int) -> None:
         """Show what is being solved and how much of the budget is used."""

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from stickslip.geometry.errors import FolderError
-from stickslip.workflows.formats.files import parse_json, read_regular, sync_folder
+from stickslip.workflows.formats.files import parse_json, read_regular, write_aside
 
 MARKER, PART = ".stickslip", "..stickslip.part"  # and the marker before it is whole
 SIGNATURE = "stickslip: results of a run;"
@@ -71,12 +71,7 @@ def marker_of(folder: Path) -> Marker:
 def mark(folder: Path, **said: Any) -> None:
     """Make the folder one of a run, or change what its marker says; the new marker is there whole or not at all."""
     text = json.dumps(asdict(replace(marker_of(folder), **said)))
-    with (folder / PART).open("wb") as file:
-        file.write(f"{HEAD}{text}\n".encode())
-        file.flush()
-        os.fsync(file.fileno())
-    (folder / PART).replace(folder / MARKER)
-    sync_folder(folder)
+    write_aside(folder / MARKER, f"{HEAD}{text}\n".encode())
 
 
 def declare(folder: Path, names: Iterable[str]) -> None:

@@ -18,7 +18,7 @@ from contextlib import suppress
 from itertools import count
 from pathlib import Path
 
-from stickslip.geometry.errors import FolderError
+from stickslip.geometry.errors import FolderError, MachineError
 from stickslip.workflows.formats.files import disk_errors, read_json, read_regular, sync_folder
 from stickslip.workflows.formats.marker import (
     LOG,
@@ -235,7 +235,7 @@ class ResultsFolder:
         with disk_errors(self.target):
             if own_files(self.place):
                 self._clear(self._old)
-                with suppress(PermissionError):  # results that may only be read are kept all the same
+                with suppress(MachineError):  # results that may only be read are kept all the same
                     mark(self.place, former=self.place.name)
                 self.place.rename(self._old)
             else:

@@ -7,6 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -20,6 +21,7 @@ from stickslip.geometry.user_files.outline import Outline
 from stickslip.geometry.user_files.parts import FACET_WORD, numbered
 from stickslip.geometry.user_files.touching import Pair, Side, named, touching
 from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.workflows.formats.templates import render
 
 THREADED = ("nut", "mutter", "din934", "iso4032")  # ends of words in names of bodies that have a thread
 STOUT = 2.5  # outer radius of a nut relative to its bore's, at most
@@ -174,66 +176,54 @@ def scene_text(found: Assembly, target: Path, units: str = "SI") -> str:
     steel = [f"{found.units.amount(value, of, '--units'):.6g}" for value, of in STEEL] if units != "SI" else STEEL_SI
     names, ends, word = side_names(found), _ends(found), FACET_WORD[found.dim]
     size, fine = sizes(found)
-    lines = [
-        f"# Written by `stickslip new --from {found.path.name}`. Materials, laws, sizes, support and load are first",
-        "# proposals. Sides are named after the bodies that they touch; `stickslip contacts` draws each pair.",
-        f"title = {json.dumps(f'Assembly {found.path.name}')}",
-        f'model = "{found.model}"',
-        *([f"units = {json.dumps(units)}"] if units != "SI" else []),
-        "",
-        "[geometry]",
-        f"file = {json.dumps(_relative(found.path, target))}",
-        *([f'length_unit = "{found.geometry.length_unit}"'] if found.geometry.length_unit else []),
-        *(
-            []
-            if size is None
-            else [f"# mesh_size = {size:.3g}  # what it is without this key, but smaller on curved faces"]
-        ),
-        *([] if fine is None else [f"contact_mesh_size = {fine:.3g}"]),
-    ]
     new = {side: name for side, name in {**names, **ends}.items() if not side.name}
-    lines += ["", "[geometry.names]"] if new else []
-    lines += [f'"{name}" = {json.dumps([f"{word} {number}" for number in side.numbers])}' for side, name in new.items()]
-    lines += ["", "[bodies]  # steel"]
-    lines += [f"{body} = {{ E = {steel[0]}, nu = 0.3, density = {steel[1]} }}" for body in found.outline.bodies]
     labels = numbered(f"{pair.one.body}_{pair.other.body}" for pair in found.pairs)
-    for pair, label, slave in zip(found.pairs, labels, slaves(found.pairs), strict=True):
-        lines += ["", *_contact(pair, label, slave, names, found)]
-    lines += _bolts(found)
-    held_side, down, why = _held(found, list(ends))
-    lines += ["", f"# where it is held, and what loads it: to begin with, {why}"]
-    if held_side:
-        held = ", ".join(f"{axis} = 0.0" for axis in "xyz"[: found.dim])
-        lines += ["[supports.base]", f'boundary = "{ends[held_side]}"', f"displacement = {{ {held} }}", ""]
-    pull = ", ".join(f"{x:.4g}" for x in down[: found.dim])
-    lines += ["[gravity]", f"acceleration = [{pull}]"]
-    return "\n".join(lines) + "\n"
+    held, down, why = _held(found, list(ends))
+    return render(
+        "scene_file/templates/assembly.toml",
+        text=json.dumps,
+        name=found.path.name,
+        model=found.model,
+        units=units,
+        file=_relative(found.path, target),
+        length_unit=found.geometry.length_unit,
+        size="" if size is None else f"{size:.3g}",
+        fine="" if fine is None else f"{fine:.3g}",
+        sides=[(name, [f"{word} {number}" for number in side.numbers]) for side, name in new.items()],
+        bodies=found.outline.bodies,
+        steel=steel,
+        contacts=[
+            _contact(pair, label, slave, names, found)
+            for pair, label, slave in zip(found.pairs, labels, slaves(found.pairs), strict=True)
+        ],
+        bolts=_bolts(found),
+        why=why,
+        held=ends[held] if held else "",
+        axes="xyz"[: found.dim],
+        pull=", ".join(f"{x:.4g}" for x in down[: found.dim]),
+    )
 
 
-def _bolts(found: Assembly) -> list[str]:
-    """The table of bolts, ready to tighten."""
-    listed = bolts(found) if found.dim == 3 else []
-    if not listed:
-        return []
-    lines = ["", "[bolts]  # tightened to a force until t = 1, then held at their length; what pulls comes after that"]
-    for bolt in listed:
-        ends = ", ".join(f"[{', '.join(f'{x:.6g}' for x in end)}]" for end in bolt.ends)
-        force = f"force = [[1.0, {bolt.force:.3g}]], held_from = 1.0"
-        lines.append(f'{bolt.body} = {{ body = "{bolt.body}", shank = [{ends}], {force} }}  # {bolt.why}')
-    return lines
+def _bolts(found: Assembly) -> list[dict[str, str]]:
+    """Return the numbers of each bolt as text, ready to tighten."""
+    return [
+        {
+            "body": bolt.body,
+            "ends": ", ".join(f"[{', '.join(f'{x:.6g}' for x in end)}]" for end in bolt.ends),
+            "force": f"{bolt.force:.3g}",
+            "why": bolt.why,
+        }
+        for bolt in (bolts(found) if found.dim == 3 else ())
+    ]
 
 
-def _contact(pair: Pair, label: str, slave: Side | None, names: Mapping[Side, str], found: Assembly) -> list[str]:
-    """The table of a contact."""
+def _contact(pair: Pair, label: str, slave: Side | None, names: Mapping[Side, str], found: Assembly) -> dict[str, Any]:
+    """Return the words and numbers of a contact's table."""
     one, other = (pair.other, pair.one) if slave is pair.other else (pair.one, pair.other)
-    if slave is None:
-        return [f"# {names[one]} and {names[other]}: left out, each is the slave of another contact; split one of them"]
     law, why = proposed_law(pair, found)
-    lines = [f"[contacts.{label}]", f'surface = "{names[one]}"', f'against = "{names[other]}"']
-    if law == "tied":
-        return [*lines, f'normal = {{ law = "tied" }}  # {why}']
-    lines.append('friction = { law = "coulomb", mu = 0.2 }')
-    return [*lines, f"gap = {pair.fit:.6g}  # of the exact shapes"] if pair.exact else lines
+    gap = f"{pair.fit:.6g}" if pair.exact else ""
+    said = {"label": label, "one": names[one], "other": names[other], "law": law, "why": why, "gap": gap}
+    return {**said, "left_out": slave is None}
 
 
 def side_names(found: Assembly) -> dict[Side, str]:

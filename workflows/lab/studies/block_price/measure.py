@@ -182,9 +182,8 @@ def tables(sizes: Sizes) -> Mapping[str, list[Case]]:
     for sticks in (True, False):
         for part in sizes.parts:
             found["alpha"].append(Case(dim=dim, n=n, method=EXACTLY[0], sticks=sticks, part=part))
-    for part in sizes.parts:  # beyond the bound, a relaxation is refused
-        if part < 1:
-            found["alpha"].append(Case(dim=dim, n=n, method=EXACTLY[1], part=part))
+    within = filter(lambda part: part < 1, sizes.parts)  # beyond the bound, a relaxation is refused
+    found["alpha"] += [Case(dim=dim, n=n, method=EXACTLY[1], part=part) for part in within]
     for dim, n in sizes.inner_at:
         for method in EXACTLY[:2]:
             found["inner"].append(Case(dim=dim, n=n, method=method))

@@ -103,6 +103,19 @@ def measurements(sizes: Sizes) -> Iterator[Measurement]:
     for d, m in sizes.meshes:
         for method in sizes.methods:
             yield Measurement("h", {"dim": d, "n": m, "method": method})
+    yield from _with_friction(dim, here, sizes)
+    for outer_metric in ("points", "jacobian"):
+        chen = {"method": "nonlinear-uzawa", "normal": "compliance", "given": GIVEN, "tolerance": TIGHT}
+        yield Measurement("chen", here | chen | {"outer_metric": outer_metric})
+    for d, m in (sizes.at, *[mesh for mesh in sizes.meshes if mesh[0] == 3][-1:]):
+        yield Measurement(
+            "newton", {"dim": d, "n": m, "method": "perturbed-lagrangian", "augment": False, "tolerance": TIGHT}
+        )
+    yield from _tangents(sizes)
+
+
+def _with_friction(dim: int, here: Row, sizes: Sizes) -> Iterator[Measurement]:
+    """The methods against mu, then inexact inner solves, on one mesh."""
     for mu in sizes.mu:
         for method in sizes.methods:
             yield Measurement("mu", here | {"method": method, "mu": mu, "drag": slipping(dim, mu)})
@@ -113,14 +126,6 @@ def measurements(sizes: Sizes) -> Iterator[Measurement]:
             for share in sizes.inner:
                 keys = {"method": method, "normal": normal, "inner_rule": rule, "inner_tolerance": share}
                 yield Measurement("inner", here | keys)
-    for outer_metric in ("points", "jacobian"):
-        chen = {"method": "nonlinear-uzawa", "normal": "compliance", "given": GIVEN, "tolerance": TIGHT}
-        yield Measurement("chen", here | chen | {"outer_metric": outer_metric})
-    for d, m in (sizes.at, *[mesh for mesh in sizes.meshes if mesh[0] == 3][-1:]):
-        yield Measurement(
-            "newton", {"dim": d, "n": m, "method": "perturbed-lagrangian", "augment": False, "tolerance": TIGHT}
-        )
-    yield from _tangents(sizes)
 
 
 def _tangents(sizes: Sizes) -> Iterator[Measurement]:

@@ -414,7 +414,7 @@ def units(name: str, length: float, force: float) -> Variation:
 # all of them
 
 
-def _fixed() -> Iterator[Variation]:
+def _of_laws_and_bodies() -> Iterator[Variation]:
     yield Variation("as it is", "as it is", lambda tables, random: tables)
     for factor in (0.001, 0.01, 0.1, 0.5, 2, 10, 100, 1000):
         yield Variation("mu", f"mu x {factor:g}", partial(times_mu, factor))
@@ -433,6 +433,9 @@ def _fixed() -> Iterator[Variation]:
             yield Variation("contrast", f"E of {place} x {factor:g}", partial(contrast, place, factor))
     yield Variation("aspect", "20 times as long", partial(slender, False))
     yield Variation("aspect", "20 times as high", partial(slender, True))
+
+
+def _of_meshes_and_loads() -> Iterator[Variation]:
     for k in range(3):
         yield Variation("mesh", f"random mesh {k + 1}", other_mesh)
     yield Variation("mesh", "second body finer", partial(mesh_contrast, 0.25))
@@ -454,6 +457,9 @@ def _fixed() -> Iterator[Variation]:
         yield Variation("limit", f"gravity sideways {share:g}", partial(_sideways, share))
     for factor in (0.999, 1.001):
         yield Variation("limit", f"{factor:g} of the limit sideways", partial(_near_limit, factor))
+
+
+def _of_methods_and_units() -> Iterator[Variation]:
     yield Variation("operator", "node by node", _node_by_node)
     yield Variation("operator", "sliding", partial(contact_key, "sliding", True))
     yield Variation("solver", "tolerance 1e-11", partial(set_key, "solver", "tolerance", 1e-11))
@@ -487,7 +493,10 @@ def _by_a_grid(tables: Tables, random: Random) -> Tables | None:
     return tables
 
 
-FIXED = {variation.name: variation for variation in _fixed()}
+FIXED = {
+    variation.name: variation
+    for variation in (*_of_laws_and_bodies(), *_of_meshes_and_loads(), *_of_methods_and_units())
+}
 MIXED = tuple(
     v for v in FIXED.values() if v.twin is None and v.kind not in ("solver", "limit", "as it is")
 )  # what random ones combine
