@@ -25,6 +25,8 @@ ROUNDING = 1e-9  # of coordinates, shape functions, forces and motions that went
 CLOSE = 1e-6  # of what other programs hand over, of directions, and of answers that are improved afterwards
 SLIGHT = 1e-3  # a part that the eye does not see, and by which numbers tell nothing apart
 
+CHUNK = 20_000  # rows of long arrays that are worked on at a time: bounds the memory
+
 
 class Rows:
     """Base of dataclasses whose fields are arrays, each with one row for each of the same things."""

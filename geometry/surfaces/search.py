@@ -15,7 +15,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools, Ints, Rows
+from stickslip.geometry.arrays import CHUNK, CLOSE, EXACT, ROUNDING, Array, Bools, Ints, Rows
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
 
@@ -112,7 +112,6 @@ def _newton_step(basis: Array, gradient: Array, nodes: Array) -> tuple[Array, Ar
         return step, determinant
 
 
-BLOCK = 10_000  # points at a time: bounds the memory
 PATCH = 16  # facets a patch, about: fewer take more steps along a line, more take more intersections
 BULGE = 5 / 3  # max of sum_k |phi_k| of quadratic facets: a curved facet bulges at most so much more than its nodes
 APPROXIMATION = 0.5  # relative error allowed in the distance to the nearest patch: saves most of the query's time
@@ -189,8 +188,8 @@ def pair(points: Array, directions: Array, master: Surface, reach: float) -> Pai
     )
     balls = _balls(master)
     patches = _patches(balls)
-    for start in range(0, len(points), BLOCK):
-        block = slice(start, start + BLOCK)
+    for start in range(0, len(points), CHUNK):
+        block = slice(start, start + CHUNK)
         hits = _search(points[block], directions[block], master, reach, balls, patches)
         # of a facet's radius: gaps that differ by less are equal, and the facet with the lowest number is taken
         first = _nearest(hits, ROUNDING * balls.radii)

@@ -17,14 +17,13 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.errors import GeometryError
-from stickslip.geometry.mesh_sizes import USUAL, SizeField, volumes
+from stickslip.geometry.mesh_sizes import GROWTH, USUAL, SizeField, volumes
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.open_file import raise_gmsh_error
 from stickslip.geometry.user_files.parts import Parts
 from stickslip.geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
 
 LEAST = 0.25  # of the size: as small as cells get on curved faces
-GROWTH = 0.3  # of the cell size per distance from a contact side
 
 
 @dataclass(frozen=True, kw_only=True)

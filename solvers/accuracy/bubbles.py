@@ -18,7 +18,7 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import EXACT, Array, inverse_and_determinant, inverses
+from stickslip.geometry.arrays import CHUNK, EXACT, Array, inverse_and_determinant, inverses
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, Sparse, UflForm, Vec
@@ -62,9 +62,6 @@ class FinerLoads:
         total = self.system.vector()
         self.loads.add_to(total, self.system.course, time)
         return total - self.system.load(time)
-
-
-CHUNK = 20_000  # nodes at a time: memory
 
 
 class Bubbles:

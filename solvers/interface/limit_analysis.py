@@ -16,7 +16,6 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 
 SIDES = 32  # of the polygons that replace the disc of friction: the outer one is larger by 0.5 %
 STEEP = 1e3  # largest ratio of tangential to normal traction where any pressure holds any traction (stick)
-EVEN = 1e-6  # cost of an uneven pressure, relative to that of pressing across the largest gap
 ROUGH = 1e2  # cost of friction, relative to that of pressing across the largest gap
 
 
@@ -73,7 +72,8 @@ def balancing_tractions(problem: SurfaceProblem) -> Array | None:
         max(problem.u_ref, np.abs(room).max(initial=0.0)) or 1.0
     )  # a gap much smaller than the deformation costs little
     friction = np.full(programme.along.shape[1], ROUGH)
-    found = programme.solve(np.concatenate([room, friction, [EVEN], np.zeros(2 * programme.motions)]), left=0.0)
+    # an uneven pressure costs little beside pressing across the largest gap
+    found = programme.solve(np.concatenate([room, friction, [CLOSE], np.zeros(2 * programme.motions)]), left=0.0)
     if found is None:
         return None
     forces = programme.onto @ found.x[: programme.onto.shape[1]]

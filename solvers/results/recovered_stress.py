@@ -21,12 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints, inverse_and_determinant
+from stickslip.geometry.arrays import CHUNK, Array, Ints, inverse_and_determinant
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.scene.material import DOUBLED, Elastic, Material, Orthotropic
 from stickslip.solvers.system.system import System
 
-CHUNK = 20_000  # cells at a time: memory
 KEPT = 50_000  # most cells of a rank whose Jacobians are kept from step to step
 TWICE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # shear counts twice in products of stresses
 RAISED = {1: 1.0, 2: 1.5}  # by order; stated over true without it: .96 to 1.00, and .59 to .74

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import ROUNDING, AnyArray, Array, inverses
+from stickslip.geometry.arrays import EPS, ROUNDING, AnyArray, Array, inverses
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.elastic_energy import stress_by_compliance
@@ -19,7 +19,7 @@ from stickslip.solvers.system.nodal_contact import NodalContact, traction_fields
 from stickslip.solvers.system.system import System
 
 OPEN = 0  # of `ContactState.status`
-OF_STRESS = 1e3 * float(np.finfo(float).eps)  # rounding of the stress that motions as large as u make over a cell
+OF_STRESS = 1e3 * EPS  # rounding of the stress that motions as large as u make over a cell
 
 
 @dataclass(frozen=True, kw_only=True)

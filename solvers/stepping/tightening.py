@@ -43,7 +43,7 @@ from stickslip.solvers.system.system import System
 
 LOOSE = 10.0  # times solver.tolerance: that is allowed where another solution comes no nearer
 MOST, EACH = 30, 3  # solutions of a step, and for each bolt and spring
-SLIGHT = 1e-5  # of the force that displacements would make of a bolt's stiffness: less is known by rounding only
+KNOWN = 1e-5  # of the force that displacements would make of a bolt's stiffness: less is known by rounding only
 log = logging.getLogger(__name__)
 
 
@@ -165,7 +165,7 @@ class Tightening:
         """Of the forces of bolts and springs (b,) [N]; collective."""
         far = float(state.u.norm(PETSc.NormType.NORM_INFINITY))
         own = np.maximum(np.abs(self.tension(state)), stretched(self.k, far))
-        return np.where(self.springs | (self.largest == 0), own, np.maximum(self.largest, SLIGHT * own))
+        return np.where(self.springs | (self.largest == 0), own, np.maximum(self.largest, KNOWN * own))
 
     def _set(self) -> None:
         begun = self.start.time < self.target

@@ -16,12 +16,10 @@ from typing import Protocol
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
+from stickslip.geometry.arrays import CHUNK, LAST_DIGITS, Array, Ints
 from stickslip.geometry.protocols import Mat, Vec
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.fem.mean_dilatation import MeanDilatation
-
-CHUNK = 5000  # rows at a time: memory
 
 
 def without_rounding(K: Mat) -> Mat:

@@ -30,8 +30,8 @@ def kind(shape: Any) -> str:
 def placed(body: str, part: Part, dim: int) -> dict[str, float]:
     """A part of an assembly under the names that it has there."""
     own = measures(part.shape, dim)
-    (there,) = part.shape.bodies(dim)
-    return {body: own[there]} | {f"{body}.{side}": own[name] for side, name in part.sides(dim).items()}
+    ((there, sides),) = part.shape.bodies(dim).items()
+    return {body: own[there]} | {f"{body}.{part.renamed.get(n, n)}": own[f"{there}.{n}"] for n in sides}
 
 
 def cuboid(shape: Any, dim: int) -> dict[str, float]:

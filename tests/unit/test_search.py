@@ -148,7 +148,7 @@ def test_gap_to_a_circle_or_sphere_has_the_order_of_the_facets(shape: str, degre
 @pytest.mark.parametrize(("kind", "height"), every_nth(2, KINDS, [0.02, 0.3]))
 def test_search_agrees_with_all_facets(kind: tuple[str, int], height: float, monkeypatch: pytest.MonkeyPatch) -> None:
     shape, degree = kind
-    monkeypatch.setattr(search, "BLOCK", 70)  # several blocks
+    monkeypatch.setattr(search, "CHUNK", 70)  # several blocks
     dim = DIM[shape] + 1
     master = image(shape, degree, 60 if dim == 2 else 7, rough(height, seed=1))
     points, directions = random_lines(300, dim, height=0.4)

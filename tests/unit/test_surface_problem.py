@@ -174,6 +174,14 @@ def test_rounding_of_motions_is_no_defect() -> None:
     assert problem.defect(found.p, found.w + 1e-6).min() < 0.0  # closed rows lack pressure
 
 
+def test_a_far_gap_excuses_rounding_of_its_own_row_alone() -> None:
+    problem, found = problem_of(), solved(problem_of())
+    far = int(np.argmin(found.p[: problem.surface.normal_rows]))
+    gap = problem.gap + 1e6 * (np.arange(len(problem.gap)) == far)
+    seen = replace(problem, gap=gap).defect(found.p, found.w + 1e-9)
+    assert np.all(np.delete(seen[: problem.surface.normal_rows], far) < 0.0)  # all are closed
+
+
 def test_defects_are_relative_to_the_largest_traction() -> None:
     problem = problem_of()
     found = solved(problem)

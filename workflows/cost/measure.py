@@ -19,7 +19,7 @@ import numpy as np
 from stickslip.geometry.dolfinx_versions import form_cache
 from stickslip.geometry.errors import GeometryError, MachineError, SceneError, SolverError
 from stickslip.geometry.memory import peak
-from stickslip.geometry.user_files.child_process import end_with
+from stickslip.geometry.user_files.child_process import LOOK, end_with
 from stickslip.solvers.results.step_result import StepResult, names_of, values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
@@ -29,7 +29,6 @@ from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.scene_file.read import from_dict, to_dict
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-LOOK = 0.02  # seconds between two looks at the process
 Stop = Callable[[], bool]
 
 
