@@ -28,7 +28,9 @@ from stickslip.workflows.writers.writer import added_keys
 FILE = Path(__file__).parents[2] / "SCENE.md"
 # fields of a scene in Python: the keys that writers add, and the unit that a scene sets
 NO_KEYS: Mapping[Any, Sequence[str]] = {Output: ("writers",), UserFile: ("scene_length",)}
-TABLES = "bodies obstacles contacts supports loads probes steps solver output exact accuracy".split()
+TABLES = (
+    "bodies", "obstacles", "contacts", "supports", "loads", "probes", "steps", "solver", "output", "exact", "accuracy",
+)  # fmt: skip
 METHODS_PAGE = Path(__file__).resolve().parents[3] / "docs" / "theory" / "methods.md"
 COLUMNS = ("normal laws", "friction", "operators", "bodies", "`solver.surface`")
 METHODS_HEAD = f"| `solver.method` | when | {' | '.join(COLUMNS)} |"
