@@ -90,7 +90,7 @@ def problem_of(case: str = "slips") -> DiscreteProblem:
 
 def test_an_answer_counts_only_if_our_residual_says_so() -> None:
     problem = problem_of()
-    right = np.array(ONE["slips"][1]) / problem.scales[0]
+    right = np.array(ONE["slips"][1]) / problem.units[0]
     assert discrete.measure(problem, lambda *_: (0.25, right), 1e-8) == 0.25
     for wrong in (1.001 * right, np.full(3, np.nan), None):
         assert discrete.measure(problem, lambda *_, wrong=wrong: (0.25, wrong), 1e-8) == math.inf
