@@ -56,6 +56,14 @@ def different(rows: Iterable[Row], key: str) -> list[Any]:
     return list(dict.fromkeys(row[key] for row in rows))
 
 
+def mesh_of(row: Row) -> str:
+    """
+    >>> mesh_of({"dim": 2, "n": 8})
+    '2D n = 8'
+    """
+    return f"{row['dim']}D n = {row['n']}"
+
+
 def slope(rows: Iterable[Row], x: str, y: str) -> float | None:
     """Of log y against log x, over rows that have both; None of fewer than two.
 
@@ -124,18 +132,32 @@ def judged(claims: Iterable[Claim], rows: Rows, verdict: Callable[[Finding], str
 
 def pivot(
     rows: Iterable[Row],
-    line: Callable[[Row], Sequence[str]],
-    column: Callable[[Row], str],
-    cell: Callable[[Row], str],
-    heads: Sequence[str],
+    line: Sequence[str],
+    column: str,
+    cell: str | Callable[[Row], str],
+    heads: Sequence[str] = (),
 ) -> str:
-    """One line for each value of `line`, one column for each value of `column`, in the order of the rows."""
+    """One line for each value of the keys `line`, one column for each text of `column`, in the order of the rows.
+
+    Args:
+        column: a format, filled from a row.
+        cell: the same, or a function of the row.
+        heads: names of the keys, if these are not shown.
+
+    >>> print(pivot([{"method": "a", "n": 4, "count": 7}], ["method"], "n = {n}", "{count:.1f}"))
+    | method | n = 4 |
+    |---|---|
+    | a | 7.0 |
+    """
     cells: dict[tuple[str, ...], dict[str, str]] = {}
     columns: dict[str, None] = {}
     for row in rows:
-        cells.setdefault(tuple(line(row)), {})[column(row)] = cell(row)
-        columns[column(row)] = None
-    return markdown([*heads, *columns], [[*key, *(found.get(c, "") for c in columns)] for key, found in cells.items()])
+        name = column.format(**row)
+        text = cell.format(**row) if isinstance(cell, str) else cell(row)
+        cells.setdefault(tuple(row[key] for key in line), {})[name] = text
+        columns[name] = None
+    lines = [[*key, *(found.get(c, "") for c in columns)] for key, found in cells.items()]
+    return markdown([*(heads or line), *columns], lines)
 
 
 def csv_of(rows: Sequence[Row]) -> str:
