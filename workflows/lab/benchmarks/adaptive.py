@@ -12,13 +12,10 @@ far finer mesh, for the ball in the axisymmetric model. CPU seconds, one thread.
 from __future__ import annotations
 
 import gc
-import logging
-import os
 import tempfile
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -34,14 +31,11 @@ from stickslip.solvers.scene.settings import Accuracy, Output, Steps
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.accuracy.rounds import Rounds
 from stickslip.workflows.formats.templates import render
+from stickslip.workflows.lab.benchmarks.own_process import apart
 from stickslip.workflows.lab.verification.cases import cattaneo, hertz, punch, raous
 from stickslip.workflows.lab.verification.cases.raous import SIDE
 from stickslip.workflows.run.run import run
-from stickslip.workflows.run.watch import LOGGERS, Watch
-
-for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[threads] = "1"  # before numpy starts them
-
+from stickslip.workflows.run.watch import Watch
 
 METHOD = "condensed-newton"
 RATIO = 2**-0.5  # of the mesh sizes, from one mesh to the next
@@ -305,12 +299,6 @@ def _digits(value: float) -> str:
     return f"{float(f'{value:.2g}'):.10g}"
 
 
-def silence() -> None:
-    """No line for each iteration."""
-    for name in LOGGERS:
-        logging.getLogger(name).propagate = False  # FFCx has given the root logger a handler
-
-
 def measured(name: str) -> list[Row]:
     """All rows of a case."""
     return list(rows(CASES[name], name))
@@ -329,10 +317,9 @@ def main(
     """Measure, print the table, and write the page."""
     found = list[Row]()
     for name in (name for name in CASES if only in name):
-        with get_context("spawn").Pool(1, silence) as child:  # a process of its own returns its memory
-            for row in child.apply(measured, (name,)):
-                found.append(row)
-                print(row.line(), flush=True)
+        for row in apart(measured, name):
+            found.append(row)
+            print(row.line(), flush=True)
     if output is not None:
         output.write_text(page(found), encoding="utf-8")
 

@@ -21,6 +21,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.benchmarks.scaling_model import (
@@ -199,12 +200,13 @@ def run(case: Case, ranks: int, counter: Path | None) -> dict[str, Any]:
         RuntimeError: it failed, or took too long.
     """
     module = "stickslip.workflows.lab.benchmarks.scaling_run"
-    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     preloaded = ["-x", f"LD_PRELOAD={counter}"] if counter else []
     words = ["mpirun", "-n", str(ranks), "--oversubscribe", *preloaded, sys.executable, "-m", module]
     words.append(json.dumps(asdict(case)))
     try:
-        done = subprocess.run(words, capture_output=True, text=True, env=environment, timeout=LIMIT, check=False)
+        done = subprocess.run(
+            words, capture_output=True, text=True, env=os.environ | ONE_THREAD, timeout=LIMIT, check=False
+        )
     except subprocess.TimeoutExpired as late:
         raise RuntimeError(f"{case} on {ranks} ranks takes more than {LIMIT:g} s") from late
     if done.returncode:

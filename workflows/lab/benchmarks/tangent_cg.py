@@ -20,13 +20,13 @@ import typer
 from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.benchmarks.price_run import cubes
 from stickslip.workflows.scene_file.read import read
 
-for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[threads] = "1"
+os.environ.update(ONE_THREAD)  # before the first operation that would start them
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "tangent_cg.md"
 METHODS = ("tangent-cg", "surface-uzawa")
