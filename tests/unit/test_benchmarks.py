@@ -90,7 +90,7 @@ def problem_of(case: str = "slips") -> DiscreteProblem:
 
 def test_an_answer_counts_only_if_our_residual_says_so() -> None:
     problem = problem_of()
-    right = np.array(ONE["slips"][1]) / problem.scales[0]
+    right = np.array(ONE["slips"][1]) / problem.units[0]
     assert discrete.measure(problem, lambda *_: (0.25, right), 1e-8) == 0.25
     for wrong in (1.001 * right, np.full(3, np.nan), None):
         assert discrete.measure(problem, lambda *_, wrong=wrong: (0.25, wrong), 1e-8) == math.inf
@@ -268,7 +268,7 @@ def test_a_peer_that_is_missing_is_said_to_be_so(tmp_path: Path, monkeypatch: py
     ours, *others = programs.measured(tmp_path, 3, [2], 1.0)
     assert (ours["name"], ours["status"]) == (OURS, "converged")
     assert [run["status"] for run in others] == ["not installed: Debian: nothing", "not installed: is ours too"]
-    assert "not installed: Debian: nothing" in price.section(3, [ours, *others])
+    assert "not installed: Debian: nothing" in price.write_page(tmp_path, [], [ours, *others]).read_text()
 
 
 def test_a_peer_that_would_take_too_long_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,7 +26,7 @@ FLOORS = {  # from the ground up
     " methods classical method_registry stepping results accuracy simulation",
     "workflows": "formats pictures writers scene_file run accuracy sweep cost commands demos",
     "": "public __main__",  # the public face; what stands on it is a script that a user might have written
-    "workflows.lab": "analysis verification benchmarks studies pages commands",  # nothing of the product imports it
+    "workflows.lab": "verification benchmarks studies pages commands",  # nothing of the product imports it
 }
 DEMOS = (  # programs for readers, who are to see the calls of gmsh, UFL, dolfinx, PETSc and pyvista
     "workflows/demos/",

@@ -1,9 +1,5 @@
 """Memory is foretold from the mesh and compared with what the machine and its groups have left."""
 
-import json
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -33,6 +29,8 @@ from stickslip.solvers.simulation.memory import (
     memory_of,
 )
 from stickslip.solvers.stepping.choice import ENTRIES, Choice, Size, Stage
+from stickslip.workflows.lab.benchmarks.memory import measure
+from stickslip.workflows.lab.benchmarks.own_process import apart
 from stickslip.workflows.run.mesh_report import look
 from stickslip.workflows.scene_file.read import read
 
@@ -257,10 +255,7 @@ def part(memory: dict[str, object], name: str) -> float:
 )
 def test_the_peak_of_a_run_is_the_one_that_was_foretold(case: tuple[str, ...]) -> None:
     """In a process of its own: its peak is counted from the beginning."""
-    command = [sys.executable, "-m", "stickslip.workflows.lab.benchmarks.memory_run", *case]
-    done = subprocess.run(
-        command, check=True, capture_output=True, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"}
-    )
-    found = json.loads(done.stdout.splitlines()[-1])
+    scene, *override = case
+    found = apart(measure, scene, override)
     measured, expected = max(found["stages"].values()), max(found["predicted"].values())
     assert 1 / FACTOR < expected / measured < FACTOR

@@ -73,8 +73,8 @@ class Halving(Uzawa):
 ASKED = """
 import stickslip
 from stickslip.solvers.stepping.choice import Size, chain
-from stickslip.workflows.lab.pages.method_table import PAGE, renewed
-from stickslip.workflows.lab.pages.scene_page import reference
+
+from stickslip.workflows.lab.pages.scene_page import METHODS_PAGE, reference, renewed
 from stickslip.workflows.scene_file.read import to_dict
 
 small = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5", "output.error=false"]
@@ -83,7 +83,8 @@ first = next(iter(stickslip.prepare(scene).steps()))
 assert {row[-1] for row in first.history} == {"halving"}
 assert to_dict(scene)["solver"]["part"] == 0.25
 assert "| `part` | number | - | 0.5 | of a half |" in reference()
-assert "| `halving` | to be tested | all | all | all | held by supports | condensed |" in renewed(PAGE.read_text())
+methods = renewed(METHODS_PAGE.read_text())
+assert "| `halving` | to be tested | all | all | all | held by supports | condensed |" in methods
 assert "halving (condensed)" in [str(stage) for stage in chain("condensed", Size(2, 1000, 8e4, 100))]
 for words, text in (
     (["solver.part=-1"], "solver.part = -1.0: must be positive"),

@@ -32,7 +32,8 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import Accepted, StepError
 from stickslip.solvers.stepping.update import relative_displacement
 from stickslip.solvers.system.system import System
-from stickslip.workflows.lab.analysis.saddle_points import (
+from stickslip.workflows.lab.studies import saddle_points as study
+from stickslip.workflows.lab.studies.saddle_points import (
     Bounds,
     Exact,
     InexactRichardson,
@@ -46,7 +47,6 @@ from stickslip.workflows.lab.analysis.saddle_points import (
     measured,
     membrane,
 )
-from stickslip.workflows.lab.studies import saddle_points as study
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read
 

@@ -9,8 +9,7 @@ import pytest
 import stickslip.workflows
 from stickslip.solvers.method_registry import METHODS
 from stickslip.workflows.lab.pages import folder_map
-from stickslip.workflows.lab.pages.method_table import HEAD, PAGE, renewed
-from stickslip.workflows.lab.pages.scene_page import FILE, reference
+from stickslip.workflows.lab.pages.scene_page import FILE, METHODS_HEAD, METHODS_PAGE, reference, renewed
 from stickslip.workflows.scene_file.read import READY, from_dict, read
 
 README = Path(stickslip.workflows.__file__).parents[2] / "README.md"
@@ -36,15 +35,15 @@ def test_the_readme_scene_is_the_ready_scene_block() -> None:
 
 
 def test_the_page_of_methods_says_of_every_method_what_the_code_says() -> None:
-    """Renew it with `python -m stickslip.workflows.lab.pages.method_table`."""
-    text = PAGE.read_text(encoding="utf-8")
+    """Renew it with `python -m stickslip.workflows.lab.pages.scene_page`."""
+    text = METHODS_PAGE.read_text(encoding="utf-8")
     assert text == renewed(text)
-    table = text.partition(HEAD)[2].partition("\n\n")[0]
+    table = text.partition(METHODS_HEAD)[2].partition("\n\n")[0]
     assert [row.split("`")[1] for row in table.splitlines() if row.startswith("| `")] == list(METHODS)
 
 
 def test_a_method_without_a_row_gets_one() -> None:
-    text = PAGE.read_text(encoding="utf-8")
+    text = METHODS_PAGE.read_text(encoding="utf-8")
     without = "\n".join(line for line in text.split("\n") if not line.startswith("| `uzawa` | the classical"))
     assert without != text
     assert renewed(without) == text

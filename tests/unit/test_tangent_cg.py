@@ -32,9 +32,17 @@ from stickslip.solvers.tangent import operator as operator_module
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.solvers.tangent.laws import Tangent
 from stickslip.solvers.tangent.operator import TangentOperator
-from stickslip.workflows.lab.analysis.slip_tangent import SlipTangent, unsymmetry
-from stickslip.workflows.lab.analysis.tangent_solves import ILU, condition, dropped_fill, gauss_seidel, gmres, mumps
 from stickslip.workflows.lab.studies.published.contact import march, scene
+from stickslip.workflows.lab.studies.published.tangent import (
+    ILU,
+    SlipTangent,
+    condition,
+    dropped_fill,
+    gauss_seidel,
+    gmres,
+    mumps,
+    unsymmetry,
+)
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read
 

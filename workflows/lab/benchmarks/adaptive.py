@@ -12,13 +12,10 @@ far finer mesh, for the ball in the axisymmetric model. CPU seconds, one thread.
 from __future__ import annotations
 
 import gc
-import logging
-import os
 import tempfile
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -33,14 +30,12 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy, Output, Steps
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.accuracy.rounds import Rounds
+from stickslip.workflows.formats.templates import render
+from stickslip.workflows.lab.benchmarks.own_process import apart
 from stickslip.workflows.lab.verification.cases import cattaneo, hertz, punch, raous
 from stickslip.workflows.lab.verification.cases.raous import SIDE
 from stickslip.workflows.run.run import run
-from stickslip.workflows.run.watch import LOGGERS, Watch
-
-for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[threads] = "1"  # before numpy starts them
-
+from stickslip.workflows.run.watch import Watch
 
 METHOD = "condensed-newton"
 RATIO = 2**-0.5  # of the mesh sizes, from one mesh to the next
@@ -50,21 +45,6 @@ SLOWEST = -0.3  # power of the unknowns with which an error falls that still cou
 WINDOW = 2  # meshes in a row that have to be good enough: an error that changes its sign is small by luck once
 BUDGET = 3600.0  # [s] of the rounds, more than they take on a busy machine
 RAOUS_FINEST = 1e-4  # where runs of one size take longer than a few rounds
-PAGE = f"""# What adaptive rounds save
-
-`python -m stickslip.workflows.lab.benchmarks.adaptive -o docs/adaptive.md` measures it, in a few minutes on one core.
-`stickslip run --accuracy NUMBER=1%` begins on a coarse mesh of one size. Beside it stands the same scene refined as a
-whole from that mesh, in order 1 and 2, and from one that is graded towards the contact by hand. Of those the last run
-alone counts, on the coarsest mesh from which on the true error stays below what is asked, as if it had been known. Of
-the rounds all count, with their estimates of errors; order: of the last one. Halved: what one does without rounds, the
-mesh of one size is halved, each run with its estimate, until the stated error is below what is asked; all of these runs
-count. s: CPU seconds, one thread. true: distance to order 2 on a far finer mesh; for the ball to that of the
-axisymmetric model. ~: beyond what was solved, by the trend of the finest {TREND} meshes.
-
-Rounds save most where a corner or an edge of contact decides (`punch`). The friction force of `raous` is smooth, and a
-mesh of one size that is known beforehand has .1 % of it in less than half a second: there the number of rounds decides,
-not their unknowns, and three rounds take longer than one run. So it is asked for {100 * RAOUS_FINEST:g} % too.
-"""
 HALVED = "halved, order 1"
 WAYS = ("one size, order 1", "one size, order 2", "graded by hand, order 1")
 
@@ -198,6 +178,13 @@ class Row:
         """Name the number that is asked for."""
         return f"{self.name}: {self.goal.split('.')[1]}"
 
+    @property
+    def saved(self) -> list[str]:
+        """Ratios of the price of a mesh of one size and order 1 to that of the rounds: unknowns, seconds, halved."""
+        whole, own = self.others[WAYS[0]], self.rounds
+        seconds = (whole.seconds, self.others[HALVED].seconds)
+        return [_digits(ratio) for ratio in (whole.unknowns / own.unknowns, *(one / own.seconds for one in seconds))]
+
     def line(self) -> str:
         """The line of the table, in Markdown."""
         told = f"{100 * self.stated:.2g} % | {100 * self.rounds.error:.2g} %"
@@ -312,36 +299,15 @@ def _digits(value: float) -> str:
     return f"{float(f'{value:.2g}'):.10g}"
 
 
-def silence() -> None:
-    """No line for each iteration."""
-    for name in LOGGERS:
-        logging.getLogger(name).propagate = False  # FFCx has given the root logger a handler
-
-
 def measured(name: str) -> list[Row]:
     """All rows of a case."""
     return list(rows(CASES[name], name))
 
 
 def page(found: Sequence[Row]) -> str:
-    """The page docs/adaptive.md."""
-    ways = "".join(f" {way}: unknowns | s |" for way in (*WAYS, HALVED))
-    head = f"| number | asked | rounds | order | stated | true | unknowns | s |{ways}"
-    lines = [PAGE, head, "|" + " --- |" * (head.count("|") - 1), *(row.line() for row in found), "", *_saved(found)]
-    return "\n".join(lines) + "\n"
-
-
-def _saved(found: Sequence[Row]) -> Iterator[str]:
-    """Ratio of the price of a mesh of one size and order 1 to that of the rounds."""
-    yield "| number | asked | times fewer unknowns | times fewer seconds | than halving, all runs of both |"
-    yield "| --- | --- | --- | --- | --- |"
-    for row in found:
-        whole, own = row.others[WAYS[0]], row.rounds
-        saved = (
-            whole.unknowns / own.unknowns,
-            *(other / own.seconds for other in (whole.seconds, row.others[HALVED].seconds)),
-        )
-        yield f"| {row.number} | {100 * row.asked:g} % | {' | '.join(map(_digits, saved))} |"
+    """Return the page docs/adaptive.md."""
+    template = "lab/benchmarks/templates/adaptive.md"
+    return render(template, rows=found, ways=(*WAYS, HALVED), trend=TREND, finest=RAOUS_FINEST)
 
 
 def main(
@@ -351,10 +317,9 @@ def main(
     """Measure, print the table, and write the page."""
     found = list[Row]()
     for name in (name for name in CASES if only in name):
-        with get_context("spawn").Pool(1, silence) as child:  # a process of its own returns its memory
-            for row in child.apply(measured, (name,)):
-                found.append(row)
-                print(row.line(), flush=True)
+        for row in apart(measured, name):
+            found.append(row)
+            print(row.line(), flush=True)
     if output is not None:
         output.write_text(page(found), encoding="utf-8")
 

@@ -8,13 +8,10 @@ from __future__ import annotations
 
 import gc
 import json
-import logging
-import os
 import time as clock
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated
 
@@ -34,12 +31,8 @@ from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain, Reached
 from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.system.system import System, assemble
-from stickslip.workflows.run.watch import LOGGERS
+from stickslip.workflows.lab.benchmarks.own_process import apart
 from stickslip.workflows.scene_file.read import read
-
-for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[threads] = "1"  # before numpy starts them
-
 
 STAGES = (
     Stage("condensed-newton", "condensed"),
@@ -211,12 +204,6 @@ def row(case: Case, count: int, limit: float) -> Row:
     return Row(case.name, size, begins, runs)
 
 
-def silence() -> None:
-    """No line for each iteration."""
-    for name in LOGGERS:
-        logging.getLogger(name).setLevel(logging.ERROR)
-
-
 def main(
     limit: Annotated[float, typer.Option(help="CPU seconds that the steps of one run may take", min=0.1)] = 20.0,
     only: Annotated[str, typer.Option(help="scenes whose name contains this")] = "",
@@ -226,8 +213,7 @@ def main(
     names = "".join(f"{name:>9} " for name in ("newton", "uzawa", "free", "tangent"))
     print(f"{'scene':22}{'dofs':>8}{'contact':>8}{'steps':>6}{names}| auto begins with")
     for case, count in product((case for case in CASES if only in case.name), COUNTS):
-        with get_context("spawn").Pool(1, silence) as child:  # a process of its own returns its memory
-            found = child.apply(row, (case, count, limit))
+        found = apart(row, case, count, limit)
         print(found.line(), flush=True)
         if output:
             with output.open("a", encoding="utf-8") as file:

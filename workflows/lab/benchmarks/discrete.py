@@ -22,11 +22,11 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import MachineError, StickslipError
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem, residual
 from stickslip.solvers.stepping.discrete_chain import AUTO, refuse_unusable, solve
+from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.formats.fclib import read_problem
 from stickslip.workflows.pictures.performance_profile import CLOCK, FACTORS, draw_profile, shares
 
-for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[threads] = "1"  # before the first operation that would start them
+os.environ.update(ONE_THREAD)  # before the first operation that would start them
 
 OURS = "ours: "
 SICONOS = {  # name: solvers in 2D and 3D, most iterations

@@ -28,6 +28,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoints
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.run import run as running
 from stickslip.workflows.run.resume import LearntFiles
 from stickslip.workflows.run.watch import LOGGERS, Watch
@@ -35,8 +36,7 @@ from stickslip.workflows.scene_file.read import read
 from stickslip.workflows.writers.tables import TableWriter
 from stickslip.workflows.writers.xdmf import FieldFiles
 
-for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[threads] = "1"  # before numpy starts them
+os.environ.update(ONE_THREAD)  # before the first operation that would start them
 
 
 CYCLES = 5

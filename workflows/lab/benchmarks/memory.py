@@ -1,20 +1,24 @@
 """Memory of runs by stage, measured and foretold: `python -m stickslip.workflows.lab.benchmarks.memory [FILE]`.
 
-Each case is run in a process of its own, with and without estimates of errors; FILE keeps what was measured, a line
-of JSON a run, and is read if it is there. Printed are a table, and the prices of `solvers/simulation/memory.py` that
-these runs give. Some fifteen minutes on one core; the largest run takes 2 GB.
+Each case is run in a process of its own, with and without estimates of errors. Peaks of resident memory are read, and
+begun anew, whenever its clock goes on to another phase (Linux: VmHWM, and 5 in /proc/self/clear_refs). FILE keeps what
+was measured, a line of JSON a run, and is read if it is there. Printed are a table, and the prices of
+`solvers/simulation/memory.py` that these runs give. Some fifteen minutes on one core; the largest run takes 2 GB.
 """
 
 from __future__ import annotations
 
 import json
-import os
-import subprocess  # of this program itself
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
+from stickslip.geometry.memory import peak
+from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.simulation.memory import (
     ENTRY,
     GMSH,
@@ -26,12 +30,17 @@ from stickslip.solvers.simulation.memory import (
     STAGES,
     VIEWERS,
     Counts,
+    Demand,
     memory_of,
 )
+from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Choice, Size, Stage
+from stickslip.workflows.lab.benchmarks.own_process import apart
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
 
-Run = Mapping[str, Any]  # what `memory_run` has printed
+Run = Mapping[str, Any]  # what `measure` returns
 TANGENT = 'solver={ method = "tangent-cg", surface = "matrix-free" }'
 UZAWA = 'solver={ method = "surface-uzawa", surface = "matrix-free" }'
 CONDENSED = 'solver={ surface = "condensed" }'
@@ -52,6 +61,12 @@ HELD_AGAINST = (  # the prices, which know nothing of these
     ("cube", TANGENT, "geometry.mesh_size=0.025", "output.error=false"),
     ("block", UZAWA, "geometry.mesh_size=0.016", "geometry.contact_mesh_size=0.016", "output.error=false"),
 )
+PHASES = {  # of `Demand`: the phases of the clock, and parts of them, of which each is made; the first that fits
+    "end": ("audit", "output/pictures"),
+    "meshing": ("mesh",),
+    "assembling": ("assemble",),
+    "solving": ("prepare", "iterate", "error", "output", "other"),
+}
 
 
 def cases() -> Iterator[tuple[str, ...]]:
@@ -62,12 +77,56 @@ def cases() -> Iterator[tuple[str, ...]]:
     yield from HELD_AGAINST
 
 
-def measured(case: Sequence[str]) -> Run:
-    """One run, in a process of its own."""
-    command = [sys.executable, "-m", "stickslip.workflows.lab.benchmarks.memory_run", *case]
-    alone = os.environ | {"OMP_NUM_THREADS": "1"}
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, env=alone)
-    found: Run = json.loads(done.stdout.splitlines()[-1])
+def measure(scene: str, override: list[str]) -> dict[str, Any]:
+    """Peaks by stage, and by phase of the clock [bytes]; the size of the problem, and what is predicted for it."""
+    peaks, spent = dict[str, float](), Clock._stop
+    found, sizes = list[Demand](), dict[str, Any]()
+
+    def stop(clock: Clock) -> None:
+        phase = "/".join(filter(None, clock._on[-1]))
+        peaks[phase] = max(peaks.get(phase, 0.0), peak())
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+        spent(clock)
+
+    def prepared(simulation: Simulation) -> None:
+        found.append(simulation.demand)
+        sizes.update(counts(simulation))
+
+    with patch.object(Clock, "_stop", stop), tempfile.TemporaryDirectory() as folder:
+        run(read(scene, override), Path(folder) / "run", Watch(on_prepared=prepared))
+    return {
+        "scene": scene,
+        "override": override,
+        **sizes,
+        "peaks": peaks,
+        "stages": by_stage(peaks),
+        "predicted": found[0].stages,
+        "parts": [asdict(part) for part in found[0].parts],
+    }
+
+
+def counts(simulation: Simulation) -> dict[str, Any]:
+    """Counts that the prices are divided by."""
+    mesh, system, stage = simulation.mesh, simulation.system, simulation.stepper.chain.stage
+    found = Counts.of(mesh)
+    size = Size.of(system.problem, mesh, system.constraints, system.contacts)
+    return asdict(found) | {
+        "unknowns": size.dofs,
+        "entries": size.entries,
+        "contact_dofs": size.contact_dofs,
+        "dense_bytes": size.dense_bytes,
+        "form": stage.surface,
+        "method": stage.method,
+    }
+
+
+def by_stage(peaks: dict[str, float]) -> dict[str, float]:
+    """The peak of each stage [bytes]; "other" ends with the end, and counts for none but as that of solving."""
+    found = dict[str, float]()
+    for phase, value in peaks.items():
+        stage = next((s for s, own in PHASES.items() if phase in own or phase.split("/")[0] in own), "solving")
+        if phase not in ("other", "output"):  # they end behind the pictures
+            found[stage] = max(found.get(stage, 0.0), value)
     return found
 
 
@@ -105,12 +164,12 @@ def lines(runs: Sequence[Run]) -> Iterator[str]:
     heads = ("cells", "order", "form", "errors", "unknowns", *STAGES, "peak [GB]", "foretold / measured")
     yield f"| {' | '.join(heads)} |"
     yield f"|{' --- |' * len(heads)}"
-    for run in runs:
-        stages, wanted = run["stages"], "output.error=true" in run["override"]
+    for one in runs:
+        stages, wanted = one["stages"], "output.error=true" in one["override"]
         most = max(stages.values())
-        each = [f"{stages[stage] / run['unknowns']:.0f}" for stage in STAGES]
-        cells = (run["shape"], run["order"], run["form"], "yes" if wanted else "no", run["unknowns"])
-        yield f"| {' | '.join(map(str, (*cells, *each, f'{most / 1e9:.2f}', f'{foretold(run) / most:.2f}')))} |"
+        each = [f"{stages[stage] / one['unknowns']:.0f}" for stage in STAGES]
+        cells = (one["shape"], one["order"], one["form"], "yes" if wanted else "no", one["unknowns"])
+        yield f"| {' | '.join(map(str, (*cells, *each, f'{most / 1e9:.2f}', f'{foretold(one) / most:.2f}')))} |"
 
 
 def foretold(run: Run) -> float:
@@ -128,7 +187,7 @@ def main() -> None:
     if path is not None and path.exists():
         runs = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     else:
-        runs = [measured(case) for case in cases()]
+        runs = [apart(measure, scene, override) for scene, *override in cases()]
     if path is not None and not path.exists():
         path.write_text("".join(json.dumps(run) + "\n" for run in runs), encoding="utf-8")
     print("\n".join((*lines(runs), "", *fitted(runs))))

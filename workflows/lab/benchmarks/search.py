@@ -14,9 +14,9 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
+from stickslip.workflows.cost.measure import ONE_THREAD
 
-for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[threads] = "1"  # before numpy starts them
+os.environ.update(ONE_THREAD)  # before the first operation that would start them
 
 
 FACETS = 100_000

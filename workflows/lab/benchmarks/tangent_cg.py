@@ -9,22 +9,24 @@ from __future__ import annotations
 
 import os
 import time as clock
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 
 from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.formats.files import write_aside
+from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.benchmarks.price_run import cubes
 from stickslip.workflows.scene_file.read import read
 
-for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[threads] = "1"
+os.environ.update(ONE_THREAD)  # before the first operation that would start them
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "tangent_cg.md"
 METHODS = ("tangent-cg", "surface-uzawa")
@@ -37,38 +39,23 @@ PUSH = (
     "y = [[0, 0], [1, 0], [2, 0.01], [3, 0.012]], z = [[0, 0], [1, -0.05]] }",
     "steps={ end = 3.0, count = 3 }",
 )
-OTHERS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "cube, order 2": ("cube", (*PUSH, "geometry.order=2", "geometry.mesh_size=0.1")),
-    "cube, 16 steps": ("cube", ("geometry.mesh_size=0.05", "steps.count=16")),
-    "half_ball": ("half_ball", ("geometry.mesh_size=0.09",)),
-    "spheres": ("spheres", ()),
-}
-INTRODUCTION = """# The price of tangent-cg
 
-`tangent-cg` decides contact while the bodies are solved: an iteration is one product with the stiffness, one
-multigrid cycle and sweeps over the contact points. `surface-uzawa` solves the bodies once in each of its iterations.
-In 3D, where the bodies are too large to condense, `auto` begins with `tangent-cg`: in all rows here, and of
-3D in [choice](choice.md), it takes fewer seconds than `surface-uzawa`.
-`python -m stickslip.workflows.lab.benchmarks.tangent_cg` writes this page; larger cubes are in the
-[table of prices](howto/accuracy.md#the-unit-of-cost). Seconds of single runs differ: there they are up to half as
-large again.
 
-Below, three steps of a cube with n cells a side (pressed, dragged, then dragged by a fifth of that), by friction
-coefficient and tolerance; on a rigid plane, or on another cube whose mesh does not match; then other scenes.
+class Case(NamedTuple):
+    """A ready scene, what is set in it, and the methods that solve it."""
 
-* *Iterations* of each step, or of all.
-* *Cycles*, two numbers: multigrid cycles of the first two steps (of all in other scenes) over those of one linear solve
-  of the same bodies with their contact nodes held, by conjugate gradients with BoomerAMG, to 1e-8; and over those of
-  a solve to the tolerance of the row.
-* *Seconds*: CPU seconds of preparation and of the same steps over those of the fastest linear solve to 1e-8; and those
-  of the third step.
-* *Error*: what the method states of the last step, in the energy norm.
+    name: str
+    scene: str
+    settings: tuple[str, ...] = ()
+    methods: tuple[str, ...] = METHODS
 
-One core of a shared machine: counts are firm, seconds are not. Where nearly all slides (μ = 0.05), multigrid is set up
-again with normal motions alone held, now and then more than once; under bodies that float, cycles include those that
-make coarse motions. Each new direction of the load costs a cycle more, which gives the scale of the tractions.
 
-"""
+OTHERS = (
+    Case("cube, order 2", "cube", (*PUSH, "geometry.order=2", "geometry.mesh_size=0.1")),
+    Case("cube, 16 steps", "cube", ("geometry.mesh_size=0.05", "steps.count=16")),
+    Case("half_ball", "half_ball", ("geometry.mesh_size=0.09",)),
+    Case("spheres", "spheres"),
+)
 
 
 @dataclass(frozen=True)
@@ -136,38 +123,26 @@ def line(name: str, found: tuple[Measured | str, ...]) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
-def cases(n: int) -> Iterator[tuple[str, str, tuple[str, ...]]]:
-    """Name, ready scene and settings of the cubes with n cells a side."""
-    for mu in FRICTION:
-        yield (
-            f"n = {n}, μ = {mu:g}",
-            "cube",
-            (*PUSH, f"geometry.mesh_size={1 / n!r}", f"contacts.base.friction.mu={mu}"),
-        )
+def cases(sizes: Sequence[int]) -> Iterator[Case]:
+    """Cubes with n cells a side."""
     tetrahedra = "geometry.cells=simplex"
-    yield f"n = {n}, tetrahedra", "cube", (*PUSH, f"geometry.mesh_size={1 / n!r}", tetrahedra)
-    yield f"n = {n}, two cubes", "two_blocks", (*PUSH, *cubes(n), "geometry.cells=tensor")
-    yield f"n = {n}, two cubes, tetrahedra", "two_blocks", (*PUSH, *cubes(n), tetrahedra)
-
-
-def lines(sizes: tuple[int, ...]) -> Iterator[str]:
-    """The rows of both tables."""
-    heads = "".join(f" {m}: iterations | cycles [solves] | seconds [solves] | error |" for m in METHODS)
-    head = f"| case, tolerance |{heads}\n|---" + "|---" * 4 * len(METHODS) + "|"
-    yield "## Cubes\n"
-    yield head
     for n in sizes:
-        methods = METHODS[: 2 if n <= SMALL else 1]
-        for name, scene, settings in cases(n):
-            for tolerance in TOLERANCES:
-                yield line(
-                    f"{name}, {tolerance:g}", tuple(run(scene, settings, method, tolerance) for method in methods)
-                )
-    yield "\n## Other scenes\n"
-    yield head
-    for name, (scene, more) in OTHERS.items():
-        for tolerance in TOLERANCES:
-            yield line(f"{name}, {tolerance:g}", tuple(run(scene, more, m, tolerance) for m in METHODS))
+        methods, size = METHODS[: 2 if n <= SMALL else 1], (*PUSH, f"geometry.mesh_size={1 / n!r}")
+        for mu in FRICTION:
+            yield Case(f"n = {n}, μ = {mu:g}", "cube", (*size, f"contacts.base.friction.mu={mu}"), methods)
+        yield Case(f"n = {n}, tetrahedra", "cube", (*size, tetrahedra), methods)
+        two = (*PUSH, *cubes(n))
+        yield Case(f"n = {n}, two cubes", "two_blocks", (*two, "geometry.cells=tensor"), methods)
+        yield Case(f"n = {n}, two cubes, tetrahedra", "two_blocks", (*two, tetrahedra), methods)
+
+
+def rows(cases: Iterable[Case]) -> Iterator[str]:
+    """Measure all cases to each tolerance, and print each row as it is found."""
+    for case, tolerance in product(cases, TOLERANCES):
+        found = (run(case.scene, case.settings, method, tolerance) for method in case.methods)
+        row = line(f"{case.name}, {tolerance:g}", tuple(found))
+        print(row, flush=True)
+        yield row
 
 
 def main(
@@ -175,11 +150,9 @@ def main(
     output: Annotated[Path, typer.Option("-o", "--output", help="where the page goes")] = PAGE,
 ) -> None:
     """Measure, print each row as it is found, and write the page."""
-    rows = []
-    for row in lines(tuple(map(int, sizes.split(",")))):
-        print(row, flush=True)
-        rows.append(row)
-    write_aside(output, (INTRODUCTION + "\n".join(rows) + "\n").encode())
+    first = list(rows(cases([int(size) for size in sizes.split(",")])))
+    template = "lab/benchmarks/templates/tangent_cg.md"
+    write_aside(output, render(template, methods=METHODS, cubes=first, others=list(rows(OTHERS))).encode())
 
 
 if __name__ == "__main__":

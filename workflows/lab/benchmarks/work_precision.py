@@ -22,12 +22,12 @@ from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.step_result import Quantity, total_errors, values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import prepare
+from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.cost.pictures import BAND, log_log
 from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, Sheet
 from stickslip.workflows.scene_file.read import read
 
-for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[threads] = "1"  # before numpy starts them
+os.environ.update(ONE_THREAD)  # before the first operation that would start them
 
 FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25)  # of the scene's mesh sizes
 NAMES = {"stated": "stated by the run", "true": "true", "corrected": "of the corrected number"}

@@ -18,6 +18,7 @@ from PIL import Image
 
 from stickslip import VERSION
 from stickslip.workflows.formats.plus_minus import plus_minus
+from stickslip.workflows.formats.templates import render
 from stickslip.workflows.scene_file.read import READY
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -108,52 +109,25 @@ def amount(value: float, error: dict[str, Any]) -> str:
 
 
 def page(name: str, fact: dict[str, Any], result: dict[str, Any]) -> str:
-    """The page of a scene."""
+    """Return the page of a scene."""
     contact = fact["main"].partition(".")[0]
     last = result["steps"][-1]["contacts"][contact]
-    rows = [f"| {word} | {amount(last[key], last['error'][key])} |" for key, word in NUMBERS.items()]
-    return "\n".join(
-        [
-            f"<!-- facts: {json.dumps(fact, ensure_ascii=False)} -->",
-            f"# {fact['title']}\n",
-            f"![The bodies of the scene {name}]({name}.png)\n",
-            f"Ready scene `{name}`. Main number: **{fact['main']}**. {lessons(name)[1]}\n",
-            "| | |\n|---|---|",
-            f"| model | {fact['model']} |",
-            f"| effects | {', '.join(fact['effects'])} |",
-            f"| unknowns, contact points | {fact['unknowns']}, {fact['points']} |",
-            f"| steps | {fact['steps']} |",
-            f"| seconds, all of the run | {fact['seconds']:g} |\n",
-            f"## Contact `{contact}` at the end\n",
-            f"![Pressure, friction and status of {contact}]({name}_contact.png)\n",
-            "| number [SI] | value |\n|---|---|",
-            *rows,
-            *([f"\n![Force against motion]({name}_loop.png)"] if (PAGES / f"{name}_loop.png").exists() else []),
-            "\n## The scene\n",
-            f"    .venv/bin/stickslip new {name}     # a copy to change",
-            f"    .venv/bin/stickslip run {name}\n",
-            f"```toml\n{scene_text(name)}```\n",
-        ]
+    return render(
+        "lab/pages/templates/gallery_scene.md",
+        name=name,
+        fact=fact,
+        facts=json.dumps(fact, ensure_ascii=False),
+        lesson=lessons(name)[1],
+        contact=contact,
+        amounts={word: amount(last[key], last["error"][key]) for key, word in NUMBERS.items()},
+        loop=(PAGES / f"{name}_loop.png").exists(),
+        scene=scene_text(name),
     )
 
 
 def contents(found: dict[str, dict[str, Any]]) -> str:
-    """The list of all scenes."""
-    parts = [
-        "# Gallery\n",
-        "The ready scenes, as `stickslip run NAME` solves and draws them. Seconds are of a whole run with pictures",
-        "and estimates of errors, on one core. ± is the error that the run states of the scene's main number.",
-    ]
-    for title, machines in (("Machines and structures", True), ("Models to learn from", False)):
-        parts += [f"\n## {title}\n", "| | scene | model | unknowns | steps | seconds | main number |", "|---" * 7 + "|"]
-        parts += [
-            f"| ![{name}]({name}.png) | [{fact['title']}]({name}.md) | {fact['model']} | {fact['unknowns']} |"
-            f" {fact['steps']} | {fact['seconds']:g} | {fact['main']} |"
-            for name, fact in found.items()
-            if (name in MACHINES) == machines
-        ]
-    parts += ["\n```{toctree}\n:hidden:\n", *found, "```\n"]
-    return "\n".join(parts)
+    """Return the list of all scenes."""
+    return render("lab/pages/templates/gallery.md", found=found, machines=MACHINES)
 
 
 def main(names: Annotated[list[str] | None, typer.Argument(help="solve these again, changed or not")] = None) -> None:

@@ -1,4 +1,7 @@
-"""workflows/SCENE.md, from the dataclasses: `python -m stickslip.workflows.lab.pages.scene_page` renews it."""
+"""Pages made from classes, renewed by `python -m stickslip.workflows.lab.pages.scene_page`.
+
+They are workflows/SCENE.md, of the dataclasses of a scene, and the table of methods in docs/theory/methods.md.
+"""
 
 from __future__ import annotations
 
@@ -7,99 +10,77 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.builders import Builder
 from stickslip.geometry.keys import ByKeys, Choice, Components, Key, Noun
 from stickslip.geometry.user_files.user_file import Box, UserFile
 from stickslip.solvers.effects import EFFECTS
+from stickslip.solvers.method_registry import METHODS
+from stickslip.solvers.methods.method import Applicability
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
+from stickslip.workflows.formats.templates import render
 from stickslip.workflows.scene_file.read import kinds_of_keys
 from stickslip.workflows.writers.writer import added_keys
 
 FILE = Path(__file__).parents[2] / "SCENE.md"
-HEAD = """# Scene file, version 1
-
-Generated from the dataclasses; do not edit. Every table and key that a scene may hold; unknown ones are refused.
-A *value in time* is a number, reached at `steps.end` from 0 at t = 0, or a table `[[time, value], ...]`: piecewise
-linear, constant after the last, 0 at t = 0 unless listed; or `{ csv = "pressure.csv", time = "t", column = "p" }`: such
-a table from two columns of a CSV file, relative to the scene file, whose first line names the columns. Units are those
-that `units` names, SI without it; no number is converted, and the tables here say that of the SI. Plane models: forces
-and areas per metre of thickness.
-
-An *expression* is a formula in quotes, such as `"-0.2*E*sin(pi*x/2)"`: numbers, `+ - * / **`, parentheses; `x`, `y`,
-`z` [m] of the undeformed body, `t` [s], `pi`, `E` [Pa] and `nu` of the body, or its constants by axis; `sin cos tan exp
-sqrt log abs`, `min` and `max` of two or more. Without `t` it is reached at `steps.end` from 0 at t = 0, like a number;
-with `t` it is what it says at every time that is solved. When its rate turns is not known: request such times by
-`steps.count` or a table. Loads integrate it exactly up to degree 5 at order 1, 6 at order 2; supports follow it at the
-nodes. steps.csv does not list it.
-"""
 # fields of a scene in Python: the keys that writers add, and the unit that a scene sets
 NO_KEYS: Mapping[Any, Sequence[str]] = {Output: ("writers",), UserFile: ("scene_length",)}
 TABLES = (
-    "bodies",
-    "obstacles",
-    "contacts",
-    "supports",
-    "loads",
-    "probes",
-    "steps",
-    "solver",
-    "output",
-    "exact",
-    "accuracy",
-)
+    "bodies", "obstacles", "contacts", "supports", "loads", "probes", "steps", "solver", "output", "exact", "accuracy",
+)  # fmt: skip
+METHODS_PAGE = Path(__file__).resolve().parents[3] / "docs" / "theory" / "methods.md"
+COLUMNS = ("normal laws", "friction", "operators", "bodies", "`solver.surface`")
+METHODS_HEAD = f"| `solver.method` | when | {' | '.join(COLUMNS)} |"
+Row = tuple[str, ...]  # cells of a table
+
+
+class Kind(NamedTuple):
+    """A noun of a scene file: its heading, what it is, and its keys."""
+
+    heading: str
+    words: str
+    rows: list[Row]
 
 
 def reference() -> str:
-    """The whole page."""
+    """Return the whole page."""
     hints = kinds_of_keys()
-    parts = [HEAD, "## Top level\n", *_table(_top_level(hints))]
-    parts += _section("geometry", Builder)
-    parts += ["### file\n", UserFile.__doc__ or "", "", *_table(_rows(UserFile)), ""]
-    for name in TABLES:
-        parts += _section(name, hints[name])
-    for effect in EFFECTS:
-        if effect.table is not None:
-            parts += _section(effect.name, effect.table)
-    return "\n".join(parts) + "\n"
+    tables = {name: hints[name] for name in TABLES} | {e.name: e.table for e in EFFECTS if e.table is not None}
+    sections = {"geometry": [*_kinds("geometry", Builder), _kind("file", UserFile)]}
+    for name, kind in tables.items():
+        several = get_origin(kind) is Mapping
+        noun = get_args(kind)[1] if several else kind
+        sections[f"{name}{'.NAME' if several else ''}"] = list(_kinds(name, noun))
+    top_level = [_row(f, hints[f.name]) for f in fields(Scene) if f.name in ("title", "model", "units")]
+    return render("lab/pages/templates/scene.md", top_level=top_level, sections=sections)
 
 
-def _section(name: str, kind: Any) -> Iterator[str]:
-    several = get_origin(kind) is Mapping
-    noun = get_args(kind)[1] if several else kind
-    yield f"\n## [{name}{'.NAME' if several else ''}]\n"
+def _kinds(name: str, noun: Any) -> Iterator[Kind]:
+    """Yield what a table may hold, and the kinds of the tables in it."""
     if isinstance(noun, type) and issubclass(noun, ByKeys):  # the keys of a table choose the kind
-        for word, kind in noun.kinds.items():
-            yield f"### {word}\n"
-            yield (kind.__doc__ or "").strip().split("\n")[0] + "\n"
-            yield from _table(_rows(kind))
-            yield ""
+        yield from (_kind(word, kind) for word, kind in noun.kinds.items())
         return
-    kinds = noun.kinds if _is_family(noun) else [noun]
-    for each in kinds:
-        if len(kinds) > 1 or _is_family(noun):
-            yield f"### {noun.tag} = {_default_text(_tag_field(noun, each))}\n"
-        yield (each.__doc__ or "").strip().split("\n")[0] + "\n"
-        yield from _table(_rows(each))
-        yield ""
+    for each in noun.kinds if _is_family(noun) else [noun]:
+        yield _kind(_tagged(noun, each) if _is_family(noun) else "", each)
         for key, family in _families(each):
             for law in family.kinds:
-                yield f"### {name}.NAME.{key}: {family.tag} = {_default_text(_tag_field(family, law))}\n"
-                yield (law.__doc__ or "").strip().split("\n")[0] + "\n"
-                yield from _table(_rows(law))
-                yield ""
+                yield _kind(f"{name}.NAME.{key}: {_tagged(family, law)}", law)
 
 
-def _top_level(hints: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    for f in fields(Scene):
-        if f.name in ("title", "model", "units"):
-            yield _row(f, hints[f.name])
+def _kind(heading: str, noun: Any) -> Kind:
+    return Kind(heading, (noun.__doc__ or "").strip().split("\n")[0], list(_rows(noun)))
 
 
-def _rows(noun: Any) -> Iterator[tuple[str, ...]]:
+def _tagged(family: Any, kind: Any) -> str:
+    """Return the tag of a family and its word for a kind."""
+    tag = next(f for f in fields(kind) if f.name == family.tag)
+    return f"{family.tag} = {_default_text(tag)}"
+
+
+def _rows(noun: Any) -> Iterator[Row]:
     assert is_dataclass(noun)
     hints = get_type_hints(noun, include_extras=True)
     added = added_keys() if noun is Output else {}
@@ -110,19 +91,12 @@ def _rows(noun: Any) -> Iterator[tuple[str, ...]]:
         yield from _rows(keys)
 
 
-def _row(f: Field[Any], hint: Any) -> tuple[str, ...]:
+def _row(f: Field[Any], hint: Any) -> Row:
     key = next(found for found in get_args(hint)[1:] if isinstance(found, Key))
     kind = _type_text(get_args(hint)[0])
     if any(isinstance(found, Components) for found in get_args(hint)):
         kind = re.sub("^(list|table) of", "list or table of", kind)
     return f"`{f.name.rstrip('_')}`", kind, key.unit, _default_text(f), key.meaning
-
-
-def _table(rows: Iterator[tuple[str, ...]]) -> Iterator[str]:
-    yield "| key | type | unit | default | meaning |"
-    yield "|---|---|---|---|---|"
-    for row in rows:
-        yield f"| {' | '.join(cell.replace('|', '/') for cell in row)} |"
 
 
 def _type_text(kind: Any) -> str:
@@ -175,10 +149,6 @@ def _is_family(kind: Any) -> bool:
     return isinstance(kind, type) and issubclass(kind, Choice) and Choice in kind.__bases__
 
 
-def _tag_field(family: Any, kind: Any) -> Field[Any]:
-    return next(f for f in fields(kind) if f.name == family.tag)
-
-
 def _families(noun: Any) -> Iterator[tuple[str, Any]]:
     hints = get_type_hints(noun)
     for name, hint in hints.items():
@@ -187,5 +157,45 @@ def _families(noun: Any) -> Iterator[tuple[str, Any]]:
                 yield name, part
 
 
+def renewed(text: str) -> str:
+    """The page with every method's row as its class has it."""
+    before, after = _split(text)
+    rows = [
+        f"| `{name}` | {method.WHEN} | {' | '.join(columns(method.WORKS_WITH))} |" for name, method in METHODS.items()
+    ]
+    return "\n".join([*before, METHODS_HEAD, "|" + "---|" * (2 + len(COLUMNS)), *rows, *after])
+
+
+def columns(method: Applicability) -> tuple[str, ...]:
+    """Abilities of the method, a cell for each of `COLUMNS`.
+
+    >>> columns(METHODS["regularised"].WORKS_WITH)
+    ('unilateral, bilateral, compliance', 'coulomb, tresca; no k_T', 'rigid', 'held by supports',
+     'condensed or matrix-free')
+    """
+    return (
+        _known(method.normal),
+        _known(method.friction) + ("" if method.k_T else "; no k_T") + ("" if method.rates else "; none by rate"),
+        _known(method.operators),
+        f"held or floating{'' if method.driven else '; no driven obstacles'}"
+        if method.floating
+        else f"held by supports{' or compliance' if method.bedded else ''}",
+        " or ".join(form for form in ("condensed", "matrix-free") if getattr(method, form.replace("-", "_"))) or "-",
+    )
+
+
+def _known(names: tuple[str, ...] | None) -> str:
+    return "all" if names is None else ", ".join(names)
+
+
+def _split(text: str) -> tuple[list[str], list[str]]:
+    """Lines before the table, and after it."""
+    lines = text.split("\n")
+    first = next(k for k, line in enumerate(lines) if line.startswith("| `solver.method` |"))
+    last = next(k for k in range(first, len(lines)) if not lines[k].startswith("|"))
+    return lines[:first], lines[last:]
+
+
 if __name__ == "__main__":
     FILE.write_text(reference(), encoding="utf-8")
+    METHODS_PAGE.write_text(renewed(METHODS_PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.workflows.formats.files import write_aside
+from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.studies.block_price.measure import (
     AS_EXACT,
     BLOCK,
@@ -21,24 +22,27 @@ from stickslip.workflows.lab.studies.block_price.measure import (
     TOLERANCE,
     Q,
 )
-from stickslip.workflows.lab.studies.published.finding import (
-    FREE_OF_H,
+from stickslip.workflows.lab.studies.finding import (
+    AS_MANY,
     Claim,
     Finding,
     Row,
     Rows,
+    beside,
     between,
     chosen,
     different,
+    done,
+    enough,
+    free_of_h,
+    grows,
     judged,
-    markdown,
+    mesh_of,
     pivot,
     said,
     slopes,
 )
 
-GROWS = 0.5  # log-log slope above which a number grows as h falls
-AS_MANY = 1.1  # ratio up to which two numbers of iterations count as equal
 SAME = 0.02  # relative difference up to which two runs are the same iteration
 AGREES = {"lam_max": 1e-4, "u_error": 1e-6}  # at a tolerance of 1e-8
 SIDE_BY_SIDE = ("h", "mu", "c_n", "steps")
@@ -84,7 +88,7 @@ def complete_is_free_of_h(rows: Rows) -> Finding:
 
 def mass_grows(rows: Rows) -> Finding:
     found = slopes(rows["h"], "iterations", method=EXACTLY[0])
-    return Finding({dim: value > GROWS for dim, value in found.items()}, f"slope against 1/h: {said(found)}")
+    return grows(found, f"slope against 1/h: {said(found)}")
 
 
 def gram_saves_iterations(rows: Rows) -> Finding:
@@ -149,10 +153,8 @@ def bound(rows: Rows) -> Finding:
 
 def bound_with_friction(rows: Rows) -> Finding:
     """With Coulomb's law: all runs below the bound converge."""
-    slipping = chosen(rows["alpha"], sticks=False)
-    cases = {f"{_q(row['method'])}, αλ₁/2 = {row['part']:g}": done(row) for row in slipping if row["part"] < 1}
-    beyond = [f"{row['part']:g}" for row in slipping if row["part"] > 1 and done(row)]
-    return Finding(cases, f"beyond the bound it still converges at αλ₁/2 = {', '.join(beyond) or 'none'}")
+    slipping = [row | {"q": _q(row["method"])} for row in chosen(rows["alpha"], sticks=False)]
+    return enough(slipping, "{q}, αλ₁/2 = {part:g}")
 
 
 def condensing_saves(rows: Rows) -> Finding:
@@ -172,14 +174,9 @@ def condensing_saves(rows: Rows) -> Finding:
 
 def twins_agree(rows: Rows) -> Finding:
     """The condensed form of the same iteration takes as many iterations, and less time."""
-    cases, ratios = dict[str, bool](), list[str]()
+    cases, ratios = {}, list[str]()
     for twin, method in LIKE.items():
-        found, counts = list[float](), list[float]()
-        for at in meshes(rows["h"]).values():
-            condensed, whole = _one(at, twin), _one(at, method)
-            if condensed and whole:
-                found.append(whole["seconds"] / condensed["seconds"])
-                counts.append(whole["iterations"] / condensed["iterations"])
+        found, counts = (beside(rows["h"], method, twin, key).values() for key in ("seconds", "iterations"))
         if found:
             cases[f"{twin}: as many iterations"] = all(abs(ratio - 1) <= SAME for ratio in counts)
             cases[f"{twin}: less time"] = all(ratio > 1 for ratio in found)
@@ -212,10 +209,6 @@ def always_converges(rows: Rows) -> Finding:
     return Finding(cases, f"measurements that fail or are stopped: {'; '.join(failed) or 'none'}")
 
 
-def done(row: Row) -> bool:
-    return bool(row["status"] == "converged")
-
-
 def side_by_side(rows: Rows) -> list[Row]:
     """Rows of the tables that show all methods, each once."""
     found: dict[tuple[object, ...], Row] = {}
@@ -229,7 +222,7 @@ def meshes(rows: Sequence[Row]) -> Mapping[str, list[Row]]:
     """Rows by mesh: "2D n = 8"."""
     found: dict[str, list[Row]] = {}
     for row in rows:
-        found.setdefault(f"{row['dim']}D n = {row['n']}", []).append(row)
+        found.setdefault(mesh_of(row), []).append(row)
     return found
 
 
@@ -255,24 +248,17 @@ def _free_of_h(rows: Rows, names: Sequence[str]) -> Finding:
         for name in names
         for dim, value in slopes(rows["h"], "iterations", method=f"{BLOCK}, {name}").items()
     }
-    return Finding({name: abs(value) < FREE_OF_H for name, value in found.items()}, f"slope against 1/h: {said(found)}")
+    return free_of_h(found, f"slope against 1/h: {said(found)}")
 
 
 def _gram_saves(rows: Rows, key: str) -> Finding:
     """Less of it than with Q = W, on the finest mesh where both converge; exact inner solves."""
-    cases, shares = {}, dict[str, float]()
+    shares = dict[str, float]()
     for dim in different(rows["h"], "dim"):
         for method in EXACTLY[1:]:
-            both = [
-                (name, own, plain)
-                for name, at in meshes(chosen(rows["h"], dim=dim)).items()
-                if (own := _one(at, method)) and (plain := _one(at, EXACTLY[0]))
-            ]
-            if both:
-                name, own, plain = both[-1]
-                shares[f"{name}, {_q(method)}"] = own[key] / plain[key]
-                cases[f"{name}, {_q(method)}"] = own[key] < plain[key]
-    return Finding(cases, f"{key} over those with Q = W: {said(shares)}")
+            found = beside(chosen(rows["h"], dim=dim), method, EXACTLY[0], key)
+            shares |= {f"{mesh}, {_q(method)}": share for mesh, share in list(found.items())[-1:]}
+    return Finding({name: share < 1 for name, share in shares.items()}, f"{key} over those with Q = W: {said(shares)}")
 
 
 def _inner(rows: Rows) -> Iterator[tuple[tuple[int, int, str], list[Row]]]:
@@ -323,65 +309,33 @@ CLAIMS = (
 
 NAME = "block_uzawa_price.md"
 BUSY = 0.9  # share of a core below which seconds are not those of the method alone
-INTRODUCTION = f"""# The price of the method as published
-
-`block-uzawa` is the method of N. Pop, *On the inexact Uzawa methods for saddle point problems arising from contact
-problem* (1999): Uzawa's iteration on the assembled blocks of the volume and of λ. The condensed methods
-(`condensed-newton`, `surface-uzawa`, `gram-uzawa`, `uzawa`) solve the same problem on the contact surface alone. This
-page lays them side by side on the same meshes, and says what the measurements show of the source's claims. No number
-and no verdict is typed by hand:
-`python -m stickslip.workflows.lab.studies.block_price --page docs/{NAME}` writes the page.
-
-**Scenes.** `block` (2D, 4 m x 2 m) and `cube` (3D, 1 m), E = 1 Pa, quadrilaterals and hexahedra, n cells over the
-height, so that h = height / n. The top is pressed down, then dragged sideways. If nothing else is said: unilateral
-contact, Coulomb's friction with mu = 0.3, two steps, tolerance {TOLERANCE:g}.
-
-**Methods.** `mass`: Q = W, no preconditioner. `gram`: Q from the Cholesky factor of the volume's Gram matrix of H1:
-complete, with a drop tolerance of 1e-3, or without fill (`ic0`). Inner solves are exact (MUMPS, one factor for all), or
-`inexact`: conjugate gradients with multigrid, stopped at 0.3 of the outer residual.
-
-**Columns.** Numbers are those of all steps together. *For λ₁*: further volume solves that find the step size
-α = 1.5/λ₁; other volume solves do not include them. *CG*: inner conjugate gradient iterations. *Prepare*: factorise or
-set up multigrid, and what the method prepares; meshing and assembly of the stiffness are not in it. *Ratio*: prepare
-and iterate, divided by the time of `{REFERENCE}` for the same problem. *Errors* are those at the end, against
-`{REFERENCE}` at tolerance {EXACT:g} on the same mesh: of λ at the nodes where s > 0, the largest one and the root of
-the mean square, weighted with the nodes' areas; of u in the energy norm, relative. Memory is not measured here, but by
-`python -m stickslip.workflows.lab.benchmarks.price`."""
-SECTIONS: Mapping[str, tuple[str, str]] = {
-    "h": ("Against the mesh size", "Two steps, mu = 0.3."),
-    "mu": ("Against friction", "Two steps."),
-    "c_n": (
-        "Against the normal compliance",
-        "p_n = c_n (u_n - g)_+, c_n in E/L, L the height: from weak to stiff. With compliance F is not linear, and "
-        "every step of its Newton iteration is a volume solve.",
-    ),
-    "steps": ("One big step, or two", "Pressed and dragged in one step, beside the same in two."),
-    "alpha": (
-        "The bound on α",
-        "Iterations, exact inner solves. Glued: bilateral contact that never slips, so that nothing is projected.",
-    ),
-    "inner": (
-        "Against the inner tolerance",
-        "elman-golub: relative to the outer residual; bramble-pasciak-vassilev: to the residual at the start of the "
-        f"inner solve, {AS_EXACT[1]:g} standing for an exact one.",
-    ),
-}
-HEADS = ("method", "iterations", "volume solves", "for λ₁", "CG", "prepare [s]", "iterate [s]", "ratio")
-ERRORS = ("λ, largest", "λ, mean", "u")
+TEMPLATE = "lab/studies/templates/block_price.md"
 
 
 def write_page(path: Path, rows: Rows) -> Path:
     """Write the page; its path."""
-    parts = [INTRODUCTION, conditions(rows), "## What the measurements say", verdicts(rows)]
-    for table, (title, words) in SECTIONS.items():
-        parts += [f"## {title}", words, *TABLES[table](rows[table])]
-    write_aside(path, ("\n\n".join(parts) + "\n").encode())
+    text = render(
+        TEMPLATE,
+        name=NAME,
+        tolerance=TOLERANCE,
+        exact=EXACT,
+        as_exact=AS_EXACT[1],
+        reference=REFERENCE,
+        conditions=conditions(rows),
+        verdicts=judged(CLAIMS, rows, verdict),
+        rows=rows,
+        alpha=[row | {"base": "glued" if row["sticks"] else f"mu = {row['mu']:g}"} for row in rows["alpha"]],
+        inner=[row | _inner_rule(row) for row in rows["inner"]],
+        pivot=pivot,
+        meshes=meshes,
+        done=done,
+        ratio=_ratio,
+        in_order=_in_order,
+        with_slopes=_with_slopes,
+        iterations=_iterations,
+    )
+    write_aside(path, text.encode())
     return path
-
-
-def verdicts(rows: Rows) -> str:
-    """Every claim with its verdict and the numbers behind it."""
-    return judged(CLAIMS, rows, verdict)
 
 
 def verdict(found: Finding) -> str:
@@ -409,104 +363,37 @@ def conditions(rows: Rows) -> str:
     return words
 
 
-def table(rows: Sequence[Row], beside: Sequence[Row], heads: Mapping[str, Callable[[Row], str]]) -> Iterator[str]:
-    """All columns of the rows; a row without an answer says why, below.
-
-    Args:
-        beside: rows among which those of the reference are.
-        heads: further columns on the left.
-    """
-    lines, notes = [], list[str]()
-    for row in rows:
-        left = [*(cell(row) for cell in heads.values()), row["method"]]
-        if done(row):
-            lines.append([*left, *_numbers(row, beside)])
-            continue
-        stopped = row["status"].startswith("stopped")
-        lines.append([*left, row["status"] if stopped else "fails", *[""] * (len(HEADS) + len(ERRORS) - 2)])
-        if not stopped:
-            notes.append(f"* {', '.join(left)} fails: {row['status']}")
-    yield markdown([*heads, *HEADS, *ERRORS], lines)
-    if notes:
-        yield "\n".join(notes)
-
-
-def _numbers(row: Row, beside: Sequence[Row]) -> list[str]:
+def _ratio(row: Row, beside: Sequence[Row]) -> str:
+    """Seconds over those of the reference for the same problem, which is among the rows beside it."""
     same = {key: row[key] for key in ("dim", "n", "mu", "c_n", "steps", "sticks")}
     reference = [other for other in chosen(beside, method=REFERENCE, **same) if done(other)]
-    ratio = f"{row['seconds'] / reference[0]['seconds']:.3g}" if reference else ""
-    counts = [str(row[key]) for key in ("iterations", "volume_solves", "for_lambda_1", "linear_iterations")]
-    times = [f"{row[key]:.2g}" for key in ("prepare", "iterate")]
-    return [*counts, *times, ratio, *(_error(row[key]) for key in ("lam_max", "lam_l2", "u_error"))]
+    return f"{row['seconds'] / reference[0]['seconds']:.3g}" if reference else ""
 
 
-def _error(value: float) -> str:
-    """
-    >>> _error(2.34e-7), _error(0.0)
-    ('2e-07', '0')
-    """
-    return f"{value:.0e}" if value else "0"
+def _in_order(rows: Sequence[Row], key: str) -> list[Row]:
+    """By method, then by the values of the key as they were measured."""
+    values = different(rows, key)
+    return sorted(rows, key=lambda row: (METHODS.index(row["method"]), values.index(row[key])))
 
 
-def _by_mesh(rows: list[Row]) -> Iterator[str]:
-    yield "Iterations; in the last columns the slope of log(iterations) against log(1/h) between the two finest meshes:"
-    grown = {method: slopes(rows, "iterations", method=method) for method in different(rows, "method")}
-    shown = [row | {"column": f"{row['dim']}D n = {row['n']}", "cell": _iterations(row)} for row in rows]
+def _with_slopes(rows: list[Row]) -> Iterator[Row]:
+    """Columns of the iterations on each mesh, then of their slopes in each dimension."""
+    for row in rows:
+        yield {"method": row["method"], "column": mesh_of(row), "cell": _iterations(row)}
     for dim in different(rows, "dim"):
-        column = f"{dim}D slope"
-        for method, by_dim in grown.items():
-            slope = f"{by_dim[f'{dim}D']:.2f}" if f"{dim}D" in by_dim else ""
-            shown.append({"method": method, "column": column, "cell": slope})
-    yield pivot(shown, lambda r: [r["method"]], lambda r: r["column"], lambda r: r["cell"], ["method"])
-    for dim, n in dict.fromkeys((row["dim"], row["n"]) for row in rows):
-        found = chosen(rows, dim=dim, n=n)
-        size = next((f", {r['dofs']} unknowns, {r['points']} nodes that can touch" for r in found if done(r)), "")
-        yield f"### {dim}D, n = {n}{size}"
-        yield from table(found, rows, {})
+        for method in different(rows, "method"):
+            grown = slopes(rows, "iterations", method=method).get(f"{dim}D")
+            slope = "" if grown is None else f"{grown:.2f}"
+            yield {"method": method, "column": f"{dim}D slope", "cell": slope}
 
 
-def _by(key: str, show: Callable[[Row], str]) -> Callable[[list[Row]], Iterator[str]]:
-    def shown(rows: list[Row]) -> Iterator[str]:
-        for dim, n in dict.fromkeys((row["dim"], row["n"]) for row in rows):
-            found = chosen(rows, dim=dim, n=n)
-            yield f"### {dim}D, n = {n}"
-            values = different(found, key)
-            in_order = sorted(found, key=lambda row: (METHODS.index(row["method"]), values.index(row[key])))
-            yield from table(in_order, rows, {key.replace("_", " ") if key != "c_n" else "c_n L/E": show})
-
-    return shown
-
-
-def _by_alpha(rows: list[Row]) -> Iterator[str]:
-    def line(row: Row) -> list[str]:
-        return [row["method"], "glued" if row["sticks"] else f"mu = {row['mu']:g}"]
-
-    yield pivot(rows, line, lambda r: f"αλ₁/2 = {r['part']:g}", _iterations, ["method", "base"])
-
-
-def _by_inner(rows: list[Row]) -> Iterator[str]:
-    def rule(row: Row) -> str:
-        return row["rule"] if "inexact" in row["method"] else "exact"
-
-    def share(row: Row) -> str:
-        return f"{row['share']:g}" if "inexact" in row["method"] else ""
-
-    for dim, n in dict.fromkeys((row["dim"], row["n"]) for row in rows):
-        yield f"### {dim}D, n = {n}"
-        yield from table(chosen(rows, dim=dim, n=n), rows, {"rule": rule, "tolerance": share})
+def _inner_rule(row: Row) -> Row:
+    """The rule and the tolerance of its inner solves, as they are shown."""
+    inexact = "inexact" in row["method"]
+    return {"rule": row["rule"] if inexact else "exact", "share": f"{row['share']:g}" if inexact else ""}
 
 
 def _iterations(row: Row) -> str:
     if done(row):
         return str(row["iterations"])
     return "stopped" if row["status"].startswith("stopped") else "fails"
-
-
-TABLES: Mapping[str, Callable[[list[Row]], Iterator[str]]] = {
-    "h": _by_mesh,
-    "mu": _by("mu", lambda row: f"{row['mu']:g}"),
-    "c_n": _by("c_n", lambda row: f"{row['c_n']:g}"),
-    "steps": _by("steps", lambda row: str(row["steps"])),
-    "alpha": _by_alpha,
-    "inner": _by_inner,
-}

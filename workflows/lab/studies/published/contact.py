@@ -23,10 +23,9 @@ from stickslip.solvers.results.observe import law_error
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import Accepted
-from stickslip.workflows.lab.analysis.saddle_points import Exact, membrane
 from stickslip.workflows.lab.studies import gram
-from stickslip.workflows.lab.studies.published.finding import Row
-from stickslip.workflows.lab.studies.saddle_points import NODES, RULES, SOFTNESS, STEPS, factors
+from stickslip.workflows.lab.studies.finding import Row
+from stickslip.workflows.lab.studies.saddle_points import NODES, RULES, SOFTNESS, STEPS, Exact, factors, membrane
 from stickslip.workflows.scene_file.read import read
 
 PRESSED = {2: 0.1, 3: 0.05}  # m, in the first step

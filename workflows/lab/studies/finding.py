@@ -14,6 +14,8 @@ Row = dict[str, Any]
 Rows = Mapping[str, list[Row]]  # by study
 HOLDS, HOLDS_NOT, UNKNOWN = "holds", "does not hold", "not measured"
 FREE_OF_H = 0.1  # log-log slope below which a quantity counts as independent of h
+GROWS = 0.5  # log-log slope above which a quantity counts as growing with 1/h
+AS_MANY = 1.1  # ratio up to which two numbers of iterations count as equal
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,14 @@ def different(rows: Iterable[Row], key: str) -> list[Any]:
     return list(dict.fromkeys(row[key] for row in rows))
 
 
+def mesh_of(row: Row) -> str:
+    """
+    >>> mesh_of({"dim": 2, "n": 8})
+    '2D n = 8'
+    """
+    return f"{row['dim']}D n = {row['n']}"
+
+
 def slope(rows: Iterable[Row], x: str, y: str) -> float | None:
     """Of log y against log x, over rows that have both; None of fewer than two.
 
@@ -78,6 +88,40 @@ def slopes(rows: list[Row], y: str, **keys: Any) -> dict[str, float]:
         if value is not None:
             found[f"{dim}D"] = value
     return found
+
+
+def free_of_h(found: Mapping[str, float], figure: str) -> Finding:
+    """Judge whether slopes against n are near zero."""
+    return Finding({name: abs(value) < FREE_OF_H for name, value in found.items()}, figure)
+
+
+def grows(found: Mapping[str, float], figure: str) -> Finding:
+    """Judge whether slopes against n are far above zero."""
+    return Finding({name: value > GROWS for name, value in found.items()}, figure)
+
+
+def done(row: Row) -> bool:
+    """Whether the run converged."""
+    return bool(row["status"] == "converged")
+
+
+def beside(rows: Iterable[Row], method: str, other: str, key: str) -> dict[str, float]:
+    """Return what a method takes of something over what another one takes, by mesh, where both converge."""
+    own, others = (
+        {mesh_of(row): row[key] for row in rows if row["method"] == m and done(row)} for m in (method, other)
+    )
+    return {mesh: value / others[mesh] for mesh, value in own.items() if mesh in others}
+
+
+def enough(rows: Sequence[Row], name: str) -> Finding:
+    """Judge whether all runs with a step size below the bound converge; the figure says which do beyond it.
+
+    Args:
+        name: of a case, a format.
+    """
+    cases = {name.format(**row): done(row) for row in rows if row["part"] < 1}
+    beyond = [f"{row['part']:g}" for row in rows if row["part"] > 1 and done(row)]
+    return Finding(cases, f"beyond the bound it still converges at αλ₁/2 = {', '.join(beyond) or 'none'}")
 
 
 def between(values: Iterable[float], form: str = ".2g") -> str:
@@ -124,18 +168,32 @@ def judged(claims: Iterable[Claim], rows: Rows, verdict: Callable[[Finding], str
 
 def pivot(
     rows: Iterable[Row],
-    line: Callable[[Row], Sequence[str]],
-    column: Callable[[Row], str],
-    cell: Callable[[Row], str],
-    heads: Sequence[str],
+    line: Sequence[str],
+    column: str,
+    cell: str | Callable[[Row], str],
+    heads: Sequence[str] = (),
 ) -> str:
-    """One line for each value of `line`, one column for each value of `column`, in the order of the rows."""
+    """One line for each value of the keys `line`, one column for each text of `column`, in the order of the rows.
+
+    Args:
+        column: a format, filled from a row.
+        cell: the same, or a function of the row.
+        heads: names of the keys, if these are not shown.
+
+    >>> print(pivot([{"method": "a", "n": 4, "count": 7}], ["method"], "n = {n}", "{count:.1f}"))
+    | method | n = 4 |
+    |---|---|
+    | a | 7.0 |
+    """
     cells: dict[tuple[str, ...], dict[str, str]] = {}
     columns: dict[str, None] = {}
     for row in rows:
-        cells.setdefault(tuple(line(row)), {})[column(row)] = cell(row)
-        columns[column(row)] = None
-    return markdown([*heads, *columns], [[*key, *(found.get(c, "") for c in columns)] for key, found in cells.items()])
+        name = column.format(**row)
+        text = cell.format(**row) if isinstance(cell, str) else cell(row)
+        cells.setdefault(tuple(row[key] for key in line), {})[name] = text
+        columns[name] = None
+    lines = [[*key, *(found.get(c, "") for c in columns)] for key, found in cells.items()]
+    return markdown([*(heads or line), *columns], lines)
 
 
 def csv_of(rows: Sequence[Row]) -> str:
