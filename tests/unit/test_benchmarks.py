@@ -277,7 +277,7 @@ def test_a_peer_that_is_missing_is_said_to_be_so(tmp_path: Path, monkeypatch: py
     ours, *others = programs.measured(tmp_path, 3, [2], 1.0)
     assert (ours["name"], ours["status"]) == (OURS, "converged")
     assert [run["status"] for run in others] == ["not installed: Debian: nothing", "not installed: is ours too"]
-    assert "not installed: Debian: nothing" in price.section(3, [ours, *others])
+    assert "not installed: Debian: nothing" in price.write_page(tmp_path, [], [ours, *others]).read_text()
 
 
 def test_a_peer_that_would_take_too_long_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,10 +27,10 @@ from stickslip.workflows.lab.studies.block_price.measure import Sizes as PriceSi
 from stickslip.workflows.lab.studies.block_price.page import CLAIMS as PRICE_CLAIMS
 from stickslip.workflows.lab.studies.block_price.page import NAME, SIDE_BY_SIDE, conditions, verdict
 from stickslip.workflows.lab.studies.block_price.page import write_page as write_price_page
+from stickslip.workflows.lab.studies.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen
 from stickslip.workflows.lab.studies.published import claims as c
 from stickslip.workflows.lab.studies.published.__main__ import measured
 from stickslip.workflows.lab.studies.published.contact import LEARNING, PLAIN, march, scene
-from stickslip.workflows.lab.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen
 from stickslip.workflows.lab.studies.published.measurements import MEASURED, Measurement, Sizes, measurements
 from stickslip.workflows.lab.studies.published.page import CLAIMS, claims, write_page
 

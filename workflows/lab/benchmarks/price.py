@@ -9,7 +9,6 @@ Other programs on the same meshes (`peers/`) stand beside our default, and are n
 from __future__ import annotations
 
 import base64
-import html
 import io
 import json
 import os
@@ -28,6 +27,7 @@ from matplotlib.ticker import LogLocator
 from rich.progress import Progress
 
 from stickslip.workflows.formats.files import write_aside
+from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.benchmarks.peers.ours import OURS
 from stickslip.workflows.lab.benchmarks.peers.programs import PROGRAMS, measured
 from stickslip.workflows.lab.benchmarks.price_run import COUNTED, REFERENCE, Case
@@ -138,12 +138,7 @@ def main(
     print(write_page(output, known, peers))
 
 
-if __name__ == "__main__":
-    typer.run(main)
-
-
 matplotlib.use("Agg")
-
 
 Run = dict[str, Any]
 COLOURS = {
@@ -153,25 +148,6 @@ COLOURS = {
 LINES = {1e-4: "--", 1e-8: "-"}
 BARS = {(2, 1e-8): ((64, 512), 1.5), (3, 1e-4): ((24, 64), 2.0), (3, 1e-8): ((24, 64), 2.5)}  # targets
 LIKE = ("dim", "n", "cells", "bodies")  # what a case must have in common with its linear reference
-STYLE = "body{font:15px sans-serif;max-width:75em;margin:2em auto} img{max-width:100%} table{border-collapse:collapse} "
-STYLE += "td,th{border:1px solid #bbb;padding:.2em .6em;text-align:right}"
-INTRODUCTION = """
-A block (2D) and a cube (3D) with n cells over the height, pressed onto a rigid plane (mu = 0.3) and shifted.
-Price: CPU seconds of preparation and of both steps over those of one linear elastic solve of the same mesh with the
-contact surface fixed, set-up and solution by the fastest of MUMPS, CG + BoomerAMG and CG + GAMG to 1e-8, in the same
-process. Medians of the ratios where short runs are repeated. One core. Memory: the process's peak over that of a
-process that assembles and solves the linear problem alone, by the fastest of the three.
-Solves: iterations of conjugate gradients, each with a multigrid cycle, in both steps over those of one linear solve to
-1e-8 by CG + BoomerAMG; own solves: over those of one to the case's own tolerance. Grey: what is aimed at.
-Growth: the slope of log(solves) against log(n), of volume solves where no iterations are counted, 0 where the mesh does
-not matter; of one body of quadrilaterals or hexahedra.
-"""
-COLUMNS = {
-    "n": "d", "dofs": "", "cells": "", "bodies": "d", "method": "", "surface": "", "tolerance": "g", "price": ".2f",
-    "further": ".2f", "seconds": ".3g", "reference": ".3g", "iterations": "d", "volume_solves": "d",
-    "linear_iterations": "d", "solves": ".2f", "own_solves": ".2f",
-    "memory": ".2f", "residual": ".1e",
-}  # fmt: skip
 
 
 def write_page(folder: Path, runs: list[Run], peers: Sequence[Run] = ()) -> Path:
@@ -180,15 +156,18 @@ def write_page(folder: Path, runs: list[Run], peers: Sequence[Run] = ()) -> Path
     png = io.BytesIO()
     picture(rows).savefig(png, dpi=110)
     write_aside(folder / "price.png", png.getvalue())
-    tables = "".join(
-        f"<h2>{dim}D</h2>{_section([row for row in rows if row['dim'] == dim])}{section(dim, peers)}" for dim in (2, 3)
-    )
-    shown = f'<img alt="prices against n" src="data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}">'
-    title = "The price of friction"
-    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
-    page = f"{head}<h1>{title}</h1><p>{INTRODUCTION}</p>{shown}{tables}</html>"
+    sections = [_section(dim, rows, peers) for dim in (2, 3)]
+    shown = base64.b64encode(png.getvalue()).decode()
+    page = render("lab/benchmarks/templates/price.html", picture=shown, sections=sections, programs=PROGRAMS)
     write_aside(folder / "price.html", page.encode())
     return folder / "price.html"
+
+
+def _section(dim: int, rows: list[Run], peers: Sequence[Run]) -> dict[str, Any]:
+    """What is known of one dimension: growth of the counts, every run, and the other programs."""
+    own, others = ([row for row in found if row["dim"] == dim] for found in (rows, peers))
+    grown = growth([row for row in own if _plain(row)])
+    return {"dim": dim, "growth": grown, "rows": own, "peers": [row(run, others) for run in others]}
 
 
 def growth(rows: list[Run]) -> dict[tuple[str, str, float], float]:
@@ -211,27 +190,6 @@ def growth(rows: list[Run]) -> dict[tuple[str, str, float], float]:
 def _plain(row: Run) -> bool:
     """Whether it is of one body of quadrilaterals or hexahedra: what curves and growth are made of."""
     return bool(row["cells"] == "tensor" and row["bodies"] == 1)
-
-
-def _section(rows: list[Run]) -> str:
-    """Section of a dimension: growth of the counts, then every run."""
-    lines = [
-        f"<tr><td>{method}<td>{surface}<td>{tolerance:g}<td>{slope:.2f}"
-        for (method, surface, tolerance), slope in growth([row for row in rows if _plain(row)]).items()
-    ]
-    head = "<tr><th>method<th>surface<th>tolerance<th>growth"
-    return f"<table>{head}{''.join(lines)}</table><br>{_table(rows)}"
-
-
-def _table(rows: list[Run]) -> str:
-    """All runs as a table; rows without a price give the reason."""
-    lines = ["<tr>" + "".join(f"<th>{key.replace('_', ' ')}" for key in COLUMNS) + "</tr>"]
-    for row in rows:
-        known = {key: row.get(key) for key in COLUMNS}
-        cells = "".join(f"<td>{'' if v is None else format(v, COLUMNS[k])}" for k, v in known.items())
-        because = "" if row["price"] else f"<td>{html.escape(row['status'])}"
-        lines.append(f"<tr>{cells}{because}</tr>")
-    return f"<table>{''.join(lines)}</table>"
 
 
 def _row(run: Run, runs: list[Run]) -> Run:
@@ -310,32 +268,6 @@ def picture(rows: list[Run]) -> Figure:
     return figure
 
 
-ABOUT_PEERS = """
-Other programs on the same meshes, with the same material, motion and friction, one thread. Seconds of the processor for
-assembly, preparation and both steps, ours too; price: in linear solves by the same clock. Errors: of the forces after
-the shift, relative to those of our program to 1e-10 on this mesh, whose contact holds at the nodes. GetFEM is exact in
-its own discretisation of contact; CalculiX has another hexahedron and a penalty. Not all set-ups are the best that
-their users know.
-"""
-PEER_COLUMNS = {
-    "n": "d", "name": "", "version": "", "dofs": "d", "price": ".3g", "seconds": ".3g", "iterations": "d",
-    "memory [GB]": ".2f", "error of N": ".1e", "error of T": ".1e", "penetration [m]": ".1e",
-}  # fmt: skip
-
-
-def section(dim: int, runs: Sequence[Run]) -> str:
-    """The table of one dimension; empty if nothing was measured."""
-    chosen = [run for run in runs if run["dim"] == dim]
-    if not chosen:
-        return ""
-    head = "".join(f"<th>{key}" for key in PEER_COLUMNS)
-    lines = [_line(row(run, chosen)) for run in chosen]
-    how = "".join(f"<li>{p.name}: {html.escape(p.how)}" for p in PROGRAMS if dim in p.dims)
-    return (
-        f"<h3>Peers on the same meshes</h3><p>{ABOUT_PEERS}</p><ul>{how}</ul><table><tr>{head}{''.join(lines)}</table>"
-    )
-
-
 def row(run: Run, runs: Sequence[Run]) -> Run:
     """One row: price and errors relative to our run on the same mesh, None without one."""
     found = {"n": run["n"], "name": run["name"], "status": run["status"]}
@@ -360,7 +292,5 @@ def row(run: Run, runs: Sequence[Run]) -> Run:
     return found
 
 
-def _line(known: Run) -> str:
-    cells = "".join(f"<td>{format(known[key], form) if key in known else ''}" for key, form in PEER_COLUMNS.items())
-    because = "" if "seconds" in known else f"<td>{html.escape(known['status'])}"
-    return f"<tr>{cells}{because}"
+if __name__ == "__main__":
+    typer.run(main)

@@ -11,57 +11,32 @@ import resource
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from stickslip.workflows.formats.templates import render
 
 PENALTY = 1e3  # stiffness of contact and stick, in units of E / height; with 1e4 it does not converge
 FACES = {1: (0, 1, 2, 3), 2: (4, 5, 6, 7), 3: (0, 1, 4, 5), 4: (1, 2, 5, 6), 5: (2, 3, 6, 7), 6: (3, 0, 7, 4)}
 PLATE = [[x, y, z] for z in (-1.0, 0.0) for x, y in ((-1, -1), (2, -1), (2, 2), (-1, 2))]  # [m] nodes of the plane
 
 
-def numbered(nodes: Iterable[int]) -> str:
-    """Numbers from 1 on, one a line."""
-    return "\n".join(str(node + 1) for node in nodes)
-
-
 def deck(given: dict[str, Any], data: Any) -> str:
-    """The input file."""
+    """Return the input file; its numbers begin with 1."""
     points, cells = data["points"], data["cells"]
-    nodes, count, plate = np.vstack([points, PLATE]), len(cells), len(points)
     below = np.isin(cells, data["base"])
-    faces = [f"{e + 1},S{face}" for face, c in FACES.items() for e in np.flatnonzero(below[:, c].all(axis=1))]
-    stiffness = PENALTY * given["E"] / given["height"]
-    steps = [
-        "*STEP, INC=100\n*STATIC\n1.,1.\n*BOUNDARY\n"
-        + "\n".join(f"TOP,{axis + 1},{axis + 1},{value!r}" for axis, value in enumerate(motion))
-        + "\n*NODE PRINT, NSET=TOP, TOTALS=ONLY\nRF\n*NODE PRINT, NSET=BASENODES\nU\n*END STEP"
-        for motion in given["motion"]
-    ]
-    return "\n".join(
-        [
-            "*NODE",
-            *(f"{i},{x!r},{y!r},{z!r}" for i, (x, y, z) in enumerate(nodes.tolist(), 1)),
-            "*ELEMENT, TYPE=C3D8, ELSET=BLOCK",
-            *(",".join(str(k) for k in (i, *row)) for i, row in enumerate((cells + 1).tolist(), 1)),
-            "*ELEMENT, TYPE=C3D8, ELSET=PLATE",
-            ",".join(str(k) for k in (count + 1, *range(plate + 1, plate + 9))),
-            f"*NSET, NSET=TOP\n{numbered(data['top'])}",
-            f"*NSET, NSET=BASENODES\n{numbered(data['base'])}",
-            f"*NSET, NSET=PLATENODES\n{numbered(range(plate, plate + 8))}",
-            "*SURFACE, NAME=BASE, TYPE=ELEMENT",
-            *faces,
-            f"*SURFACE, NAME=PLANE, TYPE=ELEMENT\n{count + 1},S2",
-            f"*MATERIAL, NAME=M\n*ELASTIC\n{given['E']},{given['nu']}",
-            "*SOLID SECTION, ELSET=BLOCK, MATERIAL=M\n*SOLID SECTION, ELSET=PLATE, MATERIAL=M",
-            f"*SURFACE INTERACTION, NAME=C\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR\n{stiffness}",
-            f"*FRICTION\n{given['mu']},{stiffness}",
-            "*CONTACT PAIR, INTERACTION=C, TYPE=SURFACE TO SURFACE\nBASE,PLANE",
-            "*BOUNDARY\nPLATENODES,1,3",
-            *steps,
-        ]
+    return render(
+        "lab/benchmarks/templates/calculix.inp",
+        nodes=np.vstack([points, PLATE]).tolist(),
+        cells=(cells + 1).tolist(),
+        plate=[len(points) + corner for corner in range(1, 9)],
+        top=(data["top"] + 1).tolist(),
+        base=(data["base"] + 1).tolist(),
+        faces=[f"{e + 1},S{face}" for face, c in FACES.items() for e in np.flatnonzero(below[:, c].all(axis=1))],
+        stiffness=PENALTY * given["E"] / given["height"],
+        **given,
     )
 
 
@@ -93,7 +68,7 @@ def main(path: Path) -> dict[str, Any]:
     if given["dim"] != 3:
         raise SystemExit("CalculiX: contact is measured in 3D alone")
     with np.load(path.with_name("mesh.npz")) as data:
-        (folder / "job.inp").write_text(deck(given, data) + "\n")
+        (folder / "job.inp").write_text(deck(given, data))
         dofs = data["points"].size
     ccx = shutil.which("ccx")
     if ccx is None:

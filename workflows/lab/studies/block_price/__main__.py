@@ -20,7 +20,7 @@ from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.formats.files import make_folder
 from stickslip.workflows.lab.studies.block_price.measure import SMALL, Sizes, row_of, tables
 from stickslip.workflows.lab.studies.block_price.page import NAME, write_page
-from stickslip.workflows.lab.studies.published.finding import Rows
+from stickslip.workflows.lab.studies.finding import Rows
 
 LIMIT, FEW = 60.0, 5.0  # s
 

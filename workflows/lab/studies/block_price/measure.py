@@ -31,7 +31,7 @@ from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.system.system import System
 from stickslip.workflows.formats.files import write_aside
-from stickslip.workflows.lab.studies.published.finding import Row
+from stickslip.workflows.lab.studies.finding import Row
 from stickslip.workflows.scene_file.read import read
 
 Mesh = tuple[int, int]  # dimension, n

@@ -22,15 +22,20 @@ from stickslip.workflows.lab.studies.block_price.measure import (
     TOLERANCE,
     Q,
 )
-from stickslip.workflows.lab.studies.published.finding import (
-    FREE_OF_H,
+from stickslip.workflows.lab.studies.finding import (
+    AS_MANY,
     Claim,
     Finding,
     Row,
     Rows,
+    beside,
     between,
     chosen,
     different,
+    done,
+    enough,
+    free_of_h,
+    grows,
     judged,
     mesh_of,
     pivot,
@@ -38,8 +43,6 @@ from stickslip.workflows.lab.studies.published.finding import (
     slopes,
 )
 
-GROWS = 0.5  # log-log slope above which a number grows as h falls
-AS_MANY = 1.1  # ratio up to which two numbers of iterations count as equal
 SAME = 0.02  # relative difference up to which two runs are the same iteration
 AGREES = {"lam_max": 1e-4, "u_error": 1e-6}  # at a tolerance of 1e-8
 SIDE_BY_SIDE = ("h", "mu", "c_n", "steps")
@@ -85,7 +88,7 @@ def complete_is_free_of_h(rows: Rows) -> Finding:
 
 def mass_grows(rows: Rows) -> Finding:
     found = slopes(rows["h"], "iterations", method=EXACTLY[0])
-    return Finding({dim: value > GROWS for dim, value in found.items()}, f"slope against 1/h: {said(found)}")
+    return grows(found, f"slope against 1/h: {said(found)}")
 
 
 def gram_saves_iterations(rows: Rows) -> Finding:
@@ -150,10 +153,8 @@ def bound(rows: Rows) -> Finding:
 
 def bound_with_friction(rows: Rows) -> Finding:
     """With Coulomb's law: all runs below the bound converge."""
-    slipping = chosen(rows["alpha"], sticks=False)
-    cases = {f"{_q(row['method'])}, αλ₁/2 = {row['part']:g}": done(row) for row in slipping if row["part"] < 1}
-    beyond = [f"{row['part']:g}" for row in slipping if row["part"] > 1 and done(row)]
-    return Finding(cases, f"beyond the bound it still converges at αλ₁/2 = {', '.join(beyond) or 'none'}")
+    slipping = [row | {"q": _q(row["method"])} for row in chosen(rows["alpha"], sticks=False)]
+    return enough(slipping, "{q}, αλ₁/2 = {part:g}")
 
 
 def condensing_saves(rows: Rows) -> Finding:
@@ -173,14 +174,9 @@ def condensing_saves(rows: Rows) -> Finding:
 
 def twins_agree(rows: Rows) -> Finding:
     """The condensed form of the same iteration takes as many iterations, and less time."""
-    cases, ratios = dict[str, bool](), list[str]()
+    cases, ratios = {}, list[str]()
     for twin, method in LIKE.items():
-        found, counts = list[float](), list[float]()
-        for at in meshes(rows["h"]).values():
-            condensed, whole = _one(at, twin), _one(at, method)
-            if condensed and whole:
-                found.append(whole["seconds"] / condensed["seconds"])
-                counts.append(whole["iterations"] / condensed["iterations"])
+        found, counts = (beside(rows["h"], method, twin, key).values() for key in ("seconds", "iterations"))
         if found:
             cases[f"{twin}: as many iterations"] = all(abs(ratio - 1) <= SAME for ratio in counts)
             cases[f"{twin}: less time"] = all(ratio > 1 for ratio in found)
@@ -211,10 +207,6 @@ def always_converges(rows: Rows) -> Finding:
         cases[method.removeprefix(f"{BLOCK}, ")] = not bad
         failed += [f"{_q(method)}: {len(bad)}" for _ in bad[:1]]
     return Finding(cases, f"measurements that fail or are stopped: {'; '.join(failed) or 'none'}")
-
-
-def done(row: Row) -> bool:
-    return bool(row["status"] == "converged")
 
 
 def side_by_side(rows: Rows) -> list[Row]:
@@ -256,24 +248,17 @@ def _free_of_h(rows: Rows, names: Sequence[str]) -> Finding:
         for name in names
         for dim, value in slopes(rows["h"], "iterations", method=f"{BLOCK}, {name}").items()
     }
-    return Finding({name: abs(value) < FREE_OF_H for name, value in found.items()}, f"slope against 1/h: {said(found)}")
+    return free_of_h(found, f"slope against 1/h: {said(found)}")
 
 
 def _gram_saves(rows: Rows, key: str) -> Finding:
     """Less of it than with Q = W, on the finest mesh where both converge; exact inner solves."""
-    cases, shares = {}, dict[str, float]()
+    shares = dict[str, float]()
     for dim in different(rows["h"], "dim"):
         for method in EXACTLY[1:]:
-            both = [
-                (name, own, plain)
-                for name, at in meshes(chosen(rows["h"], dim=dim)).items()
-                if (own := _one(at, method)) and (plain := _one(at, EXACTLY[0]))
-            ]
-            if both:
-                name, own, plain = both[-1]
-                shares[f"{name}, {_q(method)}"] = own[key] / plain[key]
-                cases[f"{name}, {_q(method)}"] = own[key] < plain[key]
-    return Finding(cases, f"{key} over those with Q = W: {said(shares)}")
+            found = beside(chosen(rows["h"], dim=dim), method, EXACTLY[0], key)
+            shares |= {f"{mesh}, {_q(method)}": share for mesh, share in list(found.items())[-1:]}
+    return Finding({name: share < 1 for name, share in shares.items()}, f"{key} over those with Q = W: {said(shares)}")
 
 
 def _inner(rows: Rows) -> Iterator[tuple[tuple[int, int, str], list[Row]]]:

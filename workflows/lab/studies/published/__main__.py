@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from stickslip.workflows.formats.files import make_folder
-from stickslip.workflows.lab.studies.published.finding import Rows
+from stickslip.workflows.lab.studies.finding import Rows
 from stickslip.workflows.lab.studies.published.measurements import MEASURED, SMALL, Sizes, measurements
 from stickslip.workflows.lab.studies.published.page import write_page
 

@@ -6,30 +6,34 @@ on contact elements, and its linear systems.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from stickslip.workflows.lab.studies.gram import READINGS
-from stickslip.workflows.lab.studies.published.contact import PLAIN
-from stickslip.workflows.lab.studies.published.finding import (
-    FREE_OF_H,
+from stickslip.workflows.lab.studies.finding import (
+    AS_MANY,
     Claim,
     Finding,
     Row,
     Rows,
+    beside,
     between,
     chosen,
     different,
+    done,
+    enough,
+    free_of_h,
+    grows,
     said,
     slope,
     slopes,
 )
+from stickslip.workflows.lab.studies.gram import READINGS
+from stickslip.workflows.lab.studies.published.contact import PLAIN
 from stickslip.workflows.lab.studies.published.tangent import CLASSICAL, DIRECT, INCOMPLETE, RELAXED, STABILISED
 
 SAME = 0.01  # difference below which two factors count as equal
-GROWS = 0.5  # log-log slope above which a quantity counts as growing with 1/h
-AS_MANY = 1.1  # ratio up to which two numbers of iterations count as equal
 
 
 def bound(rows: Rows) -> Finding:
@@ -41,16 +45,14 @@ def bound(rows: Rows) -> Finding:
         figures |= {f"C = {C}, αλ₁/2 = {r['part']:g}: factor": r["measured"] for r in exact if 0.9 < r["part"] < 1.1}
     sticking = chosen(rows["step"], friction="stick")
     if sticking:
-        cases["block, sticking"] = all((row["status"] == "converged") == (row["part"] < 1) for row in sticking)
+        cases["block, sticking"] = all((done(row)) == (row["part"] < 1) for row in sticking)
     return Finding(cases, said(figures, ".3g"))
 
 
 def bound_with_friction(rows: Rows) -> Finding:
     """With Coulomb friction the source proves nothing; runs below the bound should converge."""
-    coulomb = chosen(rows["step"], friction="coulomb")
-    cases = {f"αλ₁/2 = {row['part']:g}": row["status"] == "converged" for row in coulomb if row["part"] < 1}
-    beyond = [f"{row['part']:g}" for row in coulomb if row["part"] > 1 and row["status"] == "converged"]
-    return Finding(cases, f"beyond the bound it still converges at αλ₁/2 = {', '.join(beyond) or 'none'}: not sharp")
+    found = enough(chosen(rows["step"], friction="coulomb"), "αλ₁/2 = {part:g}")
+    return replace(found, figure=f"{found.figure}: not sharp")
 
 
 def richardson(rows: Rows) -> Finding:
@@ -84,43 +86,32 @@ def inexact_contact(rows: Rows) -> Finding:
         if not exact or "iterations" not in exact[0]:
             continue
         name = f"{row['inner_rule']} {row['inner_tolerance']:g}"
-        cases[name] = row["status"] == "converged" and row["iterations"] <= AS_MANY * exact[0]["iterations"]
-        cost += [row["linear_iterations"] / row["volume_solves"]] if row["status"] == "converged" else []
+        cases[name] = done(row) and row["iterations"] <= AS_MANY * exact[0]["iterations"]
+        cost += [row["linear_iterations"] / row["volume_solves"]] if done(row) else []
     return Finding(cases, f"CG iterations an inner solve: {between(cost)}")
 
 
 def condition_grows(rows: Rows) -> Finding:
     found = slopes(rows["spectrum"], "condition", metric=PLAIN)
-    return Finding({dim: value > GROWS for dim, value in found.items()}, f"slope against n: {said(found)}")
+    return grows(found, f"slope against n: {said(found)}")
 
 
 def gram_is_free_of_h(rows: Rows) -> Finding:
     """The condition number does not depend on h: every choice of the Gram matrix, every factor."""
-    found = {
-        f"{reading}, {dim}": value
-        for reading in READINGS
-        for dim, value in slopes(rows["spectrum"], "condition", metric=reading).items()
-    }
-    return Finding({name: abs(value) < FREE_OF_H for name, value in found.items()}, f"slope: {said(found)}")
+    by_reading = {reading: slopes(rows["spectrum"], "condition", metric=reading) for reading in READINGS}
+    found = {f"{reading}, {dim}": value for reading, by_dim in by_reading.items() for dim, value in by_dim.items()}
+    return free_of_h(found, f"slope: {said(found)}")
 
 
 def gram_iterations(rows: Rows) -> Finding:
-    found = slopes(rows["h"], "iterations", method="gram-uzawa")
-    plain = slopes(rows["h"], "iterations", method="uzawa")
-    cases = {dim: abs(value) < FREE_OF_H for dim, value in found.items()}
-    return Finding(cases, f"slope against n: {said(found)}; of uzawa: {said(plain)}")
+    found, plain = (slopes(rows["h"], "iterations", method=method) for method in ("gram-uzawa", "uzawa"))
+    return free_of_h(found, f"slope against n: {said(found)}; of uzawa: {said(plain)}")
 
 
 def gram_saves(rows: Rows) -> Finding:
     """Fewer iterations than without, mesh by mesh."""
-    cases, shares = {}, dict[str, float]()
-    for row in chosen(rows["h"], method="gram-uzawa", status="converged"):
-        plain = chosen(rows["h"], method="uzawa", dim=row["dim"], n=row["n"], status="converged")
-        if plain:
-            name = f"{row['dim']}D n = {row['n']}"
-            shares[name] = row["iterations"] / plain[0]["iterations"]
-            cases[name] = shares[name] < 1
-    return Finding(cases, f"iterations beside uzawa's: {said(shares)}")
+    shares = beside(rows["h"], "gram-uzawa", "uzawa", "iterations")
+    return Finding({mesh: share < 1 for mesh, share in shares.items()}, f"iterations beside uzawa's: {said(shares)}")
 
 
 def superlinear(rows: Rows) -> Finding:
@@ -139,7 +130,7 @@ def superlinear(rows: Rows) -> Finding:
 
 def given_friction(rows: Rows) -> Finding:
     """The fixed point of problems with given friction."""
-    cases = {f"mu = {row['mu']:g}": row["status"] == "converged" for row in rows["given"]}
+    cases = {f"mu = {row['mu']:g}": done(row) for row in rows["given"]}
     counts = {f"mu = {row['mu']:g}": row["iterations"] for row in rows["given"] if "iterations" in row}
     return Finding(cases, f"iterations: {said(counts, 'd')}")
 
@@ -148,7 +139,7 @@ def any_friction(rows: Rows) -> Finding:
     """Every coefficient of friction, method by method."""
     cases, failed = {}, list[str]()
     for method in different(rows["mu"], "method"):
-        bad = [f"{r['mu']:g}" for r in chosen(rows["mu"], method=method) if r["status"] != "converged"]
+        bad = [f"{r['mu']:g}" for r in chosen(rows["mu"], method=method) if not done(r)]
         cases[method] = not bad
         failed += [f"{method} at mu = {', '.join(bad)}"] if bad else []
     return Finding(cases, f"fails: {'; '.join(failed) or 'none'}")
@@ -223,7 +214,7 @@ def ill_conditioned(rows: Rows) -> Finding:
             found[f"{form}, against n in {dim}D"] = slope(_alike(chosen(direct, dim=dim), "n"), "n", "condition")
         found[f"{form}, against ω"] = slope(_alike(direct, "omega_factor"), "omega_factor", "condition")
     known = {name: value for name, value in found.items() if value is not None}
-    return Finding({name: value > GROWS for name, value in known.items()}, f"slope: {said(known)}")
+    return grows(known, f"slope: {said(known)}")
 
 
 def direct_is_slow(rows: Rows) -> Finding:
@@ -255,7 +246,7 @@ def classical_is_slow(rows: Rows) -> Finding:
     cases, figures = {}, list[str]()
     for name, found in _finest(rows).items():
         (row,) = chosen(found, solver=CLASSICAL)
-        count = row["iterations"] if row["status"] == "converged" else None
+        count = row["iterations"] if done(row) else None
         cases[name] = count is None or count > FEW
         figures.append(f"{name}: {row['status'] if count is None else count}")
     return Finding(cases, f"Gauss-Seidel: {'; '.join(figures)}")
@@ -278,7 +269,7 @@ def ilu_is_free_of_h(rows: Rows) -> Finding:
             value = slope(_alike(chosen(tangents, solver=solver, dim=dim), "n"), "n", "iterations")
             if value is not None and "ILU" in solver:
                 found[f"{solver}, {dim}D"] = value
-    return Finding({name: abs(value) < FREE_OF_H for name, value in found.items()}, f"slope: {between(found.values())}")
+    return free_of_h(found, f"slope: {between(found.values())}")
 
 
 def ilu_stands_penalties(rows: Rows) -> Finding:
@@ -286,7 +277,7 @@ def ilu_stands_penalties(rows: Rows) -> Finding:
     cases, figures = {}, list[str]()
     for form in different(rows["tangent"], "form"):
         found = _alike(chosen(rows["tangent"], form=form, solver=INCOMPLETE), "omega_factor")
-        counts = [row["iterations"] if row["status"] == "converged" else np.inf for row in found]
+        counts = [row["iterations"] if done(row) else np.inf for row in found]
         if len(counts) > 1:
             errors = [row["error"] or np.inf for row in found]
             cases[form] = max(counts) < np.inf and counts[-1] <= counts[0] and max(errors) < SPOILT

@@ -24,7 +24,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.workflows.lab.studies import gram
-from stickslip.workflows.lab.studies.published.finding import Row
+from stickslip.workflows.lab.studies.finding import Row
 from stickslip.workflows.lab.studies.saddle_points import NODES, RULES, SOFTNESS, STEPS, Exact, factors, membrane
 from stickslip.workflows.scene_file.read import read
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from stickslip.solvers.method_registry import METHODS
 from stickslip.workflows.formats.files import write_aside
+from stickslip.workflows.lab.studies.finding import Row
 from stickslip.workflows.lab.studies.published.contact import linear, slipping, solved, spectrum, springs, stepped
-from stickslip.workflows.lab.studies.published.finding import Row
 from stickslip.workflows.lab.studies.published.tangent import tangent
 from stickslip.workflows.lab.studies.saddle_points import RULES, SOFTNESS
 

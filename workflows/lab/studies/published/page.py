@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
-from stickslip.workflows.lab.studies.published.claims import TANGENT, UZAWA
-from stickslip.workflows.lab.studies.published.finding import (
+from stickslip.workflows.lab.studies.finding import (
     Claim,
     Row,
     Rows,
@@ -25,6 +24,7 @@ from stickslip.workflows.lab.studies.published.finding import (
     judged,
     pivot,
 )
+from stickslip.workflows.lab.studies.published.claims import TANGENT, UZAWA
 from stickslip.workflows.lab.studies.published.tangent import DIRECT
 
 matplotlib.use("Agg")

@@ -24,8 +24,8 @@ from stickslip.solvers.classical.perturbed_lagrangian import PerturbedLagrangian
 from stickslip.solvers.interface.factorised import METIS
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.solvers.system.system import System
+from stickslip.workflows.lab.studies.finding import Row
 from stickslip.workflows.lab.studies.published.contact import march, scene, slipping
-from stickslip.workflows.lab.studies.published.finding import Row
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,8 @@ Row = dict[str, Any]
 Rows = Mapping[str, list[Row]]  # by study
 HOLDS, HOLDS_NOT, UNKNOWN = "holds", "does not hold", "not measured"
 FREE_OF_H = 0.1  # log-log slope below which a quantity counts as independent of h
+GROWS = 0.5  # log-log slope above which a quantity counts as growing with 1/h
+AS_MANY = 1.1  # ratio up to which two numbers of iterations count as equal
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,40 @@ def slopes(rows: list[Row], y: str, **keys: Any) -> dict[str, float]:
         if value is not None:
             found[f"{dim}D"] = value
     return found
+
+
+def free_of_h(found: Mapping[str, float], figure: str) -> Finding:
+    """Judge whether slopes against n are near zero."""
+    return Finding({name: abs(value) < FREE_OF_H for name, value in found.items()}, figure)
+
+
+def grows(found: Mapping[str, float], figure: str) -> Finding:
+    """Judge whether slopes against n are far above zero."""
+    return Finding({name: value > GROWS for name, value in found.items()}, figure)
+
+
+def done(row: Row) -> bool:
+    """Whether the run converged."""
+    return bool(row["status"] == "converged")
+
+
+def beside(rows: Iterable[Row], method: str, other: str, key: str) -> dict[str, float]:
+    """Return what a method takes of something over what another one takes, by mesh, where both converge."""
+    own, others = (
+        {mesh_of(row): row[key] for row in rows if row["method"] == m and done(row)} for m in (method, other)
+    )
+    return {mesh: value / others[mesh] for mesh, value in own.items() if mesh in others}
+
+
+def enough(rows: Sequence[Row], name: str) -> Finding:
+    """Judge whether all runs with a step size below the bound converge; the figure says which do beyond it.
+
+    Args:
+        name: of a case, a format.
+    """
+    cases = {name.format(**row): done(row) for row in rows if row["part"] < 1}
+    beyond = [f"{row['part']:g}" for row in rows if row["part"] > 1 and done(row)]
+    return Finding(cases, f"beyond the bound it still converges at αλ₁/2 = {', '.join(beyond) or 'none'}")
 
 
 def between(values: Iterable[float], form: str = ".2g") -> str:
