@@ -94,7 +94,7 @@ class DiscreteProblem(SurfaceProblem):
     q: Array  # (rows,) in the order of the contact dofs
     units: tuple[float, float]  # of r and of u: what one unit here is in the problem as it was given
 
-    scales = Scales(motion=1.0, traction=1.0, moved=np.ones(1), idle=False)  # by the scaling above
+    scales = Scales(motion=1.0, traction=1.0, given=np.ones(1))  # by the scaling above
 
     @property
     def dim(self) -> int:

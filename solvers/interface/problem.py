@@ -55,8 +55,8 @@ class SurfaceProblem:
         if self.surface.floating or not motion:
             motion = max(motion, pressure / self.stiffness)
         traction = max(pressure, self.stiffness * motion)
-        moved = np.maximum(max(free, motion), np.maximum(np.abs(self.gap), np.abs(self.offset)))
-        return Scales(motion=motion, traction=traction, moved=moved, idle=self.idle)
+        given = np.maximum(np.abs(self.gap), np.abs(self.offset))
+        return Scales(motion=motion, traction=traction, given=given)
 
     @property
     def u_ref(self) -> float:
@@ -128,12 +128,18 @@ class SurfaceProblem:
             p: tractions (rows,) [Pa].
             w: relative displacement (rows,) [m].
         """
-        k, given = self.weight.copy(), self.cone.give(p)
+        k, r, no_motion = self.weight.copy(), w - self.gap, self.scales.no_motion(w)
+        of_law = np.zeros_like(p)
         for place in self.cone.places:
-            of_law = place.rows.normal.stiffness(p[place.normal], p[place.normal])
-            k[place.normal] = np.maximum(k[place.normal], np.where(np.isfinite(of_law), PART * of_law, 0.0))
-        found: Array = self.cone.natural_residual(p, given + self.scales.known(w - self.gap - given), k)
-        return found
+            n = place.normal
+            slope = place.rows.normal.stiffness(p[n], r[n])
+            of_law[n] = np.where(np.isfinite(slope), slope, 0.0)
+            k[n] = np.maximum(k[n], PART * of_law[n])
+        rounding = k * no_motion
+        if self.idle:  # what a law makes of the last digits is all there is
+            rounding = np.maximum(rounding, min(float((of_law * no_motion).max(initial=0.0)), ROUNDING * self.p_ref))
+        found = self.cone.natural_residual(p, r, k)
+        return np.asarray(np.sign(found) * np.maximum(np.abs(found) - rounding, 0.0))
 
     def imbalance(self, p: Array) -> float:
         """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 without modes.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, Array
+from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, ROUNDING, Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,13 +19,16 @@ class Scales:
 
     motion: float  # u_ref [m]: the largest that contact resists
     traction: float  # p_ref [Pa]: the mean pressure of the applied force, and at least what that motion causes
-    moved: Array  # (rows,) [m] the largest of all: without contact anywhere, and the gap and prescribed motion there
-    idle: bool  # whether bodies float and no load pushes them
+    given: Array  # (rows,) [m] the larger of gap and prescribed motion
 
-    @property
-    def no_motion(self) -> Array:
-        """Largest relative displacements (rows,) [m] that are rounding: the last digits of the largest motion."""
-        return LAST_DIGITS * self.moved
+    def no_motion(self, w: Array) -> Array:
+        """Return which motions (rows,) [m] are rounding: the last digits of those that are given and of w (rows,) [m].
+
+        Bodies that have flown away do not count: their motions excuse nothing.
+        """
+        largest = max(self.motion, float(self.given.max(initial=0.0)))
+        moved = min(float(np.abs(w).max(initial=0.0)), largest / ROUNDING)
+        return LAST_DIGITS * np.maximum(self.given, moved)
 
     @property
     def no_traction(self) -> float:
@@ -33,12 +36,5 @@ class Scales:
         return CLOSE * self.traction
 
     def of_tractions(self, p: Array) -> float:
-        """Return what tractions p (rows,) [Pa] are judged relative to: the largest, or what is none beside the load.
-
-        Where nothing pushes bodies, what a stiff law makes of rounding is measured by what their motion would cause.
-        """
-        return max(float(np.abs(p).max(initial=0.0)), self.traction if self.idle else self.no_traction)
-
-    def known(self, motion: Array) -> Array:
-        """Return the part of motions (rows,) [m] that is no rounding."""
-        return np.asarray(np.sign(motion) * np.maximum(np.abs(motion) - self.no_motion, 0.0))
+        """Return what tractions p (rows,) [Pa] are judged relative to: the largest, or what is none beside the load."""
+        return max(float(np.abs(p).max(initial=0.0)), self.no_traction)

@@ -65,13 +65,13 @@ class History:
         self.rows: list[HistoryRow] = []
         self._on_iteration = on_iteration
 
-    def attempt(self, end: float, method: str, own: list[Step]) -> OnStep:
-        """A callback that records an attempt by a method at a substep that ends at a time [s], in `own` too."""
+    def attempt(self, end: float, method: Callable[[], str], own: list[Step]) -> OnStep:
+        """Return what records an attempt by the method in use at a substep that ends at a time [s], in `own` too."""
         began = clock.perf_counter()
 
         def record(step: Step) -> None:
             own.append(step)
-            row = HistoryRow(time=end, step=step, seconds=clock.perf_counter() - began, method=method)
+            row = HistoryRow(time=end, step=step, seconds=clock.perf_counter() - began, method=method())
             self.rows.append(row)
             log.info("t = %g  iteration %d  residual %.2e", row.time, step.iteration, step.residual)
             self._on_iteration(row)

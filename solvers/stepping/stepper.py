@@ -119,7 +119,7 @@ class Stepper(SubstepSolver):
             StepError: it was given up, see the loops.
             NoEquilibriumError: so, and it is proved that nothing balances the loads.
         """
-        self.chain.history = History(on_iteration)
+        history = self.chain.history = History(on_iteration)
         solves, pairs = self.system.counters.volume_solves, PairSearch(self)
         halving = Halving(self.system, self.chain, (certified, with_others, self._accompanied))
         loops: tuple[Loop, ...] = (Methods(self.chain), pairs, halving, self.bolts)  # inside out
@@ -130,8 +130,11 @@ class Stepper(SubstepSolver):
         step: Substep = innermost
         for loop in (loop for loop in loops if loop.active()):
             step = loop.around(step)
-        tried = step(start, target)
-        rows = self.chain.history.rows
+        try:
+            tried = step(start, target)
+        finally:
+            self.chain.history = History()  # what is called with each iteration is let go
+        rows = history.rows
         if tried.state is None:
             kind = NoEquilibriumError if tried.impossible else StepError
             good = _accepted(tried.good, start, rows, solves) if tried.good else None

@@ -133,7 +133,7 @@ class SubstepSolver:
     def solve(self, state: State, end: float) -> Attempt:
         """One substep by the method in use; a failure of linear algebra ends as `Status.BROKEN`; collective."""
         system, rows, problem = self.system, list[Step](), None
-        on_step = self.chain.history.attempt(end, self.chain.stage.method, rows)
+        on_step = self.chain.history.attempt(end, lambda: self.chain.stage.method, rows)
         tried = Attempt(solver=self, begin=state, solution=unsolved(state, self.surface.size, Status.BROKEN, rows))
         try:
             if self.stage is not self.chain.stage:

@@ -13,9 +13,8 @@ from shared.problems import SceneOf, SimulationOf, surface_problem
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical.nsgs import NSGS, Sweeps, in_disc
-from stickslip.solvers.interface import schur_complement
+from stickslip.solvers.interface import scales, schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.interface.scales import Scales
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Driver, Iterate, Stall, Status, Step
 from stickslip.solvers.methods.method import Setup
@@ -379,7 +378,7 @@ def test_what_rounding_forbids_stalls_by_name(simulation_of: SimulationOf, monke
     monkeypatch.setattr("stickslip.solvers.classical.nsgs.PATIENT", 20)
     method, problem = first_step(simulation_of(read("block", BLOCK)), rtol=1e-18)
     assert method(problem, np.zeros(problem.cone.size)).residual == 0.0  # the scales say what is rounding
-    monkeypatch.setattr(Scales, "no_motion", 0.0)
+    monkeypatch.setattr(scales, "LAST_DIGITS", 0.0)
     assert method(problem, np.zeros(problem.cone.size)).status is Status.STALLED
 
 
