@@ -82,6 +82,14 @@ def different(rows: Iterable[Row], key: str) -> list[Any]:
     return list(dict.fromkeys(row[key] for row in rows))
 
 
+def grouped(rows: Iterable[Row], name: Callable[[Row], Any]) -> dict[Any, list[Row]]:
+    """Return the rows of each name, in their order."""
+    found: dict[Any, list[Row]] = {}
+    for row in rows:
+        found.setdefault(name(row), []).append(row)
+    return found
+
+
 def mesh_of(row: Row) -> str:
     """
     >>> mesh_of({"dim": 2, "n": 8})
@@ -93,9 +101,7 @@ def mesh_of(row: Row) -> str:
 def alike(rows: list[Row], key: str) -> list[Row]:
     """Return rows in which only the key varies, by rising key; mesh, mu and omega have their most frequent values."""
     others = [k for k in ("dim", "n", "mu", "omega_factor") if k != key]
-    kinds: dict[tuple[float, ...], list[Row]] = {}
-    for row in rows:
-        kinds.setdefault(tuple(row[k] for k in others), []).append(row)
+    kinds = grouped(rows, lambda row: tuple(row[k] for k in others))
     best = max(kinds.values(), key=lambda found: len({row[key] for row in found}), default=[])
     return sorted(best, key=lambda row: float(row[key]))
 

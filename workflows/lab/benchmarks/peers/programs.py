@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.benchmarks.peers.ours import OURS
 from stickslip.workflows.lab.benchmarks.peers.problem import write_problem
@@ -122,12 +123,11 @@ def measured(folder: Path, dim: int, sizes: Sequence[int], limit: float) -> Iter
             yield last[name]
 
 
-def child(command: Sequence[str], limit: float) -> Run:
-    """The answer of a program, or why there is none; it is stopped after ten times the limit."""
+def child(command: Sequence[str], limit: float, **environment: str) -> Run:
+    """The answer of a program on one thread, or why there is none; it is stopped after ten times the limit."""
+    whole = os.environ | ONE_THREAD | environment
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, env=_one_thread(), timeout=10 * limit, check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, env=whole, timeout=10 * limit, check=False)
     except subprocess.TimeoutExpired:
         return {"status": f"took more than {10 * limit:g} s"}
     if done.returncode:
@@ -136,9 +136,5 @@ def child(command: Sequence[str], limit: float) -> Run:
     return {"status": "converged"} | found
 
 
-def _one_thread() -> dict[str, str]:
-    return os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-
-
 def _quiet(command: Sequence[str]) -> int:
-    return subprocess.run(command, capture_output=True, env=_one_thread(), check=False).returncode
+    return subprocess.run(command, capture_output=True, env=os.environ | ONE_THREAD, check=False).returncode
