@@ -26,8 +26,7 @@ from rich.progress import Progress
 
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
-from stickslip.workflows.lab.benchmarks.peers.ours import OURS
-from stickslip.workflows.lab.benchmarks.peers.programs import PROGRAMS, child, measured
+from stickslip.workflows.lab.benchmarks.peers.programs import OURS, PROGRAMS, child, measured
 from stickslip.workflows.lab.benchmarks.price_run import COUNTED, REFERENCE, Case
 
 PLANE = (16, 32, 64, 128, 256, 512)
