@@ -29,8 +29,7 @@ from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.lab.benchmarks import auto, discrete, history, platforms, price, price_run
 from stickslip.workflows.lab.benchmarks.auto import Case, Run
 from stickslip.workflows.lab.benchmarks.peers import programs
-from stickslip.workflows.lab.benchmarks.peers.ours import OURS
-from stickslip.workflows.lab.benchmarks.peers.problem import write_problem
+from stickslip.workflows.lab.benchmarks.peers.programs import OURS, write_problem
 from stickslip.workflows.lab.benchmarks.price_run import REFERENCE
 from stickslip.workflows.lab.benchmarks.price_run import Case as Peer
 from stickslip.workflows.lab.benchmarks.price_run import Case as Price
