@@ -26,7 +26,16 @@ from stickslip.solvers.results import linear_reference as module
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.csv_tables import read_steps_table
-from stickslip.workflows.lab.benchmarks import auto, discrete, history, platforms, price, price_run
+from stickslip.workflows.lab.benchmarks import (
+    adaptive,
+    auto,
+    discrete,
+    history,
+    platforms,
+    price,
+    price_run,
+    tangent_cg,
+)
 from stickslip.workflows.lab.benchmarks.auto import Case, Run
 from stickslip.workflows.lab.benchmarks.peers import programs
 from stickslip.workflows.lab.benchmarks.peers.programs import OURS, write_problem
@@ -409,6 +418,29 @@ def test_the_page_states_ratios_within_the_bounds_that_it_states() -> None:
     assert len(found) >= 6
     assert min(found) >= LEAST
     assert max(found) <= MOST
+
+
+def test_the_page_of_adaptive_rounds_says_how_many_times_fewer_they_take() -> None:
+    ways = (*adaptive.WAYS, adaptive.HALVED)
+    others = {way: adaptive.Price(4000.0, 6.0, 0.01, measured=way != ways[1]) for way in ways}
+    row = adaptive.Row("punch", "face.normal_force", 0.01, 0.008, adaptive.Price(1000.0, 2.0, 0.005), 3, 2, others)
+    head, divider, line, _, *saved = adaptive.page([row]).splitlines()[-7:]
+    assert head.count("|") == divider.count("|") == line.count("|") == 17
+    told = "| punch: normal_force | 1 % | 3 | 2 | 0.8 % | 0.5 % | 1000 | 2 | 4000 | 6 | ~4000 | ~6 | 4000 | 6 |"
+    assert line.startswith(told)
+    assert saved[-1] == "| punch: normal_force | 1 % | 4 | 3 | 3 |"
+
+
+def test_the_page_of_tangent_cg_has_a_row_for_each_case_and_tolerance(tmp_path, monkeypatch) -> None:
+    measured = tangent_cg.Measured(30, (3, 4, 5), 1.5, 0.25, 1e-9, (10, 5, 0.5))
+    monkeypatch.setattr(tangent_cg, "run", lambda *case: measured if case[2] == "tangent-cg" else "failed")
+    tangent_cg.main("8,64", tmp_path / "page.md")
+    cubes, others = (tmp_path / "page.md").read_text(encoding="utf-8").split("## Cubes")[1].split("## Other scenes")
+    assert "| n = 8, μ = 0.3, 0.0001 | 3 + 4 + 5 | 3.0, 6.0 | 3.0, 0.50 | 1e-09 | failed |  |  |  |\n" in cubes
+    assert (
+        "| n = 64, μ = 0.3, 0.0001 | 3 + 4 + 5 | 3.0, 6.0 | 3.0, 0.50 | 1e-09 |\n" in cubes
+    )  # too large for the other
+    assert others.count("| spheres, ") == len(tangent_cg.TOLERANCES)
 
 
 def test_two_ranks_measure_a_small_cube(tmp_path) -> None:

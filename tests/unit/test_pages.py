@@ -19,6 +19,7 @@ from markupsafe import Markup
 from stickslip.workflows.commands.cli import app
 from stickslip.workflows.formats import templates
 from stickslip.workflows.formats.templates import render
+from stickslip.workflows.lab.pages import gallery
 from stickslip.workflows.lab.pages.console import agree, blocks, commands, file_name, played, same
 from stickslip.workflows.scene_file.read import READY, from_dict
 
@@ -137,6 +138,23 @@ def parsed(words: list[str]) -> None:
         return
     command = group.commands[words[0]]
     command.make_context(words[0], words[1:])
+
+
+def test_the_list_of_the_gallery_is_that_of_its_pages() -> None:
+    """Renew it with `python -m stickslip.workflows.lab.pages.gallery`."""
+    found = {path.stem: gallery.known(path.stem) for path in sorted(READY.glob("*.toml"))}
+    assert (ROOT / "docs/gallery/index.md").read_text(encoding="utf-8") == gallery.contents(found)
+
+
+def test_a_page_of_the_gallery_shows_the_last_step_of_its_contact() -> None:
+    fact, number = gallery.known("block"), {"total": 0.1, "converges": True}
+    state = dict.fromkeys(gallery.NUMBERS, 2.0) | {"error": dict.fromkeys(gallery.NUMBERS, number)}
+    text = gallery.page("block", fact, {"steps": [{"contacts": {fact["main"].split(".")[0]: state}}]})
+    shown = (ROOT / "docs/gallery/block.md").read_text(encoding="utf-8")
+    head, mark, rest = text.partition("| number [SI] | value |\n|---|---|\n")
+    assert shown.startswith(head + mark)
+    assert shown.endswith(rest[rest.index("\n\n") :])
+    assert rest.startswith("| normal force | 2.0 ± 0.1 |\n")
 
 
 @pytest.mark.parametrize("scene", sorted(READY.glob("*.toml")), ids=lambda path: path.stem)

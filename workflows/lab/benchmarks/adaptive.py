@@ -16,6 +16,7 @@ import tempfile
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -53,23 +54,22 @@ WAYS = ("one size, order 1", "one size, order 2", "graded by hand, order 1")
 class Case:
     """A scene, a number of it, and the accuracies that are asked for."""
 
-    graded: Callable[[], Scene]  # by hand, order 1
+    scene: Callable[[bool], Scene]  # graded by hand, order 1; or if fine of order 2, for the true value
     size: float  # [m] of the cells of the coarse mesh of one size
     goal: str
-    asked: tuple[float, ...]
-    fine: Callable[[], Scene]  # of order 2, for the true value
+    asked: tuple[float, ...] = (1e-2, 1e-3)
     share: float = 1.0  # of the fine scene's number that the scene has
 
     def start(self) -> Scene:
         """On the coarse mesh of one size."""
-        scene = self.graded()
+        scene = self.scene(False)
         shape = scene.geometry
         keys = [key for key in vars(shape) if key.endswith("mesh_size") and getattr(shape, key) is not None]
         return replace(scene, geometry=replace(shape, **dict.fromkeys(keys, self.size)))  # type: ignore[arg-type]
 
     def truth(self) -> float:
         """The true value."""
-        simulation = prepare(_bare(self.fine()))
+        simulation = prepare(_bare(self.scene(True)))
         *_, last = simulation.steps()
         return self.share * values(last)[self.goal]
 
@@ -86,10 +86,10 @@ def _punch(friction: bool, fine: bool) -> Scene:
     )
 
 
-def _raous(n: int, order: Literal[1, 2] = 1) -> Scene:
-    scene = raous.scene(METHOD, steps=2, n=n)
+def _raous(fine: bool) -> Scene:
+    scene = raous.scene(METHOD, steps=2, n=256 if fine else 8)
     assert isinstance(scene.geometry, Builder)
-    return replace(scene, geometry=replace(scene.geometry, order=order))
+    return replace(scene, geometry=replace(scene.geometry, order=2 if fine else 1))
 
 
 def _cattaneo(fine: bool) -> Scene:
@@ -102,47 +102,17 @@ def _cattaneo(fine: bool) -> Scene:
     )
 
 
-def _ball(model: Literal["axisymmetric", "3d"], cells: float, order: Literal[1, 2]) -> Scene:
-    return hertz.scene(hertz.Touch(model=model, cells=cells, order=order, driven_by="displacement", method="auto"))
+def _ball(fine: bool) -> Scene:
+    coarse = hertz.Touch(model="3d", cells=2.0, order=1, driven_by="displacement", method="auto")
+    return hertz.scene(replace(coarse, model="axisymmetric", cells=48.0, order=2) if fine else coarse)
 
 
 CASES: Mapping[str, Case] = {
-    "punch, bonded": Case(
-        graded=lambda: _punch(friction=False, fine=False),
-        size=1.0,
-        goal="face.normal_force",
-        asked=(1e-2, 1e-3),
-        fine=lambda: _punch(friction=False, fine=True),
-    ),
-    "punch, friction": Case(
-        graded=lambda: _punch(friction=True, fine=False),
-        size=1.0,
-        goal="face.normal_force",
-        asked=(1e-2, 1e-3),
-        fine=lambda: _punch(friction=True, fine=True),
-    ),
-    "raous": Case(
-        graded=lambda: _raous(8),
-        size=SIDE / 8,
-        goal="base.tangential_force",
-        asked=(1e-2, 1e-3, RAOUS_FINEST),
-        fine=lambda: _raous(256, 2),
-    ),
-    "cattaneo": Case(
-        graded=lambda: _cattaneo(fine=False),
-        size=0.4,
-        goal="face.tangential_force",
-        asked=(1e-2, 1e-3),
-        fine=lambda: _cattaneo(fine=True),
-    ),
-    "ball, 3D": Case(
-        graded=lambda: _ball("3d", 2.0, 1),
-        size=1.0,
-        goal="face.normal_force",
-        asked=(1e-2, 1e-3),
-        fine=lambda: _ball("axisymmetric", 48.0, 2),
-        share=hertz.SHARE["3d"],
-    ),
+    "punch, bonded": Case(scene=partial(_punch, False), size=1.0, goal="face.normal_force"),
+    "punch, friction": Case(scene=partial(_punch, True), size=1.0, goal="face.normal_force"),
+    "raous": Case(scene=_raous, size=SIDE / 8, goal="base.tangential_force", asked=(1e-2, 1e-3, RAOUS_FINEST)),
+    "cattaneo": Case(scene=_cattaneo, size=0.4, goal="face.tangential_force"),
+    "ball, 3D": Case(scene=_ball, size=1.0, goal="face.normal_force", share=hertz.SHARE["3d"]),
 }
 
 
@@ -223,7 +193,7 @@ def _rounds(case: Case, asked: float) -> tuple[dict[str, Any], float]:
 
 def _whole(case: Case, way: str, asked: float, truth: float, steps: int) -> Price:
     """The price of an accuracy by refining the mesh as a whole."""
-    scene = case.graded() if way.startswith("graded") else case.start()
+    scene = case.scene(False) if way.startswith("graded") else case.start()
     order: Literal[1, 2] = 2 if way.endswith("2") else 1
     found = list[Price]()
     while not (len(found) >= WINDOW and all(one.error <= asked for one in found[-WINDOW:])):

@@ -6,7 +6,6 @@ a step costs the same at the end as at the beginning.
 
 from __future__ import annotations
 
-import logging
 import os
 import tempfile
 import time as clock
@@ -29,9 +28,10 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoints
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.cost.measure import ONE_THREAD
+from stickslip.workflows.lab.benchmarks.own_process import silence
 from stickslip.workflows.run import run as running
 from stickslip.workflows.run.resume import LearntFiles
-from stickslip.workflows.run.watch import LOGGERS, Watch
+from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
 from stickslip.workflows.writers.tables import TableWriter
 from stickslip.workflows.writers.xdmf import FieldFiles
@@ -164,8 +164,7 @@ def main(
     output: Annotated[Path | None, typer.Option("-o", "--output", help="where the results stay")] = None,
 ) -> None:
     """Run the history and print its cost."""
-    for name in LOGGERS:
-        logging.getLogger(name).propagate = False  # FFCx has given the root logger a handler
+    silence()
     with tempfile.TemporaryDirectory() as folder:
         for line in measure(steps, points, method, output or Path(folder) / "run").lines():
             print(line)

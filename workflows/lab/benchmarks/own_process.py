@@ -17,10 +17,11 @@ Found = TypeVar("Found")
 def apart(function: Callable[..., Found], *arguments: object) -> Found:
     """Return what a function finds in a process of its own, which tells nothing of its iterations."""
     os.environ.update(ONE_THREAD)  # before numpy starts them
-    with get_context("spawn").Pool(1, _silence) as child:
+    with get_context("spawn").Pool(1, silence) as child:
         return child.apply(function, arguments)
 
 
-def _silence() -> None:
+def silence() -> None:
+    """Say nothing of iterations."""
     for name in LOGGERS:
         logging.getLogger(name).propagate = False  # FFCx has given the root logger a handler

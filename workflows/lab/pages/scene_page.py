@@ -159,11 +159,11 @@ def _families(noun: Any) -> Iterator[tuple[str, Any]]:
 
 def renewed(text: str) -> str:
     """The page with every method's row as its class has it."""
-    before, after = _split(text)
     rows = [
         f"| `{name}` | {method.WHEN} | {' | '.join(columns(method.WORKS_WITH))} |" for name, method in METHODS.items()
     ]
-    return "\n".join([*before, METHODS_HEAD, "|" + "---|" * (2 + len(COLUMNS)), *rows, *after])
+    table = "\n".join([METHODS_HEAD, "|" + "---|" * (2 + len(COLUMNS)), *rows, ""])
+    return re.sub(r"^\| `solver.method` \|.*\n(\|.*\n)*", lambda _: table, text, count=1, flags=re.MULTILINE)
 
 
 def columns(method: Applicability) -> tuple[str, ...]:
@@ -186,14 +186,6 @@ def columns(method: Applicability) -> tuple[str, ...]:
 
 def _known(names: tuple[str, ...] | None) -> str:
     return "all" if names is None else ", ".join(names)
-
-
-def _split(text: str) -> tuple[list[str], list[str]]:
-    """Lines before the table, and after it."""
-    lines = text.split("\n")
-    first = next(k for k, line in enumerate(lines) if line.startswith("| `solver.method` |"))
-    last = next(k for k in range(first, len(lines)) if not lines[k].startswith("|"))
-    return lines[:first], lines[last:]
 
 
 if __name__ == "__main__":
