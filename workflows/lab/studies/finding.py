@@ -45,15 +45,6 @@ class Finding:
         return f"holds only for {'; '.join(held)}" if held else HOLDS_NOT
 
 
-@dataclass(frozen=True)
-class Claim:
-    """A claim: where the source makes it, what it says, and the function that tests it."""
-
-    source: str
-    says: str
-    judge: Callable[[Rows], Finding]
-
-
 def collected(folder: Path, names: Iterable[str], todo: Sequence[Measurement]) -> Rows:
     """Return the rows of every study; each measurement keeps its answer in a folder of rows, and begins with it.
 
@@ -185,6 +176,11 @@ def said(figures: Mapping[str, float], form: str = ".2g") -> str:
 LONG = ("history", "values")  # lists: kept in the rows' own files, not in the CSV
 
 
+def escaped(cell: str) -> str:
+    """Return the text of a cell of a table on one line."""
+    return cell.replace("|", "\\|").replace("\n", " ")
+
+
 def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     """
     >>> print(markdown(["n", "a|b"], [["4", "x"]]))
@@ -193,17 +189,13 @@ def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     | 4 | x |
     """
     rows = [heads, ["---"] * len(heads), *lines]
-    cells = [[cell.replace("|", "\\|").replace("\n", " ") for cell in row] for row in rows]
+    cells = [[escaped(cell) for cell in row] for row in rows]
     return "\n".join(f"|{'|'.join(row)}|" if row[0] == "---" else f"| {' | '.join(row)} |" for row in cells)
 
 
-def judged(claims: Iterable[Claim], rows: Rows, verdict: Callable[[Finding], str]) -> str:
-    """Every claim with its verdict and the numbers behind it."""
-    lines = []
-    for claim in claims:
-        found = claim.judge(rows)
-        lines.append([claim.source, claim.says, f"**{verdict(found)}**", found.figure])
-    return markdown(["source", "claim", "verdict", "measured"], lines)
+def judged(found: Finding, verdict: str) -> str:
+    """Return the last two cells of a claim's line: the verdict, and the numbers behind it."""
+    return f"{escaped(f'**{verdict}**')} | {escaped(found.figure)}"
 
 
 def pivot(

@@ -13,7 +13,6 @@ import numpy as np
 
 from stickslip.workflows.lab.studies.finding import (
     AS_MANY,
-    Claim,
     Finding,
     Row,
     Rows,
@@ -34,6 +33,13 @@ from stickslip.workflows.lab.studies.gram import READINGS
 from stickslip.workflows.lab.studies.published.contact import PLAIN
 from stickslip.workflows.lab.studies.published.tangent import CLASSICAL, DIRECT, INCOMPLETE, RELAXED, STABILISED
 
+SYMMETRIC = 1e-12  # asymmetry due to rounding
+OFF = 1e-6  # relative error above which rounding has spoilt a solution
+FIRST_ORDER = 0.1  # tolerance of a slope of -1
+SQUARABLE = 1e-7  # smallest residual whose square is above rounding
+CONSTANT = 100.0  # of quadratic convergence, residuals relative to p_ref
+SPOILT = 1e-3  # relative error above which a solution is useless
+FEW = 100  # iterations
 SAME = 0.01  # difference below which two factors count as equal
 
 
@@ -144,31 +150,6 @@ def any_friction(rows: Rows) -> Finding:
         cases[method] = not bad
         failed += [f"{method} at mu = {', '.join(bad)}"] if bad else []
     return Finding(cases, f"fails: {'; '.join(failed) or 'none'}")
-
-
-UZAWA = (
-    Claim("§5, remarks", "Uzawa converges if and only if 0 < α < 2/λ₁", bound),
-    Claim("§5, remarks", "0 < α < 2/λ₁ is enough with Coulomb's law and a projection", bound_with_friction),
-    Claim("(5.4)-(5.5)", "Uzawa is Richardson's iteration on B K_B⁻¹Bᵀ − K_C", richardson),
-    Claim("abstract, (1.2)", "A⁻¹ may be incomplete: the bound on α stays", inexact_bound),
-    Claim("(1.2)", "inexact inner solves cost no outer iterations", inexact_contact),
-    Claim("(1.3), [3]", "nonlinear Uzawa is superlinear (compliance, given friction)", superlinear),
-    Claim("§5, end", "the condition number of B K_B⁻¹Bᵀ grows as h falls", condition_grows),
-    Claim("§1", "an incomplete factor of the Gram matrix makes it independent of the mesh size", gram_is_free_of_h),
-    Claim("§1, (5.6)", "preconditioned Uzawa takes as many iterations on any mesh (complete factor)", gram_iterations),
-    Claim("§5, end", "the preconditioner overcomes the slow convergence", gram_saves),
-    Claim("§5", "contact with any friction is solved (all methods)", any_friction),
-    Claim("§3", "friction can be approximated by problems of given friction", given_friction),
-)
-
-
-SYMMETRIC = 1e-12  # asymmetry due to rounding
-OFF = 1e-6  # relative error above which rounding has spoilt a solution
-FIRST_ORDER = 0.1  # tolerance of a slope of -1
-SQUARABLE = 1e-7  # smallest residual whose square is above rounding
-CONSTANT = 100.0  # of quadratic convergence, residuals relative to p_ref
-SPOILT = 1e-3  # relative error above which a solution is useless
-FEW = 100  # iterations
 
 
 def quadratic(rows: Rows) -> Finding:
@@ -321,21 +302,3 @@ def _finest(rows: Rows) -> dict[str, list[Row]]:
                 same = {key: last[key] for key in ("dim", "n", "mu", "omega_factor", "form")}
                 found[f"{dim}D n = {last['n']}, {form}"] = chosen(rows["tangent"], **same)
     return found
-
-
-TANGENT = (
-    Claim("(4.4)-(4.5)", "Newton-Raphson on the perturbed Lagrangian converges quadratically in the end", quadratic),
-    Claim("(4.3)", "the perturbed Lagrangian leads to contact itself as ω grows, in first order", first_order),
-    Claim("(4.3)", "the error that perturbed-lagrangian states is no less than its true one", stated),
-    Claim("§1", "the systems are nonsymmetric", unsymmetric),
-    Claim(
-        "§1", "the systems are ill-conditioned, the more the finer the mesh or the stiffer the springs", ill_conditioned
-    ),
-    Claim("§1", "direct methods are not efficient: GMRES with an incomplete factor is faster", direct_is_slow),
-    Claim("§1", "ill-conditioning spoils the solutions of direct methods", direct_is_wrong),
-    Claim("§1", "classical iterative methods converge badly", classical_is_slow),
-    Claim("[5]", "relaxed ILU is better than ILU(0)", relaxed),
-    Claim("[5]", "stabilised ILU is better than ILU(0)", stabilised),
-    Claim("§1, [5]", "incomplete factors make GMRES's iterations independent of the mesh size", ilu_is_free_of_h),
-    Claim("§1, [5]", "incomplete factors stand large penalties", ilu_stands_penalties),
-)

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
-from stickslip.workflows.lab.studies.finding import Claim, Row, Rows, alike, chosen, csv_of, different, judged, pivot
-from stickslip.workflows.lab.studies.published.claims import TANGENT, UZAWA
+from stickslip.workflows.lab.studies.finding import Row, Rows, alike, chosen, csv_of, different, escaped, judged, pivot
+from stickslip.workflows.lab.studies.published import claims
 from stickslip.workflows.lab.studies.published.tangent import DIRECT
 
 matplotlib.use("Agg")
@@ -139,7 +139,6 @@ PICTURES: Mapping[str, Callable[[list[Row]], bytes]] = {
 }
 
 
-CLAIMS: tuple[Claim, ...] = (*UZAWA, *TANGENT)
 TEMPLATE = "lab/studies/templates/published.md"
 
 
@@ -149,11 +148,15 @@ def write_page(folder: Path, rows: Rows) -> Path:
         write_aside(folder / f"{study}.csv", csv_of(found).encode())
         if study in PICTURES and found:
             write_aside(folder / f"{study}.png", PICTURES[study](found))
-    text = render(TEMPLATE, rows=rows, claims=claims(rows), pivot=pivot, chosen=chosen, different=different)
+    text = render(
+        TEMPLATE,
+        rows=rows,
+        claims=claims,
+        judged=lambda judge: judged(judge(rows), judge(rows).verdict),
+        escaped=escaped,
+        pivot=pivot,
+        chosen=chosen,
+        different=different,
+    )
     write_aside(folder / "published.md", text.encode())
     return folder / "published.md"
-
-
-def claims(rows: Rows) -> str:
-    """Every claim with its verdict and figure."""
-    return judged(CLAIMS, rows, lambda found: found.verdict)

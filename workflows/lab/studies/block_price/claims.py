@@ -1,30 +1,22 @@
-"""The page of `block-uzawa` beside the condensed methods: verdicts on the claims of the source, and tables."""
+"""Claims of the source on its method, and the functions that judge them by the measurements."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 
-from stickslip.geometry.dolfinx_versions import DOLFINX
-from stickslip.workflows.formats.files import write_aside
-from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.studies.block_price.measure import (
     AS_EXACT,
     BLOCK,
     CONDENSED,
-    EXACT,
     EXACTLY,
     FACTORS,
     INEXACT,
     LIKE,
-    METHODS,
     REFERENCE,
-    TOLERANCE,
     Q,
 )
 from stickslip.workflows.lab.studies.finding import (
     AS_MANY,
-    Claim,
     Finding,
     Row,
     Rows,
@@ -37,9 +29,7 @@ from stickslip.workflows.lab.studies.finding import (
     free_of_h,
     grouped,
     grows,
-    judged,
     mesh_of,
-    pivot,
     said,
     slopes,
 )
@@ -272,65 +262,6 @@ def _and(failed: Sequence[str]) -> str:
     return f"; fails: {'; '.join(failed)}" if failed else ""
 
 
-CLAIMS = (
-    Claim("§1", "direct methods are not efficient: inner solves by multigrid beat those by a factor", factor_is_slow),
-    Claim(
-        "§1",
-        "direct methods are not efficient: an iteration without a factor beats the fastest with one",
-        direct_is_slow,
-    ),
-    Claim("§5, end", "without a preconditioner the iteration slows down as the mesh is refined", mass_grows),
-    Claim(
-        "§1", "an incomplete factor of the Gram matrix frees the iterations of the mesh size", incomplete_is_free_of_h
-    ),
-    Claim("§1", "the complete factor of the Gram matrix does", complete_is_free_of_h),
-    Claim("§5, end", "the preconditioner saves iterations", gram_saves_iterations),
-    Claim("§5, end", "the preconditioner saves time", gram_saves_seconds),
-    Claim("(1.2)", "inexact inner solves cost no outer iterations", inexact_is_as_fast),
-    Claim(
-        "(1.2)", "inexact inner solves save conjugate gradient iterations, compared with solves to 1e-8", inexact_saves
-    ),
-    Claim("(1.2)", "δ_k may be of any size: every inner tolerance up to .6 converges", any_delta),
-    Claim("§5, remarks", "Uzawa converges if and only if 0 < α < 2/λ₁ (base glued: a linear problem)", bound),
-    Claim("§5, remarks", "0 < α < 2/λ₁ is enough with Coulomb's law and a projection", bound_with_friction),
-    Claim("§5", "every friction, compliance, mesh and number of steps is solved", always_converges),
-    Claim("here", "condensed-newton takes less time than any block-uzawa", condensing_saves),
-    Claim("here", "the same iteration, condensed, takes as many iterations in less time", twins_agree),
-    Claim("here", "all methods end at the same λ and u", all_agree),
-)
-
-
-NAME = "block_uzawa_price.md"
-BUSY = 0.9  # share of a core below which seconds are not those of the method alone
-TEMPLATE = "lab/studies/templates/block_price.md"
-
-
-def write_page(path: Path, rows: Rows) -> Path:
-    """Write the page; its path."""
-    text = render(
-        TEMPLATE,
-        name=NAME,
-        tolerance=TOLERANCE,
-        exact=EXACT,
-        as_exact=AS_EXACT[1],
-        reference=REFERENCE,
-        conditions=conditions(rows),
-        verdicts=judged(CLAIMS, rows, verdict),
-        rows=rows,
-        alpha=[row | {"base": "glued" if row["sticks"] else f"mu = {row['mu']:g}"} for row in rows["alpha"]],
-        inner=[row | _inner_rule(row) for row in rows["inner"]],
-        pivot=pivot,
-        meshes=meshes,
-        done=done,
-        ratio=_ratio,
-        in_order=_in_order,
-        with_slopes=_with_slopes,
-        iterations=_iterations,
-    )
-    write_aside(path, text.encode())
-    return path
-
-
 def verdict(found: Finding) -> str:
     """The verdict; where few cases differ, these.
 
@@ -341,52 +272,3 @@ def verdict(found: Finding) -> str:
     if lost and len(lost) < len(found.cases) - len(lost):
         return f"holds, but not for {'; '.join(lost)}"
     return found.verdict
-
-
-def conditions(rows: Rows) -> str:
-    """Tell how the page was measured, and whether something else used the core."""
-    measured = [row for table in rows.values() for row in table if done(row)]
-    wall = sum(row["wall"] for row in measured)
-    share = sum(row["cpu"] for row in measured) / wall if wall else 1.0
-    words = (
-        f"**Conditions.** dolfinx {DOLFINX}, one process, one thread; runs under half a second are the best of three."
-    )
-    if share < BUSY:
-        words += f" The machine was busy: the runs got {share:.0%} of a core. Read seconds with care; counts are exact."
-    return words
-
-
-def _ratio(row: Row, beside: Sequence[Row]) -> str:
-    """Seconds over those of the reference for the same problem, which is among the rows beside it."""
-    same = {key: row[key] for key in ("dim", "n", "mu", "c_n", "steps", "sticks")}
-    reference = [other for other in chosen(beside, method=REFERENCE, **same) if done(other)]
-    return f"{row['seconds'] / reference[0]['seconds']:.3g}" if reference else ""
-
-
-def _in_order(rows: Sequence[Row], key: str) -> list[Row]:
-    """By method, then by the values of the key as they were measured."""
-    values = different(rows, key)
-    return sorted(rows, key=lambda row: (METHODS.index(row["method"]), values.index(row[key])))
-
-
-def _with_slopes(rows: list[Row]) -> Iterator[Row]:
-    """Columns of the iterations on each mesh, then of their slopes in each dimension."""
-    for row in rows:
-        yield {"method": row["method"], "column": mesh_of(row), "cell": _iterations(row)}
-    for dim in different(rows, "dim"):
-        for method in different(rows, "method"):
-            grown = slopes(rows, "iterations", method=method).get(f"{dim}D")
-            slope = "" if grown is None else f"{grown:.2f}"
-            yield {"method": method, "column": f"{dim}D slope", "cell": slope}
-
-
-def _inner_rule(row: Row) -> Row:
-    """The rule and the tolerance of its inner solves, as they are shown."""
-    inexact = "inexact" in row["method"]
-    return {"rule": row["rule"] if inexact else "exact", "share": f"{row['share']:g}" if inexact else ""}
-
-
-def _iterations(row: Row) -> str:
-    if done(row):
-        return str(row["iterations"])
-    return "stopped" if row["status"].startswith("stopped") else "fails"
