@@ -1,4 +1,4 @@
-"""Verdicts on claims: in which cases they hold, and the numbers behind them; rows as Markdown tables and as CSV."""
+"""Rows that are measured once, verdicts on claims by them, and the rows as Markdown tables and as CSV."""
 
 from __future__ import annotations
 
@@ -6,12 +6,18 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from stickslip.workflows.formats.files import make_folder
 
 Row = dict[str, Any]
 Rows = Mapping[str, list[Row]]  # by study
+Measurement = tuple[str, str, Callable[[Path], list[Row]]]  # study, name, and what measures or reads its rows
 HOLDS, HOLDS_NOT, UNKNOWN = "holds", "does not hold", "not measured"
 FREE_OF_H = 0.1  # log-log slope below which a quantity counts as independent of h
 GROWS = 0.5  # log-log slope above which a quantity counts as growing with 1/h
@@ -48,6 +54,24 @@ class Claim:
     judge: Callable[[Rows], Finding]
 
 
+def collected(folder: Path, names: Iterable[str], todo: Sequence[Measurement]) -> Rows:
+    """Return the rows of every study; each measurement keeps its answer in a folder of rows, and begins with it.
+
+    Args:
+        names: of all studies.
+    """
+    make_folder(folder)
+    make_folder(folder / "rows")
+    rows: Rows = {name: [] for name in names}
+    with Progress(console=Console(stderr=True)) as progress:
+        task = progress.add_task("measuring", total=len(todo))
+        for study, name, measure in todo:
+            progress.update(task, description=name)
+            rows[study].extend(measure(folder / "rows"))
+            progress.advance(task)
+    return rows
+
+
 def chosen(rows: Iterable[Row], **keys: Any) -> list[Row]:
     """Rows with these values."""
     return [row for row in rows if all(row.get(key) == value for key, value in keys.items())]
@@ -58,12 +82,28 @@ def different(rows: Iterable[Row], key: str) -> list[Any]:
     return list(dict.fromkeys(row[key] for row in rows))
 
 
+def grouped(rows: Iterable[Row], name: Callable[[Row], Any]) -> dict[Any, list[Row]]:
+    """Return the rows of each name, in their order."""
+    found: dict[Any, list[Row]] = {}
+    for row in rows:
+        found.setdefault(name(row), []).append(row)
+    return found
+
+
 def mesh_of(row: Row) -> str:
     """
     >>> mesh_of({"dim": 2, "n": 8})
     '2D n = 8'
     """
     return f"{row['dim']}D n = {row['n']}"
+
+
+def alike(rows: list[Row], key: str) -> list[Row]:
+    """Return rows in which only the key varies, by rising key; mesh, mu and omega have their most frequent values."""
+    others = [k for k in ("dim", "n", "mu", "omega_factor") if k != key]
+    kinds = grouped(rows, lambda row: tuple(row[k] for k in others))
+    best = max(kinds.values(), key=lambda found: len({row[key] for row in found}), default=[])
+    return sorted(best, key=lambda row: float(row[key]))
 
 
 def slope(rows: Iterable[Row], x: str, y: str) -> float | None:
@@ -167,11 +207,7 @@ def judged(claims: Iterable[Claim], rows: Rows, verdict: Callable[[Finding], str
 
 
 def pivot(
-    rows: Iterable[Row],
-    line: Sequence[str],
-    column: str,
-    cell: str | Callable[[Row], str],
-    heads: Sequence[str] = (),
+    rows: Iterable[Row], line: Sequence[str], column: str, cell: str | Callable[[Row], str], heads: Sequence[str] = ()
 ) -> str:
     """One line for each value of the keys `line`, one column for each text of `column`, in the order of the rows.
 

@@ -13,32 +13,24 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
 from stickslip.workflows.cost.measure import ONE_THREAD
-from stickslip.workflows.formats.files import make_folder
-from stickslip.workflows.lab.studies.block_price.measure import SMALL, Sizes, row_of, tables
+from stickslip.workflows.lab.studies.block_price.measure import SMALL, Case, Sizes, row_of, tables
 from stickslip.workflows.lab.studies.block_price.page import NAME, write_page
-from stickslip.workflows.lab.studies.finding import Rows
+from stickslip.workflows.lab.studies.finding import Measurement, Rows, collected
 
 LIMIT, FEW = 60.0, 5.0  # s
 
 
 def measured(folder: Path, sizes: Sizes, limit: float) -> Rows:
     """The rows of every table: those of an earlier run are read, the missing ones are measured."""
-    make_folder(folder)
-    make_folder(folder / "rows")
+
+    def measurement(table: str, case: Case) -> Measurement:
+        name = f"{table}: {case.dim}D n = {case.n}, {case.method}"
+        return table, name, lambda rows: [row_of(case, rows, limit)]
+
     wanted = tables(sizes)
-    with Progress(console=Console(stderr=True)) as progress:
-        task = progress.add_task("measuring", total=sum(map(len, wanted.values())))
-        rows: Rows = {name: [] for name in wanted}
-        for name, cases in wanted.items():
-            for case in cases:
-                progress.update(task, description=f"{name}: {case.dim}D n = {case.n}, {case.method}")
-                rows[name].append(row_of(case, folder / "rows", limit))
-                progress.advance(task)
-    return rows
+    return collected(folder, wanted, [measurement(table, case) for table in wanted for case in wanted[table]])
 
 
 def main(

@@ -35,6 +35,7 @@ from stickslip.workflows.lab.studies.finding import (
     done,
     enough,
     free_of_h,
+    grouped,
     grows,
     judged,
     mesh_of,
@@ -68,10 +69,7 @@ def factor_is_slow(rows: Rows) -> Finding:
 def direct_is_slow(rows: Rows) -> Finding:
     """The fastest method without a factor takes less time than condensed-newton, which condenses by a factor."""
     cases, ratios = {}, dict[str, float]()
-    for mesh, found in meshes(rows["h"]).items():
-        direct, best = _one(found, REFERENCE), _fastest(row for row in found if row["method"].endswith(INEXACT))
-        if direct is None:
-            continue
+    for mesh, direct, best in _beside_the_reference(rows, INEXACT):
         cases[mesh] = best is not None and best["seconds"] < direct["seconds"]
         if best is not None:
             ratios[mesh] = best["seconds"] / direct["seconds"]
@@ -119,13 +117,12 @@ def inexact_is_as_fast(rows: Rows) -> Finding:
 def inexact_saves(rows: Rows) -> Finding:
     """Fewer conjugate gradient iterations than with inner solves to 1e-8."""
     cases, figures = {}, list[str]()
-    for (dim, n, method), found in _inner(rows):
+    for name, found in _inner(rows).items():
         wholes = [row for row in chosen(found, rule=AS_EXACT[0], share=AS_EXACT[1]) if done(row)]
         usuals = chosen(found, rule="elman-golub", share=0.3)
         if not wholes or not usuals:
             continue
         whole, usual = wholes[0], usuals[0]
-        name = f"{dim}D n = {n}, {_q(method).removesuffix(INEXACT)}"
         cases[name] = done(usual) and usual["linear_iterations"] < whole["linear_iterations"]
         if done(usual):
             figures.append(f"{name}: {usual['linear_iterations']} for {whole['linear_iterations']}")
@@ -135,10 +132,10 @@ def inexact_saves(rows: Rows) -> Finding:
 def any_delta(rows: Rows) -> Finding:
     """Every inner tolerance converges."""
     cases, failed = {}, list[str]()
-    for (dim, n, method), found in _inner(rows):
+    for name, found in _inner(rows).items():
         bad = [f"{row['rule']} {row['share']:g}" for row in found if not done(row)]
-        cases[f"{dim}D n = {n}, {_q(method).removesuffix(INEXACT)}"] = not bad
-        failed += [f"{dim}D n = {n}, {_q(method).removesuffix(INEXACT)}, {each}" for each in bad]
+        cases[name] = not bad
+        failed += [f"{name}, {each}" for each in bad]
     return Finding(cases, f"fails: {'; '.join(failed) or 'none'}")
 
 
@@ -160,10 +157,7 @@ def bound_with_friction(rows: Rows) -> Finding:
 def condensing_saves(rows: Rows) -> Finding:
     """condensed-newton takes less time than every block-uzawa, mesh by mesh."""
     cases, figures = {}, list[str]()
-    for mesh, found in meshes(rows["h"]).items():
-        direct, best = _one(found, REFERENCE), _fastest(row for row in found if row["method"].startswith(BLOCK))
-        if direct is None:
-            continue
+    for mesh, direct, best in _beside_the_reference(rows, BLOCK):
         cases[mesh] = best is None or direct["seconds"] < best["seconds"]
         if best is not None:
             solves, seconds = (best[key] / direct[key] for key in ("volume_solves", "seconds"))
@@ -211,19 +205,14 @@ def always_converges(rows: Rows) -> Finding:
 
 def side_by_side(rows: Rows) -> list[Row]:
     """Rows of the tables that show all methods, each once."""
-    found: dict[tuple[object, ...], Row] = {}
-    for table in SIDE_BY_SIDE:
-        for row in rows[table]:
-            found[tuple(row[key] for key in ("dim", "n", "method", "mu", "c_n", "steps"))] = row
-    return list(found.values())
+    keys = ("dim", "n", "method", "mu", "c_n", "steps")
+    shown = (row for table in SIDE_BY_SIDE for row in rows[table])
+    return [same[-1] for same in grouped(shown, lambda row: tuple(row[key] for key in keys)).values()]
 
 
-def meshes(rows: Sequence[Row]) -> Mapping[str, list[Row]]:
+def meshes(rows: Iterable[Row]) -> Mapping[str, list[Row]]:
     """Rows by mesh: "2D n = 8"."""
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        found.setdefault(mesh_of(row), []).append(row)
-    return found
+    return grouped(rows, mesh_of)
 
 
 def finest(rows: Sequence[Row]) -> Mapping[str, list[Row]]:
@@ -237,8 +226,12 @@ def _one(rows: Iterable[Row], method: str) -> Row | None:
     return next((row for row in rows if row["method"] == method and done(row)), None)
 
 
-def _fastest(rows: Iterable[Row]) -> Row | None:
-    return min(filter(done, rows), key=lambda row: float(row["seconds"]), default=None)
+def _beside_the_reference(rows: Rows, kind: str) -> Iterator[tuple[str, Row, Row | None]]:
+    """Yield the reference on each mesh, and the fastest method whose name has a part; None if none converges."""
+    for mesh, found in meshes(rows["h"]).items():
+        solved = [row for row in found if kind in row["method"] and done(row)]
+        if direct := _one(found, REFERENCE):
+            yield mesh, direct, min(solved, key=lambda row: float(row["seconds"]), default=None)
 
 
 def _free_of_h(rows: Rows, names: Sequence[str]) -> Finding:
@@ -261,10 +254,10 @@ def _gram_saves(rows: Rows, key: str) -> Finding:
     return Finding({name: share < 1 for name, share in shares.items()}, f"{key} over those with Q = W: {said(shares)}")
 
 
-def _inner(rows: Rows) -> Iterator[tuple[tuple[int, int, str], list[Row]]]:
+def _inner(rows: Rows) -> Mapping[str, list[Row]]:
+    """Rows with inexact inner solves, by mesh and Q."""
     inexact = [row for row in rows["inner"] if row["method"].endswith(INEXACT)]
-    for key in dict.fromkeys((row["dim"], row["n"], row["method"]) for row in inexact):
-        yield key, chosen(inexact, dim=key[0], n=key[1], method=key[2])
+    return grouped(inexact, lambda row: f"{mesh_of(row)}, {_q(row['method']).removesuffix(INEXACT)}")
 
 
 def _q(method: str) -> str:

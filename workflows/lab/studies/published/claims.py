@@ -17,6 +17,7 @@ from stickslip.workflows.lab.studies.finding import (
     Finding,
     Row,
     Rows,
+    alike,
     beside,
     between,
     chosen,
@@ -211,8 +212,8 @@ def ill_conditioned(rows: Rows) -> Finding:
     for form in different(_direct(rows), "form"):
         direct = chosen(_direct(rows), form=form)
         for dim in sorted(set(different(direct, "dim"))):
-            found[f"{form}, against n in {dim}D"] = slope(_alike(chosen(direct, dim=dim), "n"), "n", "condition")
-        found[f"{form}, against ω"] = slope(_alike(direct, "omega_factor"), "omega_factor", "condition")
+            found[f"{form}, against n in {dim}D"] = slope(alike(chosen(direct, dim=dim), "n"), "n", "condition")
+        found[f"{form}, against ω"] = slope(alike(direct, "omega_factor"), "omega_factor", "condition")
     known = {name: value for name, value in found.items() if value is not None}
     return grows(known, f"slope: {said(known)}")
 
@@ -266,7 +267,7 @@ def ilu_is_free_of_h(rows: Rows) -> Finding:
     found = {}
     for solver in different(tangents, "solver"):
         for dim in sorted(set(different(tangents, "dim"))):
-            value = slope(_alike(chosen(tangents, solver=solver, dim=dim), "n"), "n", "iterations")
+            value = slope(alike(chosen(tangents, solver=solver, dim=dim), "n"), "n", "iterations")
             if value is not None and "ILU" in solver:
                 found[f"{solver}, {dim}D"] = value
     return free_of_h(found, f"slope: {between(found.values())}")
@@ -276,7 +277,7 @@ def ilu_stands_penalties(rows: Rows) -> Finding:
     """No more iterations for large omega than for small ones, and a solution as exact as its residual of 1e-8."""
     cases, figures = {}, list[str]()
     for form in different(rows["tangent"], "form"):
-        found = _alike(chosen(rows["tangent"], form=form, solver=INCOMPLETE), "omega_factor")
+        found = alike(chosen(rows["tangent"], form=form, solver=INCOMPLETE), "omega_factor")
         counts = [row["iterations"] if done(row) else np.inf for row in found]
         if len(counts) > 1:
             errors = [row["error"] or np.inf for row in found]
@@ -308,16 +309,6 @@ def _direct(rows: Rows) -> list[Row]:
 
 def _where(row: Row) -> str:
     return f"{row['dim']}D n = {row['n']}, mu = {row['mu']:g}, ω h/E = {row['omega_factor']:g}, {row['form']}"
-
-
-def _alike(rows: list[Row], key: str) -> list[Row]:
-    """Rows that differ in one key only (the other parameters have their most frequent values), by rising key."""
-    others = [k for k in ("dim", "n", "mu", "omega_factor") if k != key]
-    kinds: dict[tuple[float, ...], dict[float, Row]] = {}
-    for row in rows:
-        kinds.setdefault(tuple(row[k] for k in others), {})[row[key]] = row
-    best = max(kinds.values(), key=len, default={})
-    return [best[value] for value in sorted(best)]
 
 
 def _finest(rows: Rows) -> dict[str, list[Row]]:
