@@ -78,7 +78,7 @@ def cases() -> Iterator[tuple[str, ...]]:
 
 
 def measure(scene: str, override: list[str]) -> dict[str, Any]:
-    """Return peaks by stage and by phase of the clock [bytes], the size of the problem, and what is predicted for it."""
+    """Return peaks by stage and by phase of the clock [bytes], its size, and what is predicted for it."""
     peaks, spent = dict[str, float](), Clock._stop
     found, sizes = list[Demand](), dict[str, Any]()
 
