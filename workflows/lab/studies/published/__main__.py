@@ -10,28 +10,15 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
-from stickslip.workflows.formats.files import make_folder
-from stickslip.workflows.lab.studies.finding import Rows
+from stickslip.workflows.lab.studies.finding import Rows, collected
 from stickslip.workflows.lab.studies.published.measurements import MEASURED, SMALL, Sizes, measurements
 from stickslip.workflows.lab.studies.published.page import write_page
 
 
 def measured(output: Path, sizes: Sizes) -> Rows:
     """All rows: those of an earlier run are read, the missing ones are measured."""
-    make_folder(output)
-    make_folder(output / "rows")
-    todo = list(measurements(sizes))
-    rows: Rows = {study: [] for study in MEASURED}
-    with Progress(console=Console(stderr=True)) as progress:
-        task = progress.add_task("measuring", total=len(todo))
-        for measurement in todo:
-            progress.update(task, description=measurement.name)
-            rows[measurement.study].extend(measurement.rows(output / "rows"))
-            progress.advance(task)
-    return rows
+    return collected(output, MEASURED, [(each.study, each.name, each.rows) for each in measurements(sizes)])
 
 
 def main(

@@ -14,17 +14,8 @@ from matplotlib.figure import Figure
 
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
-from stickslip.workflows.lab.studies.finding import (
-    Claim,
-    Row,
-    Rows,
-    chosen,
-    csv_of,
-    different,
-    judged,
-    pivot,
-)
-from stickslip.workflows.lab.studies.published.claims import TANGENT, UZAWA
+from stickslip.workflows.lab.studies.finding import Row, Rows, alike, chosen, csv_of, different, escaped, judged, pivot
+from stickslip.workflows.lab.studies.published import claims
 from stickslip.workflows.lab.studies.published.tangent import DIRECT
 
 matplotlib.use("Agg")
@@ -95,19 +86,9 @@ def tangents(rows: list[Row]) -> bytes:
         found = [row for row in chosen(rows, form=form) if row["solver"] != DIRECT]
         for axis, (dim, key) in zip(line, ((2, "n"), (3, "n"), (2, "omega_factor"), (2, "mu")), strict=True):
             scale = "symlog" if key == "mu" else "log"
-            _lines(axis, _varying(chosen(found, dim=dim), key), "solver", key, "iterations", scale)
+            _lines(axis, alike(chosen(found, dim=dim), key), "solver", key, "iterations", scale)
             axis.set(title=f"{form}, {dim}D", xlabel={"omega_factor": "ω h/E"}.get(key, key))
     return _png(figure, axes)
-
-
-def _varying(rows: list[Row], key: str) -> list[Row]:
-    """Rows in which only the key varies; mesh, mu and omega have their most frequent values."""
-    others = [k for k in ("n", "mu", "omega_factor") if k != key]
-    kinds: dict[tuple[float, ...], list[Row]] = {}
-    for row in rows:
-        kinds.setdefault(tuple(row[k] for k in others), []).append(row)
-    best = max(kinds.values(), key=lambda found: len({row[key] for row in found}), default=[])
-    return sorted(best, key=lambda row: float(row[key]))
 
 
 def _lines(axis: Any, rows: list[Row], kind: str, x: str, y: str, scale: str = "log") -> None:
@@ -158,7 +139,6 @@ PICTURES: Mapping[str, Callable[[list[Row]], bytes]] = {
 }
 
 
-CLAIMS: tuple[Claim, ...] = (*UZAWA, *TANGENT)
 TEMPLATE = "lab/studies/templates/published.md"
 
 
@@ -168,11 +148,15 @@ def write_page(folder: Path, rows: Rows) -> Path:
         write_aside(folder / f"{study}.csv", csv_of(found).encode())
         if study in PICTURES and found:
             write_aside(folder / f"{study}.png", PICTURES[study](found))
-    text = render(TEMPLATE, rows=rows, claims=claims(rows), pivot=pivot, chosen=chosen, different=different)
+    text = render(
+        TEMPLATE,
+        rows=rows,
+        claims=claims,
+        judged=lambda judge: judged(judge(rows), judge(rows).verdict),
+        escaped=escaped,
+        pivot=pivot,
+        chosen=chosen,
+        different=different,
+    )
     write_aside(folder / "published.md", text.encode())
     return folder / "published.md"
-
-
-def claims(rows: Rows) -> str:
-    """Every claim with its verdict and figure."""
-    return judged(CLAIMS, rows, lambda found: found.verdict)
