@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,8 @@ from shared.cases import slow
 from shared.command import Call, assert_one_line, result
 from shared.disks import killed_at
 from shared.histories import FOUR, SMALL, Stop, assert_same, names_in
-from stickslip.geometry.errors import FolderError
+from stickslip.geometry.errors import FolderError, MachineError
+from stickslip.workflows.formats.files import disk_errors
 from stickslip.workflows.formats.marker import HEAD, MARKER, PART, declare, foreign, mark, marker_of
 from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.run.folder import OF_MEMBER, RESULT, ResultsFolder
@@ -135,6 +138,63 @@ def test_a_disk_mounted_at_the_place_is_refused(call: Call, folder: Path, monkey
     code, _, err = call(*WORDS)
     assert (code, err.count("\n")) == (2, 1)
     assert "-o out: a disk is mounted there, and no rename replaces it; name a folder in it" in err
+
+
+def test_a_disk_mounted_where_former_results_go_is_refused_before_anything_is_solved(
+    call: Call, done: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.path.ismount", lambda path: Path(path).name == "out.1")
+    code, _, err = call(*WORDS)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "out.1: a disk is mounted there, in the way of results; choose another folder with -o" in err
+
+
+@pytest.mark.parametrize(("number", "noted"), [(errno.ENOSPC, False), (errno.EROFS, True), (errno.EACCES, True)])
+def test_results_that_may_only_be_read_are_kept_but_a_full_disk_is_said(
+    number: int, noted: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for text in ("older", "old"):
+        finished(tmp_path / "out", text)
+    new = working(tmp_path / "out", "new")
+
+    def refused(*rest: object, **said: object) -> None:
+        with disk_errors(tmp_path):
+            raise OSError(number, "no")
+
+    monkeypatch.setattr("stickslip.workflows.run.folder.mark", refused)
+    with nullcontext() if noted else pytest.raises(MachineError):
+        new.finish()
+    assert (said(tmp_path / "out"), said(tmp_path / "out.1")) == (("new", "old") if noted else ("old", "older"))
+
+
+def test_results_that_no_rename_moves_leave_the_former_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As some disks of containers do."""
+    for text in ("older", "old"):
+        finished(tmp_path / "out", text)
+    new, rename = working(tmp_path / "out", "new"), os.rename
+
+    def renamed(source: Path, target: Path) -> None:
+        if source == tmp_path / "out":
+            raise OSError(errno.EXDEV, "no")
+        rename(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.rename", renamed)
+        with pytest.raises(MachineError):
+            new.finish()
+    assert (said(new.work), said(tmp_path / "out"), said(tmp_path / "out.1")) == ("new", "old", "older")
+    new.finish()
+    assert (said(tmp_path / "out"), said(tmp_path / "out.1")) == ("new", "old")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "out.1"]
+
+
+def test_results_are_not_gone_on_with_where_another_run_is_at_work(tmp_path: Path) -> None:
+    finished(tmp_path / "out", "old")
+    other = working(tmp_path / "out", "new")
+    resumed = ResultsFolder(tmp_path / "out")
+    with pytest.raises(FolderError, match="process is writing it"):
+        resumed.take_up(resumed.place)
+    assert (said(tmp_path / "out"), said(other.work)) == ("old", "new")
 
 
 def test_link_that_leads_nowhere_yet_is_followed(call: Call, folder: Path, whole: Path) -> None:

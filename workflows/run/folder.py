@@ -14,7 +14,7 @@ import re
 import socket
 import weakref
 from collections.abc import Iterable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from itertools import count
 from pathlib import Path
 
@@ -81,6 +81,7 @@ class ResultsFolder:
         """
         self.target, self.place, self.work = target, place_of(target), work_of(target)
         self._old = self.place.with_name(f"{self.place.name}{former}")
+        self._gone = self.place.with_name(f".{self._old.name}.gone")  # the old ones until the new ones are there
         self.notes: tuple[str, ...] = ()  # for the user
         self._held: weakref.finalize[..., ResultsFolder] | None = None  # a call releases the lock
         try:
@@ -88,9 +89,13 @@ class ResultsFolder:
                 raise FolderError(
                     f"-o {target}: a disk is mounted there, and no rename replaces it; name a folder in it"
                 )
-            for folder in (self.work, self._old):
+            for folder in (self.work, self._old, self._gone):
                 if folder.is_symlink():
                     raise FolderError(f"{folder}: is a link in the way of results; remove it")
+                if os.path.ismount(folder):
+                    raise FolderError(
+                        f"{folder}: a disk is mounted there, in the way of results; choose another folder with -o"
+                    )
             for folder in self.replaced:
                 _refuse_foreign(folder)
         except OSError as error:
@@ -99,7 +104,7 @@ class ResultsFolder:
     @property
     def replaced(self) -> tuple[Path, ...]:
         """Folders whose content moves or goes when the results are put in their place."""
-        return self.place, self.work, self._old
+        return self.place, self.work, self._old, self._gone
 
     def refuse_to_lose(self) -> None:
         """Check that neither steps nor results of another run would be lost.
@@ -179,7 +184,9 @@ class ResultsFolder:
         """
         self.lock(folder)
         if folder != self.work:
-            with disk_errors(folder):
+            with disk_errors(folder), ExitStack() as held:
+                if is_marked(self.work):
+                    held.callback(os.close, self._locked(self.work))
                 self._clear(self.work)
                 folder.rename(self.work)
                 mark(self.work, former="")
@@ -197,8 +204,11 @@ class ResultsFolder:
         Raises:
             FolderError: another process is at work there.
         """
-        if self._held is not None:
-            return
+        if self._held is None:
+            self._held = weakref.finalize(self, os.close, self._locked(folder))
+
+    def _locked(self, folder: Path) -> int:
+        """Return the descriptor that holds the lock of a folder."""
         with disk_errors(folder):
             descriptor = _open_log(folder)
             try:
@@ -212,7 +222,7 @@ class ResultsFolder:
                         f"{self.target}: {_who(folder)} is writing it; choose another folder with -o"
                     ) from None
                 self.notes = (f"{folder}: this disk has no locks: make sure that no other run writes there",)
-        self._held = weakref.finalize(self, os.close, descriptor)
+        return descriptor
 
     def release(self) -> None:
         """Release the lock."""
@@ -233,17 +243,32 @@ class ResultsFolder:
         """
         self.refuse_to_replace()
         with disk_errors(self.target):
+            self._clear(self._gone)  # if a run was killed here
             if own_files(self.place):
-                self._clear(self._old)
-                with suppress(MachineError):  # results that may only be read are kept all the same
-                    mark(self.place, former=self.place.name)
-                self.place.rename(self._old)
+                self._keep_as_former()
             else:
                 self._clear(self.place)
             self.work.rename(self.place)
             sync_folder(self.place.parent)
+            self._clear(self._gone)
         self.release()
         return self.target
+
+    def _keep_as_former(self) -> None:
+        """Rename the place to `TARGET.1`; those that were there go when the new ones stand."""
+        try:
+            mark(self.place, former=self.place.name)
+        except MachineError as error:  # results that may only be read are kept all the same
+            if getattr(error.__cause__, "errno", None) not in READ_ONLY:
+                raise
+        if self._old.exists():
+            self._old.rename(self._gone)
+        try:
+            self.place.rename(self._old)
+        except OSError:
+            with suppress(FileNotFoundError):
+                self._gone.rename(self._old)
+            raise
 
     def _clear(self, folder: Path) -> None:
         """Remove a folder of results, or give it the next name that is free if it holds files of the user."""
