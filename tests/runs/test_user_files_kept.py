@@ -27,6 +27,11 @@ WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in SCENE)
 OWN = {  # of the user
     "notes.txt": "mine",
     "steps/000002 copy.h5": "mine",
+    "steps/000001_notes.txt": "mine",
+    "steps/000002.bak": "mine",
+    "steps/.000002.bak.part": "mine",
+    "learnt/000001.old.bin": "mine",
+    "vtu/000009.old.vtu": "mine",
     "learnt/mine.bin": "mine",
     "vtu/mine.vtu": "mine",
     "thoughts/on/friction.md": "mine",
@@ -95,6 +100,14 @@ def test_files_that_the_user_names_in_a_results_folder_are_kept(call: Call, done
     for former in ("out.1", "out.2"):
         assert call(*WORDS) == (0, "", "")
         assert {name: (done.with_name(former) / name).read_bytes() for name in texts} == texts
+
+
+def test_a_page_beside_the_results_is_the_runs_unless_it_was_there_or_named(call: Call, done: Path) -> None:
+    for _ in range(3):
+        assert call("report", "out")[0] == call("report", "out")[0] == call(*WORDS)[0] == 0
+    assert sorted(path.name for path in done.parent.iterdir()) == ["out", "out.1"]
+    assert call("report", "out", "-o", "out/report.html")[0] == call("report", "out")[0] == 0
+    assert [path.name for path in foreign(done)] == ["report.html"]
 
 
 def test_a_link_to_the_results_is_followed_and_kept(call: Call, folder: Path, whole: Path) -> None:
