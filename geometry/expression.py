@@ -59,7 +59,8 @@ class Expression:
     @property
     def numbers(self) -> frozenset[float]:
         """Numbers that are written in it."""
-        return frozenset(float(node.value) for node in ast.walk(self._tree) if isinstance(node, ast.Constant))
+        values = (node.value for node in ast.walk(self._tree) if isinstance(node, ast.Constant))
+        return frozenset(float(value) for value in values if isinstance(value, int | float))
 
     @property
     def in_time(self) -> bool:

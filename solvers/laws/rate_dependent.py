@@ -107,7 +107,7 @@ class RateDependent(FrictionLaw):
         assert isinstance(self.mu, str)
         about = [number + sign * SPEEDS for number in Expression(self.mu).numbers for sign in (-1, 1)]
         V = np.unique(np.concatenate([SPEEDS, *about]))
-        return V[np.clip(V, SPEEDS[0], SPEEDS[-1]) == V]
+        return np.asarray(V[np.clip(V, SPEEDS[0], SPEEDS[-1]) == V])
 
     @property
     def most(self) -> float:
