@@ -31,10 +31,9 @@ from stickslip.workflows.lab.studies.block_price.measure import (
 from stickslip.workflows.lab.studies.block_price.measure import Sizes as PriceSizes
 from stickslip.workflows.lab.studies.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen, escaped
 from stickslip.workflows.lab.studies.published import claims as c
-from stickslip.workflows.lab.studies.published.__main__ import measured
+from stickslip.workflows.lab.studies.published.__main__ import measured, write_page
 from stickslip.workflows.lab.studies.published.contact import LEARNING, PLAIN, march, scene
 from stickslip.workflows.lab.studies.published.measurements import MEASURED, Measurement, Sizes, measurements
-from stickslip.workflows.lab.studies.published.page import write_page
 
 TINY = Sizes(
     meshes=((2, 4), (2, 8)),

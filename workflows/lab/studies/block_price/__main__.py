@@ -19,8 +19,9 @@ from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
+from stickslip.workflows.lab.studies import finding
 from stickslip.workflows.lab.studies.block_price import claims
-from stickslip.workflows.lab.studies.block_price.claims import meshes, verdict
+from stickslip.workflows.lab.studies.block_price.claims import verdict
 from stickslip.workflows.lab.studies.block_price.measure import (
     AS_EXACT,
     EXACT,
@@ -33,44 +34,29 @@ from stickslip.workflows.lab.studies.block_price.measure import (
     row_of,
     tables,
 )
-from stickslip.workflows.lab.studies.finding import (
-    Measurement,
-    Row,
-    Rows,
-    chosen,
-    collected,
-    different,
-    done,
-    judged,
-    mesh_of,
-    pivot,
-    slopes,
-)
+from stickslip.workflows.lab.studies.finding import Measurement, Row, Rows, chosen, different, done, mesh_of, slopes
 
 LIMIT, FEW = 60.0, 5.0  # s
 NAME = "block_uzawa_price.md"
 BUSY = 0.9  # share of a core below which seconds are not those of the method alone
-TEMPLATE = "lab/studies/templates/block_price.md"
 
 
 def write_page(path: Path, rows: Rows) -> Path:
     """Write the page; its path."""
     text = render(
-        TEMPLATE,
+        "lab/studies/templates/block_price.md",
         name=NAME,
         tolerance=TOLERANCE,
         exact=EXACT,
         as_exact=AS_EXACT[1],
         reference=REFERENCE,
         conditions=conditions(rows),
+        finding=finding,
         claims=claims,
-        judged=lambda judge: judged(judge(rows), verdict(judge(rows))),
+        judged=lambda judge: finding.judged(judge(rows), verdict(judge(rows))),
         rows=rows,
         alpha=[row | {"base": "glued" if row["sticks"] else f"mu = {row['mu']:g}"} for row in rows["alpha"]],
         inner=[row | _inner_rule(row) for row in rows["inner"]],
-        pivot=pivot,
-        meshes=meshes,
-        done=done,
         ratio=_ratio,
         in_order=_in_order,
         with_slopes=_with_slopes,
@@ -137,7 +123,7 @@ def measured(folder: Path, sizes: Sizes, limit: float) -> Rows:
         return table, name, lambda rows: [row_of(case, rows, limit)]
 
     wanted = tables(sizes)
-    return collected(folder, wanted, [measurement(table, case) for table in wanted for case in wanted[table]])
+    return finding.collected(folder, wanted, [measurement(table, case) for table in wanted for case in wanted[table]])
 
 
 def main(
