@@ -12,6 +12,7 @@ from scipy import sparse
 
 from shared.audited import record_of
 from shared.cases import every_nth
+from shared.failures import failures
 from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
@@ -42,7 +43,6 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene
-from stickslip.workflows.lab.verification.check import failures
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 

@@ -85,18 +85,12 @@ class ResultsFolder:
         self.notes: tuple[str, ...] = ()  # for the user
         self._held: weakref.finalize[..., ResultsFolder] | None = None  # a call releases the lock
         try:
-            if os.path.ismount(self.place):
-                raise FolderError(
-                    f"-o {target}: a disk is mounted there, and no rename replaces it; name a folder in it"
-                )
-            for folder in (self.work, self._old, self._gone):
+            for folder in self.replaced:
                 if folder.is_symlink():
                     raise FolderError(f"{folder}: is a link in the way of results; remove it")
                 if os.path.ismount(folder):
-                    raise FolderError(
-                        f"{folder}: a disk is mounted there, in the way of results; choose another folder with -o"
-                    )
-            for folder in self.replaced:
+                    why = f"a disk is mounted at {folder}, and no rename replaces it"
+                    raise FolderError(f"-o {target}: {why}; name a folder in it")
                 _refuse_foreign(folder)
         except OSError as error:
             raise FolderError(f"-o {target}: {error.strerror}") from None
@@ -144,8 +138,7 @@ class ResultsFolder:
                 "--resume, or remove that folder, or choose another one with -o"
             )
         stored, light = step_files(folder), light_files(folder)
-        kept = len({*stored, *light})
-        if not kept:
+        if not (kept := len({*stored, *light})):
             return
         self.release()
         if not (folder / BEGUN).is_file():
@@ -245,7 +238,17 @@ class ResultsFolder:
         with disk_errors(self.target):
             self._clear(self._gone)  # if a run was killed here
             if own_files(self.place):
-                self._keep_as_former()
+                try:
+                    mark(self.place, former=self.place.name)
+                except MachineError as error:  # results that may only be read are kept all the same
+                    if getattr(error.__cause__, "errno", None) not in READ_ONLY:
+                        raise
+                with ExitStack() as undo:
+                    if self._old.exists():
+                        self._old.rename(self._gone)
+                        undo.callback(self._gone.rename, self._old)
+                    self.place.rename(self._old)
+                    undo.pop_all()
             else:
                 self._clear(self.place)
             self.work.rename(self.place)
@@ -253,22 +256,6 @@ class ResultsFolder:
             self._clear(self._gone)
         self.release()
         return self.target
-
-    def _keep_as_former(self) -> None:
-        """Rename the place to `TARGET.1`; those that were there go when the new ones stand."""
-        try:
-            mark(self.place, former=self.place.name)
-        except MachineError as error:  # results that may only be read are kept all the same
-            if getattr(error.__cause__, "errno", None) not in READ_ONLY:
-                raise
-        if self._old.exists():
-            self._old.rename(self._gone)
-        try:
-            self.place.rename(self._old)
-        except OSError:
-            with suppress(FileNotFoundError):
-                self._gone.rename(self._old)
-            raise
 
     def _clear(self, folder: Path) -> None:
         """Remove a folder of results, or give it the next name that is free if it holds files of the user."""
@@ -305,14 +292,12 @@ def _open_log(folder: Path) -> int:
     path, options = folder / LOG, os.O_APPEND | os.O_NONBLOCK
     if path.is_symlink() or (path.exists() and not path.is_file()):
         raise OSError(errno.EINVAL, "not a regular file")
-    if path.exists():
-        try:
-            return os.open(path, os.O_WRONLY | options)
-        except OSError as error:
-            if error.errno not in READ_ONLY:
-                raise
-            return os.open(path, os.O_RDONLY | options)
-    return os.open(path, os.O_WRONLY | options | os.O_CREAT, 0o666)
+    try:
+        return os.open(path, os.O_WRONLY | options | os.O_CREAT, 0o666)
+    except OSError as error:
+        if error.errno not in READ_ONLY or not path.exists():
+            raise
+        return os.open(path, os.O_RDONLY | options)
 
 
 def _refuse_foreign(folder: Path) -> None:
