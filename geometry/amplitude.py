@@ -66,19 +66,31 @@ def read_csv(keys: Mapping[str, Any]) -> Table:
 def _rows(path: Path, *names: str) -> Iterator[tuple[float, float]]:
     """Time and value of each row; the keys of `COLUMNS` are named where something is wrong."""
     last = -1.0
-    lines = csv.reader(_text(path).splitlines(), skipinitialspace=True)
-    header = [name.strip() for name in next(lines, [])]
+    lines = _lines(path)
+    header = [name.strip() for name in next(lines, ("", []))[1]]
     for key, name in zip(("time", "column"), names, strict=True):
         require_known(key, name, header, f"{path.name} has no such column")
         require(header.count(name) == 1, key, name, f"{path.name} has several columns of this name")
-    for row in lines:
+    for line, row in lines:
         if not any(cell.strip() for cell in row):
             continue
-        found = [_number(row, header.index(name), name, f"{path.name}, line {lines.line_num}") for name in names]
+        found = [_number(row, header.index(name), name, f"{path.name}, {line}") for name in names]
         rises = found[0] > last if last >= 0 else found[0] >= 0
-        require(rises, "csv", path, f"line {lines.line_num}: times must increase, from 0 or later; found {found[0]:g}")
+        require(rises, "csv", path, f"{line}: times must increase, from 0 or later; found {found[0]:g}")
         last = found[0]
         yield found[0], found[1]
+
+
+def _lines(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """Cells of each line, after its name; one whose quotes never close is named where they open."""
+    lines = csv.reader(_text(path).splitlines(), skipinitialspace=True)
+    begun = 1
+    try:
+        for row in lines:
+            yield f"line {lines.line_num}", row
+            begun = lines.line_num + 1
+    except csv.Error as error:
+        raise SceneError(f"csv = {shortened(path)}: line {begun}: {error}; is a quote not closed?") from None
 
 
 def _number(row: list[str], place: int, name: str, where: str) -> float:
@@ -93,8 +105,8 @@ def _number(row: list[str], place: int, name: str, where: str) -> float:
 
 
 def _text(path: Path) -> str:
-    require(path.is_file(), "csv", path, "no such file")
     try:
+        require(path.is_file(), "csv", path, "no such file")
         with path.open(encoding="utf-8-sig", newline="") as file:
             text = file.read(LONGEST + 1)
     except UnicodeDecodeError:

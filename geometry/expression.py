@@ -57,6 +57,12 @@ class Expression:
         return frozenset(node.id for node in ast.walk(self._tree) if isinstance(node, ast.Name)) - FUNCTIONS.keys()
 
     @property
+    def numbers(self) -> frozenset[float]:
+        """Numbers that are written in it."""
+        values = (node.value for node in ast.walk(self._tree) if isinstance(node, ast.Constant))
+        return frozenset(float(value) for value in values if isinstance(value, int | float))
+
+    @property
     def in_time(self) -> bool:
         """Whether it says how it changes in time; otherwise it is ramped like a number."""
         return "t" in self.names

@@ -67,7 +67,7 @@ class Gram(Noun):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DenseMetric:
-    """Q / alpha in place of the Delassus operator; implements `newton.surface_system.Metric`."""
+    """Q / alpha in place of the Delassus operator; implements `newton.surface_model.Metric`."""
 
     surface: DelassusOperator
     Q: Array  # (rows, rows), p^T Q p for tractions p

@@ -34,7 +34,8 @@ COMPLEX: Mapping[str, Any] = {  # for derivatives, which are imaginary parts
 class RateDependent(FrictionLaw):
     """mu at the slip rate V = |slip in a step| / length of the step (backward Euler); it must not fall with V.
 
-    Where it falls, a body slides in jumps, and nothing but inertia or radiation says how long they are.
+    Where it falls, a body slides in jumps, and nothing but inertia or radiation says how long they are. An expression
+    is sampled, over 18 decades and about each number that is written in it: a dip between the samples is not seen.
 
     Source: Rabinowicz, J. Appl. Phys. 22 (1951), of mu by the rate; Rice & Ruina, J. Appl. Mech. 50 (1983), of jumps.
     """
@@ -57,12 +58,19 @@ class RateDependent(FrictionLaw):
         check_varying(self.mu, "mu")
         others = Expression(self.mu).names - {RATE, "pi"}
         require(not others, "mu", f'"{self.mu}"', f"{', '.join(sorted(others))}: mu depends on V alone")
-        with np.errstate(all="ignore"):
-            mu = self.coefficient(SPEEDS)
-        bad = np.flatnonzero(~(mu >= 0))
-        if len(bad):
-            raise SceneError(f'mu = "{self.mu}": is {mu[bad[0]]:.3g} at V = {SPEEDS[bad[0]]:.3g}; must not be negative')
-        require(bool(np.all(mu[1:] >= mu[:-1] * (1 - 4 * EPS))), "mu", f'"{self.mu}"', falls)
+        V = self._sampled()
+        mu, slope = self.coefficient(V), self.slope(V)
+        smooth = np.isfinite(mu) & np.isfinite(slope) & np.isclose(self._dual(V).real, mu)  # apart beside a pole
+        for bad, said in (
+            (mu < 0, "is {mu:.3g} at V = {V:.3g}; must not be negative"),
+            (~smooth, "has no finite value or no finite slope at V = {V:.3g}"),
+        ):
+            for k in np.flatnonzero(bad)[:1]:
+                raise SceneError(f'mu = "{self.mu}": {said.format(mu=mu[k], V=V[k])}')
+        with np.errstate(over="ignore"):
+            falling = slope * np.maximum(V, SPEEDS[1]) < -4 * EPS * mu  # by more than rounding makes of a level line
+        rises = (mu[1:] >= mu[:-1] * (1 - 4 * EPS)).all() and not falling.any()
+        require(bool(rises), "mu", f'"{self.mu}"', falls)
 
     def coefficient(self, V: Array) -> Array:
         """mu (m,) [-] at slip rates V (m,) [m/s].
@@ -72,7 +80,8 @@ class RateDependent(FrictionLaw):
         """
         if not isinstance(self.mu, str):
             return mu_table.read(self.mu, V)
-        found = Expression(self.mu).build({RATE: V}, np.float64, FUNCTIONS)
+        with np.errstate(all="ignore"):
+            found = Expression(self.mu).build({RATE: V}, np.float64, FUNCTIONS)
         return np.broadcast_to(np.asarray(found, float), np.shape(V))
 
     def slope(self, V: Array) -> Array:
@@ -83,8 +92,22 @@ class RateDependent(FrictionLaw):
         """
         if not isinstance(self.mu, str):
             return mu_table.slope(self.mu, V)
-        found = Expression(self.mu).build({RATE: V + 1j * TINY}, np.complex128, COMPLEX)
-        return np.broadcast_to(np.imag(found) / TINY, np.shape(V))
+        with np.errstate(over="ignore"):
+            return np.imag(self._dual(V)) / TINY
+
+    def _dual(self, V: Array) -> Array:
+        """mu + i TINY d mu / dV (m,) of an expression."""
+        assert isinstance(self.mu, str)
+        with np.errstate(all="ignore"):
+            found = Expression(self.mu).build({RATE: V + 1j * TINY}, np.complex128, COMPLEX)
+        return np.broadcast_to(np.asarray(found, complex), np.shape(V))
+
+    def _sampled(self) -> Array:
+        """Speeds [m/s] at which an expression is looked at: `SPEEDS`, and as far from each number in it."""
+        assert isinstance(self.mu, str)
+        about = [number + sign * SPEEDS for number in Expression(self.mu).numbers for sign in (-1, 1)]
+        V = np.unique(np.concatenate([SPEEDS, *about]))
+        return np.asarray(V[np.clip(V, SPEEDS[0], SPEEDS[-1]) == V])
 
     @property
     def most(self) -> float:

@@ -42,7 +42,7 @@ class SemismoothNewton:
     Plain Newton comes first. Where two contacts press on an edge that bodies share, as under a bolt's head, their rows
     almost depend on each other: it then hops between active sets of a few such points, and is damped from the best
     iterate on, see `Attempts`. If it fails otherwise, it is damped from the start; then follow the ends of paths, see
-    `path`, solutions with simpler laws, see `simpler_laws`, and other trial tractions to start from, before the step
+    `path`, solutions with simpler laws, see `simpler_ends`, and other trial tractions to start from, before the step
     counts as failed. None of this costs a volume solve but starts whose displacement is not known.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,

@@ -316,8 +316,8 @@ TORN = 5  # bytes of a last row that a crash keeps from the disk
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The results of a run that was left alone."""
+def learning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of a run with a method that learns, which was left alone."""
     folder = tmp_path_factory.mktemp("whole") / "out"
     run(read("block", SCENE), folder)
     return folder
@@ -345,27 +345,27 @@ def _moments(count: int, seed: int = 0) -> list[float]:
     return [lots.random() for _ in range(count)]
 
 
-def test_killed_at_moments_of_writing_it_goes_on(tmp_path: Path, whole: Path) -> None:
+def test_killed_at_moments_of_writing_it_goes_on(tmp_path: Path, learning: Path) -> None:
     """The last one too, when all is solved and the files of what was learnt are gone."""
     last = changes(tmp_path / "counted" / "out")
     for change in {*(1 + int(part * last) for part in _moments(1)), last}:
         folder = tmp_path / f"{change}" / "out"
         assert killed(change, folder, resume=False)
         run(read("block", SCENE), folder, resume=True)
-        assert_same(folder, whole)
-        assert names_in(folder.parent) == {f"out/{name}" for name in names_in(whole)}
+        assert_same(folder, learning)
+        assert names_in(folder.parent) == {f"out/{name}" for name in names_in(learning)}
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(LONG)
-def test_killed_at_every_moment_of_writing_it_goes_on(tmp_path: Path, whole: Path) -> None:
+def test_killed_at_every_moment_of_writing_it_goes_on(tmp_path: Path, learning: Path) -> None:
     """And killed again while it resumes, at a moment as early."""
     for change in range(1, changes(tmp_path / "counted" / "out") + 1):
         folder = tmp_path / f"{change}" / "out"
         assert killed(change, folder, resume=False)
         killed(change // 2, folder, resume=True)
         run(read("block", SCENE), folder, resume=True)
-        assert_same(folder, whole)
+        assert_same(folder, learning)
 
 
 # by the clock
@@ -441,7 +441,7 @@ def test_command_killed_at_random_times_goes_on(folder: Path, command: list[str]
         assert_same(place / "out", alone)
 
 
-def test_third_ctrl_c_ends_it_at_once(tmp_path: Path, whole: Path) -> None:
+def test_third_ctrl_c_ends_it_at_once(tmp_path: Path, learning: Path) -> None:
     """In the middle of an iteration, with the steps so far where `--resume` finds them."""
 
     def press(step: StepResult) -> None:
@@ -455,7 +455,7 @@ def test_third_ctrl_c_ends_it_at_once(tmp_path: Path, whole: Path) -> None:
     assert not folder.exists()
     run(read("block", SCENE), folder, resume=True)
     assert "resumed after step 2," in (folder / "run.log").read_text()
-    assert_same(folder, whole)
+    assert_same(folder, learning)
 
 
 # a full disk

@@ -250,8 +250,14 @@ def test_pictures_of_pairs_are_drawn_again_in_place_of_their_own_kind_only(call:
     (drawn / "notes.txt").write_text("mine")
     assert call("contacts", "stack.brep")[0] == 0
     assert sorted(path.name for path in drawn.glob("[!.]*")) == ["01_part_2_part.png", "notes.txt"]
-    mark(drawn, names=["result.json"])
-    assert call("contacts", "stack.brep")[0] == 2
+    for names in (["result.json"], []):
+        mark(drawn, names=names)
+        assert call("contacts", "stack.brep")[0] == 2
+    write_aside(drawn / "01_part_2_part.png", b"mine")
+    mark(drawn, names=["02_old_pair.png"])
+    assert "01_part_2_part.png: is no file of this run, and in its way" in call("contacts", "stack.brep")[2]
+    assert (drawn / "01_part_2_part.png").read_bytes() == b"mine"
+    assert sorted(path.name for path in folder.iterdir()) == ["stack.brep", "stack_contacts"]
 
 
 def test_from_an_assembly_to_results_without_a_line_typed(call: Call, folder: Path) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ from shared.cases import slow
 from shared.command import Call, assert_one_line, result
 from shared.disks import killed_at
 from shared.histories import FOUR, SMALL, Stop, assert_same, names_in
-from stickslip.geometry.errors import FolderError
+from stickslip.geometry.errors import FolderError, MachineError
 from stickslip.workflows.formats.marker import HEAD, MARKER, PART, declare, foreign, mark, marker_of
 from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.run.folder import OF_MEMBER, RESULT, ResultsFolder
@@ -27,6 +29,11 @@ WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in SCENE)
 OWN = {  # of the user
     "notes.txt": "mine",
     "steps/000002 copy.h5": "mine",
+    "steps/000001_notes.txt": "mine",
+    "steps/000002.bak": "mine",
+    "steps/.000002.bak.part": "mine",
+    "learnt/000001.old.bin": "mine",
+    "vtu/000009.old.vtu": "mine",
     "learnt/mine.bin": "mine",
     "vtu/mine.vtu": "mine",
     "thoughts/on/friction.md": "mine",
@@ -97,6 +104,14 @@ def test_files_that_the_user_names_in_a_results_folder_are_kept(call: Call, done
         assert {name: (done.with_name(former) / name).read_bytes() for name in texts} == texts
 
 
+def test_a_page_beside_the_results_is_the_runs_unless_it_was_there_or_named(call: Call, done: Path) -> None:
+    for _ in range(3):
+        assert call("report", "out")[0] == call("report", "out")[0] == call(*WORDS)[0] == 0
+    assert sorted(path.name for path in done.parent.iterdir()) == ["out", "out.1"]
+    assert call("report", "out", "-o", "out/report.html")[0] == call("report", "out")[0] == 0
+    assert [path.name for path in foreign(done)] == ["report.html"]
+
+
 def test_a_link_to_the_results_is_followed_and_kept(call: Call, folder: Path, whole: Path) -> None:
     link, place = folder / "out", folder / "elsewhere" / "place"
     place.mkdir(parents=True)
@@ -116,12 +131,43 @@ def test_links_in_the_way_of_results_are_named(linked: str, call: Call, folder: 
     assert (code, err) == (2, f"stickslip: {linked}: is a link in the way of results; remove it\n")
 
 
-def test_a_disk_mounted_at_the_place_is_refused(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (folder / "out").mkdir()
-    monkeypatch.setattr("os.path.ismount", lambda path: Path(path).name == "out")
+@pytest.mark.parametrize("at", ["out", "out.1"])
+def test_a_mounted_disk_is_refused(at: str, call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / at).mkdir()
+    monkeypatch.setattr("os.path.ismount", lambda path: Path(path).name == at)
     code, _, err = call(*WORDS)
     assert (code, err.count("\n")) == (2, 1)
-    assert "-o out: a disk is mounted there, and no rename replaces it; name a folder in it" in err
+    assert f"-o out: a disk is mounted at {at}, and no rename replaces it; name a folder in it" in err
+
+
+def test_former_results_stay_until_the_new_ones_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a full disk, and on one of a container that renames no folder; not on one that may only be read."""
+    place = tmp_path / "out"
+    for text in ("older", "old"):
+        finished(place, text)
+    new, real = working(place, "new"), {act: getattr(os, act) for act in ("replace", "rename")}
+    for act, number in (("replace", errno.ENOSPC), ("rename", errno.EXDEV), ("replace", errno.EROFS)):
+
+        def refused(source: Path, target: Path, act: str = act, number: int = number) -> None:
+            if source.is_relative_to(place):
+                raise OSError(number, "no")
+            real[act](source, target)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(os, act, refused)
+            with nullcontext() if number == errno.EROFS else pytest.raises(MachineError):
+                new.finish()
+        assert said(place.with_name("out.1")) == ("old" if number == errno.EROFS else "older")
+    assert (said(place), sorted(path.name for path in tmp_path.iterdir())) == ("new", ["out", "out.1"])
+
+
+def test_results_are_not_gone_on_with_where_another_run_is_at_work(tmp_path: Path) -> None:
+    finished(tmp_path / "out", "old")
+    other = working(tmp_path / "out", "new")
+    resumed = ResultsFolder(tmp_path / "out")
+    with pytest.raises(FolderError, match="process is writing it"):
+        resumed.take_up(resumed.place)
+    assert (said(tmp_path / "out"), said(other.work)) == ("old", "new")
 
 
 def test_link_that_leads_nowhere_yet_is_followed(call: Call, folder: Path, whole: Path) -> None:
@@ -208,38 +254,6 @@ def test_where_the_mark_names_nothing_every_file_is_the_users(said: str, call: C
         assert names_in(done.with_name(former)) == before
 
 
-def _results(place: Path, text: str) -> ResultsFolder:
-    folder = ResultsFolder(place)
-    work = folder.start()
-    for name in ("result.json", "steps/000001.h5", "begun.json"):
-        (work / name).parent.mkdir(exist_ok=True)
-        (work / name).write_text(f'{{"status": "{text}"}}')
-    return folder
-
-
-def test_crash_at_any_moment_of_moving_leaves_each_of_the_results_whole(tmp_path: Path) -> None:
-    last, crashed = 0, True
-    while crashed:
-        last += 1
-        place = tmp_path / f"{last}" / "out"
-        place.parent.mkdir()
-        _results(place, "older").finish()
-        _results(place, "old").finish()
-        (place / "steps" / "notes.txt").write_text("mine")
-        new = _results(place, "new")
-        crashed = killed_at(last, tmp_path, new.finish)
-        new.release()
-        now = ResultsFolder(place)
-        assert [path.read_text() for path in place.parent.rglob("notes.txt")] == ["mine"]
-        found = {folder: result(folder)["status"] for folder in now.replaced if (folder / "result.json").exists()}
-        assert {"new", "old"} <= set(found.values()) <= {"new", "old", "older"}
-        for folder, status in found.items():
-            names = {name for name in names_in(folder) if not name.endswith("notes.txt")} - {MARKER, PART}
-            whole = {"result.json", "steps/000001.h5", "begun.json", "run.log"}
-            assert names == whole or (status == "older" and names < whole)
-    assert last > 5
-
-
 def test_results_that_cannot_be_moved_are_put_in_their_place_by_resume(
     call: Call, done: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -256,7 +270,7 @@ def test_results_that_cannot_be_moved_are_put_in_their_place_by_resume(
 
 
 def test_two_runs_are_told_apart_while_files_move(folder: Path) -> None:
-    first = _results(folder / "out", "old")
+    first = working(folder / "out", "old")
     with pytest.raises(FolderError, match="process is writing it"):
         ResultsFolder(folder / "out").start()
     first.finish()
@@ -297,7 +311,8 @@ def working(place: Path, text: str, former: str = ".1") -> ResultsFolder:
     """A run whose results are complete, but not in their place."""
     folder = ResultsFolder(place, former)
     work = folder.start()
-    for name in (RESULT, "begun.json"):
+    for name in (RESULT, "begun.json", step_name(1)):
+        (work / name).parent.mkdir(exist_ok=True)
         (work / name).write_text(json.dumps({"status": text}))
     folder.certify()
     return folder
@@ -395,7 +410,7 @@ def test_members_of_a_sweep_keep_former_results_where_no_member_can_be(tmp_path:
 
 @pytest.mark.parametrize("notes", [False, True])
 def test_crash_at_any_moment_loses_neither_the_new_results_nor_the_former_ones(notes: bool, tmp_path: Path) -> None:
-    """The next run puts both in their places."""
+    """Each is whole, wherever it stands, and the next run puts both in their places."""
     last, again = 0, True
     while again:
         last += 1
@@ -404,11 +419,16 @@ def test_crash_at_any_moment_loses_neither_the_new_results_nor_the_former_ones(n
         finished(place, "older")
         finished(place, "old")
         if notes:
-            (place / "notes.txt").write_text("mine")
+            (place / "steps" / "notes.txt").write_text("mine")
         new = working(place, "new")
         again = killed_at(last, tmp_path, new.finish)
         new.release()
         now = ResultsFolder(place)
+        found = {said(each): names_in(each) for each in now.replaced if (each / RESULT).exists()}
+        assert {"new", "old"} <= found.keys() <= {"new", "old", "older"}
+        whole = {RESULT, "begun.json", step_name(1), "run.log"}
+        assert all(found[each] - {MARKER, PART, "steps/notes.txt"} == whole for each in ("new", "old"))
+        assert [path.read_text() for path in place.parent.rglob("notes.txt")] == ["mine"] * notes
         if (now.work / RESULT).exists():
             now.finish()
         assert (said(place), said(place.with_name("out.1"))) == ("new", "old"), last

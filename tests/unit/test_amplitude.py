@@ -94,6 +94,7 @@ def test_a_column_of_a_csv_file_is_the_table_written_out(tmp_path: Path) -> None
         ("t,p\n0,1\ninf,1\n", "p", 'line 3: "inf" in column t'),
         ("t,p\n0,1\n1\n", "p", 'line 3: "" in column p'),
         ("t,p\n0,1\n2,1\n2,3\n", "p", "line 4: times must increase, from 0 or later; found 2"),
+        ('t,p\n0,1\n1,"' + "2,3\n" * 60_000, "p", r"p.csv: line 3: field larger than .*; is a quote not closed\?"),
         ("t,p\n-1,1\n", "p", "line 2: times must increase, from 0 or later; found -1"),
     ],
 )
@@ -109,6 +110,7 @@ def test_what_is_no_csv_file_is_refused(tmp_path: Path) -> None:
     for keys, said in (
         ({"csv": tmp_path / "p.csv"}, "not a text file in UTF-8"),
         ({"csv": tmp_path}, "no such file"),
+        ({"csv": "p" * 300}, "csv = pp.*: cannot be read: File name too long"),
         ({"csv": 3}, "expected a text"),
         ({"csv": "p.csv", "colum": "p"}, r"colum: unknown key; did you mean column\?"),
     ):

@@ -38,8 +38,7 @@ from stickslip.workflows.lab.benchmarks import (
 )
 from stickslip.workflows.lab.benchmarks.auto import Case, Run
 from stickslip.workflows.lab.benchmarks.peers import programs
-from stickslip.workflows.lab.benchmarks.peers.ours import OURS
-from stickslip.workflows.lab.benchmarks.peers.problem import write_problem
+from stickslip.workflows.lab.benchmarks.peers.programs import OURS, write_problem
 from stickslip.workflows.lab.benchmarks.price_run import REFERENCE
 from stickslip.workflows.lab.benchmarks.price_run import Case as Peer
 from stickslip.workflows.lab.benchmarks.price_run import Case as Price

@@ -11,6 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.audited import audit, record_of, solved, stored_by
+from shared.failures import failures
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.scene.scene import Scene
@@ -18,7 +19,6 @@ from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.lab.verification.cases import by_place as case
 from stickslip.workflows.lab.verification.cases import warm_bars as fields_case
 from stickslip.workflows.lab.verification.cases.warm_bars import scene as field_scene
-from stickslip.workflows.lab.verification.check import failures
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.pictures.force_displacement import from_rest
 from stickslip.workflows.pictures.history import panels_of

@@ -380,19 +380,21 @@ def test_whatever_is_there_a_resumed_run_has_what_its_steps_say(tmp_path: Path) 
     (tmp_path / "vtu" / "000002.vtm").unlink()
     (tmp_path / "vtu" / "000004_body_left.vtu").rename(tmp_path / "vtu" / "000005_body_left.vtu")
     (tmp_path / "vtu" / "000004.vtm").rename(tmp_path / "vtu" / "000005.vtm")
-    (tmp_path / "vtu" / "mine.vtu").write_text("a user's own")
+    mine = {"vtu/mine.vtu": b"a user's own", "vtu/000005.mine.vtu": b"a user's own"}
+    for name, content in mine.items():
+        (tmp_path / name).write_bytes(content)
     resumed = files_of(tmp_path, mesh, every=2)
     resumed.resume(results[:4])
     assert times_of(tmp_path) == [1.0, 2.0]
-    assert {path.name[:6] for path in (tmp_path / "vtu").glob("0*")} == {"000002", "000004"}
+    assert {name[4:10] for name in names_in(tmp_path) - {*mine} if name.startswith("vtu/")} == {"000002", "000004"}
     for index in (5, 6):
         resumed.step(index, results[index - 1])
     resumed.finish(ENDED)
     before[MARKER] = (tmp_path / MARKER).read_bytes()
     after = {name: (tmp_path / name).read_bytes() for name in names_in(tmp_path)}
-    assert after == before | {"vtu/mine.vtu": b"a user's own"}
+    assert after == before | mine
     files_of(tmp_path, mesh).resume([])
-    assert names_in(tmp_path) - {step_name(index) for index in range(1, 7)} == {"vtu/mine.vtu", MARKER}
+    assert names_in(tmp_path) - {step_name(index) for index in range(1, 7)} == {*mine, MARKER}
 
 
 @pytest.mark.parametrize("asked_before", [*slow(True), False])

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from shared.audited import record_of
 from shared.cases import every_nth
+from shared.failures import failures
 from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
@@ -29,7 +30,7 @@ from stickslip.solvers.laws.friction import (
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, Trial
 from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
-from stickslip.solvers.laws.rate_dependent import RateDependent
+from stickslip.solvers.laws.rate_dependent import SPEEDS, RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.results.audit import Auditor
@@ -42,7 +43,6 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene
-from stickslip.workflows.lab.verification.check import failures
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -415,6 +415,45 @@ def test_the_bound_of_slip_in_a_step_is_that_of_its_rate_and_has_its_derivatives
         resting = law.at(np.zeros(2)).limit_slope(p, SHARES, Unilateral()).toarray()
         own = np.where(at_rest[:, None], resting, found.by_pressure.toarray())
         assert_allclose(own, slope, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("mu", "said"),
+    [
+        ("0.3*exp(-1e-3/V)", "has no finite value or no finite slope at V = 0"),
+        ("0.3 + V/V", "has no finite value or no finite slope at V = 0"),
+        ("0.3 + V**60", "has no finite value or no finite slope at V = 1.41e+05"),
+        ("0.3 + 1e-2*V**1e-4", "has no finite value or no finite slope at V = 0"),
+        ("V - 1e-9", "is -1e-09 at V = 0; must not be negative"),
+        ("0.3 - 0.2*exp(-((V-1.03e-1)/1e-4)**2)", "mu falls as the slip rate grows"),
+        ("0.3 + 0.1*V + 0.01*sin(200*V)*exp(-V)", "mu falls as the slip rate grows"),
+        ("0.3 - 1e-20*V*exp(-1e14*V)*1e20", "mu falls as the slip rate grows"),
+    ],
+)
+def test_an_expression_without_values_or_slopes_or_that_falls_is_refused_in_one_line(mu: str, said: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        RateDependent(mu=mu)
+    assert said in str(caught.value)
+    assert len(caught.value.lines) == 1
+
+
+@pytest.mark.parametrize(
+    "mu",
+    [
+        *("0.3", "0.3*(1 + V)/(1 + V)", "0.2 + 0.1*V**2/(1e-4 + V**2)", "0.2 + 0.1*sqrt(V)", "0.2 + 0.1*V/(V + 1e-3)"),
+        *(
+            "min(0.2 + 0.1*V, 0.5)",
+            "max(0.2, 0.2 + 0.1*(V - 1))",
+            "0.4 - 0.1*exp(-V/1e-3)",
+            "0.2 + 0.01*log(1 + V/1e-6)",
+            "0.3 + 1/(1 + exp(1e3 - 1e3*V))",
+            "0.3*V**3/(1 + V**3)",
+        ),
+    ],
+)
+def test_an_expression_that_grows_or_stays_is_accepted_and_read_without_warnings(mu: str) -> None:
+    law = RateDependent(mu=mu)
+    assert np.isfinite([law.coefficient(SPEEDS), law.slope(SPEEDS)]).all()
 
 
 def test_the_rate_of_a_step_without_length_is_that_of_rest() -> None:

@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 import stickslip
 from shared.audited import audit
 from shared.cases import every_nth
+from shared.failures import failures
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.step_result import Quantity, StepResult, values
 from stickslip.solvers.scene.scene import Scene
@@ -22,7 +23,6 @@ from stickslip.workflows.lab.verification.cases.beam import ARM, FX, FY, LENGTH,
 from stickslip.workflows.lab.verification.cases.beam import E as MODULUS
 from stickslip.workflows.lab.verification.cases.beam import scene as beam_scene
 from stickslip.workflows.lab.verification.cases.springs import AREA, CORNERS, K, alone, between, floor, pressed, scene
-from stickslip.workflows.lab.verification.check import failures
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 

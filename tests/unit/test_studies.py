@@ -3,16 +3,21 @@
 import csv
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from inspect import isfunction
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from stickslip.workflows.lab.studies.block_price import claims as verdicts
 from stickslip.workflows.lab.studies.block_price import measure
-from stickslip.workflows.lab.studies.block_price import page as verdicts
+from stickslip.workflows.lab.studies.block_price.__main__ import NAME, conditions
 from stickslip.workflows.lab.studies.block_price.__main__ import measured as measured_prices
+from stickslip.workflows.lab.studies.block_price.__main__ import write_page as write_price_page
+from stickslip.workflows.lab.studies.block_price.claims import SIDE_BY_SIDE, verdict
 from stickslip.workflows.lab.studies.block_price.measure import (
     EXACTLY,
     INEXACT,
@@ -24,15 +29,11 @@ from stickslip.workflows.lab.studies.block_price.measure import (
     tables,
 )
 from stickslip.workflows.lab.studies.block_price.measure import Sizes as PriceSizes
-from stickslip.workflows.lab.studies.block_price.page import CLAIMS as PRICE_CLAIMS
-from stickslip.workflows.lab.studies.block_price.page import NAME, SIDE_BY_SIDE, conditions, verdict
-from stickslip.workflows.lab.studies.block_price.page import write_page as write_price_page
-from stickslip.workflows.lab.studies.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen
+from stickslip.workflows.lab.studies.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen, escaped
 from stickslip.workflows.lab.studies.published import claims as c
-from stickslip.workflows.lab.studies.published.__main__ import measured
+from stickslip.workflows.lab.studies.published.__main__ import measured, write_page
 from stickslip.workflows.lab.studies.published.contact import LEARNING, PLAIN, march, scene
 from stickslip.workflows.lab.studies.published.measurements import MEASURED, Measurement, Sizes, measurements
-from stickslip.workflows.lab.studies.published.page import CLAIMS, claims, write_page
 
 TINY = Sizes(
     meshes=((2, 4), (2, 8)),
@@ -46,6 +47,16 @@ TINY = Sizes(
     methods=("condensed-newton", "uzawa", "gram-uzawa"),
     rules=("exact", "worst residual, .3"),
 )
+
+
+def judges(module: ModuleType) -> list[Callable[[Rows], Finding]]:
+    """Return the functions that judge a claim."""
+    own = [f for f in vars(module).values() if isfunction(f) and f.__module__ == module.__name__]
+    return [f for f in own if f.__name__[0] != "_" and f.__annotations__ == {"rows": "Rows", "return": "Finding"}]
+
+
+def cells(found: Finding, verdict: str) -> str:
+    return f"| **{verdict}** | {escaped(found.figure)} |"
 
 
 @pytest.fixture(scope="module")
@@ -62,8 +73,8 @@ def rows(folder: Path) -> Rows:
 
 def test_the_page_shows_every_study_and_every_claim(folder: Path, rows: Rows) -> None:
     page = (folder / "published.md").read_text()
-    for claim in CLAIMS:
-        assert f"| {claim.says} | **{claim.judge(rows).verdict}** |" in page
+    for judge in judges(c):
+        assert cells(judge(rows), judge(rows).verdict) in page
     assert page.count("\n## ") == 1 + len(MEASURED)
     for name in ("h", "mu", "omega", "spectrum", "tangent"):
         assert f"]({name}.png)" in page
@@ -86,7 +97,8 @@ def test_what_was_measured_is_not_measured_again(folder: Path, rows: Rows, monke
     found = measured(folder, TINY)
     assert called == [lost.study]
     assert found == rows
-    assert claims(found) in (folder / "published.md").read_text()
+    page = (folder / "published.md").read_text()
+    assert write_page(folder, found).read_text() == page
 
 
 def test_no_two_measurements_share_a_file() -> None:
@@ -180,8 +192,8 @@ def price_rows(prices: Path) -> Rows:
 
 def test_the_page_shows_every_measurement_and_every_verdict(prices: Path, price_rows: Rows) -> None:
     text = write_price_page(prices / NAME, price_rows).read_text()
-    for claim in PRICE_CLAIMS:
-        assert f"| {claim.says} | **{verdict(claim.judge(price_rows))}** |" in text
+    for judge in judges(verdicts):
+        assert cells(judge(price_rows), verdict(judge(price_rows))) in text
     for row in price_rows["h"]:
         assert f"| {row['method']} | {row['iterations']} | {row['volume_solves']} |" in text
     assert "### 2D, n = 4, 72 unknowns, 9 nodes that can touch" in text
@@ -371,8 +383,8 @@ def test_methods_that_end_elsewhere_or_nowhere_are_named() -> None:
 
 
 def test_nothing_measured_is_no_verdict() -> None:
-    for claim in PRICE_CLAIMS:
-        assert claim.judge(laid([])).verdict == UNKNOWN, claim.says
+    for judge in judges(verdicts):
+        assert judge(laid([])).verdict == UNKNOWN, judge
 
 
 def test_a_busy_machine_is_admitted() -> None:
@@ -551,9 +563,8 @@ def test_a_verdict_follows_from_the_rows(judge: Callable[[Rows], Finding], so: R
 
 
 def test_every_claim_is_tried_both_ways_and_none_is_decided_without_rows() -> None:
-    assert {claim.judge for claim in CLAIMS} == {judge for judge, *_ in FLIPS}
-    assert {claim.judge(EMPTY).verdict for claim in CLAIMS} == {UNKNOWN}
-    assert claims(EMPTY).count(UNKNOWN) == len(CLAIMS)
+    assert set(judges(c)) == {judge for judge, *_ in FLIPS}
+    assert {judge(EMPTY).verdict for judge in judges(c)} == {UNKNOWN}
 
 
 def test_a_claim_that_holds_in_some_cases_says_in_which() -> None:

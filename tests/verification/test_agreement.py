@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from shared.cases import often
+from shared.failures import failures
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.method_registry import METHODS
@@ -14,7 +15,6 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.lab.verification.cases import agreement as agreement_case
 from stickslip.workflows.lab.verification.cases.agreement import ALL, REFERENCE, SCENES, Answer
-from stickslip.workflows.lab.verification.check import failures
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import READY, read
 

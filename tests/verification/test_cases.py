@@ -11,6 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import every_nth, slow
+from shared.failures import failures
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.laws.friction import Coulomb
@@ -46,7 +47,7 @@ from stickslip.workflows.lab.verification.cases import (
     zeros,
 )
 from stickslip.workflows.lab.verification.cases.incline import HOLDS, SLIDES
-from stickslip.workflows.lab.verification.check import Check, failures
+from stickslip.workflows.lab.verification.check import Check
 from stickslip.workflows.lab.verification.prepared import observed, prepare, system_of
 from stickslip.workflows.lab.verification.registry import CASES, Case
 from stickslip.workflows.lab.verification.step_file import on_plane, read_step, step_file

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.audited import record_of
+from shared.failures import failures
 from stickslip.solvers.laws.friction import Coulomb, OrthotropicCoulomb
 from stickslip.solvers.laws.slip_dependent import StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
@@ -33,7 +34,7 @@ from stickslip.workflows.lab.verification.cases.sheared_column import (
     scene,
     threshold,
 )
-from stickslip.workflows.lab.verification.check import Check, accounted, failures, repeats
+from stickslip.workflows.lab.verification.check import Check, accounted, repeats
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict

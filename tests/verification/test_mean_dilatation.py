@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.audited import record_of, stored_by
+from shared.failures import failures
 from stickslip.geometry.shape import Model
 from stickslip.solvers.metrics import mean_compliance, surface_compliance
 from stickslip.solvers.results.audit import Audit, Auditor
@@ -18,7 +19,6 @@ from stickslip.workflows.lab.verification.cases import orthotropic as case
 from stickslip.workflows.lab.verification.cases import orthotropic as exact
 from stickslip.workflows.lab.verification.cases.hertz import Touch
 from stickslip.workflows.lab.verification.cases.rubber import heated, off
-from stickslip.workflows.lab.verification.check import failures
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 

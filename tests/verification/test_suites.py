@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shared.failures import failures
 from stickslip.geometry.dolfinx_versions import CACHE
 from stickslip.geometry.errors import SceneError, SolverError
 from stickslip.solvers import effects as registry
@@ -31,7 +32,7 @@ from stickslip.workflows.lab.verification.accuracy.run import accuracy, line, pa
 from stickslip.workflows.lab.verification.accuracy.run import write_page as write_accuracy_page
 from stickslip.workflows.lab.verification.accuracy.suite import Study as Figures
 from stickslip.workflows.lab.verification.accuracy.suite import in_steps
-from stickslip.workflows.lab.verification.check import Check, failures
+from stickslip.workflows.lab.verification.check import Check
 from stickslip.workflows.lab.verification.effects.run import Found, effects, faults, write_page
 from stickslip.workflows.lab.verification.effects.suite import (
     EFFECTS,
@@ -105,6 +106,8 @@ def test_problem_without_an_answer_fails_and_the_others_go_on(
 
 def test_check_that_is_not_a_number_fails_and_no_check_is_no_success() -> None:
     assert not Check("force [N]", float("nan"), 0.0, 1.0, relative=False).passed
+    missed = "force [N]: 2, expected 1; absolute deviation 1.0e+00, allowed 1.0e-01"
+    assert failures([Check("force [N]", 2.0, 1.0, 0.1, relative=False)]) == [missed]
     with pytest.raises(ValueError, match="nothing was checked"):
         failures([])
     with pytest.raises(ValueError, match="cannot be relative"):

@@ -19,7 +19,7 @@ from stickslip.geometry.user_files.parts import FACET_WORD
 from stickslip.geometry.user_files.touching import joined
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.workflows.formats.files import disk_errors, write_aside
-from stickslip.workflows.formats.marker import is_marked, mark, marker_of
+from stickslip.workflows.formats.marker import declare, is_marked, mark, marker_of
 from stickslip.workflows.run.ranks import raise_together
 from stickslip.workflows.run.terminal import console, print_table
 from stickslip.workflows.scene_file.proposal import (
@@ -85,7 +85,8 @@ def found_in(source: str, unit: str | None, units: str | None, within: float | N
 
 def _list(source: str, unit: str | None, units: str | None, within: float | None, folder: Path | None) -> None:
     folder = folder or Path(f"{stem(Path(source))}_contacts")
-    if folder.exists() and not (is_marked(folder) and all(map(PICTURE.fullmatch, marker_of(folder).names))):
+    listed = marker_of(folder).names
+    if folder.exists() and not (is_marked(folder) and listed and all(map(PICTURE.fullmatch, listed))):
         raise FolderError(f"{folder}: exists already, and not from here; choose another folder with -o")
     found, out = found_in(source, unit, units, within), console(160)
     names, word = side_names(found), FACET_WORD[found.dim]
@@ -127,11 +128,12 @@ def _draw(found: Assembly, folder: Path) -> None:
             for k, pair in enumerate(found.pairs, start=1):
                 sides = names[pair.one], names[pair.other]
                 draw_pair(aside / f"{k:02d}_{pair.one.body}_{pair.other.body}.png", found.outline, pair, sides)
+            drawn = sorted(path.name for path in aside.iterdir())
+            folder.mkdir(exist_ok=True)
+            declare(folder, drawn)
         except BaseException:
             shutil.rmtree(aside, ignore_errors=True)
             raise
-        folder.mkdir(exist_ok=True)
-        drawn = sorted(path.name for path in aside.iterdir())
         for name in {*marker_of(folder).names} - {*drawn}:
             (folder / name).unlink(missing_ok=True)
         mark(folder, names=drawn)

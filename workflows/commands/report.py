@@ -22,8 +22,7 @@ def report(
     from stickslip.workflows.run.stored_results import found
 
     results = found(folder)  # that of a run without an end is found as well
-    page = output or results.folder / NAME
-    if page.is_dir():
+    if (page := output or results.folder / NAME).is_dir():
         raise SceneError(f"{page}: is a folder; name a file for the page with -o")
     if speaks():
-        typer.echo(f"wrote {write_report(results, page)}")
+        typer.echo(f"wrote {write_report(results, output)}")

@@ -1,9 +1,9 @@
 """`.stickslip` marks the folder of a run, and says once which files in it the run makes; all others are the user's.
 
 Its first line is the program's signature, its second one JSON: names of files below the folder, written before the
-first of them is made. A name that ends with a slash is a folder, whose files are the run's where their own names begin
-with six digits, as steps/000012.h5. Beside them stand the checksum of result.json, and in former results the name of
-the folder that they were in before.
+first of them is made. A name that ends with a slash is a folder, whose files are the run's where their own names are
+those of a step's files, as steps/000012.h5. Beside them stand the checksum of result.json, and in former results the
+name of the folder that they were in before.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ MARKER, PART = ".stickslip", "..stickslip.part"  # and the marker before it is w
 SIGNATURE = "stickslip: results of a run;"
 HEAD = f"{SIGNATURE} the files that are named here are the run's, all others the user's\n"
 LOG = "run.log"  # of every run; its lock tells other processes that one is at work
-NUMBERED = re.compile(r"\d{6}[._].*")  # names of files that a run makes for each step
+OF_STEP = re.compile(  # names of files that a run makes for a step
+    r"[0-9]{6}((\.light)?\.h5|\.[0-9]+\.bin|\.hdf5|\.vtm|_(body|contact)_\w+\.vtu)"
+)
 UNFINISHED = re.compile(r"\.(.+)\.part")  # name of a file before it is whole
 
 
@@ -39,13 +41,14 @@ class Marker:
     def owns(self, name: str) -> bool:
         """Return whether a file of this name below the folder is one of the run's.
 
-        >>> [Marker(names=("steps/",)).owns(name) for name in ("steps/000001.h5", "steps/.000001.h5.part", "a.csv")]
-        [True, True, False]
+        >>> names = "steps/000001.h5", "steps/.000001.h5.part", "steps/000001.txt", "a.csv"
+        >>> [Marker(names=("steps/",)).owns(name) for name in names]
+        [True, True, False, False]
         """
         folder, slash, last = name.rpartition("/")
         if part := UNFINISHED.fullmatch(last):
             return self.owns(f"{folder}{slash}{part[1]}")
-        return name in (MARKER, LOG, *self.names) or bool(f"{folder}/" in self.names and NUMBERED.match(last))
+        return name in (MARKER, LOG, *self.names) or bool(f"{folder}/" in self.names and OF_STEP.fullmatch(last))
 
     def makes_folder(self, name: str) -> bool:
         """Return whether a folder of this name is made for files of the run."""

@@ -49,7 +49,7 @@ def draw_loops(folder: Path, scene: Scene, columns: Columns, title: str) -> Path
     """Draw force_displacement.png; returns None, without a file, if no force does work.
 
     Args:
-        columns: see `read_by_time`.
+        columns: see `read_steps_table`.
 
     Raises:
         MachineError: the disk is full.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from stickslip.geometry.units import SI
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of, singular
 from stickslip.workflows.formats.files import write_aside
+from stickslip.workflows.formats.marker import declare, is_marked
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
 from stickslip.workflows.formats.results import HEAD, Results, profile_rows
 from stickslip.workflows.formats.templates import render
@@ -47,8 +49,8 @@ SLIGHT = 0.02  # of the height: so little on the other side of zero needs no axi
 MOST = len(CURVES)  # curves in a panel
 
 
-def write_report(results: Results, path: Path) -> Path:
-    """Write the page; it is one of the run's files where runs write it, and the user's elsewhere.
+def write_report(results: Results, path: Path | None = None) -> Path:
+    """Write the page, beside the results as one of the run's files, or as the user's own in a file that they name.
 
     Raises:
         FolderError: the results are of another version, or were changed.
@@ -58,6 +60,10 @@ def write_report(results: Results, path: Path) -> Path:
         content = page(results)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         raise FolderError(f"{results.folder}: not results that this version can read: {error!r}") from error
+    if path is None:
+        path = results.folder / NAME
+        if is_marked(results.folder) and not os.path.lexists(path):  # a page that is there may be the user's
+            declare(results.folder, [NAME])
     write_aside(path, content.encode())
     return path
 

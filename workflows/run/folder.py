@@ -14,7 +14,7 @@ import re
 import socket
 import weakref
 from collections.abc import Iterable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from itertools import count
 from pathlib import Path
 
@@ -81,17 +81,16 @@ class ResultsFolder:
         """
         self.target, self.place, self.work = target, place_of(target), work_of(target)
         self._old = self.place.with_name(f"{self.place.name}{former}")
+        self._gone = self.place.with_name(f".{self._old.name}.gone")  # the old ones until the new ones are there
         self.notes: tuple[str, ...] = ()  # for the user
         self._held: weakref.finalize[..., ResultsFolder] | None = None  # a call releases the lock
         try:
-            if os.path.ismount(self.place):
-                raise FolderError(
-                    f"-o {target}: a disk is mounted there, and no rename replaces it; name a folder in it"
-                )
-            for folder in (self.work, self._old):
+            for folder in self.replaced:
                 if folder.is_symlink():
                     raise FolderError(f"{folder}: is a link in the way of results; remove it")
-            for folder in self.replaced:
+                if os.path.ismount(folder):
+                    why = f"a disk is mounted at {folder}, and no rename replaces it"
+                    raise FolderError(f"-o {target}: {why}; name a folder in it")
                 _refuse_foreign(folder)
         except OSError as error:
             raise FolderError(f"-o {target}: {error.strerror}") from None
@@ -99,7 +98,7 @@ class ResultsFolder:
     @property
     def replaced(self) -> tuple[Path, ...]:
         """Folders whose content moves or goes when the results are put in their place."""
-        return self.place, self.work, self._old
+        return self.place, self.work, self._old, self._gone
 
     def refuse_to_lose(self) -> None:
         """Check that neither steps nor results of another run would be lost.
@@ -139,8 +138,7 @@ class ResultsFolder:
                 "--resume, or remove that folder, or choose another one with -o"
             )
         stored, light = step_files(folder), light_files(folder)
-        kept = len({*stored, *light})
-        if not kept:
+        if not (kept := len({*stored, *light})):
             return
         self.release()
         if not (folder / BEGUN).is_file():
@@ -179,7 +177,9 @@ class ResultsFolder:
         """
         self.lock(folder)
         if folder != self.work:
-            with disk_errors(folder):
+            with disk_errors(folder), ExitStack() as held:
+                if is_marked(self.work):
+                    held.callback(os.close, self._locked(self.work))
                 self._clear(self.work)
                 folder.rename(self.work)
                 mark(self.work, former="")
@@ -197,8 +197,11 @@ class ResultsFolder:
         Raises:
             FolderError: another process is at work there.
         """
-        if self._held is not None:
-            return
+        if self._held is None:
+            self._held = weakref.finalize(self, os.close, self._locked(folder))
+
+    def _locked(self, folder: Path) -> int:
+        """Return the descriptor that holds the lock of a folder."""
         with disk_errors(folder):
             descriptor = _open_log(folder)
             try:
@@ -212,7 +215,7 @@ class ResultsFolder:
                         f"{self.target}: {_who(folder)} is writing it; choose another folder with -o"
                     ) from None
                 self.notes = (f"{folder}: this disk has no locks: make sure that no other run writes there",)
-        self._held = weakref.finalize(self, os.close, descriptor)
+        return descriptor
 
     def release(self) -> None:
         """Release the lock."""
@@ -233,15 +236,24 @@ class ResultsFolder:
         """
         self.refuse_to_replace()
         with disk_errors(self.target):
+            self._clear(self._gone)  # if a run was killed here
             if own_files(self.place):
-                self._clear(self._old)
-                with suppress(MachineError):  # results that may only be read are kept all the same
+                try:
                     mark(self.place, former=self.place.name)
-                self.place.rename(self._old)
+                except MachineError as error:  # results that may only be read are kept all the same
+                    if getattr(error.__cause__, "errno", None) not in READ_ONLY:
+                        raise
+                with ExitStack() as undo:
+                    if self._old.exists():
+                        self._old.rename(self._gone)
+                        undo.callback(self._gone.rename, self._old)
+                    self.place.rename(self._old)
+                    undo.pop_all()
             else:
                 self._clear(self.place)
             self.work.rename(self.place)
             sync_folder(self.place.parent)
+            self._clear(self._gone)
         self.release()
         return self.target
 
@@ -280,14 +292,12 @@ def _open_log(folder: Path) -> int:
     path, options = folder / LOG, os.O_APPEND | os.O_NONBLOCK
     if path.is_symlink() or (path.exists() and not path.is_file()):
         raise OSError(errno.EINVAL, "not a regular file")
-    if path.exists():
-        try:
-            return os.open(path, os.O_WRONLY | options)
-        except OSError as error:
-            if error.errno not in READ_ONLY:
-                raise
-            return os.open(path, os.O_RDONLY | options)
-    return os.open(path, os.O_WRONLY | options | os.O_CREAT, 0o666)
+    try:
+        return os.open(path, os.O_WRONLY | options | os.O_CREAT, 0o666)
+    except OSError as error:
+        if error.errno not in READ_ONLY or not path.exists():
+            raise
+        return os.open(path, os.O_RDONLY | options)
 
 
 def _refuse_foreign(folder: Path) -> None:

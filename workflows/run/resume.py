@@ -24,7 +24,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoint
 from stickslip.workflows.formats.files import disk_errors, make_folder, parse_json, read_json, read_regular
-from stickslip.workflows.formats.marker import is_certified, remove_unfinished
+from stickslip.workflows.formats.marker import OF_STEP, is_certified, remove_unfinished
 from stickslip.workflows.formats.serialised import PlainFile, read_plain
 from stickslip.workflows.formats.steps import light_files, light_name, read_checkpoint, step_files, step_name
 from stickslip.workflows.run.folder import BEGUN, RESULT, ResultsFolder
@@ -94,8 +94,8 @@ def remove_learnt(folder: Path) -> None:
 def _remove(folder: Path, but: Container[str]) -> None:
     """Remove the files of all steps but some."""
     with disk_errors(folder):
-        for path in folder.glob(f"{'[0-9]' * 6}.*.bin"):
-            if path.name[:6] not in but:
+        for path in folder.glob("*.bin"):
+            if OF_STEP.fullmatch(path.name) and path.name[:6] not in but:
                 path.unlink()
 
 

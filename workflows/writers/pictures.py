@@ -111,6 +111,6 @@ class Report(Writer):
     def finish(self, ended: Ended) -> None:
         if not ended.in_haste:
             from stickslip.workflows.formats.results import read_results
-            from stickslip.workflows.pictures.report_page import NAME, write_report
+            from stickslip.workflows.pictures.report_page import write_report
 
-            write_report(read_results(self.job.folder), self.job.folder / NAME)
+            write_report(read_results(self.job.folder))

@@ -7,7 +7,6 @@ the displacement, so that they warp together. paraview_view.py beside them shows
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -22,6 +21,7 @@ from stickslip.geometry.keys import Key
 from stickslip.solvers.results.step_result import StepResult, von_mises
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.files import disk_errors, make_folder, write_aside
+from stickslip.workflows.formats.marker import OF_STEP
 from stickslip.workflows.formats.mesh_file import shape_of
 from stickslip.workflows.formats.steps import StoredStep, read_step, shown_as, step_name, three
 from stickslip.workflows.writers import paraview_view
@@ -30,7 +30,6 @@ from stickslip.workflows.writers.xdmf import SeriesWriter
 
 INDEX, FOLDER = "fields.pvd", "vtu"
 VIEW = Path(paraview_view.__file__)  # copied as it is
-OF_STEP = re.compile(r"(\d{6})[._]")  # how the names of a step's files begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,8 +110,7 @@ class VtuFiles(SeriesWriter):
         numbers = {f"{index:06d}" for index, _ in self.shown}
         with disk_errors(folder):
             for path in folder.glob("*.vt[mu]"):
-                found = OF_STEP.match(path.name)
-                if found and found[1] not in numbers:
+                if OF_STEP.fullmatch(path.name) and path.name[:6] not in numbers:
                     path.unlink()
 
     def write_step(self, index: int) -> None:

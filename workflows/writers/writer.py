@@ -98,8 +98,8 @@ class Writer(ABC):
     def names(self) -> Sequence[str]:
         """Return the names of all files that it may write; every other file there is taken for the user's.
 
-        A name that ends with a slash is a folder; what is written in it has a name that begins with the step's number,
-        as 000012_body.vtu. By default it is `files`, which are named in full then.
+        A name that ends with a slash is a folder; what is written in it has a name as `marker.OF_STEP` describes them,
+        with the step's number. By default it is `files`, which are named in full then.
         """
         return self.files
 

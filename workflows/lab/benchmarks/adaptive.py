@@ -61,14 +61,14 @@ class Case:
     share: float = 1.0  # of the fine scene's number that the scene has
 
     def start(self) -> Scene:
-        """On the coarse mesh of one size."""
+        """Return the scene on the coarse mesh of one size."""
         scene = self.scene(False)
         shape = scene.geometry
         keys = [key for key in vars(shape) if key.endswith("mesh_size") and getattr(shape, key) is not None]
         return replace(scene, geometry=replace(shape, **dict.fromkeys(keys, self.size)))  # type: ignore[arg-type]
 
     def truth(self) -> float:
-        """The true value."""
+        """Return the true value."""
         simulation = prepare(_bare(self.scene(True)))
         *_, last = simulation.steps()
         return self.share * values(last)[self.goal]
@@ -93,7 +93,7 @@ def _raous(fine: bool) -> Scene:
 
 
 def _cattaneo(fine: bool) -> Scene:
-    """Pressed, then sheared; each in one step, or in several."""
+    """Return a scene that is pressed, then sheared; each in one step, or in several."""
     y, x = -cattaneo.DOWN, cattaneo.ASIDE
     pair = cattaneo.Two(cells=3.0, order=2 if fine else 1, ratio=cattaneo.RATIO)
     scene = cattaneo.scene(pair, [(0.0, y), (x, y)])
@@ -150,20 +150,20 @@ class Row:
 
     @property
     def saved(self) -> list[str]:
-        """Ratios of the price of a mesh of one size and order 1 to that of the rounds: unknowns, seconds, halved."""
+        """Return the price of a mesh of one size and order 1 over that of the rounds: unknowns, seconds, halved."""
         whole, own = self.others[WAYS[0]], self.rounds
         seconds = (whole.seconds, self.others[HALVED].seconds)
         return [_digits(ratio) for ratio in (whole.unknowns / own.unknowns, *(one / own.seconds for one in seconds))]
 
     def line(self) -> str:
-        """The line of the table, in Markdown."""
+        """Return the line of the table, in Markdown."""
         told = f"{100 * self.stated:.2g} % | {100 * self.rounds.error:.2g} %"
         prices = " | ".join(map(str, (self.rounds, *self.others.values())))
         return f"| {self.number} | {100 * self.asked:g} % | {self.count} | {self.order} | {told} | {prices} |"
 
 
 def rows(case: Case, name: str) -> Iterator[Row]:
-    """All accuracies of a case."""
+    """Yield a row for each accuracy of a case."""
     truth = case.truth()
     gc.collect()
     _rounds(case, max(case.asked))  # libraries are loaded, and forms are compiled
@@ -182,7 +182,7 @@ def rows(case: Case, name: str) -> Iterator[Row]:
 
 
 def _rounds(case: Case, asked: float) -> tuple[dict[str, Any], float]:
-    """result.json of the rounds, and their seconds."""
+    """Return result.json of the rounds, and their seconds."""
     scene = replace(case.start(), output=Output(pictures=False))
     scene = replace(scene, accuracy=Accuracy(goals={case.goal: asked}, budget=BUDGET))
     with tempfile.TemporaryDirectory() as folder:
@@ -192,7 +192,7 @@ def _rounds(case: Case, asked: float) -> tuple[dict[str, Any], float]:
 
 
 def _whole(case: Case, way: str, asked: float, truth: float, steps: int) -> Price:
-    """The price of an accuracy by refining the mesh as a whole."""
+    """Return the price of an accuracy by refining the mesh as a whole."""
     scene = case.scene(False) if way.startswith("graded") else case.start()
     order: Literal[1, 2] = 2 if way.endswith("2") else 1
     found = list[Price]()
@@ -207,7 +207,7 @@ def _whole(case: Case, way: str, asked: float, truth: float, steps: int) -> Pric
 
 
 def _halved(case: Case, asked: float, steps: int) -> Price:
-    """The price of all runs, if the mesh of one size is halved until the stated error is below what is asked."""
+    """Return the price of all runs, if the mesh of one size is halved until the stated error is below what is asked."""
     scene, found, spent = replace(case.start(), output=Output(pictures=False)), list[Price](), 0.0
     contact, key = case.goal.split(".")
     while not (found and found[-1].error <= asked):
@@ -223,13 +223,13 @@ def _halved(case: Case, asked: float, steps: int) -> Price:
 
 
 def _good(found: Sequence[Price], asked: float) -> list[Price]:
-    """The meshes from which on all are good enough."""
+    """Return the meshes from which on all are good enough."""
     bad = [k for k, one in enumerate(found) if one.error > asked]
     return list(found[bad[-1] + 1 if bad else 0 :])
 
 
 def _once(scene: Scene, goal: str, truth: float) -> Price:
-    """One run, without estimates of errors."""
+    """Return the price of one run, without estimates of errors."""
     content, seconds = _run(_bare(scene))
     contact, key = goal.split(".")
     found = content["steps"][-1]["contacts"][contact][key]
@@ -237,7 +237,7 @@ def _once(scene: Scene, goal: str, truth: float) -> Price:
 
 
 def _run(scene: Scene) -> tuple[dict[str, Any], float]:
-    """result.json of one run, and its seconds."""
+    """Return result.json of one run, and its seconds."""
     with tempfile.TemporaryDirectory() as folder:
         began = clock.process_time()
         outcome, content = run(scene, Path(folder) / "run")
@@ -248,7 +248,7 @@ def _run(scene: Scene) -> tuple[dict[str, Any], float]:
 
 
 def _beyond(found: Sequence[Price], asked: float) -> Price:
-    """The trend of the finest meshes, continued to the accuracy."""
+    """Return the trend of the finest meshes, continued to the accuracy."""
     size, seconds, error = (np.log([getattr(one, key) for one in found]) for key in ("unknowns", "seconds", "error"))
     fall, level = np.polyfit(size, error, 1)
     unknowns = max((np.log(asked) - level) / min(fall, SLOWEST), size[-1])
@@ -261,7 +261,7 @@ def _bare(scene: Scene) -> Scene:
 
 
 def _digits(value: float) -> str:
-    """Two digits.
+    """Return a number with two digits.
 
     >>> _digits(0.123), _digits(12345.0)
     ('0.12', '12000')
@@ -270,7 +270,7 @@ def _digits(value: float) -> str:
 
 
 def measured(name: str) -> list[Row]:
-    """All rows of a case."""
+    """Return all rows of a case."""
     return list(rows(CASES[name], name))
 
 

@@ -60,7 +60,7 @@ class Case:
         return self.label or self.scene
 
     def read(self, count: int) -> Scene:
-        """The scene in `count` equal steps."""
+        """Return the scene in `count` equal steps."""
         shape = read(self.scene).geometry
         sizes = [key for key in vars(shape) if key.endswith("mesh_size") and getattr(shape, key)]
         meshed = [f"geometry.{key}={self.scale * getattr(shape, key)!r}" for key in sizes]
@@ -125,7 +125,7 @@ class Run:
 
     @property
     def seconds(self) -> float:
-        """Of all steps; those that are missing cost as much as the last ones, inf if there are none."""
+        """Sum up all steps; those that are missing cost as much as the last ones, inf if there are none."""
         if not self.steps or not (self.complete or self.status == LONG):
             return np.inf
         last = self.steps[len(self.steps) // 2 :]
@@ -143,11 +143,11 @@ class Row:
 
     @property
     def ratio(self) -> float:
-        """Seconds of the stage that `auto` begins with, over those of the fastest."""
+        """Return seconds of the stage that `auto` begins with, over those of the fastest."""
         return self.runs[self.auto].seconds / min(run.seconds for run in self.runs.values())
 
     def line(self) -> str:
-        """The line of the table."""
+        """Return the line of the table."""
         size = self.size
         told = "".join(f"{run.seconds:9.2f}{' ' if run.complete else '~'}" for run in self.runs.values())
         begins = f"| {self.auto:29} {self.ratio:5.2f}"
@@ -189,7 +189,7 @@ def measure(system: System, stage: Stage, limit: float) -> Run:
 
 
 def row(case: Case, count: int, limit: float) -> Row:
-    """Measurements of a case in `count` steps; `limit` [s] is that of a run."""
+    """Measure a case in `count` steps; `limit` [s] is that of a run."""
     scene = case.read(count)
     problem = resolve(scene)
     mesh = build_mesh(problem.shape, problem.request, MPI.COMM_WORLD)

@@ -44,7 +44,7 @@ Solver = Callable[[DiscreteProblem, float], tuple[float, Array | None]]  # probl
 
 
 def ours(method: str) -> Solver:
-    """One of our methods, or the chain `auto`."""
+    """Return one of our methods, or the chain `auto`."""
 
     def solver(problem: DiscreteProblem, tolerance: float) -> tuple[float, Array]:
         began = clock.perf_counter()
@@ -55,7 +55,7 @@ def ours(method: str) -> Solver:
 
 
 def siconos(numerics: Any, plane: str, space: str, max_it: int) -> Solver:
-    """A solver of Siconos; `numerics` is its module.
+    """Return a solver of Siconos; `numerics` is its module.
 
     The seconds are those of the call that is accurate enough, without the construction of the problem.
     """
@@ -86,7 +86,7 @@ def siconos(numerics: Any, plane: str, space: str, max_it: int) -> Solver:
 
 
 def installed() -> Any | None:
-    """Siconos's module of solvers; None if it is not installed."""
+    """Return Siconos's module of solvers; None if it is not installed."""
     try:
         return importlib.import_module("siconos.numerics")
     except ImportError:
@@ -94,20 +94,20 @@ def installed() -> Any | None:
 
 
 def left_by(problem: DiscreteProblem, r: Array | None) -> float:
-    """Residual of reactions r (rows,); inf if there are none."""
+    """Return the residual of reactions r (rows,); inf if there are none."""
     if r is None or not np.isfinite(r).all():
         return math.inf
     return residual(r, problem.surface.matrix @ r + problem.q, problem.mu)
 
 
 def measure(problem: DiscreteProblem, solver: Solver, tolerance: float) -> float:
-    """Seconds of one solver; inf if it does not solve the problem."""
+    """Return seconds of one solver; inf if it does not solve the problem."""
     taken, r = solver(problem, tolerance)
     return taken if left_by(problem, r) <= tolerance * (1 + ROUNDING) else math.inf
 
 
 def line(name: str, times: Mapping[str, float]) -> str:
-    """Seconds of each solver on one problem, and our default's time by that of Siconos's fastest."""
+    """Return seconds of each solver on one problem, and our default's time by that of Siconos's fastest."""
     cells = " ".join(f"{t:{WIDE}.4f}" if math.isfinite(t) else f"{'-':>{WIDE}}" for t in times.values())
     others, ratio = [t for solver, t in times.items() if not solver.startswith(OURS)], ""
     if others and OURS + AUTO in times:
@@ -117,7 +117,7 @@ def line(name: str, times: Mapping[str, float]) -> str:
 
 
 def profile(found: Mapping[str, Sequence[float]]) -> Iterator[str]:
-    """The performance profile as a table."""
+    """Yield the performance profile as a table."""
     yield "share of the problems that a solver solves within a factor of the fastest one's time:"
     yield f"{'solver':22} " + " ".join(f"{factor:>6g}" for factor in FACTORS) + "    any"
     for name, values in shares(found).items():

@@ -38,7 +38,6 @@ from stickslip.workflows.writers.xdmf import FieldFiles
 
 os.environ.update(ONE_THREAD)  # before the first operation that would start them
 
-
 CYCLES = 5
 LENGTH = 2.0  # [m] of the strip
 AMPLITUDE = 0.004  # [m] of its end: slip travels over two thirds of the strip, and back again, in every cycle

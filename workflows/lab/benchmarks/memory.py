@@ -70,7 +70,7 @@ PHASES = {  # of `Demand`: the phases of the clock, and parts of them, of which 
 
 
 def cases() -> Iterator[tuple[str, ...]]:
-    """Arguments of each run."""
+    """Yield arguments of each run."""
     for case in FITTED:
         for wanted in ("true", "false"):
             yield (*case, f"output.error={wanted}")
@@ -78,7 +78,7 @@ def cases() -> Iterator[tuple[str, ...]]:
 
 
 def measure(scene: str, override: list[str]) -> dict[str, Any]:
-    """Peaks by stage, and by phase of the clock [bytes]; the size of the problem, and what is predicted for it."""
+    """Return peaks by stage and by phase of the clock [bytes], its size, and what is predicted for it."""
     peaks, spent = dict[str, float](), Clock._stop
     found, sizes = list[Demand](), dict[str, Any]()
 
@@ -106,7 +106,7 @@ def measure(scene: str, override: list[str]) -> dict[str, Any]:
 
 
 def counts(simulation: Simulation) -> dict[str, Any]:
-    """Counts that the prices are divided by."""
+    """Return counts that the prices are divided by."""
     mesh, system, stage = simulation.mesh, simulation.system, simulation.stepper.chain.stage
     found = Counts.of(mesh)
     size = Size.of(system.problem, mesh, system.constraints, system.contacts)
@@ -121,7 +121,7 @@ def counts(simulation: Simulation) -> dict[str, Any]:
 
 
 def by_stage(peaks: dict[str, float]) -> dict[str, float]:
-    """The peak of each stage [bytes]; "other" ends with the end, and counts for none but as that of solving."""
+    """Return the peak of each stage [bytes]; "other" ends with the end, and counts for none but as that of solving."""
     found = dict[str, float]()
     for phase, value in peaks.items():
         stage = next((s for s, own in PHASES.items() if phase in own or phase.split("/")[0] in own), "solving")
@@ -131,7 +131,7 @@ def by_stage(peaks: dict[str, float]) -> dict[str, float]:
 
 
 def fitted(runs: Sequence[Run]) -> Iterator[str]:
-    """A line of `PRICES` for each kind of cell."""
+    """Yield a line of `PRICES` for each kind of cell."""
     for kind in PRICES:
         own = [run for run in runs if (run["shape"], run["order"]) == kind]
         both = {
@@ -144,7 +144,7 @@ def fitted(runs: Sequence[Run]) -> Iterator[str]:
 
 
 def price(plain: Run, with_errors: Run) -> tuple[int, ...]:
-    """Bytes by cell while meshing and of the mesh, by unknown in steps, of errors, and at the end."""
+    """Return bytes by cell while meshing and of the mesh, by unknown in steps, of errors, and at the end."""
     cells, unknowns, entries, stages = (plain[key] for key in ("cells", "unknowns", "entries", "stages"))
     meshing = (stages["meshing"] - PROGRAM - GMSH) / cells
     always = PROGRAM + GMSH + ENTRY * entries
@@ -160,7 +160,7 @@ def price(plain: Run, with_errors: Run) -> tuple[int, ...]:
 
 
 def lines(runs: Sequence[Run]) -> Iterator[str]:
-    """The table: bytes an unknown by stage, and the peak foretold over the measured one."""
+    """Yield the table: bytes an unknown by stage, and the peak foretold over the measured one."""
     heads = ("cells", "order", "form", "errors", "unknowns", *STAGES, "peak [GB]", "foretold / measured")
     yield f"| {' | '.join(heads)} |"
     yield f"|{' --- |' * len(heads)}"
@@ -173,7 +173,7 @@ def lines(runs: Sequence[Run]) -> Iterator[str]:
 
 
 def foretold(run: Run) -> float:
-    """The peak [bytes] by the prices as they are now."""
+    """Return the peak [bytes] by the prices as they are now."""
     scene, kind = read(run["scene"], run["override"]), (run["shape"], run["order"])
     steps, dim = len(scene.requested_times()), scene.dim
     size = Size(dim, run["unknowns"], run["entries"], run["contact_dofs"], steps)

@@ -11,8 +11,6 @@ from __future__ import annotations
 import base64
 import io
 import json
-import os
-import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
@@ -28,8 +26,7 @@ from rich.progress import Progress
 
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
-from stickslip.workflows.lab.benchmarks.peers.ours import OURS
-from stickslip.workflows.lab.benchmarks.peers.programs import PROGRAMS, measured
+from stickslip.workflows.lab.benchmarks.peers.programs import OURS, PROGRAMS, child, measured
 from stickslip.workflows.lab.benchmarks.price_run import COUNTED, REFERENCE, Case
 
 PLANE = (16, 32, 64, 128, 256, 512)
@@ -92,18 +89,9 @@ def run(case: Case, limit: float) -> dict[str, Any]:
 
 
 def _child(case: Case, limit: float, *solver: str) -> dict[str, Any]:
-    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     polls = {"OMPI_MCA_mpi_yield_when_idle": "0"}  # to yield at each of MUMPS' polls costs a fifth of a step in 2D
-    environment = os.environ | threads | polls
     command = [sys.executable, "-m", "stickslip.workflows.lab.benchmarks.price_run", json.dumps(asdict(case)), *solver]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=10 * limit, check=False)
-    except subprocess.TimeoutExpired:
-        return {"case": asdict(case), "status": f"took more than {10 * limit:g} s"}
-    if done.returncode:
-        return {"case": asdict(case), "status": (done.stderr.strip().splitlines() or ["no message"])[-1]}
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    return {"case": asdict(case)} | child(command, limit, **polls)
 
 
 def main(

@@ -73,7 +73,7 @@ def filled(text: str) -> str:
 
 
 def page(single: Sequence[Run], several: Sequence[Run], drawn: Sequence[Run]) -> str:
-    """The page, in Markdown.
+    """Return the page, in Markdown.
 
     Args:
         single: runs on one rank, to which the model is fitted.
@@ -159,7 +159,7 @@ def page(single: Sequence[Run], several: Sequence[Run], drawn: Sequence[Run]) ->
 
 
 def ratios(costs: Costs, traffic: Traffic, runs: Sequence[Run]) -> dict[str, list[float]]:
-    """Predicted over measured seconds of each run, by phase; `iteration` is that of all its parts."""
+    """Return predicted over measured seconds of each run, by phase; `iteration` is that of all its parts."""
     found: dict[str, list[float]] = {}
     for run in runs:
         seconds, foreseen = seconds_of(run), predicted(costs, traffic, size_of(run), Machine())
@@ -171,24 +171,24 @@ def ratios(costs: Costs, traffic: Traffic, runs: Sequence[Run]) -> dict[str, lis
 
 
 def _cells(run: Run) -> str:
-    """The cells of a run, in words."""
+    """Return the cells of a run, in words."""
     n, layers = run["case"]["n"], run["case"]["layers"] or run["case"]["n"]
     return f"{n} × {n} × {layers}"
 
 
 def _iteration(run: Run) -> float:
-    """Seconds of an iteration, of all its parts."""
+    """Return seconds of an iteration, of all its parts."""
     seconds = seconds_of(run)
     return sum(seconds[name] for name in EACH)
 
 
 def _but_mesh(share: Mapping[str, float]) -> float:
-    """Bytes of a rank other than 0."""
+    """Return bytes of a rank other than 0."""
     return sum(value for name, value in share.items() if name != "mesh")
 
 
 def _at_the_contact(runs: Sequence[Run]) -> float:
-    """Seconds of preparation at the contact, of the run with most contact points."""
+    """Return seconds of preparation at the contact, of the run with most contact points."""
     seconds = seconds_of(max(runs, key=lambda run: float(run["points"])))
     return seconds["surface"] + seconds["coordinates"]
 
@@ -216,7 +216,7 @@ def run(case: Case, ranks: int, counter: Path | None) -> dict[str, Any]:
 
 
 def least(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """The same run several times: the least seconds of each phase, all else from the first."""
+    """Return the least seconds of each phase of a run that is made several times, all else from the first."""
     first, *_ = runs
     found = dict(first)
     for key in ("seconds", "parts"):
@@ -226,7 +226,7 @@ def least(runs: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def measured(case: Case, ranks: int, folder: Path, counter: Path | None) -> dict[str, Any]:
-    """A case on so many ranks, from the folder if it is there."""
+    """Return a case on so many ranks, from the folder if it is there."""
     n, _, layers = case.shape
     file = folder / f"{ranks}_{n}_{layers}_{case.steps}.json"
     if not file.exists():

@@ -18,7 +18,6 @@ from stickslip.workflows.cost.measure import ONE_THREAD
 
 os.environ.update(ONE_THREAD)  # before the first operation that would start them
 
-
 FACETS = 100_000
 POINTS = 100_000
 WAVE = 0.05  # [m] height of the master's waves, on a side of 1 m

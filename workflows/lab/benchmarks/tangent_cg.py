@@ -109,7 +109,7 @@ def run(scene: str, settings: tuple[str, ...], method: str, tolerance: float) ->
 
 
 def line(name: str, found: tuple[Measured | str, ...]) -> str:
-    """A row of the table: counts, solves and seconds of each method."""
+    """Return a row of the table: counts, solves and seconds of each method."""
     cells = [name]
     for one in found:
         if isinstance(one, str):
@@ -124,7 +124,7 @@ def line(name: str, found: tuple[Measured | str, ...]) -> str:
 
 
 def cases(sizes: Sequence[int]) -> Iterator[Case]:
-    """Cubes with n cells a side."""
+    """Yield cubes with n cells a side."""
     tetrahedra = "geometry.cells=simplex"
     for n in sizes:
         methods, size = METHODS[: 2 if n <= SMALL else 1], (*PUSH, f"geometry.mesh_size={1 / n!r}")

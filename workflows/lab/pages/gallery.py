@@ -41,24 +41,24 @@ NUMBERS = {
 
 
 def mark(name: str) -> str:
-    """Hash of the sources of a page."""
+    """Return the hash of the sources of a page."""
     return hashlib.sha256(f"{VERSION}\n{scene_text(name)}".encode()).hexdigest()[:16]
 
 
 def scene_text(name: str) -> str:
-    """A ready scene's file."""
+    """Return a ready scene's file."""
     return (READY / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def known(name: str) -> dict[str, Any]:
-    """Facts of a page as it is; empty if there is none."""
+    """Return facts of a page as it is; empty if there is none."""
     page = PAGES / f"{name}.md"
     found = FACTS.search(page.read_text(encoding="utf-8")) if page.exists() else None
     return json.loads(found[1]) if found else {}
 
 
 def lessons(name: str) -> tuple[str, str]:
-    """The main number of a scene with its error, and what else its first lines say."""
+    """Return the main number of a scene with its error, and what else its first lines say."""
     comments = []
     for line in scene_text(name).splitlines():
         if not line.startswith("#"):
@@ -68,7 +68,7 @@ def lessons(name: str) -> tuple[str, str]:
 
 
 def solved(name: str) -> dict[str, Any]:
-    """result.json of a run of the scene as shipped, in a process of its own."""
+    """Return result.json of a run of the scene as shipped, in a process of its own."""
     command = [sys.executable, "-m", "stickslip", "run", name, "-q", "-o", str(RUNS / name)]
     subprocess.run(command, check=True, cwd=ROOT, timeout=900)
     result: dict[str, Any] = json.loads((RUNS / name / "result.json").read_text(encoding="utf-8"))
@@ -76,7 +76,7 @@ def solved(name: str) -> dict[str, Any]:
 
 
 def facts(name: str, result: dict[str, Any]) -> dict[str, Any]:
-    """Facts of a run for the list of all scenes."""
+    """Return facts of a run for the list of all scenes."""
     scene = result["scene"]
     return {
         "mark": mark(name),
@@ -92,7 +92,7 @@ def facts(name: str, result: dict[str, Any]) -> dict[str, Any]:
 
 
 def shrunk(source: Path, target: Path) -> None:
-    """A picture of a run, as small as a page needs it."""
+    """Store a picture of a run as small as a page needs it."""
     with Image.open(source) as picture:
         found = picture.convert("RGB")
     found.thumbnail((WIDTH, WIDTH), Image.Resampling.LANCZOS)
@@ -100,7 +100,7 @@ def shrunk(source: Path, target: Path) -> None:
 
 
 def amount(value: float, error: dict[str, Any]) -> str:
-    """A number with its error.
+    """Return a number with its error.
 
     >>> amount(0.03214, {"total": 0.0001, "converges": True}), amount(2.0, {"total": None, "converges": False})
     ('0.0321 ± 0.0001', '2 (grows as the mesh is refined)')

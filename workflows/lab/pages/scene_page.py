@@ -158,7 +158,7 @@ def _families(noun: Any) -> Iterator[tuple[str, Any]]:
 
 
 def renewed(text: str) -> str:
-    """The page with every method's row as its class has it."""
+    """Return the page with every method's row as its class has it."""
     rows = [
         f"| `{name}` | {method.WHEN} | {' | '.join(columns(method.WORKS_WITH))} |" for name, method in METHODS.items()
     ]
@@ -167,7 +167,7 @@ def renewed(text: str) -> str:
 
 
 def columns(method: Applicability) -> tuple[str, ...]:
-    """Abilities of the method, a cell for each of `COLUMNS`.
+    """Return abilities of the method, a cell for each of `COLUMNS`.
 
     >>> columns(METHODS["regularised"].WORKS_WITH)
     ('unilateral, bilateral, compliance', 'coulomb, tresca; no k_T', 'rigid', 'held by supports',

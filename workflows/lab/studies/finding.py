@@ -1,4 +1,4 @@
-"""Verdicts on claims: in which cases they hold, and the numbers behind them; rows as Markdown tables and as CSV."""
+"""Rows that are measured once, verdicts on claims by them, and the rows as Markdown tables and as CSV."""
 
 from __future__ import annotations
 
@@ -6,12 +6,18 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from stickslip.workflows.formats.files import make_folder
 
 Row = dict[str, Any]
 Rows = Mapping[str, list[Row]]  # by study
+Measurement = tuple[str, str, Callable[[Path], list[Row]]]  # study, name, and what measures or reads its rows
 HOLDS, HOLDS_NOT, UNKNOWN = "holds", "does not hold", "not measured"
 FREE_OF_H = 0.1  # log-log slope below which a quantity counts as independent of h
 GROWS = 0.5  # log-log slope above which a quantity counts as growing with 1/h
@@ -39,13 +45,22 @@ class Finding:
         return f"holds only for {'; '.join(held)}" if held else HOLDS_NOT
 
 
-@dataclass(frozen=True)
-class Claim:
-    """A claim: where the source makes it, what it says, and the function that tests it."""
+def collected(folder: Path, names: Iterable[str], todo: Sequence[Measurement]) -> Rows:
+    """Return the rows of every study; each measurement keeps its answer in a folder of rows, and begins with it.
 
-    source: str
-    says: str
-    judge: Callable[[Rows], Finding]
+    Args:
+        names: of all studies.
+    """
+    make_folder(folder)
+    make_folder(folder / "rows")
+    rows: Rows = {name: [] for name in names}
+    with Progress(console=Console(stderr=True)) as progress:
+        task = progress.add_task("measuring", total=len(todo))
+        for study, name, measure in todo:
+            progress.update(task, description=name)
+            rows[study].extend(measure(folder / "rows"))
+            progress.advance(task)
+    return rows
 
 
 def chosen(rows: Iterable[Row], **keys: Any) -> list[Row]:
@@ -58,12 +73,28 @@ def different(rows: Iterable[Row], key: str) -> list[Any]:
     return list(dict.fromkeys(row[key] for row in rows))
 
 
+def grouped(rows: Iterable[Row], name: Callable[[Row], Any]) -> dict[Any, list[Row]]:
+    """Return the rows of each name, in their order."""
+    found: dict[Any, list[Row]] = {}
+    for row in rows:
+        found.setdefault(name(row), []).append(row)
+    return found
+
+
 def mesh_of(row: Row) -> str:
     """
     >>> mesh_of({"dim": 2, "n": 8})
     '2D n = 8'
     """
     return f"{row['dim']}D n = {row['n']}"
+
+
+def alike(rows: list[Row], key: str) -> list[Row]:
+    """Return rows in which only the key varies, by rising key; mesh, mu and omega have their most frequent values."""
+    others = [k for k in ("dim", "n", "mu", "omega_factor") if k != key]
+    kinds = grouped(rows, lambda row: tuple(row[k] for k in others))
+    best = max(kinds.values(), key=lambda found: len({row[key] for row in found}), default=[])
+    return sorted(best, key=lambda row: float(row[key]))
 
 
 def slope(rows: Iterable[Row], x: str, y: str) -> float | None:
@@ -145,6 +176,11 @@ def said(figures: Mapping[str, float], form: str = ".2g") -> str:
 LONG = ("history", "values")  # lists: kept in the rows' own files, not in the CSV
 
 
+def escaped(cell: str) -> str:
+    """Return the text of a cell of a table on one line."""
+    return cell.replace("|", "\\|").replace("\n", " ")
+
+
 def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     """
     >>> print(markdown(["n", "a|b"], [["4", "x"]]))
@@ -153,25 +189,17 @@ def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     | 4 | x |
     """
     rows = [heads, ["---"] * len(heads), *lines]
-    cells = [[cell.replace("|", "\\|").replace("\n", " ") for cell in row] for row in rows]
+    cells = [[escaped(cell) for cell in row] for row in rows]
     return "\n".join(f"|{'|'.join(row)}|" if row[0] == "---" else f"| {' | '.join(row)} |" for row in cells)
 
 
-def judged(claims: Iterable[Claim], rows: Rows, verdict: Callable[[Finding], str]) -> str:
-    """Every claim with its verdict and the numbers behind it."""
-    lines = []
-    for claim in claims:
-        found = claim.judge(rows)
-        lines.append([claim.source, claim.says, f"**{verdict(found)}**", found.figure])
-    return markdown(["source", "claim", "verdict", "measured"], lines)
+def judged(found: Finding, verdict: str) -> str:
+    """Return the last two cells of a claim's line: the verdict, and the numbers behind it."""
+    return f"{escaped(f'**{verdict}**')} | {escaped(found.figure)}"
 
 
 def pivot(
-    rows: Iterable[Row],
-    line: Sequence[str],
-    column: str,
-    cell: str | Callable[[Row], str],
-    heads: Sequence[str] = (),
+    rows: Iterable[Row], line: Sequence[str], column: str, cell: str | Callable[[Row], str], heads: Sequence[str] = ()
 ) -> str:
     """One line for each value of the keys `line`, one column for each text of `column`, in the order of the rows.
 

@@ -88,18 +88,6 @@ def within(name: str, computed: float, low: float, high: float) -> Check:
     return Check(name, float(computed), (low + high) / 2, (high - low) / 2, relative=False)
 
 
-def failures(checks: Iterable[Check]) -> list[str]:
-    """A sentence for each check that does not pass; raises if there is nothing to check.
-
-    >>> failures([Check("force [N]", 2.0, 1.0, 0.1, relative=False)])
-    ['force [N]: 2, expected 1; absolute deviation 1.0e+00, allowed 1.0e-01']
-    """
-    all_checks = list(checks)
-    if not all_checks:
-        raise ValueError("nothing was checked")
-    return [str(check) for check in all_checks if not check.passed]
-
-
 def worst(checks: Iterable[Check]) -> list[Check]:
     """For each quantity (the end of a check's name) the check that failed or is nearest to failing.
 

@@ -20,13 +20,12 @@ from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.system.system import assemble
-from stickslip.workflows.lab.benchmarks.peers.problem import TIMES
+from stickslip.workflows.lab.benchmarks.peers.programs import OURS, TIMES
 from stickslip.workflows.lab.benchmarks.price_run import GIGABYTE, Case
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them
 
-OURS = "stickslip"
 USUAL, EXACT = 1e-8, 1e-10  # tolerances of the seconds, and of the forces
 
 

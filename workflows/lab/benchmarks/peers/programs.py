@@ -1,4 +1,7 @@
-"""The peers: which there are, where they are installed, and one measurement of each in a process of its own."""
+"""The peers: which there are, where they are installed, and one measurement of each in a process of its own.
+
+The problem of the price benchmark is written to files that any program can read: problem.json, mesh.msh and mesh.npz.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +13,68 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import meshio
+import numpy as np
+
+from stickslip.geometry.amplitude import Amplitude, value_at
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.mesh.mesh import write_msh
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.scene.material import Material
+from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.formats.files import write_aside
-from stickslip.workflows.lab.benchmarks.peers.ours import OURS
-from stickslip.workflows.lab.benchmarks.peers.problem import write_problem
 from stickslip.workflows.lab.benchmarks.price_run import Case
 
+OURS = "stickslip"
 HERE = Path(__file__).parent
 PYTHONS = (sys.executable, "/usr/bin/python3")  # Debian's packages are the second one's
 Run = dict[str, Any]
+AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
+TIMES = (1.0, 2.0)  # [s] of pressing and shifting
+CELLS = {2: ("quad", "line"), 3: ("hexahedron", "quad")}
+
+
+def write_problem(case: Case, folder: Path) -> Path:
+    """Write the mesh and the data of a case into a folder; the path of problem.json.
+
+    mesh.npz has `points` (nodes, d) [m], `cells` and the base's `facets` in the node order of gmsh, and the nodes
+    `base` and `top`; all numbers of nodes begin with 0.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    scene, mesh_file = case.scene(), folder / "mesh.msh"
+    write_msh(scene.geometry, scene.request(), mesh_file)
+    mesh, (cell, facet) = meshio.read(mesh_file), CELLS[case.dim]
+    sides = {name: mesh.cells_dict[facet][mesh.cell_sets_dict[name][facet]] for name in ("block.bottom", "block.top")}
+    points: Array = mesh.points[:, : case.dim]
+    np.savez(
+        folder / "mesh.npz",
+        points=points,
+        cells=mesh.cells_dict[cell],
+        facets=sides["block.bottom"],
+        base=np.unique(sides["block.bottom"]),
+        top=np.unique(sides["block.top"]),
+    )
+    top, body, friction = scene.supports["top"].displacement, scene.bodies["block"], scene.contacts["base"].friction
+    assert isinstance(body, Material)
+    assert isinstance(friction, Coulomb)
+    data = {
+        "dim": case.dim,
+        "E": body.E,  # [Pa]
+        "nu": body.nu,
+        "mu": friction.mu,
+        "height": float(np.ptp(points[:, -1])),  # [m]
+        "motion": [[_at(top[axis], time) for axis in AXES[: case.dim]] for time in TIMES],  # [m] of the top
+    }
+    path = folder / "problem.json"
+    path.write_text(json.dumps(data, indent=1))
+    return path
+
+
+def _at(table: Amplitude | str, time: float) -> float:
+    assert not isinstance(table, str)  # an expression: the scene has none
+    return value_at(table, time, TIMES[-1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,12 +177,11 @@ def measured(folder: Path, dim: int, sizes: Sequence[int], limit: float) -> Iter
             yield last[name]
 
 
-def child(command: Sequence[str], limit: float) -> Run:
-    """The answer of a program, or why there is none; it is stopped after ten times the limit."""
+def child(command: Sequence[str], limit: float, **environment: str) -> Run:
+    """The answer of a program on one thread, or why there is none; it is stopped after ten times the limit."""
+    whole = os.environ | ONE_THREAD | environment
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, env=_one_thread(), timeout=10 * limit, check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, env=whole, timeout=10 * limit, check=False)
     except subprocess.TimeoutExpired:
         return {"status": f"took more than {10 * limit:g} s"}
     if done.returncode:
@@ -136,9 +190,5 @@ def child(command: Sequence[str], limit: float) -> Run:
     return {"status": "converged"} | found
 
 
-def _one_thread() -> dict[str, str]:
-    return os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-
-
 def _quiet(command: Sequence[str]) -> int:
-    return subprocess.run(command, capture_output=True, env=_one_thread(), check=False).returncode
+    return subprocess.run(command, capture_output=True, env=os.environ | ONE_THREAD, check=False).returncode

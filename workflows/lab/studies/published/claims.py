@@ -13,10 +13,10 @@ import numpy as np
 
 from stickslip.workflows.lab.studies.finding import (
     AS_MANY,
-    Claim,
     Finding,
     Row,
     Rows,
+    alike,
     beside,
     between,
     chosen,
@@ -33,6 +33,13 @@ from stickslip.workflows.lab.studies.gram import READINGS
 from stickslip.workflows.lab.studies.published.contact import PLAIN
 from stickslip.workflows.lab.studies.published.tangent import CLASSICAL, DIRECT, INCOMPLETE, RELAXED, STABILISED
 
+SYMMETRIC = 1e-12  # asymmetry due to rounding
+OFF = 1e-6  # relative error above which rounding has spoilt a solution
+FIRST_ORDER = 0.1  # tolerance of a slope of -1
+SQUARABLE = 1e-7  # smallest residual whose square is above rounding
+CONSTANT = 100.0  # of quadratic convergence, residuals relative to p_ref
+SPOILT = 1e-3  # relative error above which a solution is useless
+FEW = 100  # iterations
 SAME = 0.01  # difference below which two factors count as equal
 
 
@@ -145,31 +152,6 @@ def any_friction(rows: Rows) -> Finding:
     return Finding(cases, f"fails: {'; '.join(failed) or 'none'}")
 
 
-UZAWA = (
-    Claim("§5, remarks", "Uzawa converges if and only if 0 < α < 2/λ₁", bound),
-    Claim("§5, remarks", "0 < α < 2/λ₁ is enough with Coulomb's law and a projection", bound_with_friction),
-    Claim("(5.4)-(5.5)", "Uzawa is Richardson's iteration on B K_B⁻¹Bᵀ − K_C", richardson),
-    Claim("abstract, (1.2)", "A⁻¹ may be incomplete: the bound on α stays", inexact_bound),
-    Claim("(1.2)", "inexact inner solves cost no outer iterations", inexact_contact),
-    Claim("(1.3), [3]", "nonlinear Uzawa is superlinear (compliance, given friction)", superlinear),
-    Claim("§5, end", "the condition number of B K_B⁻¹Bᵀ grows as h falls", condition_grows),
-    Claim("§1", "an incomplete factor of the Gram matrix makes it independent of the mesh size", gram_is_free_of_h),
-    Claim("§1, (5.6)", "preconditioned Uzawa takes as many iterations on any mesh (complete factor)", gram_iterations),
-    Claim("§5, end", "the preconditioner overcomes the slow convergence", gram_saves),
-    Claim("§5", "contact with any friction is solved (all methods)", any_friction),
-    Claim("§3", "friction can be approximated by problems of given friction", given_friction),
-)
-
-
-SYMMETRIC = 1e-12  # asymmetry due to rounding
-OFF = 1e-6  # relative error above which rounding has spoilt a solution
-FIRST_ORDER = 0.1  # tolerance of a slope of -1
-SQUARABLE = 1e-7  # smallest residual whose square is above rounding
-CONSTANT = 100.0  # of quadratic convergence, residuals relative to p_ref
-SPOILT = 1e-3  # relative error above which a solution is useless
-FEW = 100  # iterations
-
-
 def quadratic(rows: Rows) -> Finding:
     """Newton converges quadratically: the last step above rounding squares the residual, up to a constant."""
     cases, steps = {}, list[str]()
@@ -211,8 +193,8 @@ def ill_conditioned(rows: Rows) -> Finding:
     for form in different(_direct(rows), "form"):
         direct = chosen(_direct(rows), form=form)
         for dim in sorted(set(different(direct, "dim"))):
-            found[f"{form}, against n in {dim}D"] = slope(_alike(chosen(direct, dim=dim), "n"), "n", "condition")
-        found[f"{form}, against ω"] = slope(_alike(direct, "omega_factor"), "omega_factor", "condition")
+            found[f"{form}, against n in {dim}D"] = slope(alike(chosen(direct, dim=dim), "n"), "n", "condition")
+        found[f"{form}, against ω"] = slope(alike(direct, "omega_factor"), "omega_factor", "condition")
     known = {name: value for name, value in found.items() if value is not None}
     return grows(known, f"slope: {said(known)}")
 
@@ -266,7 +248,7 @@ def ilu_is_free_of_h(rows: Rows) -> Finding:
     found = {}
     for solver in different(tangents, "solver"):
         for dim in sorted(set(different(tangents, "dim"))):
-            value = slope(_alike(chosen(tangents, solver=solver, dim=dim), "n"), "n", "iterations")
+            value = slope(alike(chosen(tangents, solver=solver, dim=dim), "n"), "n", "iterations")
             if value is not None and "ILU" in solver:
                 found[f"{solver}, {dim}D"] = value
     return free_of_h(found, f"slope: {between(found.values())}")
@@ -276,7 +258,7 @@ def ilu_stands_penalties(rows: Rows) -> Finding:
     """No more iterations for large omega than for small ones, and a solution as exact as its residual of 1e-8."""
     cases, figures = {}, list[str]()
     for form in different(rows["tangent"], "form"):
-        found = _alike(chosen(rows["tangent"], form=form, solver=INCOMPLETE), "omega_factor")
+        found = alike(chosen(rows["tangent"], form=form, solver=INCOMPLETE), "omega_factor")
         counts = [row["iterations"] if done(row) else np.inf for row in found]
         if len(counts) > 1:
             errors = [row["error"] or np.inf for row in found]
@@ -310,16 +292,6 @@ def _where(row: Row) -> str:
     return f"{row['dim']}D n = {row['n']}, mu = {row['mu']:g}, ω h/E = {row['omega_factor']:g}, {row['form']}"
 
 
-def _alike(rows: list[Row], key: str) -> list[Row]:
-    """Rows that differ in one key only (the other parameters have their most frequent values), by rising key."""
-    others = [k for k in ("dim", "n", "mu", "omega_factor") if k != key]
-    kinds: dict[tuple[float, ...], dict[float, Row]] = {}
-    for row in rows:
-        kinds.setdefault(tuple(row[k] for k in others), {})[row[key]] = row
-    best = max(kinds.values(), key=len, default={})
-    return [best[value] for value in sorted(best)]
-
-
 def _finest(rows: Rows) -> dict[str, list[Row]]:
     """All solvers on the largest system of each dimension and form that was solved by MUMPS."""
     found = {}
@@ -330,21 +302,3 @@ def _finest(rows: Rows) -> dict[str, list[Row]]:
                 same = {key: last[key] for key in ("dim", "n", "mu", "omega_factor", "form")}
                 found[f"{dim}D n = {last['n']}, {form}"] = chosen(rows["tangent"], **same)
     return found
-
-
-TANGENT = (
-    Claim("(4.4)-(4.5)", "Newton-Raphson on the perturbed Lagrangian converges quadratically in the end", quadratic),
-    Claim("(4.3)", "the perturbed Lagrangian leads to contact itself as ω grows, in first order", first_order),
-    Claim("(4.3)", "the error that perturbed-lagrangian states is no less than its true one", stated),
-    Claim("§1", "the systems are nonsymmetric", unsymmetric),
-    Claim(
-        "§1", "the systems are ill-conditioned, the more the finer the mesh or the stiffer the springs", ill_conditioned
-    ),
-    Claim("§1", "direct methods are not efficient: GMRES with an incomplete factor is faster", direct_is_slow),
-    Claim("§1", "ill-conditioning spoils the solutions of direct methods", direct_is_wrong),
-    Claim("§1", "classical iterative methods converge badly", classical_is_slow),
-    Claim("[5]", "relaxed ILU is better than ILU(0)", relaxed),
-    Claim("[5]", "stabilised ILU is better than ILU(0)", stabilised),
-    Claim("§1, [5]", "incomplete factors make GMRES's iterations independent of the mesh size", ilu_is_free_of_h),
-    Claim("§1, [5]", "incomplete factors stand large penalties", ilu_stands_penalties),
-)

@@ -161,9 +161,9 @@ class Solve:
 
     x: Array  # (n,)
     ended: str  # "converged", or the reason why not
-    iterations: int
-    residual: float  # |b - K x| / |b|
-    fill: float  # entries of the factors by those of K; 0 without a factorisation
+    iterations: int = 0
+    residual: float = np.inf  # |b - K x| / |b|
+    fill: float = 0.0  # entries of the factors by those of K; 0 without a factorisation
     seconds: float  # of set-up and solution
 
 
@@ -179,7 +179,7 @@ def gmres(K: Sparse, b: Array, ilu: ILU | None, rtol: float = 1e-8) -> Solve:
     try:
         P = _changed(K, ilu) if ilu is not None and (ilu.relaxation or ilu.shift) else K
     except MachineError as error:
-        return Solve(x=np.zeros_like(b), ended=str(error), iterations=0, residual=1.0, fill=0.0, seconds=np.nan)
+        return Solve(x=np.zeros_like(b), ended=str(error), residual=1.0, seconds=np.nan)
 
     def prepare(ksp: KSP) -> None:
         ksp.setType("gmres")
@@ -296,14 +296,7 @@ def _timed(K: Sparse, A: Mat, P: Mat, b: Array, prepare: Callable[[KSP], None], 
         prepare(ksp)
         ksp.solve(f, x)
     except PETSc.Error as error:
-        return Solve(
-            x=np.array(x.array),
-            ended=f"PETSc error {error.ierr}",
-            iterations=0,
-            residual=np.inf,
-            fill=0.0,
-            seconds=clock.perf_counter() - began,
-        )
+        return Solve(x=np.array(x.array), ended=f"PETSc error {error.ierr}", seconds=clock.perf_counter() - began)
     seconds = clock.perf_counter() - began
     residual = float(np.linalg.norm(b - K @ x.array) / np.linalg.norm(b))
     reason = int(ksp.getConvergedReason())

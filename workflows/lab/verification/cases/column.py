@@ -11,7 +11,7 @@ law. The displacement is linear, so any finite element must reproduce these numb
 Signs: U and d are the downward displacements of the top and of the base, g the initial gap (negative = overlap at the
 start), all in [m]; the pressure is positive when pressing. c_n has the unit Pa/m^m.
 
-Source: equilibrium, derived here; the table is recomputed in test_reference.py with 50 digits.
+Source: equilibrium, derived here; the table is recomputed in test_closed_forms.py with 50 digits.
 """
 
 from __future__ import annotations

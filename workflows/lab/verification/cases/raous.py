@@ -48,7 +48,6 @@ OPEN_UNTIL = 3.4e-3  # [m]
 SLIP_UNTIL = 29.8e-3  # [m]
 F_N = 2.000e6  # contact and corner support together, upward [N/m]
 F_T = 1.4054e6  # friction, against +x [N/m]
-CORNER_SHARE_P1_32 = 0.025  # of F_N, carried by the corner support on the 32 x 32 mesh
 DISSIPATION_LIMIT = 4.401  # of infinitely many steps [J/m]
 
 
@@ -162,7 +161,7 @@ def forces(method: str, mu: float = MU) -> list[Check]:
     """Equilibrium of forces, and the friction force.
 
     How the corner shares F_n with its neighbour is a matter of the discretisation: with multipliers at nodes a node
-    that a support holds carries none, its neighbour takes over, and CORNER_SHARE_P1_32 does not apply.
+    that a support holds carries none, and its neighbour takes over the 2.5 % of the 32 x 32 mesh.
     """
     last, _ = solve(method, mu=mu)
     base, corner = last.contacts["base"], last.supports["corner"][0][1]

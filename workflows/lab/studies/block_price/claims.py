@@ -1,30 +1,22 @@
-"""The page of `block-uzawa` beside the condensed methods: verdicts on the claims of the source, and tables."""
+"""Claims of the source on its method, and the functions that judge them by the measurements."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 
-from stickslip.geometry.dolfinx_versions import DOLFINX
-from stickslip.workflows.formats.files import write_aside
-from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.studies.block_price.measure import (
     AS_EXACT,
     BLOCK,
     CONDENSED,
-    EXACT,
     EXACTLY,
     FACTORS,
     INEXACT,
     LIKE,
-    METHODS,
     REFERENCE,
-    TOLERANCE,
     Q,
 )
 from stickslip.workflows.lab.studies.finding import (
     AS_MANY,
-    Claim,
     Finding,
     Row,
     Rows,
@@ -35,10 +27,9 @@ from stickslip.workflows.lab.studies.finding import (
     done,
     enough,
     free_of_h,
+    grouped,
     grows,
-    judged,
     mesh_of,
-    pivot,
     said,
     slopes,
 )
@@ -68,10 +59,7 @@ def factor_is_slow(rows: Rows) -> Finding:
 def direct_is_slow(rows: Rows) -> Finding:
     """The fastest method without a factor takes less time than condensed-newton, which condenses by a factor."""
     cases, ratios = {}, dict[str, float]()
-    for mesh, found in meshes(rows["h"]).items():
-        direct, best = _one(found, REFERENCE), _fastest(row for row in found if row["method"].endswith(INEXACT))
-        if direct is None:
-            continue
+    for mesh, direct, best in _beside_the_reference(rows, INEXACT):
         cases[mesh] = best is not None and best["seconds"] < direct["seconds"]
         if best is not None:
             ratios[mesh] = best["seconds"] / direct["seconds"]
@@ -119,13 +107,12 @@ def inexact_is_as_fast(rows: Rows) -> Finding:
 def inexact_saves(rows: Rows) -> Finding:
     """Fewer conjugate gradient iterations than with inner solves to 1e-8."""
     cases, figures = {}, list[str]()
-    for (dim, n, method), found in _inner(rows):
+    for name, found in _inner(rows).items():
         wholes = [row for row in chosen(found, rule=AS_EXACT[0], share=AS_EXACT[1]) if done(row)]
         usuals = chosen(found, rule="elman-golub", share=0.3)
         if not wholes or not usuals:
             continue
         whole, usual = wholes[0], usuals[0]
-        name = f"{dim}D n = {n}, {_q(method).removesuffix(INEXACT)}"
         cases[name] = done(usual) and usual["linear_iterations"] < whole["linear_iterations"]
         if done(usual):
             figures.append(f"{name}: {usual['linear_iterations']} for {whole['linear_iterations']}")
@@ -135,10 +122,10 @@ def inexact_saves(rows: Rows) -> Finding:
 def any_delta(rows: Rows) -> Finding:
     """Every inner tolerance converges."""
     cases, failed = {}, list[str]()
-    for (dim, n, method), found in _inner(rows):
+    for name, found in _inner(rows).items():
         bad = [f"{row['rule']} {row['share']:g}" for row in found if not done(row)]
-        cases[f"{dim}D n = {n}, {_q(method).removesuffix(INEXACT)}"] = not bad
-        failed += [f"{dim}D n = {n}, {_q(method).removesuffix(INEXACT)}, {each}" for each in bad]
+        cases[name] = not bad
+        failed += [f"{name}, {each}" for each in bad]
     return Finding(cases, f"fails: {'; '.join(failed) or 'none'}")
 
 
@@ -160,10 +147,7 @@ def bound_with_friction(rows: Rows) -> Finding:
 def condensing_saves(rows: Rows) -> Finding:
     """condensed-newton takes less time than every block-uzawa, mesh by mesh."""
     cases, figures = {}, list[str]()
-    for mesh, found in meshes(rows["h"]).items():
-        direct, best = _one(found, REFERENCE), _fastest(row for row in found if row["method"].startswith(BLOCK))
-        if direct is None:
-            continue
+    for mesh, direct, best in _beside_the_reference(rows, BLOCK):
         cases[mesh] = best is None or direct["seconds"] < best["seconds"]
         if best is not None:
             solves, seconds = (best[key] / direct[key] for key in ("volume_solves", "seconds"))
@@ -211,19 +195,14 @@ def always_converges(rows: Rows) -> Finding:
 
 def side_by_side(rows: Rows) -> list[Row]:
     """Rows of the tables that show all methods, each once."""
-    found: dict[tuple[object, ...], Row] = {}
-    for table in SIDE_BY_SIDE:
-        for row in rows[table]:
-            found[tuple(row[key] for key in ("dim", "n", "method", "mu", "c_n", "steps"))] = row
-    return list(found.values())
+    keys = ("dim", "n", "method", "mu", "c_n", "steps")
+    shown = (row for table in SIDE_BY_SIDE for row in rows[table])
+    return [same[-1] for same in grouped(shown, lambda row: tuple(row[key] for key in keys)).values()]
 
 
-def meshes(rows: Sequence[Row]) -> Mapping[str, list[Row]]:
+def meshes(rows: Iterable[Row]) -> Mapping[str, list[Row]]:
     """Rows by mesh: "2D n = 8"."""
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        found.setdefault(mesh_of(row), []).append(row)
-    return found
+    return grouped(rows, mesh_of)
 
 
 def finest(rows: Sequence[Row]) -> Mapping[str, list[Row]]:
@@ -237,8 +216,12 @@ def _one(rows: Iterable[Row], method: str) -> Row | None:
     return next((row for row in rows if row["method"] == method and done(row)), None)
 
 
-def _fastest(rows: Iterable[Row]) -> Row | None:
-    return min(filter(done, rows), key=lambda row: float(row["seconds"]), default=None)
+def _beside_the_reference(rows: Rows, kind: str) -> Iterator[tuple[str, Row, Row | None]]:
+    """Yield the reference on each mesh, and the fastest method whose name has a part; None if none converges."""
+    for mesh, found in meshes(rows["h"]).items():
+        solved = [row for row in found if kind in row["method"] and done(row)]
+        if direct := _one(found, REFERENCE):
+            yield mesh, direct, min(solved, key=lambda row: float(row["seconds"]), default=None)
 
 
 def _free_of_h(rows: Rows, names: Sequence[str]) -> Finding:
@@ -261,10 +244,10 @@ def _gram_saves(rows: Rows, key: str) -> Finding:
     return Finding({name: share < 1 for name, share in shares.items()}, f"{key} over those with Q = W: {said(shares)}")
 
 
-def _inner(rows: Rows) -> Iterator[tuple[tuple[int, int, str], list[Row]]]:
+def _inner(rows: Rows) -> Mapping[str, list[Row]]:
+    """Rows with inexact inner solves, by mesh and Q."""
     inexact = [row for row in rows["inner"] if row["method"].endswith(INEXACT)]
-    for key in dict.fromkeys((row["dim"], row["n"], row["method"]) for row in inexact):
-        yield key, chosen(inexact, dim=key[0], n=key[1], method=key[2])
+    return grouped(inexact, lambda row: f"{mesh_of(row)}, {_q(row['method']).removesuffix(INEXACT)}")
 
 
 def _q(method: str) -> str:
@@ -279,65 +262,6 @@ def _and(failed: Sequence[str]) -> str:
     return f"; fails: {'; '.join(failed)}" if failed else ""
 
 
-CLAIMS = (
-    Claim("§1", "direct methods are not efficient: inner solves by multigrid beat those by a factor", factor_is_slow),
-    Claim(
-        "§1",
-        "direct methods are not efficient: an iteration without a factor beats the fastest with one",
-        direct_is_slow,
-    ),
-    Claim("§5, end", "without a preconditioner the iteration slows down as the mesh is refined", mass_grows),
-    Claim(
-        "§1", "an incomplete factor of the Gram matrix frees the iterations of the mesh size", incomplete_is_free_of_h
-    ),
-    Claim("§1", "the complete factor of the Gram matrix does", complete_is_free_of_h),
-    Claim("§5, end", "the preconditioner saves iterations", gram_saves_iterations),
-    Claim("§5, end", "the preconditioner saves time", gram_saves_seconds),
-    Claim("(1.2)", "inexact inner solves cost no outer iterations", inexact_is_as_fast),
-    Claim(
-        "(1.2)", "inexact inner solves save conjugate gradient iterations, compared with solves to 1e-8", inexact_saves
-    ),
-    Claim("(1.2)", "δ_k may be of any size: every inner tolerance up to .6 converges", any_delta),
-    Claim("§5, remarks", "Uzawa converges if and only if 0 < α < 2/λ₁ (base glued: a linear problem)", bound),
-    Claim("§5, remarks", "0 < α < 2/λ₁ is enough with Coulomb's law and a projection", bound_with_friction),
-    Claim("§5", "every friction, compliance, mesh and number of steps is solved", always_converges),
-    Claim("here", "condensed-newton takes less time than any block-uzawa", condensing_saves),
-    Claim("here", "the same iteration, condensed, takes as many iterations in less time", twins_agree),
-    Claim("here", "all methods end at the same λ and u", all_agree),
-)
-
-
-NAME = "block_uzawa_price.md"
-BUSY = 0.9  # share of a core below which seconds are not those of the method alone
-TEMPLATE = "lab/studies/templates/block_price.md"
-
-
-def write_page(path: Path, rows: Rows) -> Path:
-    """Write the page; its path."""
-    text = render(
-        TEMPLATE,
-        name=NAME,
-        tolerance=TOLERANCE,
-        exact=EXACT,
-        as_exact=AS_EXACT[1],
-        reference=REFERENCE,
-        conditions=conditions(rows),
-        verdicts=judged(CLAIMS, rows, verdict),
-        rows=rows,
-        alpha=[row | {"base": "glued" if row["sticks"] else f"mu = {row['mu']:g}"} for row in rows["alpha"]],
-        inner=[row | _inner_rule(row) for row in rows["inner"]],
-        pivot=pivot,
-        meshes=meshes,
-        done=done,
-        ratio=_ratio,
-        in_order=_in_order,
-        with_slopes=_with_slopes,
-        iterations=_iterations,
-    )
-    write_aside(path, text.encode())
-    return path
-
-
 def verdict(found: Finding) -> str:
     """The verdict; where few cases differ, these.
 
@@ -348,52 +272,3 @@ def verdict(found: Finding) -> str:
     if lost and len(lost) < len(found.cases) - len(lost):
         return f"holds, but not for {'; '.join(lost)}"
     return found.verdict
-
-
-def conditions(rows: Rows) -> str:
-    """Tell how the page was measured, and whether something else used the core."""
-    measured = [row for table in rows.values() for row in table if done(row)]
-    wall = sum(row["wall"] for row in measured)
-    share = sum(row["cpu"] for row in measured) / wall if wall else 1.0
-    words = (
-        f"**Conditions.** dolfinx {DOLFINX}, one process, one thread; runs under half a second are the best of three."
-    )
-    if share < BUSY:
-        words += f" The machine was busy: the runs got {share:.0%} of a core. Read seconds with care; counts are exact."
-    return words
-
-
-def _ratio(row: Row, beside: Sequence[Row]) -> str:
-    """Seconds over those of the reference for the same problem, which is among the rows beside it."""
-    same = {key: row[key] for key in ("dim", "n", "mu", "c_n", "steps", "sticks")}
-    reference = [other for other in chosen(beside, method=REFERENCE, **same) if done(other)]
-    return f"{row['seconds'] / reference[0]['seconds']:.3g}" if reference else ""
-
-
-def _in_order(rows: Sequence[Row], key: str) -> list[Row]:
-    """By method, then by the values of the key as they were measured."""
-    values = different(rows, key)
-    return sorted(rows, key=lambda row: (METHODS.index(row["method"]), values.index(row[key])))
-
-
-def _with_slopes(rows: list[Row]) -> Iterator[Row]:
-    """Columns of the iterations on each mesh, then of their slopes in each dimension."""
-    for row in rows:
-        yield {"method": row["method"], "column": mesh_of(row), "cell": _iterations(row)}
-    for dim in different(rows, "dim"):
-        for method in different(rows, "method"):
-            grown = slopes(rows, "iterations", method=method).get(f"{dim}D")
-            slope = "" if grown is None else f"{grown:.2f}"
-            yield {"method": method, "column": f"{dim}D slope", "cell": slope}
-
-
-def _inner_rule(row: Row) -> Row:
-    """The rule and the tolerance of its inner solves, as they are shown."""
-    inexact = "inexact" in row["method"]
-    return {"rule": row["rule"] if inexact else "exact", "share": f"{row['share']:g}" if inexact else ""}
-
-
-def _iterations(row: Row) -> str:
-    if done(row):
-        return str(row["iterations"])
-    return "stopped" if row["status"].startswith("stopped") else "fails"
