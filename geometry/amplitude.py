@@ -74,7 +74,10 @@ def _rows(path: Path, *names: str) -> Iterator[tuple[float, float]]:
     for line, row in lines:
         if not any(cell.strip() for cell in row):
             continue
-        found = [_number(row, header.index(name), name, f"{path.name}, {line}") for name in names]
+        where = f"{path.name}, {line}"
+        if any(cell.strip() for cell in row[len(header) :]):
+            raise SceneError(f"csv = {where}: more cells than names in the first line; is there a decimal comma?")
+        found = [_number(row, header.index(name), name, where) for name in names]
         rises = found[0] > last if last >= 0 else found[0] >= 0
         require(rises, "csv", path, f"{line}: times must increase, from 0 or later; found {found[0]:g}")
         last = found[0]

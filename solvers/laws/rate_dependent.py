@@ -51,8 +51,10 @@ class RateDependent(FrictionLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         falls = "mu falls as the slip rate grows, so that bodies slide in jumps without end; let it grow, or stay"
+        rest = "is 0 at V = 0, so that nothing holds bodies at rest; give it a small value there, such as 1e-3"
         if not isinstance(self.mu, str):
             mu_table.check(self.mu, "mu")
+            require(self.mu[0][1] > 0 or not self.most, "mu", [list(line) for line in self.mu], rest)
             require(not mu_table.steepest_fall(self.mu), "mu", [list(line) for line in self.mu], falls)
             return
         check_varying(self.mu, "mu")
@@ -71,6 +73,7 @@ class RateDependent(FrictionLaw):
             falling = slope * np.maximum(V, SPEEDS[1]) < -4 * EPS * mu  # by more than rounding makes of a level line
         rises = (mu[1:] >= mu[:-1] * (1 - 4 * EPS)).all() and not falling.any()
         require(bool(rises), "mu", f'"{self.mu}"', falls)
+        require(bool(mu[0] > 0 or not mu.any()), "mu", f'"{self.mu}"', rest)
 
     def coefficient(self, V: Array) -> Array:
         """mu (m,) [-] at slip rates V (m,) [m/s].

@@ -59,6 +59,8 @@ def test_what_cannot_be_told_is_refused_with_one_line(call: Call, folder: Path) 
         ("out", "--point=a,b"): "--point a,b: expected x,y, 2 numbers",
         ("out",): "Missing parameter: point",
         ("out", "--point=.5,.5", "-o", "foreign"): "foreign: is a folder; name a file",
+        ("out", "--point=.5,.5", "-o", "out/result.json"): "out/result.json: is a file of that run",
+        ("out", "--point=.5,.5", "-o", "out/steps.csv"): "out/steps.csv: is a file of that run",
         ("foreign", "--point=1,1"): "foreign: holds no results of a run",
         ("nowhere", "--point=1,1"): "nowhere: no such folder",
     }.items():

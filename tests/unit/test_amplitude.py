@@ -93,6 +93,7 @@ def test_a_column_of_a_csv_file_is_the_table_written_out(tmp_path: Path) -> None
         ("t,p\n0,1\n1,nan\n", "p", 'line 3: "nan" in column p'),
         ("t,p\n0,1\ninf,1\n", "p", 'line 3: "inf" in column t'),
         ("t,p\n0,1\n1\n", "p", 'line 3: "" in column p'),
+        ("t,p\n0,1\n1,5,2,5\n", "p", "line 3: more cells than names in the first line; is there a decimal comma"),
         ("t,p\n0,1\n2,1\n2,3\n", "p", "line 4: times must increase, from 0 or later; found 2"),
         ('t,p\n0,1\n1,"' + "2,3\n" * 60_000, "p", r"p.csv: line 3: field larger than .*; is a quote not closed\?"),
         ("t,p\n-1,1\n", "p", "line 2: times must increase, from 0 or later; found -1"),

@@ -424,6 +424,7 @@ def test_the_bound_of_slip_in_a_step_is_that_of_its_rate_and_has_its_derivatives
         ("0.3 + V/V", "has no finite value or no finite slope at V = 0"),
         ("0.3 + V**60", "has no finite value or no finite slope at V = 1.41e+05"),
         ("0.3 + 1e-2*V**1e-4", "has no finite value or no finite slope at V = 0"),
+        ("0.3*V**3/(1 + V**3)", "is 0 at V = 0, so that nothing holds bodies at rest"),
         ("V - 1e-9", "is -1e-09 at V = 0; must not be negative"),
         ("0.3 - 0.2*exp(-((V-1.03e-1)/1e-4)**2)", "mu falls as the slip rate grows"),
         ("0.3 + 0.1*V + 0.01*sin(200*V)*exp(-V)", "mu falls as the slip rate grows"),
@@ -447,7 +448,7 @@ def test_an_expression_without_values_or_slopes_or_that_falls_is_refused_in_one_
             "0.4 - 0.1*exp(-V/1e-3)",
             "0.2 + 0.01*log(1 + V/1e-6)",
             "0.3 + 1/(1 + exp(1e3 - 1e3*V))",
-            "0.3*V**3/(1 + V**3)",
+            "1e-3 + 0.3*V**3/(1 + V**3)",
         ),
     ],
 )

@@ -24,12 +24,15 @@ def compare(
     from rich.table import Table
 
     from stickslip.workflows.formats.files import write_aside
+    from stickslip.workflows.formats.marker import refuse_own
     from stickslip.workflows.pictures import report_compare
     from stickslip.workflows.run.stored_results import found
     from stickslip.workflows.run.terminal import console, print_table
 
     if output is not None and output.is_dir():
         raise SceneError(f"{output}: is a folder; name a file for the page with -o")
+    if output is not None:
+        refuse_own(output)
     first, second = found(a), found(b)
     out = console(WIDE, quiet=not speaks())
     out.print(f"A: {a}, {first.title}\nB: {b}, {second.title}")

@@ -25,10 +25,13 @@ def extract(
     from stickslip.solvers.scene.record import STRESSES
     from stickslip.workflows.formats.csv_tables import csv_text
     from stickslip.workflows.formats.files import write_aside
+    from stickslip.workflows.formats.marker import refuse_own
     from stickslip.workflows.run.stored_results import load
 
     if output is not None and output.is_dir():
         raise SceneError(f"{output}: is a folder; name a file for the table with -o")
+    if output is not None:
+        refuse_own(output)
     results = load(folder)
     mesh = results.mesh
     axes = "xyz"[: mesh.points.shape[1]]

@@ -92,6 +92,16 @@ def declare(folder: Path, names: Iterable[str]) -> None:
         mark(folder, names=(*marker.names, *new))
 
 
+def refuse_own(path: Path) -> None:
+    """Refuse a file of a run as the place of another output.
+
+    Raises:
+        FolderError: it is one.
+    """
+    if is_marked(path.parent) and marker_of(path.parent).owns(path.name):
+        raise FolderError(f"{path}: is a file of that run; choose another name with -o")
+
+
 def certify(path: Path) -> None:
     """Note the checksum of a file of a marked folder, from which `is_certified` tells later edits."""
     if path.is_file():
