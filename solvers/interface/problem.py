@@ -122,7 +122,8 @@ class SurfaceProblem:
         """Complementarity (KKT) defect p - P_C(p + k (w - gap)) (rows,) [Pa]: zero at the solution only.
 
         It is the traction that each row lacks, as what is behind it would answer: k is the bodies' E / extent, or a
-        part of a compliant law's stiffness where bodies are much softer. What a motion misses by rounding is none.
+        part of a compliant law's stiffness where bodies are much softer. What a motion misses by rounding is none;
+        of bodies that nothing pushes, what a law makes of these digits is none either, up to a small part of `p_ref`.
 
         Args:
             p: tractions (rows,) [Pa].

@@ -1,7 +1,7 @@
 """The scales of a load step: how large its motions and tractions are, and which of them are rounding.
 
-They are made once a step, from the load without contact. Residual, balance, and starts ask them; an answer is judged
-relative to them, and nothing else in a step says what is zero.
+They are made once a step, from the load without contact. Residual, balance, and starts ask them, and an answer is
+judged relative to them.
 """
 
 from __future__ import annotations
