@@ -60,6 +60,10 @@ class GeometryError(InputError):
     """A shape or a mesh cannot be made, or does not fit the scene."""
 
 
+class GluedError(GeometryError):
+    """A side lies between two bodies that hold each other there."""
+
+
 class SolverError(StickslipError):
     """A step has no solution, or the solver does not find it."""
 

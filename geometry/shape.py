@@ -75,6 +75,10 @@ class Shape:
         """
         raise NotImplementedError
 
+    def shared(self, dim: int) -> Mapping[tuple[str, str], Array]:
+        """Points (n, d) [m] where two bodies have the same nodes and hold each other, by the names of the two."""
+        return {}
+
     def refined(self, factor: float) -> Self:
         """The same shape with cells `factor` times as long.
 

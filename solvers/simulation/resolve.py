@@ -1,8 +1,9 @@
 """From a scene to the frozen `Problem` that all rooms below the simulation read, in two steps.
 
 First sides, contact pairs and springs are set up; then the rigid modes that nothing of these resists are found: null
-spaces of supports, and of supports with contact and friction. Before there is a mesh they are those of whole bodies. A
-body's cells need not hang together: then parts of the mesh can move by themselves, which no scene shows.
+spaces of supports, and of supports with contact and friction. Before there is a mesh they are those of whole bodies,
+which hold each other where they share nodes. A body's cells need not hang together: then parts of the mesh can move by
+themselves, which no scene shows.
 """
 
 from __future__ import annotations
@@ -120,6 +121,8 @@ def unresisted_modes(setup: Setup) -> UnresistedModes:
     for slave, master in setup.request.periodic:
         here, there = (motions.fields(side.split(".")[0], setup.sample(side)[0]) for side in (slave, master))
         blocks.extend(here - there)
+    for (one, other), points in setup.shape.shared(setup.dim).items():
+        blocks.extend(motions.fields(one, points) - motions.fields(other, points))
     supported = np.concatenate(blocks)[:, : len(motions.bodies) * motions.each]
     pairs, bedding = setup.pairs.values(), [*blocks]
     for pair in pairs:

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.errors import FolderError, SceneError
-from stickslip.geometry.user_files.open_file import kind_of
+from stickslip.geometry.user_files.open_file import apart, kind_of
 from stickslip.geometry.user_files.parts import FACET_WORD
 from stickslip.geometry.user_files.touching import joined
 from stickslip.geometry.user_files.user_file import UserFile
@@ -92,7 +92,10 @@ def _list(source: str, unit: str | None, units: str | None, within: float | None
     names, word = side_names(found), FACET_WORD[found.dim]
     out.print(f"{len(found.outline.bodies)} bodies, {len(found.pairs)} pairs of sides that touch or nearly do")
     for (one, other), faces in joined(found.outline).items():
-        out.print(f"{one} and {other} are joined at {word} {', '.join(map(str, faces))}: no contact can open there")
+        out.print(
+            f"{one} and {other} are joined at {word} {', '.join(map(str, faces))}: no contact can open there unless "
+            f"you {apart(found.path)}"
+        )
     table = Table()
     for head in ("pair", "kind", "side", f"{word}s", "against", f"{word}s"):
         table.add_column(head)
