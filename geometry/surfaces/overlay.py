@@ -73,6 +73,15 @@ def _pairs_in_tree(tree: cKDTree, centres: Array, thick: Array, directions: Arra
 
 CURVED = 1.2  # a curved facet lies within this multiple of the ball around its nodes
 BISECTIONS = 60
+GRAZING = 0.1  # cosine, see `steepest`
+
+
+def steepest(slave: Surface, master: Surface) -> float:
+    """Cosine of the largest angle between normals at which two facets face each other.
+
+    Where a side has edges its flanks stand nearly upright on the other side, and face it by how they are deformed.
+    """
+    return 0.0 if slave.faces is None and master.faces is None else GRAZING
 
 
 def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> tuple[Ints, Ints, Array]:
@@ -92,7 +101,8 @@ def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> t
     blocks = list(candidate_pairs(centres, radii + reach * spread, middle, *_balls_around_edges(master), reach))
     i, j = (np.concatenate(rows) for rows in zip(*blocks, strict=True))
     away = place(master, j, np.full((len(j), 1), 0.5)).area_normals
-    facing = np.einsum("qd,qd->q", away, middle[i]) < 0
+    upright = steepest(slave, master) * np.linalg.norm(away, axis=1)
+    facing = np.einsum("qd,qd->q", away, middle[i]) < -upright
     i, j = i[facing], j[facing]
     feet = [_project_on_slave(slave, field, i, master.points[master.facets[j, end]]) for end in (0, 1)]
     ends = np.sort(np.stack(feet, axis=1), axis=1)
@@ -184,9 +194,10 @@ def triangles(slave: Surface, master: Surface, normals: Array, reach: float) -> 
     along = np.repeat(directions, len(halves), axis=0)
     inverse = np.linalg.inv(np.concatenate([edges, along[:, None]], axis=1))
     away = _area_normals(goals) * np.repeat(master.outward, len(targets))[:, None]
+    upright = steepest(slave, master) * np.linalg.norm(away, axis=1)
     found = []
     for i, j in candidate_pairs(*_balls(ends), along, *_balls(goals), reach):
-        facing = np.einsum("qd,qd->q", away[j], along[i]) < 0
+        facing = np.einsum("qd,qd->q", away[j], along[i]) < -upright[j]
         i, j = i[facing], j[facing]
         row, polygons = _clip(((goals[j] - origin[i]) @ inverse[i])[:, :, :2])
         i, j = i[row], j[row]

@@ -84,6 +84,7 @@ class Surface:
     axisymmetric: bool
     parts: Ints | None = None  # (n,) of the mesh, see `find_parts`; None: all nodes are of part 0
     positive: bool = False  # phi~ >= 0 everywhere: Bernstein's polynomials if the degree is 2
+    faces: Ints | None = None  # (n,) tell nodes apart that faces have at an edge, see `split_at_edges`; None: one face
 
     @property
     def dim(self) -> int:
@@ -93,6 +94,14 @@ class Surface:
     def part(self) -> Ints:
         """Part of the mesh of each node (n,)."""
         return np.zeros(len(self.nodes), np.int64) if self.parts is None else self.parts
+
+    @cached_property
+    def at_edge(self) -> Array:
+        """1.0 at the nodes (n,) of edges, where several faces have one each, else 0.0."""
+        if self.faces is None:
+            return np.zeros(len(self.nodes))
+        _, each, count = np.unique(self.nodes, return_inverse=True, return_counts=True)
+        return np.asarray(count[each] > 1, float)
 
     def quadrature(self, degree: int) -> tuple[Array, Array]:
         """Quadrature weights (f, q) [m^(d-1)], 2 pi r included if axisymmetric, and values of the basis (q, k)."""
@@ -166,15 +175,15 @@ class Surface:
 
     def smooth_part(self, crease: float) -> Bools:
         """The facets (f, k) that count where those at a node differ by more than `crease` [degrees]."""
-        return largest_smooth_part(self.facets, self._facet_normals(), crease)
+        return largest_smooth_part(self.facets, self.facet_normals(), crease)
 
     def _sums_of_normals(self, counting: Bools | None = None) -> Array:
         """Sums (n, d) over the facets of the side at each node, before they are made unit; see `node_normals`."""
-        normals, total = self._facet_normals(), np.zeros_like(self.points)
+        normals, total = self.facet_normals(), np.zeros_like(self.points)
         np.add.at(total, self.facets, normals if counting is None else normals * counting[:, :, None])
         return total
 
-    def _facet_normals(self) -> Array:
+    def facet_normals(self) -> Array:
         """Outward normals (f, k, d) of the facets at their nodes; their length is the Jacobian of the facet there."""
         local = dx.reference_nodes(self.shape, self.degree)
         normals = _normals(self.points[self.facets], dx.reference_basis(self.shape, self.degree, local)[1])
