@@ -66,6 +66,17 @@ def split_at_edges(surface: Surface) -> Surface:
     )
 
 
+def edges_of(split: Surface) -> tuple[Ints, Ints]:
+    """Facets (e, 2) that meet at each edge of a split surface, and which of their ridges (e, 2) it is."""
+    ridges = np.array([nodes[: split.dim - 1] for nodes in RIDGES[split.shape]])
+    nodes = split.facets[:, ridges]
+    one, other = _pairs(np.sort(split.nodes[nodes], axis=2))
+    own, others = (np.sort(nodes[at[:, 0], at[:, 1]], axis=1) for at in (one, other))
+    apart = (own != others).any(axis=1)
+    facets, ridge = np.stack([one, other], axis=1)[apart].transpose(2, 0, 1)
+    return facets, ridge
+
+
 def _pairs(ridges: Ints) -> tuple[Ints, Ints]:
     """Facet and ridge (p, 2) of both facets that meet at a ridge; ridges: their nodes (f, r, d-1), sorted."""
     count = ridges.shape[1]

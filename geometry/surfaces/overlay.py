@@ -73,15 +73,16 @@ def _pairs_in_tree(tree: cKDTree, centres: Array, thick: Array, directions: Arra
 
 CURVED = 1.2  # a curved facet lies within this multiple of the ball around its nodes
 BISECTIONS = 60
-GRAZING = 0.1  # cosine, see `steepest`
+STEEP = 30.0  # [degrees], see `steepest`
 
 
 def steepest(slave: Surface, master: Surface) -> float:
-    """Cosine of the largest angle between normals at which two facets face each other.
+    """Cosine of the largest angle between two facets that face each other.
 
-    Where a side has edges its flanks stand nearly upright on the other side, and face it by how they are deformed.
+    Where sides have edges, faces that lean more touch by their edges alone, however they are deformed.
     """
-    return 0.0 if slave.faces is None and master.faces is None else GRAZING
+    edges = slave.faces is not None or master.faces is not None
+    return float(np.cos(np.radians(STEEP))) if edges else 0.0
 
 
 def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> tuple[Ints, Ints, Array]:

@@ -25,7 +25,7 @@ from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.overlay import steepest
 from stickslip.geometry.surfaces.search import pair, through_body
-from stickslip.geometry.surfaces.surface import CREASE, Surface
+from stickslip.geometry.surfaces.surface import Surface
 
 DIGITS = 9  # to which components are rounded, so that among equal ones the first is the least
 
@@ -116,26 +116,6 @@ def midway_normals(own: Array, other: Array, gap: Array, at_edge: Array, other_a
     normals = own_part[:, None] * own - other_part[:, None] * other
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     return normals, gap * np.einsum("md,md->m", own, normals)
-
-
-def once_at_edges(coupling: Coupling) -> Coupling:
-    """The same coupling where the faces that meet at an edge press on one face of the other side once only.
-
-    Of the nodes that faces have there, those with normals that are of one face keep the best: that whose own face lies
-    flattest on the other side. The rest has no weight and carries nothing.
-    """
-    surface, kept = coupling.surface, np.ones(len(coupling.weights), bool)
-    rows = np.flatnonzero((surface.at_edge > 0) & (coupling.weights != 0))
-    if not len(rows):
-        return coupling
-    flat = np.einsum("nd,nd->n", surface.node_normals()[rows], coupling.normals[rows])
-    rows = rows[np.lexsort((-flat.round(DIGITS), surface.nodes[rows]))]
-    ends = np.flatnonzero(np.diff(surface.nodes[rows], append=-1)) + 1
-    for group in np.split(rows, ends[:-1]):
-        cosine = coupling.normals[group] @ coupling.normals[group].T
-        for k in range(1, len(group)):
-            kept[group[k]] = not (kept[group[:k]] & (cosine[k, :k] > np.cos(np.radians(CREASE)))).any()
-    return replace(coupling, weights=np.where(kept, coupling.weights, 0.0), carries=coupling.carries & kept)
 
 
 def rigid_coupling(surface: Surface, obstacle: Obstacle) -> Coupling:
