@@ -29,10 +29,6 @@ from stickslip.workflows.pictures.sheet import COLOURS, STATUS_COLOURS, Sheet, s
 from stickslip.workflows.pictures.view import Image, View, close_up
 
 FRAMES = 100  # at most
-SECONDS, SLOWEST, LAST = 8.0, 0.5, 1.5  # longest duration [s] of the whole and of a frame; duration of the last frame
-DPI = 110
-LINE = 9.0  # pixels
-GREYS = 40  # of the 256 colours of a GIF
 Statuses = Mapping[str, NDArray[np.int8]]
 
 
@@ -69,11 +65,11 @@ def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
     course = survey(folder, mesh, indices)
     drawn = _Film(mesh, course, " ".join(scene.title.split()), scene.labels)
     pictures = [Pillow.fromarray(drawn(frame)) for frame in frames(folder, mesh, indices)]
-    each = min(SLOWEST, SECONDS / len(pictures))
+    each = min(500, 8000 / len(pictures))  # [ms] of a frame, of 8 s at most; the last one stays longer
     content = io.BytesIO()
     colours = palette(mesh.points.shape[1] == 3)
     first, *others = [p.quantize(palette=colours, dither=Pillow.Dither.NONE) for p in pictures]
-    durations = [round(1000 * each)] * len(others) + [round(1000 * LAST)]
+    durations = [round(each)] * len(others) + [1500]
     first.save(content, "GIF", save_all=True, append_images=others, duration=durations, loop=0)
     path = folder / "animation.gif"
     write_aside(path, content.getvalue())
@@ -132,7 +128,7 @@ class _Film:
         room = (0.3 if self.solid else 0.75) if self.beside else 0.0
         high = wide / self.beside.aspect if self.beside else 0.0
         size = max(5.0, left + width + 1.35 + room + wide + 0.2), foot + max(height, high) + 1.0
-        self.sheet = Sheet(*size, DPI, units)
+        self.sheet = Sheet(*size, 110, units)
         axes, self.shown = self._picture(view, (left, foot, width, height), plain_axes)
         tall = max(0.8 * height, 1.1)
         bar = self.sheet.axes(left + width + 0.2, foot + (height - tall) / 2, 0.13, tall)
@@ -157,7 +153,7 @@ class _Film:
         def add(stage: Any) -> None:
             bodies(stage)
             for line in lines:
-                stage.add_mesh(line, scalars="colour", rgb=True, lighting=False, line_width=LINE)
+                stage.add_mesh(line, scalars="colour", rgb=True, lighting=False, line_width=9.0)
 
         self._show(self.shown, self.course.view, add)
         if self.beside:
@@ -224,15 +220,15 @@ def _colours(status: NDArray[np.int8]) -> NDArray[np.uint8]:
 
 
 def palette(solid: bool) -> Pillow.Image:
-    """256 fixed colours for all frames; a choice by frequency would lose rare colours of the stress scale.
+    """256 fixed colours for all frames, 40 of them grey; by frequency, rare ones of the stress scale would be lost.
 
     Solids need each colour in darker shades, for sides that face away from the lights.
     """
     shades = (1.0, 0.88, 0.76) if solid else (1.0,)
     status = [to_rgb(colour) for colour in STATUS_COLOURS.values()]
-    levels = (256 - GREYS - len(status)) // len(shades)
+    levels = (216 - len(status)) // len(shades)
     stress = colormaps[COLOURS](np.linspace(0.0, 1.0, levels))[:, :3]
-    greys = np.repeat(np.linspace(0.0, 1.0, GREYS)[:, None], 3, axis=1)
+    greys = np.repeat(np.linspace(0.0, 1.0, 40)[:, None], 3, axis=1)
     colours = np.concatenate([greys, status, *(shade * stress for shade in shades)])
     found = Pillow.new("P", (1, 1))
     found.putpalette(np.round(255 * colours).astype(np.uint8).tobytes())

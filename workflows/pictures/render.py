@@ -20,11 +20,10 @@ from stickslip.workflows.formats.mesh_file import corner_cells
 from stickslip.workflows.formats.steps import three
 from stickslip.workflows.pictures.rigid import Rigid, stand, surfaces
 from stickslip.workflows.pictures.sheet import COLOURS, show_image
-from stickslip.workflows.pictures.view import Image, View
+from stickslip.workflows.pictures.view import FEW_CELLS, Image, View
 
 SHADED: dict[str, Any] = {"lighting": True, "ambient": 0.6, "diffuse": 0.45}  # edges show, colours stay near the bar's
 OFF_SCREEN = ("libEGL.so.1", "libOSMesa.so.8")  # VTK crashes where it finds none of them
-FEW_CELLS = 6000  # largest number of cells whose edges are drawn
 EDGES: dict[str, Any] = {"color": "#222222", "line_width": 2.5}
 GHOST: dict[str, Any] = {"color": "#8c8c8c", "line_width": 2.0}
 
