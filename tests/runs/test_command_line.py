@@ -130,12 +130,21 @@ def test_a_full_disk_leaves_no_part_of_a_new_scene(call: Call, folder: Path, mon
     assert not [*folder.iterdir()]
 
 
-def test_new_refuses_an_unknown_scene_and_a_missing_folder(call: Call, folder: Path) -> None:
-    code, _, err = call("new", "blok")
-    assert (code, err) == (2, "stickslip: blok: no such ready scene; did you mean block?\n")
-    code, _, err = call("new", "block", "nowhere/mine.toml")
-    assert (code, err.count("\n")) == (2, 1)
+def test_new_refuses_an_unknown_scene(call: Call, folder: Path) -> None:
+    assert call("new", "blok") == (2, "", "stickslip: blok: no such ready scene; did you mean block?\n")
     assert not list(folder.iterdir())
+
+
+def test_folders_that_are_named_for_an_output_are_made(call: Call, folder: Path) -> None:
+    assert call("run", "block", "-q", "-o", "a/out", *COARSE)[0] == 0
+    for words, made in (
+        (("new", "block", "b/mine.toml"), "b/mine.toml"),
+        (("report", "a/out", "-o", "c/page.html"), "c/page.html"),
+        (("compare", "a/out", "a/out", "-o", "d/both.html"), "d/both.html"),
+        (("mesh", "block", "-o", "e/block.msh", *COARSE), "e/block.msh"),
+    ):
+        code, _, err = call(*words)
+        assert (code, err, (folder / made).is_file()) == (0, "", True)
 
 
 # --- plan

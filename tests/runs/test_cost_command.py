@@ -33,7 +33,7 @@ def content(folder: Path) -> dict[str, Any]:
     return found
 
 
-def quick(scene: Scene, rung: Rung, seconds: float, stop: Any) -> Run:
+def quick(scene: Scene, rung: Rung, seconds: float) -> Run:
     """A solver of a known price: h^-2, h^order."""
     price = 0.5 * rung.order * rung.factor**-2
     force = 3.0 * (1 + 0.05 * rung.factor**rung.order)

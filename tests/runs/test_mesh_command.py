@@ -545,8 +545,8 @@ def test_report_in_the_folder_is_where_it_was_asked_for(call: Call, folder: Path
 
 
 def test_report_that_cannot_be_written_takes_no_solution_with_it(call: Call, folder: Path, files: list[str]) -> None:
-    code, _, err = call("fclib", *files, "-o", "out", "--json", "none/figures.json")
-    assert (code, err) == (4, "stickslip: none/figures.json: cannot be written: No such file or directory\n")
+    code, _, err = call("fclib", *files, "-o", "out", "--json", "one.hdf5/figures.json")
+    assert (code, err) == (4, "stickslip: one.hdf5/figures.json: cannot be written: Not a directory\n")
     assert sorted(path.name for path in (folder / "out").glob("*.hdf5")) == files
 
 

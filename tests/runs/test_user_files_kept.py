@@ -187,6 +187,7 @@ def test_foreign_folders_are_refused_and_left_alone(name: str, log: bool, call: 
     code, _, err = call(*WORDS)
     assert (code, err.count("\n"), len(err) < 300) == (2, 1, True)
     assert ("earlier version of stickslip" if log else "is not the result of a run") in err
+    assert ("and former results of out would be kept there" in err) == (name == "out.1" and not log)
     assert names_in(folder) == {f"{name}/{'run.log' if log else 'data'}"}
 
 

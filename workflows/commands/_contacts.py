@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from rich.table import Table
 
 from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.errors import FolderError, SceneError
@@ -18,10 +17,10 @@ from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.parts import FACET_WORD
 from stickslip.geometry.user_files.touching import joined
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.workflows.formats.files import disk_errors, write_aside
+from stickslip.workflows.formats.files import disk_errors, write_output
 from stickslip.workflows.formats.marker import declare, is_marked, mark, marker_of
 from stickslip.workflows.run.ranks import raise_together
-from stickslip.workflows.run.terminal import console, print_table
+from stickslip.workflows.run.terminal import console, print_table, table_of
 from stickslip.workflows.scene_file.proposal import (
     Assembly,
     assembly,
@@ -93,12 +92,9 @@ def _list(source: str, unit: str | None, units: str | None, within: float | None
     out.print(f"{len(found.outline.bodies)} bodies, {len(found.pairs)} pairs of sides that touch or nearly do")
     for (one, other), faces in joined(found.outline).items():
         out.print(f"{one} and {other} are joined at {word} {', '.join(map(str, faces))}: no contact can open there")
-    table = Table()
-    for head in ("pair", "kind", "side", f"{word}s", "against", f"{word}s"):
-        table.add_column(head)
-    for head in ("area [m²]" if found.dim == 3 else "length [m]", "gap [m]", "overlap [m]"):
-        table.add_column(found.units.label(head), justify="right")
-    table.add_column("proposed")
+    words = ("pair", "kind", "side", f"{word}s", "against", f"{word}s")
+    sizes = map(found.units.label, ("area [m²]" if found.dim == 3 else "length [m]", "gap [m]", "overlap [m]"))
+    table = table_of((*words, *sizes, "proposed"), (), (*words, "proposed"))
     for k, pair in enumerate(found.pairs, start=1):
         row = [str(k), pair.kind]
         for side in (pair.one, pair.other):
@@ -123,7 +119,7 @@ def _draw(found: Assembly, folder: Path) -> None:
     aside = folder.with_name(f".{folder.name}.part")
     with disk_errors(folder):
         shutil.rmtree(aside, ignore_errors=True)  # of a run that was killed
-        aside.mkdir()
+        aside.mkdir(parents=True)
         try:
             for k, pair in enumerate(found.pairs, start=1):
                 sides = names[pair.one], names[pair.other]
@@ -170,10 +166,9 @@ def write_new(path: Path, text: str) -> None:
     """Write a scene file that is not there yet.
 
     Raises:
-        SceneError: it is there, or its folder is not.
+        SceneError: it is there.
         MachineError: disk full, no permission.
     """
-    for wrong, error in ((os.path.lexists(path), errno.EEXIST), (not path.parent.exists(), errno.ENOENT)):
-        if wrong:
-            raise SceneError(f"{path}: cannot be written: {os.strerror(error)}")
-    write_aside(path, text.encode())
+    if os.path.lexists(path):
+        raise SceneError(f"{path}: cannot be written: {os.strerror(errno.EEXIST)}")
+    write_output(path, text.encode())

@@ -23,7 +23,7 @@ from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import SI
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of, singular
-from stickslip.workflows.formats.files import write_aside
+from stickslip.workflows.formats.files import write_output
 from stickslip.workflows.formats.marker import declare, is_marked
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
 from stickslip.workflows.formats.results import HEAD, Results, profile_rows
@@ -57,7 +57,7 @@ def write_report(results: Results, path: Path | None = None) -> Path:
         path = results.folder / NAME
         if is_marked(results.folder) and not os.path.lexists(path):  # a page that is there may be the user's
             declare(results.folder, [NAME])
-    write_aside(path, content.encode())
+    write_output(path, content.encode())
     return path
 
 

@@ -91,7 +91,7 @@ class ResultsFolder:
                 if os.path.ismount(folder):
                     why = f"a disk is mounted at {folder}, and no rename replaces it"
                     raise FolderError(f"-o {target}: {why}; name a folder in it")
-                _refuse_foreign(folder)
+                _refuse_foreign(folder, self.place if folder == self._old else None)
         except OSError as error:
             raise FolderError(f"-o {target}: {error.strerror}") from None
 
@@ -300,8 +300,11 @@ def _open_log(folder: Path) -> int:
         return os.open(path, os.O_RDONLY | options)
 
 
-def _refuse_foreign(folder: Path) -> None:
+def _refuse_foreign(folder: Path, former_of: Path | None) -> None:
     """
+    Args:
+        former_of: where the results stand whose former ones would be kept there.
+
     Raises:
         FolderError: the folder is there, not empty, and no run has made it; or a link stands for a file of the run.
     """
@@ -319,4 +322,5 @@ def _refuse_foreign(folder: Path) -> None:
             f"{folder}: an earlier version of stickslip made it, whose files cannot be told from yours; move it away, "
             "or choose another folder with -o"
         )
-    raise FolderError(f"{folder}: is not the result of a run and not empty; choose another folder with -o")
+    why = f", and former results of {former_of.name} would be kept there" if former_of else ""
+    raise FolderError(f"{folder}: is not the result of a run and not empty{why}; choose another folder with -o")

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from stickslip.solvers.results.step_result import Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoints
 from stickslip.solvers.simulation.simulation import Bodies, Simulation, prepare
-from stickslip.solvers.stepping.history import HistoryRow, HistoryTuple
+from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
 from stickslip.workflows.formats.files import write_json
@@ -73,27 +74,8 @@ class Outputs:
         """Names of the files that the writers will make, see `Writer.names`."""
         return [name for writer in self._writers for name in writer.names()]
 
-    def begin(self) -> None:
-        """The run begins in an empty folder."""
-        self._each(lambda writer: writer.begin())
-
-    def resume(self, steps: Sequence[StepResult]) -> None:
-        """The run goes on after these steps."""
-        self._each(lambda writer: writer.resume(steps))
-
-    def step(self, index: int, result: StepResult, turns: Sequence[Turn]) -> None:
-        """A step was solved: those whose turn it is write it."""
-        self._each(lambda writer: writer.step(index, result), turns)
-
-    def failed(self, index: int, history: Sequence[HistoryTuple]) -> None:
-        """A step could not be solved; these iterations belong to no step that was written."""
-        self._each(lambda writer: writer.failed(index, history))
-
-    def finish(self, ended: Ended, turns: Sequence[Turn]) -> None:
-        """The run ends: those whose turn it is finish their files."""
-        self._each(lambda writer: writer.finish(ended), turns)
-
-    def _each(self, act: Callable[[Writer], None], turns: Sequence[Turn] = tuple(Turn)) -> None:
+    def __call__(self, act: Callable[[Writer], None], turns: Sequence[Turn] = tuple(Turn)) -> None:
+        """Have those whose turn it is act."""
         for writer in self._writers:
             if writer.turn in turns:
                 with self._clock.phase("output", part_of(writer)):
@@ -161,7 +143,7 @@ class Run:
         comm = self._simulation.mesh.comm
 
         def on_iteration(row: HistoryRow) -> None:
-            self._on_rank_0(lambda: watch.on_iteration(row))
+            self._on_rank_0(partial(watch.on_iteration, row))
             self._interrupt.check(comm)
 
         try:
@@ -170,7 +152,7 @@ class Run:
                 with self._simulation.clock.phase("output"):
                     self._write(index, step)
                     self.steps = [*self.steps[:-1], *(s.without_fields() for s in self.steps[-1:]), step]
-                    self._outputs.step(index, step, AFTER)
+                    self._outputs(methodcaller("step", index, step), AFTER)
                     self._on_rank_0(partial(watch.on_step, step))
             if self._simulation.scene.output.error:
                 self._on_rank_0(watch.on_estimate)
@@ -179,7 +161,8 @@ class Run:
             log.error("%s", error)
             written = len(error.last_good.history) if error.last_good else 0  # with the last good substep
             attempts = [row.as_tuple() for row in error.history[written:]]
-            self._outputs.failed(len(self.steps) + (not written), attempts)
+            failed = len(self.steps) + (not written)
+            self._outputs(methodcaller("failed", failed, attempts))
             return "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged", str(error)
         except KeyboardInterrupt:
             count, by = len(self._simulation.scene.requested_times()), self._interrupt.by or "the user"
@@ -199,7 +182,7 @@ class Run:
         with self._simulation.clock.part("step files"):
             checkpoint = self._checkpoints.take(accepted)
             learnt = self._learnt.write(index, self._checkpoints.learnt()) if stored else ""
-        self._outputs.step(index, step, BEFORE)
+        self._outputs(methodcaller("step", index, step), BEFORE)
         with self._simulation.clock.part("step files"):
             self._on_rank_0(lambda: self._fields.see(step))
             last = RunCheckpoint(
@@ -263,9 +246,9 @@ class Run:
         for line in (*warnings, *[sentence] * (status == "doubtful")):
             log.warning("%s", line)
         with simulation.clock.phase("output"):
-            self._outputs.finish(ended, BEFORE)
+            self._outputs(methodcaller("finish", ended), BEFORE)
             self._on_rank_0(lambda: write_result(self._folder, content()))
-            self._outputs.finish(ended, AFTER)
+            self._outputs(methodcaller("finish", ended), AFTER)
         if simulation.scene.output.linear_reference and not ended.in_haste:
             reference = linear_reference(simulation.system)
         final = content()
@@ -297,26 +280,10 @@ def run(
     began: float | None = None,
     former: str = FORMER,
 ) -> tuple[Outcome, dict[str, Any]]:
-    """Run a scene and leave its results in `folder`; collective.
+    """Run a scene once, as `accuracy.rounds.run` tells of its arguments; collective.
 
     Args:
-        scene: what to solve.
-        folder: where the results stand at the end; former ones are kept beside it.
-        watch: what is told while the run works; absent: nobody.
-        resume: go on where an earlier run of the same scene was stopped there, if there is one.
-        keep: asked once all steps are solved, on every rank, with the errors of their numbers: whether the results are
-            kept. None: they are.
-        sizes: mesh sizes instead of those of the scene, on rank 0.
-        bodies: of an earlier simulation, see `prepare`.
-        began: `time.perf_counter()` when the program began, whose imports count too; None: it begins here.
         former: how the name of the folder ends in which former results are kept.
-
-    Returns:
-        How it ended, and the content of result.json; that is empty, and the status "abandoned", if they are not kept.
-
-    Raises:
-        SceneError, GeometryError: known before solving; nothing is written.
-        MachineError: the results cannot be written, or a step to resume from is damaged.
     """
     from mpi4py import MPI
 
@@ -378,7 +345,7 @@ def _solve(
             outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm, simulation=simulation))
         raise_together(comm, lambda: _open(results[0], begun, earlier, outputs.names))
         with counters.clock.phase("output"):
-            outputs.begin() if earlier.folder is None else outputs.resume(earlier.steps)
+            outputs(lambda writer: writer.begin() if earlier.folder is None else writer.resume(earlier.steps))
         with ExitStack() as stack:
             raise_together(comm, lambda: stack.enter_context(RunLog(work / LOG)))
             notes = results[0].notes if results else ()
