@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator
 
 from shared.cases import slow
 from shared.command import COARSE as COARSER
-from shared.command import Call, assert_one_line, result, table
+from shared.command import Call, assert_one_line, assert_said, result, table
 from shared.histories import Stop
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import write_msh
@@ -210,10 +210,11 @@ def test_wrong_sweep_is_refused_before_anything_is_solved(over: dict[str, Any], 
 def test_goals_of_accuracy_are_refused_before_anything_is_solved(call: Call, folder: Path) -> None:
     """Each member is solved once: they would be ignored."""
     goals = '--set=accuracy.goals={"base.normal_force" = 0.1}'
-    code, out, err = call("sweep", "block", *COARSER, goals, f"{MU}=[0.2, 0.4]", "-o", "out")
-    assert (code, out) == (2, "")
-    assert "accuracy.goals: each member is solved once" in err
-    assert_one_line(err)
+    assert_said(
+        call("sweep", "block", *COARSER, goals, f"{MU}=[0.2, 0.4]", "-o", "out"),
+        2,
+        "accuracy.goals: each member is solved once",
+    )
     assert not list(folder.iterdir())
 
 
@@ -221,10 +222,11 @@ def test_goals_of_accuracy_are_refused_before_anything_is_solved(call: Call, fol
 def test_table_that_no_sweep_has_written_is_refused_and_stays(text: str, call: Call, folder: Path) -> None:
     (folder / "out").mkdir()
     (folder / "out" / "sweep.csv").write_text(text)
-    code, out, err = call("sweep", "block", *COARSER, f"{MU}=[0.2]", "-o", "out")
-    assert (code, out) == (2, "")
-    assert "out/sweep.csv: is not the table of a sweep; move it away" in err
-    assert_one_line(err)
+    assert_said(
+        call("sweep", "block", *COARSER, f"{MU}=[0.2]", "-o", "out"),
+        2,
+        "out/sweep.csv: is not the table of a sweep; move it away",
+    )
     assert [path.name for path in (folder / "out").iterdir()] == ["sweep.csv"]
     assert (folder / "out" / "sweep.csv").read_text() == text
 
@@ -261,9 +263,7 @@ def test_command_tells_each_member_and_solves_only_what_is_missing(
     assert [float(row[MU]) for row in table(folder / "out" / "sweep.csv")] == [0.2, 0.3, 0.4]
     assert call(*words, f"{MU}=[0.2, 0.4]", "-q")[1] == ""
     for wrong in (["mu"], [f"{MU}=0.2"], [f"{MU}=[0.2"], [f"{MU}=[0.2]", f"{MU}=[0.3]"], [f"{MU}=[0.2]", "--jobs=0"]):
-        code, _, err = call(*words, *wrong)
-        assert code == 2
-        assert_one_line(err)
+        assert_said(call(*words, *wrong), 2)
 
 
 @pytest.mark.usefixtures("here")

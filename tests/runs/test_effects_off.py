@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from shared.assemblies import bolted, stacked, write_assembly
 from shared.cases import often, slow
-from shared.command import COARSE, Call, assert_one_line, result
+from shared.command import COARSE, Call, assert_one_line, assert_said, result
 from shared.drawn import draw, scene_data
 from shared.histories import FOUR, SMALL
 from shared.solved import ZERO, Solved, coarse, solve
@@ -537,9 +537,7 @@ def test_contacts_and_new_take_units(call: Call, folder: Path) -> None:
         (("new", "block", "--units", "SI"), "belong to --from"),
         (("new", "mine.toml", "--from", "stack.brep", "--units", "rod-stone-slab"), "--units: rod is not a unit"),
     ):
-        code, _, err = call(*words)
-        assert_one_line(err)
-        assert (code, says in err) == (2, True), err
+        assert_said(call(*words), 2, says)
     assert not (folder / "mine.toml").exists()
     _, out, _ = call("mesh", "stack.toml", "--list")
     assert "centre [mm]" in out

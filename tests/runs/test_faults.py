@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from shared.cases import every_nth, slow
-from shared.command import COARSE, LIMIT, Call, Start, assert_one_line, result
+from shared.command import COARSE, LIMIT, Call, Start, assert_one_line, assert_said, result
 from shared.disks import Disk, killed_at, make_read_only
 from shared.drawn import write_long
 from shared.histories import FOUR, LEARNS, RUN_FOUR, SMALL, Stop, assert_same, names_in
@@ -150,11 +150,7 @@ def test_odd_names_and_plain_terminals(locale: dict[str, str | None], name: str,
 
 @pytest.mark.parametrize("name", ["x" * 250, "x" * 5000, "y/" * 3000])
 def test_names_that_no_disk_has_are_refused(name: str, call: Call) -> None:
-    code, _, err = call("run", "block", "-q", "-o", name, *COARSE)
-    assert code == 2
-    assert_one_line(err)
-    assert "-o" in err
-    assert "File name too long" in err
+    assert_said(call("run", "block", "-q", "-o", name, *COARSE), 2, "-o", "File name too long")
 
 
 # signals

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from PIL import Image
 
 from shared.assemblies import bolted, stacked, write_assembly
-from shared.command import COARSE, Call, assert_one_line, result
+from shared.command import COARSE, Call, assert_said, result
 from shared.discrete import ONE, local, random_problem, write
 from shared.drawn import draw, scene_data
 from stickslip.geometry.errors import SceneError
@@ -145,13 +145,9 @@ def test_the_written_mesh_is_read_back_in_metres(call: Call, folder: Path) -> No
 def test_the_window_needs_a_display(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    code, out, err = call("mesh", "block", "--gui")
-    assert (code, out, err.count("\n")) == (4, "", 1)
-    assert "there is no display here" in err
+    assert_said(call("mesh", "block", "--gui"), 4, "there is no display here")
     monkeypatch.setenv("DISPLAY", ":no display")
-    code, out, err = call("mesh", "block", "--gui")
-    assert (code, out, err.count("\n")) == (4, "", 1)
-    assert "could not open its window on the display :no display" in err
+    assert_said(call("mesh", "block", "--gui"), 4, "could not open its window on the display :no display")
 
 
 @pytest.mark.parametrize(
@@ -200,9 +196,11 @@ def test_cells_behind_curved_faces_keep_their_shape() -> None:
 
 
 def test_a_ready_part_that_is_not_there_says_how_to_get_it(call: Call) -> None:
-    code, _, err = call("mesh", "cad_part", "--set", f"geometry.file={DEBIAN}/nowhere/component8.step.gz")
-    assert (code, err.count("\n")) == (2, 1)
-    assert "no such file; it is in Debian's package gmsh-doc: apt-get install gmsh-doc" in err
+    assert_said(
+        call("mesh", "cad_part", "--set", f"geometry.file={DEBIAN}/nowhere/component8.step.gz"),
+        2,
+        "no such file; it is in Debian's package gmsh-doc: apt-get install gmsh-doc",
+    )
 
 
 def test_a_long_mesh_is_announced(capsys: pytest.CaptureFixture[str]) -> None:
@@ -242,9 +240,7 @@ def test_pictures_of_pairs_are_drawn_again_in_place_of_their_own_kind_only(call:
     write_assembly(folder / "stack.brep", stacked)
     drawn, old = folder / "stack_contacts", folder / "stack_contacts" / "02_old_pair.png"
     drawn.mkdir()
-    code, _, err = call("contacts", "stack.brep")
-    assert_one_line(err)
-    assert (code, "stack_contacts: exists already" in err) == (2, True)
+    assert_said(call("contacts", "stack.brep"), 2, "stack_contacts: exists already")
     mark(drawn, names=["02_old_pair.png"])
     write_aside(old, b"of a pair that there is no more")
     (drawn / "notes.txt").write_text("mine")
@@ -417,9 +413,7 @@ def test_refinement_is_where_bodies_are_close(call: Call, folder: Path) -> None:
     ],
 )
 def test_wrong_words_are_refused_in_one_line(words: tuple[str, ...], says: str, call: Call, folder: Path) -> None:
-    code, _, err = call(*words)
-    assert_one_line(err)
-    assert (code, says in err) == (2, True), err
+    assert_said(call(*words), 2, says)
     assert list(folder.iterdir()) == []
 
 

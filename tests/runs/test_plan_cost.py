@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import pytest
 
 import stickslip.workflows.cost.foresee
-from shared.command import Call
+from shared.command import Call, assert_said
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.foresee import ASKED, Coarse, Price, Row
 from stickslip.workflows.cost.progress import print_prices
@@ -59,6 +59,4 @@ def test_ranks_are_refused(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_scene_without_a_mesh_size_is_refused(call: Call) -> None:
-    code, _, err = call("plan", "block", "--cost", "--set=contacts={}")
-    assert code == 2
-    assert err.count("\n") == 1
+    assert_said(call("plan", "block", "--cost", "--set=contacts={}"), 2)

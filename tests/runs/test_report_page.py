@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shared.command import Call, assert_one_line, result
+from shared.command import Call, assert_said, result
 from shared.histories import SMALL
 from stickslip.workflows.formats.plus_minus import plus_minus
 from stickslip.workflows.formats.results import read_results
@@ -231,20 +231,14 @@ def test_results_of_another_version_are_refused(copied: Path, call: Call, edit: 
     content = result(copied)
     edit(content)
     (copied / "result.json").write_text(json.dumps(content))
-    code, _, err = call("report", str(copied))
-    assert code == 2
-    assert_one_line(err)
-    assert said in err
+    assert_said(call("report", str(copied)), 2, said)
 
 
 def test_a_folder_without_results_is_refused(folder: Path, call: Call, done: Path) -> None:
     (folder / "empty").mkdir()
     (folder / "file").touch()
     for words in (["missing"], ["empty"], ["file"], [str(done), "-o", "empty"]):
-        code, _, err = call("report", *words)
-        assert code == 2
-        assert_one_line(err)
-        assert words[-1] in err
+        assert_said(call("report", *words), 2, words[-1])
 
 
 def test_two_runs_are_laid_side_by_side(done: Path, call: Call, folder: Path) -> None:
@@ -288,9 +282,7 @@ def test_newtons_are_not_compared_with_newtons_per_metre(done: Path, call: Call,
 def test_what_cannot_be_compared_is_refused(copied: Path, done: Path, call: Call) -> None:
     (copied / "result.json").write_text(json.dumps(result(copied) | {"steps": []}))
     for words in ([str(done), "missing"], [str(done), str(copied)], [str(done), str(done), "-o", str(done)]):
-        code, _, err = call("compare", *words)
-        assert code == 2
-        assert_one_line(err)
+        assert_said(call("compare", *words), 2)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from shared.cases import slow
-from shared.command import Call, assert_one_line, result
+from shared.command import Call, assert_said, result
 from shared.disks import killed_at
 from shared.histories import FOUR, SMALL, Stop, assert_same, names_in
 from stickslip.geometry.errors import FolderError, MachineError
@@ -135,9 +135,7 @@ def test_links_in_the_way_of_results_are_named(linked: str, call: Call, folder: 
 def test_a_mounted_disk_is_refused(at: str, call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / at).mkdir()
     monkeypatch.setattr("os.path.ismount", lambda path: Path(path).name == at)
-    code, _, err = call(*WORDS)
-    assert (code, err.count("\n")) == (2, 1)
-    assert f"-o out: a disk is mounted at {at}, and no rename replaces it; name a folder in it" in err
+    assert_said(call(*WORDS), 2, f"-o out: a disk is mounted at {at}, and no rename replaces it; name a folder in it")
 
 
 def test_former_results_stay_until_the_new_ones_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,10 +194,12 @@ def test_results_of_an_earlier_version_are_not_touched(words: list[str], call: C
     """They have no list of files: what to do is said."""
     (done / MARKER).unlink()
     before = {name: (done / name).read_bytes() for name in names_in(done)}
-    code, _, err = call(*WORDS, *words)
-    assert (code, err.count("\n")) == (2, 1)
-    assert "an earlier version of stickslip made it" in err
-    assert "move it away, or choose another folder with -o" in err
+    assert_said(
+        call(*WORDS, *words),
+        2,
+        "an earlier version of stickslip made it",
+        "move it away, or choose another folder with -o",
+    )
     assert {name: (done / name).read_bytes() for name in names_in(done)} == before
 
 
@@ -208,9 +208,7 @@ def test_link_in_place_of_a_file_of_the_run_is_named(name: str, call: Call, done
     shutil.move(done / name, folder / "elsewhere")
     (done / name).symlink_to(folder / "elsewhere")
     before = names_in(folder)
-    code, _, err = call(*WORDS)
-    assert (code, err.count("\n")) == (2, 1)
-    assert f"out/{name}: is a link, or no file or folder, where a run has made one" in err
+    assert_said(call(*WORDS), 2, f"out/{name}: is a link, or no file or folder, where a run has made one")
     assert names_in(folder) == before
 
 
@@ -333,10 +331,11 @@ def test_results_of_another_run_are_refused_before_anything_is_solved(stopped: b
     if stopped:
         working(folder / "mu0", "zero again").release()
     finished(folder / "mu0.1", "a tenth")
-    code, out, err = call("run", "block", "-q", "-o", "mu0", *["--resume"] * stopped)
-    assert (code, out) == (2, "")
-    assert "mu0.1: is not known to hold former results of mu0; move it away, " in err
-    assert_one_line(err)
+    assert_said(
+        call("run", "block", "-q", "-o", "mu0", *["--resume"] * stopped),
+        2,
+        "mu0.1: is not known to hold former results of mu0; move it away, ",
+    )
     assert (said(folder / "mu0"), said(folder / "mu0.1")) == ("zero", "a tenth")
     assert sorted(path.name for path in folder.iterdir()) == [".mu0.running"] * stopped + ["mu0", "mu0.1"]
 

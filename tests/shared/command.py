@@ -34,6 +34,14 @@ def assert_refused(spoken: Spoken, pattern: str, folder: Path, before: list[str]
     assert sorted(str(path.relative_to(folder)) for path in folder.rglob("*")) == before
 
 
+def assert_said(spoken: Spoken, code: int, *said: str) -> None:
+    """This exit code, and one line on stderr that says all this, alone."""
+    found, out, err = spoken
+    assert (found, out) == (code, ""), (out, err)
+    assert_one_line(err)
+    assert all(words in err for words in said), err
+
+
 def result(folder: Path) -> dict[str, Any]:
     """result.json, which must hold no NaN and no Infinity."""
 
