@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator
 
 from shared.cases import slow
 from shared.command import COARSE as COARSER
-from shared.command import Call, assert_one_line, assert_said, result, table
+from shared.command import Call, assert_one_line, assert_said, ended, output_of, result, table
 from shared.histories import Stop
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import write_msh
@@ -184,8 +184,7 @@ def test_files_of_geometries_begin_at_the_scene_file(call: Call, folder: Path) -
     for name in ("a.geo", "b.geo"):
         (folder / "sub" / name).write_text(SQUARE)
     (folder / "sub" / "part.toml").write_text(PART)
-    code, _, err = call("sweep", "sub/part.toml", 'geometry.file=["a.geo", "b.geo"]', "-q", "-o", "out")
-    assert (code, err) == (0, "")
+    output_of(call("sweep", "sub/part.toml", 'geometry.file=["a.geo", "b.geo"]', "-q", "-o", "out"))
     assert sorted(path.name for path in (folder / "out").iterdir()) == ["file=a.geo", "file=b.geo", "sweep.csv"]
 
 
@@ -249,8 +248,7 @@ def test_command_tells_each_member_and_solves_only_what_is_missing(
 ) -> None:
     monkeypatch.setattr(module, "PARTS", 1)  # one process for both members
     words = ["sweep", "block", *COARSER, "-o", "out"]
-    code, out, err = call(*words, f"{MU}=[0.2, 0.4]")
-    assert (code, err) == (0, "")
+    out = output_of(call(*words, f"{MU}=[0.2, 0.4]"))
     assert [line.split()[:2] for line in out.splitlines()][:2] == [["1/2", "mu=0.2:"], ["2/2", "mu=0.4:"]]
     assert re.search(r"mu +┃ contact ┃ +normal force \[N/m\]", out)
     assert re.search(r"│ 0\.4 │ base    │ +0\.2", out)
@@ -269,8 +267,7 @@ def test_command_tells_each_member_and_solves_only_what_is_missing(
 @pytest.mark.usefixtures("here")
 def test_member_that_fails_does_not_take_the_others_with_it(call: Call, folder: Path) -> None:
     words = ["sweep", "block", *COARSER, "solver.max_iterations=[1, 10000]", "--set=solver.method=uzawa", "-o", "out"]
-    code, out, err = call(*words)
-    assert code == 3
+    out, err = ended(call(*words), 3)
     assert "1 of 2 members are not solved, or doubtful: max_iterations=1" in err
     assert "max_iterations=1: not converged" in out
     assert [row["status"] for row in table(folder / "out" / "sweep.csv")] == ["not_converged", "converged"]
@@ -279,8 +276,7 @@ def test_member_that_fails_does_not_take_the_others_with_it(call: Call, folder: 
 def test_members_that_are_all_refused_have_their_table(call: Call, folder: Path) -> None:
     """Nothing else makes the folder."""
     sets = ["--set=supports.top.displacement={x=0.1}", "--set=solver.method=uzawa"]
-    code, out, err = call("sweep", "block", *COARSER, *sets, 'solver.surface=["condensed"]', "-o", "sub/out")
-    assert code == 3
+    out, err = ended(call("sweep", "block", *COARSER, *sets, 'solver.surface=["condensed"]', "-o", "sub/out"), 3)
     assert "1 of 1 members are not solved, or doubtful: surface=condensed" in err
     assert_one_line(err)
     assert "surface=condensed: failed" in out

@@ -13,7 +13,7 @@ import pytest
 import stickslip.solvers.simulation.simulation as simulation
 import stickslip.workflows.cost.command
 import stickslip.workflows.cost.study_folder
-from shared.command import Call, assert_said, result, table
+from shared.command import Call, assert_said, ended, output_of, result, table
 from shared.processes import children, running, wait_for, words_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
@@ -102,8 +102,7 @@ def test_ctrl_c_keeps_the_finished_runs_and_resume_makes_none_of_them_again(
     assert sorted(path.name for path in folder.iterdir()) == ["out"]
     spent = before["spent"]
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
-    code, _, err = call(*words[:-2], f"{spent + 90}", "--resume", words[-1])
-    assert code == 0, err
+    ended(call(*words[:-2], f"{spent + 90}", "--resume", words[-1]))
     after = content(folder / "out")
     kept = {run["name"]: run["spent"] for run in after["runs"]}
     assert {run["name"]: run["spent"] for run in before["runs"]}.items() < kept.items()
@@ -203,8 +202,7 @@ def test_methods_are_laid_side_by_side(call: Call, folder: Path, monkeypatch: py
         return replace(run, phases=phases, spent=slow * run.spent, volume_solves=100 * slow)
 
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", solver)
-    code, out, err = call(*SMALL, "--methods", "block-uzawa, uzawa", "--budget", "90")
-    assert code == 0, err
+    out, err = ended(call(*SMALL, "--methods", "block-uzawa, uzawa", "--budget", "90"))
     done = content(folder / "out")
     assert {run["rung"]["method"] for run in done["runs"]} == {"block-uzawa", "uzawa"}
     both = [line for line in done["side_by_side"] if all(line["methods"].values())]
@@ -304,8 +302,7 @@ def swollen(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
 
 
 def test_plan_tells_the_memory_of_each_part(call: Call) -> None:
-    code, out, err = call("plan", "block", "--mesh", *COARSE)
-    assert (code, err) == (0, "")
+    out = output_of(call("plan", "block", "--mesh", *COARSE))
     for said in ("memory of", "stiffness", "error estimate", "bytes an unknown", "peak while", "GB are free"):
         assert said in out
     memory = json.loads(call("plan", "block", "--mesh", "--json", *COARSE)[1])["memory"]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from shared.command import COARSE, Call, assert_refused, table
+from shared.command import COARSE, Call, assert_refused, output_of, table
 
 QUICK = [*COARSE, "--set=output.audit=false", "-q"]
 PLACES = {  # a corner, a node inside that several cells share, and points within a cell and on a curved face
@@ -23,8 +23,7 @@ def test_a_point_tells_what_a_probe_tells(name: str, call: Call, folder: Path) -
     probes = [f"--set=probes.p{k}.point={list(x)}" for k, x in enumerate(points)]
     assert call("run", name, *QUICK, *(f"--set={word}" for word in settings), *probes, "-o", "out")[0] == 0
     asked = [word for x in points for word in ("--point", ",".join(map(str, x)))]
-    code, out, err = call("extract", "out", *asked)
-    assert (code, err) == (0, "")
+    out = output_of(call("extract", "out", *asked))
     found = list(csv.DictReader(out.splitlines()))
     told = [row for row in table(folder / "out/probes.csv") if row["probe"] in {f"p{k}" for k in range(len(points))}]
     assert len(found) == len(told) >= len(points)

@@ -15,7 +15,7 @@ import pytest
 from shared.cases import slow
 from shared.command import Call, assert_said, result
 from shared.disks import killed_at
-from shared.histories import FOUR, SMALL, Stop, assert_same, names_in
+from shared.histories import FOUR, SMALL, Stop, assert_same, names_in, unchanged
 from stickslip.geometry.errors import FolderError, MachineError
 from stickslip.workflows.formats.marker import HEAD, MARKER, PART, declare, foreign, mark, marker_of
 from stickslip.workflows.formats.steps import step_name
@@ -38,6 +38,7 @@ OWN = {  # of the user
     "vtu/mine.vtu": "mine",
     "thoughts/on/friction.md": "mine",
     ".hidden.part": "mine",
+    "contact_mine.csv": "time,remark\n9,late\nsoon,none\n",
 }
 
 
@@ -160,8 +161,11 @@ def test_former_results_stay_until_the_new_ones_stand(tmp_path: Path, monkeypatc
 
 
 def test_results_are_not_gone_on_with_where_another_run_is_at_work(tmp_path: Path) -> None:
+    """Nor are they replaced."""
     finished(tmp_path / "out", "old")
     other = working(tmp_path / "out", "new")
+    with pytest.raises(FolderError, match="process is writing it"):
+        ResultsFolder(tmp_path / "out").start()
     resumed = ResultsFolder(tmp_path / "out")
     with pytest.raises(FolderError, match="process is writing it"):
         resumed.take_up(resumed.place)
@@ -207,9 +211,8 @@ def test_results_of_an_earlier_version_are_not_touched(words: list[str], call: C
 def test_link_in_place_of_a_file_of_the_run_is_named(name: str, call: Call, done: Path, folder: Path) -> None:
     shutil.move(done / name, folder / "elsewhere")
     (done / name).symlink_to(folder / "elsewhere")
-    before = names_in(folder)
-    assert_said(call(*WORDS), 2, f"out/{name}: is a link, or no file or folder, where a run has made one")
-    assert names_in(folder) == before
+    with unchanged(folder):
+        assert_said(call(*WORDS), 2, f"out/{name}: is a link, or no file or folder, where a run has made one")
 
 
 def test_file_of_the_user_in_the_way_is_named_when_a_stopped_run_goes_on(folder: Path) -> None:
@@ -239,9 +242,8 @@ def test_list_that_was_changed_names_nothing_outside(name: Any, call: Call, done
 @pytest.mark.parametrize("content", [HEAD[:20], "", "mine\n", "\0" * 100])
 def test_folder_whose_mark_is_not_ours_is_foreign(content: str, call: Call, done: Path) -> None:
     (done / MARKER).write_text(content)
-    before = names_in(done)
-    assert call(*WORDS)[0] == 2
-    assert names_in(done) == before
+    with unchanged(done):
+        assert call(*WORDS)[0] == 2
 
 
 @pytest.mark.parametrize("said", ["", "{", "[]", '{"names": 3}', '{"names": [], "sha256": {}, "former": 3}'])
@@ -266,13 +268,6 @@ def test_results_that_cannot_be_moved_are_put_in_their_place_by_resume(
     assert call(*WORDS, "--resume")[0] == 0
     assert_kept(done.with_name("out.1"))
     assert_same(done, whole)
-
-
-def test_two_runs_are_told_apart_while_files_move(folder: Path) -> None:
-    first = working(folder / "out", "old")
-    with pytest.raises(FolderError, match="process is writing it"):
-        ResultsFolder(folder / "out").start()
-    first.finish()
 
 
 def test_what_is_made_is_declared_before_it_is_there(folder: Path) -> None:

@@ -42,6 +42,18 @@ def assert_said(spoken: Spoken, code: int, *said: str) -> None:
     assert all(words in err for words in said), err
 
 
+def ended(spoken: Spoken, code: int = 0) -> tuple[str, str]:
+    """Standard output and error of a command that ends with this exit code."""
+    assert spoken[0] == code, spoken[2]
+    return spoken[1:]
+
+
+def output_of(spoken: Spoken) -> str:
+    """Standard output of a command that is content."""
+    assert spoken[::2] == (0, "")
+    return spoken[1]
+
+
 def result(folder: Path) -> dict[str, Any]:
     """result.json, which must hold no NaN and no Infinity."""
 
