@@ -21,14 +21,7 @@ from stickslip.workflows.formats.files import disk_errors, write_output
 from stickslip.workflows.formats.marker import declare, is_marked, mark, marker_of
 from stickslip.workflows.run.ranks import raise_together
 from stickslip.workflows.run.terminal import console, print_table, table_of
-from stickslip.workflows.scene_file.proposal import (
-    Assembly,
-    assembly,
-    from_geometry,
-    proposed_law,
-    scene_text,
-    side_names,
-)
+from stickslip.workflows.scene_file import proposal
 from stickslip.workflows.scene_file.read import find, named, read_geometry
 
 PICTURE = re.compile(r"\d+_\w+\.png")
@@ -62,13 +55,13 @@ def stem(path: Path) -> str:
     return Path(path.name.removesuffix(".gz")).stem
 
 
-def found_in(source: str, unit: str | None, units: str | None, within: float | None) -> Assembly:
+def found_in(source: str, unit: str | None, units: str | None, within: float | None) -> proposal.Assembly:
     """The pairs of a geometry file, or of a scene's file."""
     if within is not None and not 0 <= within < np.inf:
         raise SceneError(f"--within {within}: must be a number that is not negative")
     path = Path(source)
     if kind_of(path) is not None:
-        return assembly(path, unit, within, units or "SI")
+        return proposal.assembly(path, unit, within, units or "SI")
     if unit is not None:
         raise SceneError(f"--unit {unit}: a scene has its own, geometry.length_unit")
     if units is not None:
@@ -79,7 +72,7 @@ def found_in(source: str, unit: str | None, units: str | None, within: float | N
             f"{source}: a builder's bodies touch at the sides that the docs name; expected a geometry file"
         )
     with named(source):
-        return from_geometry(find(source), geometry, model, of, within)
+        return proposal.from_geometry(find(source), geometry, model, of, within)
 
 
 def _list(source: str, unit: str | None, units: str | None, within: float | None, folder: Path | None) -> None:
@@ -88,7 +81,7 @@ def _list(source: str, unit: str | None, units: str | None, within: float | None
     if folder.exists() and not (is_marked(folder) and listed and all(map(PICTURE.fullmatch, listed))):
         raise FolderError(f"{folder}: exists already, and not from here; choose another folder with -o")
     found, out = found_in(source, unit, units, within), console(160)
-    names, word = side_names(found), FACET_WORD[found.dim]
+    names, word = proposal.side_names(found), FACET_WORD[found.dim]
     out.print(f"{len(found.outline.bodies)} bodies, {len(found.pairs)} pairs of sides that touch or nearly do")
     for (one, other), faces in joined(found.outline).items():
         out.print(f"{one} and {other} are joined at {word} {', '.join(map(str, faces))}: no contact can open there")
@@ -104,18 +97,18 @@ def _list(source: str, unit: str | None, units: str | None, within: float | None
         # accuracy of a gap relative to it, from which on it is said
         if not pair.exact and pair.accuracy > SLIGHT * max(-low, high):
             gap += f" ± {pair.accuracy:.1g}"
-        table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposed_law(pair, found)[0])
+        table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposal.proposed_law(pair, found)[0])
     if found.pairs:
         print_table(table, out)
         _draw(found, folder)
         out.print(f"drawn in {folder}/")
 
 
-def _draw(found: Assembly, folder: Path) -> None:
+def _draw(found: proposal.Assembly, folder: Path) -> None:
     """Draw each pair, and put the pictures in place of earlier ones when all are there; only here VTK is imported."""
     from stickslip.workflows.pictures.sides import draw_pair
 
-    names = side_names(found)
+    names = proposal.side_names(found)
     aside = folder.with_name(f".{folder.name}.part")
     with disk_errors(folder):
         shutil.rmtree(aside, ignore_errors=True)  # of a run that was killed
@@ -145,7 +138,7 @@ def _write(path: Path, unit: str | None, units: str | None, within: float | None
     if target.exists():
         raise SceneError(f"{target}: exists already; choose another name")
     found = found_in(str(path), unit, units, within)
-    text = scene_text(found, target, units or "SI")
+    text = proposal.scene_text(found, target, units or "SI")
     write_new(target, text)
     out = console(160)
     out.print(f"wrote {target}: {len(found.outline.bodies)} bodies, {len(found.pairs)} contacts")

@@ -81,15 +81,15 @@ def cost(
         studies = judge(scene, runs, asked, ladder.tolerance)
         beside = lines(runs, ladder.methods, ladder.tolerance) if named else []
         compared = comparison(beside, ladder.methods)
-        kept.declare(studies)
-        write_csv(kept.path / "cost.csv", runs, studies)
+        kept.declare(["cost.csv", "cost.json", "cost_methods.png", *(study.picture for study in studies)])
+        write_csv(kept.work / "cost.csv", runs, studies)
         status = "complete" if whole else "interrupted"
         content = summary(scene, runs, studies, status, budget, [*notes, *left_out])
         if named:
             content |= {"side_by_side": plain(beside, ladder.methods), "comparison": compared}
-        write_json(kept.path / "cost.json", content)
+        write_json(kept.work / "cost.json", content)
         if scene.output.pictures:
-            _draw(kept.path, scene, studies, beside, ladder.methods, compared)
+            _draw(kept.work, scene, studies, beside, ladder.methods, compared)
         place = kept.finish()
     teller.line(*_warnings(runs, studies))
     teller.table(studies)

@@ -30,23 +30,12 @@ from stickslip.workflows.formats.marker import LOG, is_marked
 from stickslip.workflows.formats.mesh_file import mesh_checksum
 from stickslip.workflows.formats.results import profile_lines
 from stickslip.workflows.formats.steps import step_files, write_light, write_step
+from stickslip.workflows.run import resume as resuming
 from stickslip.workflows.run.audit import Audited, audit_steps
 from stickslip.workflows.run.folder import BEGUN, FORMER, ResultsFolder, work_of
 from stickslip.workflows.run.mesh_report import report_mesh
 from stickslip.workflows.run.ranks import Interrupt, all_act, raise_together
 from stickslip.workflows.run.result import Outcome, summary, write_result
-from stickslip.workflows.run.resume import (
-    FINISHED,
-    VERSIONS,
-    EarlierRun,
-    LearntFiles,
-    RunCheckpoint,
-    find_earlier_run,
-    remove_learnt,
-    remove_light,
-    remove_surplus,
-    run_of,
-)
 from stickslip.workflows.run.warnings import Fields, Seen, doubts
 from stickslip.workflows.run.watch import RunLog, Watch, foreseen, tell
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
@@ -101,7 +90,7 @@ class Run:
         outputs: Outputs,
         place: Path,
         name: str,
-        earlier: EarlierRun,
+        earlier: resuming.EarlierRun,
         interrupt: Interrupt,
     ) -> None:
         """Collective.
@@ -114,10 +103,10 @@ class Run:
         self._place, self._name = place, name
         self._simulation, self._outputs, self._folder, self._interrupt = simulation, outputs, folder, interrupt
         self._checkpoints = Checkpoints(simulation.stepper)
-        self._learnt = LearntFiles(
+        self._learnt = resuming.LearntFiles(
             folder, simulation.mesh.comm, earlier.learnt_before, earlier.last.learnt if earlier.last else ""
         )
-        self._light: RunCheckpoint | None = None  # of the last step, if its file is a light one
+        self._light: resuming.RunCheckpoint | None = None  # of the last step, if its file is a light one
         self._state: State | None = None  # that the last step has left
         self.steps = list(earlier.steps)  # the last one with its fields on rank 0, the others without
         self._errors: tuple[Errors, ...] | None = None  # of the numbers of each step; None: not estimated
@@ -185,7 +174,7 @@ class Run:
         self._outputs(methodcaller("step", index, step), BEFORE)
         with self._simulation.clock.part("step files"):
             self._on_rank_0(lambda: self._fields.see(step))
-            last = RunCheckpoint(
+            last = resuming.RunCheckpoint(
                 checkpoint=checkpoint,
                 spent=self._simulation.clock.rows(),
                 seen=self._fields.seen if self._simulation.mesh.comm.rank == 0 else Seen(),
@@ -198,13 +187,13 @@ class Run:
             else:
                 self._on_rank_0(lambda: write_light(self._folder, index, step, {"run": self._name}))
 
-    def _store(self, index: int, step: StepResult, last: RunCheckpoint) -> None:
+    def _store(self, index: int, step: StepResult, last: resuming.RunCheckpoint) -> None:
         """Write the step with its fields and all that a run needs to go on."""
 
         def write() -> None:
             write_step(self._folder, index, step, serialise(last))
             self._learnt.forget()
-            remove_light(self._folder, index)
+            resuming.remove_light(self._folder, index)
 
         self._on_rank_0(write)
 
@@ -292,14 +281,14 @@ def run(
         imports = clock.perf_counter() - began
         counters.clock.add([Row(phase="imports", part="", seconds=imports, calls=1, volume_solves=0)])
     wanted(scene)  # refuses keys that no writer has
-    place, earlier = Path(folder), EarlierRun()
+    place, earlier = Path(folder), resuming.EarlierRun()
     results: list[ResultsFolder] = []  # on rank 0
     raise_together(comm, lambda: results.append(ResultsFolder(place, former)))
 
     def look() -> None:
         nonlocal earlier
         if resume:
-            earlier = find_earlier_run(results[0], scene)
+            earlier = resuming.find_earlier_run(results[0], scene)
         else:
             results[0].refuse_to_lose()
 
@@ -320,7 +309,7 @@ def _solve(
     scene: Scene,
     place: Path,
     results: list[ResultsFolder],
-    earlier: EarlierRun,
+    earlier: resuming.EarlierRun,
     watch: Watch,
     counters: Counters,
     keep: Keep | None,
@@ -350,7 +339,7 @@ def _solve(
             raise_together(comm, lambda: stack.enter_context(RunLog(work / LOG)))
             notes = results[0].notes if results else ()
             raise_together(comm, lambda: tell(simulation, report, replace(earlier, notes=notes + earlier.notes), watch))
-            working = Run(simulation, outputs, place, run_of(begun), earlier, interrupt)
+            working = Run(simulation, outputs, place, resuming.run_of(begun), earlier, interrupt)
             try:
                 status, sentence = working.march(watch)
                 if keep is not None and status == "converged":
@@ -375,18 +364,18 @@ def _solve(
 def _close(results: ResultsFolder, status: str) -> None:
     """Certify the results, then put them in their place: a run that is killed in between is not solved again."""
     results.certify()
-    if status in FINISHED:
-        remove_learnt(results.work)
+    if status in resuming.FINISHED:
+        resuming.remove_learnt(results.work)
     results.finish()
 
 
 def begun_with(simulation: Simulation) -> dict[str, Any]:
     """Return scene, mesh and versions that a run is begun with; the mesh is on rank 0 alone."""
     scene, mesh = identity(simulation.scene, DECIDES_NOTHING), mesh_checksum(simulation.data)
-    return {"scene": scene, "mesh": mesh, "units": simulation.scene.units} | VERSIONS
+    return {"scene": scene, "mesh": mesh, "units": simulation.scene.units} | resuming.VERSIONS
 
 
-def _open(results: ResultsFolder, begun: dict[str, Any], earlier: EarlierRun, names: Sequence[str]) -> None:
+def _open(results: ResultsFolder, begun: dict[str, Any], earlier: resuming.EarlierRun, names: Sequence[str]) -> None:
     """The working folder: a new one that says what scene it is for, or the one to go on in."""
     if earlier.folder is None:
         work = results.start()
@@ -399,4 +388,4 @@ def _open(results: ResultsFolder, begun: dict[str, Any], earlier: EarlierRun, na
     else:
         folder = results.take_up(earlier.folder)
         results.declare(names)
-        remove_surplus(folder, len(earlier.steps))
+        resuming.remove_surplus(folder, len(earlier.steps))
