@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from scipy.spatial import Delaunay
 
 import stickslip
 from shared.cases import every_nth, often, slow
+from shared.synthetic import result_of
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import MachineError
 from stickslip.geometry.obstacles.obstacle import Rotation
@@ -32,13 +32,11 @@ from stickslip.solvers.results.step_result import (
     PARTS,
     SLIP,
     STICK,
-    ContactState,
     ErrorParts,
     MeshData,
     Quantity,
     StepResult,
 )
-from stickslip.solvers.scene.record import CONTACT_NUMBERS, Energy
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.contact_line import walk
 from stickslip.workflows.formats.steps import write_step
@@ -121,13 +119,12 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
     centre = mesh.points[mesh.cells].mean(axis=1)
     stress = np.zeros((len(mesh.cells), 3, 3))
     stress[:, d - 1, d - 1] = -(1 + centre[:, 0] ** 2)
-    at = mesh.surfaces["base"][0]
+    at, whole = mesh.surfaces["base"][0], result_of(mesh)
     p = np.maximum(0.0, at[:, 0] - 0.4)
     share = np.clip(at[:, 0] - 0.6, -1.0, 1.0)
     along = np.eye(d)[0]
-    status = np.where(p == 0, OPEN, np.where(share == 1.0, SLIP, STICK)).astype(np.int8)
-    contact = ContactState(
-        points=at,
+    contact = replace(
+        whole.contacts["base"],
         weight=np.ones(len(at)),
         gap=np.where(p > 0, 0.0, 0.01),
         pressure=p * size,
@@ -136,49 +133,21 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
         slip_increment=np.outer(share == 1.0, along) * 0.01,
         bound=0.3 * p * size,
         lam=np.outer(np.where(p > 0, share, 0.0), along),
-        status=status,
-        force=np.zeros(d),
-        moment=np.zeros(1 if d == 2 else 3),
-        **dict.fromkeys(CONTACT_NUMBERS, 0.0),
+        status=np.where(p == 0, OPEN, np.where(share == 1.0, SLIP, STICK)).astype(np.int8),
     )
-    return StepResult(
-        time=1.0,
-        substeps=1,
-        iterations=1,
-        volume_solves=1,
-        residual=0.0,
-        displacement=displacement,
-        stress=stress * size,
-        contacts={"base": contact},
-        supports={},
-        probes={},
-        energy=Energy(0.0, 0.0, 0.0, 0.0, np.zeros(1)),
-        iteration_error=0.0,
-        mesh_error=0.0,
-        stress_error=np.abs(stress[:, d - 1, d - 1]) * size / 10,
-        law_error=0.0,
-        p=np.zeros(0),
-        w=np.zeros(0),
-        reference=np.zeros(0),
-        driven=np.zeros(0),
-        shortened=np.zeros(0),
-        searched={},
-        memory={},
-        obstacles={},
-        p_ref=1.0,
-        u_ref=1.0,
-        history=(),
-    )
+    error = np.abs(stress[:, d - 1, d - 1]) * size / 10
+    solved = {"displacement": displacement, "stress": stress * size, "stress_error": error}
+    return replace(whole, time=1.0, contacts={"base": contact}, **solved)
 
 
 def without_errors(step: StepResult) -> StepResult:
     """With one picture fewer."""
-    return dataclasses.replace(step, stress_error=np.zeros(0))
+    return replace(step, stress_error=np.zeros(0))
 
 
 def bodies_alone(mesh: MeshData, step: StepResult) -> tuple[MeshData, StepResult]:
     """With one picture, that of the bodies."""
-    return dataclasses.replace(mesh, surfaces={}, slaves={}), dataclasses.replace(without_errors(step), contacts={})
+    return replace(mesh, surfaces={}, slaves={}), replace(without_errors(step), contacts={})
 
 
 def nothing(mesh: MeshData) -> StepResult:
@@ -188,8 +157,8 @@ def nothing(mesh: MeshData) -> StepResult:
         k: np.zeros_like(getattr(step.contacts["base"], k))
         for k in ("gap", "slip", "slip_increment", "bound", "lam", "status")
     }
-    contact = dataclasses.replace(step.contacts["base"], **zero)
-    return dataclasses.replace(step, displacement=np.zeros_like(mesh.points), contacts={"base": contact})
+    contact = replace(step.contacts["base"], **zero)
+    return replace(step, displacement=np.zeros_like(mesh.points), contacts={"base": contact})
 
 
 @pytest.mark.parametrize("shape", often(SHAPES, ("triangle", "hexahedron")))
@@ -203,7 +172,7 @@ def test_pictures_show_a_pressed_block(tmp_path: Path, shape: str) -> None:
 
 
 def test_numbers_of_a_contact_are_drawn_with_their_errors() -> None:
-    contact = dataclasses.replace(
+    contact = replace(
         pressed(block("triangle")).contacts["base"], normal_force=0.24296, stick_area=1.0, max_pressure=0.18
     )
     parts = dict.fromkeys(PARTS, 0.0)
@@ -239,12 +208,12 @@ def test_traction_is_drawn_whatever_bounds_it(tmp_path: Path, bound: float) -> N
     """Also where nothing is held back (lambda = 0), and where nothing limits it (stick, tied)."""
     mesh = block("quadrilateral")
     step = without_errors(pressed(mesh))
-    plain = dataclasses.replace(step.contacts["base"], traction=0 * step.contacts["base"].traction)
-    plain = dataclasses.replace(plain, lam=0 * plain.lam)
+    plain = replace(step.contacts["base"], traction=0 * step.contacts["base"].traction)
+    plain = replace(plain, lam=0 * plain.lam)
     pictures = []
     for k, size in enumerate((0.0, bound)):
-        contact = dataclasses.replace(plain, bound=np.where(plain.pressure > 0, size, 0.0))
-        draw(tmp_path / str(k), mesh, dataclasses.replace(step, contacts={"base": contact}), "bound")
+        contact = replace(plain, bound=np.where(plain.pressure > 0, size, 0.0))
+        draw(tmp_path / str(k), mesh, replace(step, contacts={"base": contact}), "bound")
         pictures.append(imread(tmp_path / str(k) / "contact_base.png")[..., :3])
     red = [np.sum((picture[..., 0] > 0.6) & (picture[..., 1] < 0.2)) for picture in pictures]
     assert red[0] == 0
@@ -264,25 +233,23 @@ def test_nothing_at_all_is_drawn_without_a_complaint(tmp_path: Path, shape: str)
 def test_pictures_do_not_depend_on_the_size_of_things(tmp_path: Path, shape: str, unit: float) -> None:
     mesh = block(shape, n=2)
     points, facets, facet = mesh.surfaces["base"]
-    large = dataclasses.replace(mesh, points=mesh.points * unit, surfaces={"base": (points * unit, facets, facet)})
+    large = replace(mesh, points=mesh.points * unit, surfaces={"base": (points * unit, facets, facet)})
     step = without_errors(pressed(mesh, size=1 / unit**2))
-    step = dataclasses.replace(step, displacement=step.displacement * unit)
+    step = replace(step, displacement=step.displacement * unit)
     for path in draw(tmp_path, large, step, "$ % _ { a title with strange letters } & " + "long " * 40):
         assert colours(path) > 50
 
 
 def test_slim_bodies_many_contacts_and_no_contact(tmp_path: Path) -> None:
     mesh = block("quadrilateral")
-    slim = dataclasses.replace(mesh, points=mesh.points * [1.0, 1e-3])
+    slim = replace(mesh, points=mesh.points * [1.0, 1e-3])
     draw(tmp_path / "slim", slim, without_errors(pressed(slim)), "slim")
-    tall = dataclasses.replace(mesh, points=mesh.points * [1e-3, 1.0])
+    tall = replace(mesh, points=mesh.points * [1e-3, 1.0])
     draw(tmp_path / "tall", tall, without_errors(pressed(tall)), "tall")
     step = pressed(mesh)
     contact, surface = step.contacts["base"], mesh.surfaces["base"]
-    two = dataclasses.replace(
-        mesh, surfaces={"a": surface, "b": surface}, slaves=dict.fromkeys("ab", mesh.slaves["base"])
-    )
-    drawn = draw(tmp_path, two, dataclasses.replace(step, contacts={"a": contact, "b": contact}), "two")
+    two = replace(mesh, surfaces={"a": surface, "b": surface}, slaves=dict.fromkeys("ab", mesh.slaves["base"]))
+    drawn = draw(tmp_path, two, replace(step, contacts={"a": contact, "b": contact}), "two")
     assert [path.name for path in drawn] == ["deformed.png", "stress_error.png", "contact_a.png", "contact_b.png"]
     assert [path.name for path in draw(tmp_path, *bodies_alone(mesh, step), "free")] == ["deformed.png"]
 
@@ -293,7 +260,7 @@ def test_curved_surfaces_are_drawn_from_the_front_right(tmp_path: Path) -> None:
     shallow, bent = (points + np.outer((points[:, 0] - 1.0) ** 2, [0.0, 0.0, depth]) for depth in (0.3, 0.8))
     assert view_of(points)[1] == view_of(shallow)[1] == ("x", "y")
     assert view_of(bent)[1] is None
-    mesh = dataclasses.replace(mesh, surfaces={"base": (bent, facets, facet)})
+    mesh = replace(mesh, surfaces={"base": (bent, facets, facet)})
     assert all(colours(path) > 100 for path in draw(tmp_path, mesh, without_errors(pressed(mesh)), "bent"))
 
 
@@ -321,7 +288,7 @@ def test_displacements_are_scaled_by_a_round_factor_unless_they_are_seen(largest
     step = pressed(mesh)
     moved = np.zeros_like(mesh.points)
     moved[0, 1] = -largest
-    assert displacement_scale(mesh, dataclasses.replace(step, displacement=moved)) == pytest.approx(scale)
+    assert displacement_scale(mesh, replace(step, displacement=moved)) == pytest.approx(scale)
 
 
 @pytest.mark.parametrize(("gap", "scale"), [(0.0, 1000.0), (1e-9, 1000.0), (-1e-4, 100.0), (1e-3, 10.0), (1.0, 1.0)])
@@ -334,9 +301,7 @@ def test_bodies_that_touch_are_not_drawn_into_each_other(gap: float, scale: floa
     gaps = np.where(contact.status != OPEN, gap, 2.0)  # where nothing touches it does not matter
     moved = np.zeros_like(mesh.points)
     moved[0, 1] = -1e-4
-    found = displacement_scale(
-        dataclasses.replace(mesh, gaps={name: gaps}), dataclasses.replace(step, displacement=moved)
-    )
+    found = displacement_scale(replace(mesh, gaps={name: gaps}), replace(step, displacement=moved))
     assert found == pytest.approx(scale)  # (scale - 1) gap is half a per cent of 2 m at most
 
 
@@ -354,7 +319,7 @@ def test_obstacles_are_drawn(shape: str, tmp_path: Path) -> None:
     mesh = block(shape)
     dim = mesh.points.shape[1]
     floor = Plane(point=(0.0,) * dim, normal=(*(0.0,) * (dim - 1), 1.0))
-    far = dataclasses.replace(floor, point=(-100.0,) * dim)
+    far = replace(floor, point=(-100.0,) * dim)
     grey = []
     for obstacle in (floor, far):
         draw(tmp_path, *bodies_alone(mesh, pressed(mesh)), "floor", obstacles=[Rigid(obstacle, np.zeros(dim), 0.0)])
@@ -370,7 +335,7 @@ def test_one_corner_does_not_take_all_colours(tmp_path: Path) -> None:
     counts = []
     for corner in (2.0, 1000.0):
         stress[0, 1, 1] = corner
-        draw(tmp_path, *bodies_alone(mesh, dataclasses.replace(pressed(mesh), stress=stress)), "corner")
+        draw(tmp_path, *bodies_alone(mesh, replace(pressed(mesh), stress=stress)), "corner")
         counts.append(colours(tmp_path / "deformed.png"))
     assert counts[1] > 0.8 * counts[0]
 
@@ -381,8 +346,8 @@ def test_a_small_contact_is_shown_larger_and_to_scale(tmp_path: Path) -> None:
     contact = step.contacts["base"]
     status = np.where(np.abs(mesh.surfaces["base"][0][:, 0] - 1) < 0.2, STICK, OPEN).astype(np.int8)
     wide = []
-    for each in (contact, dataclasses.replace(contact, status=status)):
-        draw(tmp_path, mesh, dataclasses.replace(step, contacts={"base": each}), "small")
+    for each in (contact, replace(contact, status=status)):
+        draw(tmp_path, mesh, replace(step, contacts={"base": each}), "small")
         wide.append(imread(tmp_path / "deformed.png").shape[1])
     assert wide[1] > 1.3 * wide[0]
 
@@ -751,18 +716,18 @@ def test_a_history_is_drawn(tmp_path: Path) -> None:
     plain, shaded = (imread(tmp_path / path / "history.png")[..., :3] for path in ("", "known"))
     assert plain.shape == shaded.shape
     assert not np.array_equal(plain, shaded)
-    full = dataclasses.replace(scene, model="axisymmetric")
+    full = replace(scene, model="axisymmetric")
     assert [label for label, _ in panels_of(full, columns)] == ["motion [m]", "contact force [N]", "energy [J]"]
 
 
 def test_gravity_and_a_given_bound_have_their_curves_also_of_contacts_with_misleading_names() -> None:
     scene, columns = circle()
-    bounded = dataclasses.replace(scene.contacts["base"], friction=stickslip.Tresca(bound=((0.0, 2.0), (24.0, 5.0))))
+    bounded = replace(scene.contacts["base"], friction=stickslip.Tresca(bound=((0.0, 2.0), (24.0, 5.0))))
     columns = {name.replace("base.", "load.", 1): values for name, values in columns.items()}
     time = columns["time"]
     columns |= {"contact.load.friction.bound": 2 + time / 8, "gravity.acceleration.x": 0 * time}
     columns |= {"gravity.acceleration.y": -time}
-    other = dataclasses.replace(
+    other = replace(
         scene,
         bodies={"block": stickslip.Material(E=1.0, nu=0.3, density=1.0)},
         contacts={"load": bounded},
@@ -778,7 +743,7 @@ def test_gravity_and_a_given_bound_have_their_curves_also_of_contacts_with_misle
 def test_a_support_and_an_obstacle_of_one_name_have_a_curve_each() -> None:
     scene, columns = circle()
     columns |= {name.replace("support.top", "support.foundation"): values for name, values in columns.items()}
-    same = dataclasses.replace(scene, supports={"foundation": scene.supports["top"]})
+    same = replace(scene, supports={"foundation": scene.supports["top"]})
     motions = dict(panels_of(same, from_rest(columns)))["motion [m]"]
     assert_array_equal(motions["foundation, x"], from_rest(columns)["support.foundation.displacement.x"])
 

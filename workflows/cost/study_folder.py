@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 from stickslip.geometry.errors import FolderError
@@ -47,4 +48,4 @@ class StudyFolder(ResultsFolder):
         """Write a finished run; it is safe when this returns."""
         name = f"{RUNS}/{run.rung.name}.json"
         self.declare([name])
-        write_json(self.work / name, run.plain())
+        write_json(self.work / name, asdict(run))

@@ -196,7 +196,7 @@ def summary(
         "spent": sum(run.spent for run in runs),
         "quantities": {study.truth.name: _quantity(study) for study in studies},
         "runs": [
-            run.plain()
+            asdict(run)
             | {"name": run.rung.name, "seconds": run.seconds}
             | {"errors": {study.truth.name: study.errors.get(run.rung) for study in studies}}
             for run in runs

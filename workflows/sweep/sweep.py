@@ -22,13 +22,13 @@ from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from typing import Any
 
-from stickslip.geometry.errors import FolderError, SceneError
+from stickslip.geometry.errors import FolderError, MachineError, SceneError
 from stickslip.geometry.keys import plain
 from stickslip.geometry.protocols import DataFrame
 from stickslip.geometry.user_files.child_process import run_child
 from stickslip.solvers.results.step_result import data_frame
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.formats.csv_tables import csv_text
+from stickslip.workflows.formats.csv_tables import csv_text, read_steps_table
 from stickslip.workflows.formats.files import disk_errors, read_json, read_regular, write_aside
 from stickslip.workflows.formats.marker import is_certified
 from stickslip.workflows.run.folder import BEGUN, RESULT, place_of
@@ -158,7 +158,7 @@ class Sweep:
         for one in self.solved:
             place = place_of(one.folder)
             own = dict(one.member.values) | dict(zip(OWN, (one.status, str(one.folder)), strict=True))
-            found.append(own | (_last_row(place / "steps.csv") if _is_of(place, one) else {}))
+            found.append(own | (_last_row(place) if _is_of(place, one) else {}))
         return found
 
     def to_pandas(self) -> DataFrame:
@@ -335,21 +335,14 @@ def _already(member: Member, folder: Path) -> Solved | None:
     return Solved(member, folder, found["status"], str(found.get("sentence") or ""), None)
 
 
-def _last_row(path: Path) -> dict[str, Any]:
-    """Numbers of the last step, by column; empty if there is none."""
+def _last_row(folder: Path) -> dict[str, Any]:
+    """Numbers of the last step, by column; nothing if there is none."""
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = [*csv.DictReader(file)]
-    except OSError:
+        columns = read_steps_table(folder)
+    except MachineError:
         return {}
-    return {key: _number(text) for key, text in rows[-1].items()} if rows else {}
-
-
-def _number(text: str) -> Any:
-    try:
-        return float(text)
-    except ValueError:
-        return text
+    last = {key: float(values[-1]) for key, values in columns.items() if len(values)}
+    return {key: "" if math.isnan(value) else value for key, value in last.items()}
 
 
 def _write(done: Sweep) -> None:
