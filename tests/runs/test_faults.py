@@ -35,27 +35,19 @@ ODD = ["ü ²", "a\nb", os.fsdecode(b"\xff"), "-v", "%s{}", "'\""]
 # where nothing can be written
 
 
+SILENT = ({"HOME": ""}, {"XDG_CONFIG_HOME": "/dev/null"}, {"HOME": "/dev/null", "XDG_CACHE_HOME": "relative"})
+
+
 @pytest.mark.parametrize(
     "variables",
-    [
-        {"HOME": "/proc/1/nohome"},
-        pytest.param({"HOME": "/dev/null"}, marks=pytest.mark.slow),
-        pytest.param({"HOME": ""}, marks=pytest.mark.slow),
-        pytest.param({"XDG_CACHE_HOME": "/dev/null"}, marks=pytest.mark.slow),
-        pytest.param({"XDG_CONFIG_HOME": "/dev/null"}, marks=pytest.mark.slow),
-        pytest.param({"HOME": "/dev/null", "XDG_CACHE_HOME": "relative"}, marks=pytest.mark.slow),
-    ],
+    [{"HOME": "/proc/1/nohome"}, *slow({"HOME": "/dev/null"}, {"XDG_CACHE_HOME": "/dev/null"}, *SILENT)],
 )
 def test_home_that_is_not_writable_is_no_obstacle(variables: dict[str, str | None], start: Start, folder: Path) -> None:
     kept = {"TMPDIR": str(folder), "XDG_CACHE_HOME": None, "MPLCONFIGDIR": None}
     few_forms = ("--set=output.error=false", "--set=output.audit=false")  # all are compiled again
     done = start("run", "block", "-q", "-o", "out", *COARSE[:2], *few_forms, variables=kept | variables)
     assert done.returncode == 0, done.stderr
-    if variables not in (
-        {"XDG_CONFIG_HOME": "/dev/null"},
-        {"HOME": ""},
-        {"HOME": "/dev/null", "XDG_CACHE_HOME": "relative"},
-    ):
+    if variables not in SILENT:
         assert "stickslip: compiled forms are kept in" in done.stderr
         assert "compiled forms are kept in" in (folder / "out" / "run.log").read_text()
 
@@ -64,15 +56,8 @@ def test_no_place_for_compiled_forms_ends_with_4(folder: Path) -> None:
     nowhere = {"HOME": "/dev/null", "XDG_CACHE_HOME": "/dev/null"}
     broken = "import tempfile, sys; tempfile.gettempdir = lambda: '/dev/null'; import runpy; sys.argv = sys.argv[1:]; "
     program = broken + "runpy.run_module('stickslip.workflows.commands.start', run_name='__main__', alter_sys=False)"
-    done = subprocess.run(
-        [sys.executable, "-c", program, "stickslip", *SPEAKS],
-        cwd=folder,
-        env={**os.environ, **nowhere},
-        capture_output=True,
-        text=True,
-        timeout=LIMIT,
-        check=False,
-    )
+    words, variables = [sys.executable, "-c", program, "stickslip", *SPEAKS], {**os.environ, **nowhere}
+    done = subprocess.run(words, cwd=folder, env=variables, capture_output=True, text=True, timeout=LIMIT, check=False)
     assert done.returncode == 4, done.stderr
     assert_one_line(done.stderr)
     assert "compiled forms can be kept nowhere" in done.stderr
@@ -206,15 +191,7 @@ def test_ctrl_c_that_is_ignored_is_not_heard_but_other_signals_are(
     assert "stopped by SIGTERM" in err
 
 
-@pytest.mark.parametrize(
-    ("doing", "number"),
-    [
-        pytest.param("reading", signal.SIGINT, marks=pytest.mark.slow),
-        ("meshing", signal.SIGTERM),
-        pytest.param("reading", signal.SIGTERM, marks=pytest.mark.slow),
-        pytest.param("meshing", signal.SIGINT, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("doing", "number"), every_nth(3, ["meshing", "reading"], [signal.SIGTERM, signal.SIGINT]))
 def test_signal_while_gmsh_works_ends_both_at_once(
     doing: str, number: signal.Signals, folder: Path, command: list[str], environment: dict[str, str]
 ) -> None:

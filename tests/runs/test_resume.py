@@ -207,9 +207,8 @@ def test_stopped_run_spends_no_time_on_audit_and_pictures(tmp_path: Path, monkey
     def fail(*arguments: object) -> None:
         raise AssertionError(arguments)
 
-    asks, asks_not = (
-        learning(f"output.pictures={word}", f"output.linear_reference={word}") for word in ("true", "false")
-    )
+    words = ("true", "false")
+    asks, asks_not = (learning(f"output.pictures={word}", f"output.linear_reference={word}") for word in words)
     with monkeypatch.context() as patched:
         for place in ("run.run.audit_steps", "run.run.linear_reference", "pictures.draw.draw"):
             patched.setattr(f"stickslip.workflows.{place}", fail)

@@ -30,15 +30,8 @@ from stickslip.workflows.scene_file.read import from_dict, read
 
 Call = Callable[..., Spoken]
 NUMBERS = {
-    "equilibrium",
-    "rounding",
-    "supports",
-    "penetration",
-    "negative_pressure",
-    "cone",
-    "complementarity",
-    "dissipation",
-    "fields",
+    *("equilibrium", "rounding", "supports", "penetration", "negative_pressure", "cone", "complementarity"),
+    *("dissipation", "fields"),
 }
 
 

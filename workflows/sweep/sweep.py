@@ -348,5 +348,5 @@ def _last_row(folder: Path) -> dict[str, Any]:
 def _write(done: Sweep) -> None:
     """Write sweep.csv."""
     rows = done.rows
-    head = dict.fromkeys(key for row in rows for key in row)
+    head = [*dict.fromkeys(key for row in rows for key in row)]
     write_aside(done.path, csv_text([head, *([row.get(key) for key in head] for row in rows)]).encode())

@@ -147,14 +147,10 @@ class FieldFiles(SeriesWriter):
 def contact_fields(name: str) -> tuple[Field, ...]:
     """Fields at the nodes of a contact surface."""
 
-    kinds = {"pressure": "Scalar", "gap": "Scalar", "status": "Scalar"}
-    return tuple(
-        Field(shown_as(key), kinds.get(key, "Vector"), "Node", f"{{step}}:/contacts/{name}/{key}", *number)
-        for key, *number in (
-            *(("pressure",), ("traction",), ("slip",), ("slip_increment",), ("gap",), ("lam",)),
-            ("status", "Int", 1),
-        )
-    )
+    kinds = {"pressure": "Scalar", "traction": "Vector", "slip": "Vector", "slip_increment": "Vector", "gap": "Scalar"}
+    place = f"{{step}}:/contacts/{name}/"
+    fields = (Field(shown_as(key), kind, "Node", place + key) for key, kind in (kinds | {"lam": "Vector"}).items())
+    return (*fields, Field("status", "Scalar", "Node", f"{place}status", "Int", 1))
 
 
 def _write(
