@@ -378,20 +378,6 @@ def pace_of(process: int, folder: Path) -> float:
     return (last - first) / (BY_TIME - 2)
 
 
-def test_killed_at_any_time_it_goes_on(tmp_path: Path) -> None:
-    def start(place: Path) -> int:
-        return forked(lambda: run(read("block", LONGER), place))
-
-    alone = tmp_path / "alone"
-    pace = pace_of(start(alone), alone)
-    for number, lot in enumerate(map(Lot, _moments(1))):
-        folder = tmp_path / f"{number}" / "out"
-        lot.kill(start(folder), folder, pace)
-        run(read("block", LONGER), folder, resume=True)
-        lot.check(folder)
-        assert_same(folder, alone)
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(LONG)
 def test_command_killed_at_random_times_goes_on(folder: Path, command: list[str], environment: dict[str, str]) -> None:
