@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
 from stickslip.geometry.errors import require, require_known
-from stickslip.geometry.keys import Key, Noun
+from stickslip.geometry.keys import Key, Keys, Noun
 from stickslip.geometry.shape import Model
 from stickslip.solvers.scene.loads import check_point
 
@@ -136,11 +136,11 @@ class Output(Noun):
     writers: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def added(cls) -> Mapping[str, Any]:
+    def added(cls) -> Keys:
         return {key: kind for key, (kind, _) in cls.of_writers().items()}
 
     @classmethod
-    def gathered(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
+    def gathered(cls, values: Keys) -> Keys:
         known = cls.of_writers()
         given = {key: value for key, value in values.items() if key in known}
         kept = {key: value for key, value in values.get("writers", {}).items() if key not in given}

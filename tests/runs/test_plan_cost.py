@@ -56,4 +56,4 @@ def test_ranks_are_refused(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_scene_without_a_mesh_size_is_refused(call: Call) -> None:
-    assert_said(call("plan", "block", "--cost", "--set=contacts={}"), 2)
+    assert_said(call("plan", "block", "--cost", "--set=contacts={}"), 2, alone=False)

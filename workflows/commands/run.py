@@ -49,7 +49,10 @@ def run(
         reporter.files(outcome)
     if outcome.sentence and speaks():
         again = ["stickslip", "run", scene, "-o", str(folder), *(f"--set={word}" for word in override or ())]
-        again += [*(f"--accuracy={word}" for word in accuracy or ()), *[f"--budget={budget:g}"] * (budget is not None)]
+        again += [
+            *(f"--accuracy={word}" for word in accuracy or ()),
+            *([] if budget is None else [f"--budget={budget:g}"]),
+        ]
         how = f"; go on with: {shlex.join([*again, '--resume'])}" if outcome.status == "interrupted" else ""
         typer.echo(f"stickslip: {outcome.status.replace('_', ' ')}: {outcome.sentence}{how}", err=True)
     sys.exit(outcome.exit_code)

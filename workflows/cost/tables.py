@@ -42,7 +42,7 @@ def sentence(study: Study) -> str:
     if run is None:
         return f"1 % of {name} was not reached: {_least(study, best)}{unknown}."
     said = f"1 % of {name} costs {seconds(run.seconds)} with {choice(run, study)}"
-    following = study.cheapest(0.001)
+    following = study.cheapest(0.01 / 10)
     if following is run:
         return f"{said}, and the next digit comes with it{unknown}."
     if following is not None:
