@@ -18,6 +18,7 @@ import subprocess
 import sys
 import time as clock
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
@@ -40,6 +41,7 @@ from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.system.system import assemble, contact_rows
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
+from stickslip.workflows.lab.verification.prepared import march, pressed
 from stickslip.workflows.scene_file.read import read
 
 SOURCE = """#include <mpi.h>
@@ -174,19 +176,8 @@ class Case:
     def scene(self) -> Scene:
         """The ready scene `cube` with such cells; displacements are those of a slab of its height."""
         x, _, z = self.shape
-        height = z / x
-        return read(
-            "cube",
-            [
-                f"geometry.mesh_size={1 / x!r}",
-                f"geometry.height={height!r}",
-                "supports.top.displacement={ "
-                f"x = [[0, 0], [1, 0], [2, {0.02 * height!r}]], y = [[0, 0], [1, 0], [2, {0.01 * height!r}]], "
-                f"z = [[0, 0], [1, {-0.05 * height!r}]] }}",
-                f'solver={{ method = "{self.method}", surface = "matrix-free", tolerance = {self.tolerance!r} }}',
-                "output.error=false",
-            ],
-        )
+        solver = f'solver={{ method = "{self.method}", surface = "matrix-free", tolerance = {self.tolerance!r} }}'
+        return read("cube", [*pressed(3, x, height=z / x), solver, "output.error=false"])
 
 
 def measure(case: Case) -> dict[str, Any]:
@@ -223,7 +214,7 @@ def measure(case: Case) -> dict[str, Any]:
     contact_rows(problem, mesh, system.space, system.nodes, system.constraints)
     done("surface")
     stepper = Stepper(system, MethodChain(system, None, None))
-    state = stepper.start()
+    stepper.start()
     done("prepare")
     ContactCoordinates.of(system, prepare_surface(system, stepper.chain.volume))
     done("coordinates")
@@ -233,9 +224,7 @@ def measure(case: Case) -> dict[str, Any]:
     before = [logged(name) for name in EVENTS]
     cycles, iterations = counters.linear_iterations, []
     profile.enable()
-    for time in scene.requested_times()[: case.steps]:
-        accepted = stepper.reach(state, time, lambda row: None)
-        state = accepted.state
+    for accepted in islice(march(stepper), case.steps):
         iterations.append(accepted.iterations)
     profile.disable()
     found = [asdict(logged(name) - was) for name, was in zip(EVENTS, before, strict=True)]
@@ -259,7 +248,7 @@ def measure(case: Case) -> dict[str, Any]:
             for name, event in zip(EVENTS, found, strict=True)
         },
         "memory": comm.allgather(memory),
-        "objects": comm.allgather(size_of(stepper, state)),
+        "objects": comm.allgather(size_of(stepper, accepted.state)),
     }
 
 
