@@ -48,6 +48,6 @@ def child(command: Sequence[str], limit: float, **environment: str) -> Run:
 def kept(path: Path, measure: Callable[[], Found]) -> Found:
     """Return what a file keeps of an earlier measurement; if there is none, measure, and keep it there."""
     if not path.exists():
-        write_aside(path, json.dumps(measure(), indent=1, default=float).encode())
+        write_aside(path, json.dumps(measure(), default=float, allow_nan=False).encode())
     found: Found = json.loads(path.read_text(encoding="utf-8"))
     return found

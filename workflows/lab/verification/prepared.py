@@ -35,6 +35,7 @@ from stickslip.solvers.stepping.method_chain import Reached
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 from stickslip.solvers.system.system import System, assemble
 
+PRESSED = {2: 0.1, 3: 0.05}  # [m] of the ready scenes `block` and `cube`, by dimension
 Move = Callable[[Array], Array]  # maps points (n, 3) [m] to their new places; a plane model's third coordinate stays 0
 
 
@@ -84,14 +85,14 @@ def pressed(
         at_once: whether it is pressed and dragged in one step.
         further: whether a third step drags it on by a fifth.
     """
-    size, down, own = (2 / n, 0.1, 0.05) if dim == 2 else (1 / n, 0.05, 0.02)
+    size, own = (2 / n, 0.05) if dim == 2 else (1 / n, 0.02)
     moved = height * (own if drag is None else drag)
     ends = [(1 if at_once else 2, moved), *([(3, 1.2 * moved)] if further else [])]
     tables = {
         axis: [[0, 0], *([] if at_once else [[1, 0]]), *([t, share * x] for t, x in ends)]
         for axis, share in zip("xy"[: dim - 1], (1.0, 0.5), strict=False)
     }
-    tables["xyz"[dim - 1]] = [[0, 0], [1, -down * height]]
+    tables["xyz"[dim - 1]] = [[0, 0], [1, -PRESSED[dim] * height]]
     shape = {"mesh_size": size} | ({"contact_mesh_size": size} if dim == 2 else {})
     return [
         *(f"geometry.{key}={value!r}" for key, value in shape.items()),
