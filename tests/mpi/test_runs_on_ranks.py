@@ -14,11 +14,10 @@ from shared.cases import slow
 from shared.command import COARSE, result, table
 from shared.histories import LEARNS, SMALL, Stop
 from shared.ranks import each_told, mpirun, told
+from stickslip import Watch, read
 from stickslip.solvers.linear.multigrid import HYPRE
 from stickslip.workflows.formats.steps import read_step, step_name
 from stickslip.workflows.run.run import run
-from stickslip.workflows.run.watch import Watch
-from stickslip.workflows.scene_file.read import read
 
 # the audit, also of tractions that are wrong
 AUDIT = """

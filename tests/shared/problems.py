@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from stickslip import Scene, Simulation
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Mat
 from stickslip.solvers.interface.flexibility import Load
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import System, whole_stiffness
 
 SceneOf = Callable[..., Scene]  # what the fixtures of tests/unit give

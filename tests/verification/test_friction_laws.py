@@ -10,13 +10,11 @@ from numpy.testing import assert_allclose
 
 from shared.audited import record_of
 from shared.failures import failures
-from stickslip.solvers.laws.friction import Coulomb, OrthotropicCoulomb
+from stickslip import SLIP, STICK, Coulomb, NoEquilibriumError, TangentialCompliance
+from stickslip.solvers.laws.friction import OrthotropicCoulomb
 from stickslip.solvers.laws.slip_dependent import StaticKinetic
-from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.results.audit import Auditor
-from stickslip.solvers.results.step_result import SLIP, STICK
 from stickslip.solvers.simulation.plan import warnings
-from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.lab.verification.cases import friction_laws as case
 from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases import sheared_column as sheared_column_case

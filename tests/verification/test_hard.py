@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip.geometry.errors import MachineError, SceneError, SolverError
-from stickslip.solvers.scene.scene import Scene
+from stickslip import MachineError, Scene, SceneError, SolverError, read
 from stickslip.workflows.lab.verification.hard import judge as judging
 from stickslip.workflows.lab.verification.hard import run as command
 from stickslip.workflows.lab.verification.hard import suite
@@ -33,7 +32,7 @@ from stickslip.workflows.lab.verification.hard.run import (
 from stickslip.workflows.lab.verification.hard.suite import NAMES, Row, Task, Worker, performed, results, tasks
 from stickslip.workflows.lab.verification.hard.tables import overrides, ready, scene_of
 from stickslip.workflows.lab.verification.hard.variations import FIXED, Scale, variation, varied
-from stickslip.workflows.scene_file.read import read, to_dict
+from stickslip.workflows.scene_file.read import to_dict
 
 FEW, SMALL = (2, 3), (6, 0)  # variations, and the seed of their order; of the few all are solved in a second
 SEED = 0

@@ -9,12 +9,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.audited import record_of, stored_by
 from shared.failures import failures
+from stickslip import Orthotropic, Simulation
 from stickslip.geometry.shape import Model
 from stickslip.solvers.metrics import mean_compliance, surface_compliance
 from stickslip.solvers.results.audit import Audit, Auditor
-from stickslip.solvers.scene.material import Orthotropic
 from stickslip.solvers.simulation.plan import make_plan, warnings
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.cases import orthotropic as case
 from stickslip.workflows.lab.verification.cases import orthotropic as exact
 from stickslip.workflows.lab.verification.cases.hertz import Touch

@@ -13,10 +13,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import stickslip
 from shared.audited import audit
 from shared.failures import failures
+from stickslip import Quantity, Simulation, StepError, StepResult
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.results.step_result import Quantity, StepResult
-from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.verification.cases import springs as case
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict

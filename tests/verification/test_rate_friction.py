@@ -9,12 +9,9 @@ from numpy.testing import assert_allclose
 
 import stickslip
 from shared.audited import record_of
-from stickslip.geometry.errors import SceneError
+from stickslip import SLIP, STICK, Quantity, Scene, SceneError, Simulation
 from stickslip.solvers.results.audit import Auditor
-from stickslip.solvers.results.step_result import SLIP, STICK, Quantity
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 

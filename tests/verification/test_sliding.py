@@ -7,8 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import every_nth
-from stickslip.solvers.results.step_result import Quantity, StepResult
-from stickslip.solvers.simulation.simulation import Simulation
+from stickslip import Quantity, Simulation, StepResult
 from stickslip.solvers.simulation.simulation import prepare as estimating
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict

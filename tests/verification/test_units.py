@@ -9,15 +9,15 @@ from numpy.testing import assert_allclose
 
 import stickslip
 from shared.failures import failures
-from stickslip.geometry.keys import Choice, Key, Noun
+from stickslip import ContactState, Key, read
+from stickslip.geometry.keys import Choice, Noun
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.results.step_result import ContactState
 from stickslip.workflows.lab.verification.cases import units as units_case
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.units import Units, convert, in_millimetres
-from stickslip.workflows.scene_file.read import from_dict, read, to_dict
+from stickslip.workflows.scene_file.read import from_dict, to_dict
 
 MM = Units(length=1000.0, force=1.0, plane=False)
 

@@ -19,21 +19,15 @@ import numpy as np
 import typer
 from mpi4py import MPI
 
-from stickslip.geometry.errors import SolverError
+from stickslip import Contact, Counters, HistoryRow, Scene, SolverError, Tied, read
 from stickslip.geometry.mesh.mesh import build_mesh
-from stickslip.solvers.laws.normal import Tied
-from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.stepping.choice import Choice, Size, Stage, choose
-from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain, Reached
 from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.system.system import System, assemble
 from stickslip.workflows.lab.benchmarks.own_process import apart
 from stickslip.workflows.lab.verification.prepared import march
-from stickslip.workflows.scene_file.read import read
 
 STAGES = (
     Stage("condensed-newton", "condensed"),

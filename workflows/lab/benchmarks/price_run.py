@@ -18,21 +18,18 @@ from typing import Any
 from mpi4py import MPI
 
 import stickslip
-from stickslip.geometry.errors import StickslipError
+from stickslip import Counters, Scene, Simulation, StickslipError, prepare, read
 from stickslip.geometry.memory import peak
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.linear.multigrid import HYPRE
-from stickslip.solvers.parallel.counters import Clock, Counters
+from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.results.linear_reference import linear_reference
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.system.system import assemble
 from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.lab.verification.prepared import march, pressed
-from stickslip.workflows.scene_file.read import read
 
 os.environ.update(ONE_THREAD)  # before the first operation that would start them
 

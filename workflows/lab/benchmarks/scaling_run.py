@@ -27,22 +27,20 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from stickslip import Counters, Scene, read
 from stickslip.geometry.memory import peak
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.mesh.joints import find_parts
 from stickslip.geometry.mesh.mesh import build_mesh, mesh_shape
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.interface.prepare import prepare_surface
-from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.problem import Problem
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import planned
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.system.system import assemble, contact_rows
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.workflows.lab.verification.prepared import march, pressed
-from stickslip.workflows.scene_file.read import read
 
 SOURCE = """#include <mpi.h>
 long stickslip_counted[4];  /* messages, their bytes, collectives, their bytes */

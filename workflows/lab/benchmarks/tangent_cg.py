@@ -17,15 +17,13 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from stickslip.geometry.errors import StickslipError
+from stickslip import Simulation, StickslipError, prepare, read
 from stickslip.solvers.results.linear_reference import linear_reference
-from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.benchmarks.price_run import cubes
 from stickslip.workflows.lab.verification.prepared import march, pressed
-from stickslip.workflows.scene_file.read import read
 
 os.environ.update(ONE_THREAD)  # before the first operation that would start them
 

@@ -19,11 +19,10 @@ from typing import Literal
 import meshio
 import numpy as np
 
+from stickslip import Coulomb, Material
 from stickslip.geometry.amplitude import Amplitude, value_at
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.mesh.mesh import write_msh
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.scene.material import Material
 from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.lab.benchmarks.own_process import Run, child, kept
 from stickslip.workflows.lab.benchmarks.price_run import OURS, PEERS, Case

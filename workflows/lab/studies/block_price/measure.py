@@ -19,12 +19,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from stickslip import Compliance, Scene, Simulation, StepResult, StickslipError, prepare
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import StickslipError
-from stickslip.solvers.laws.normal import Compliance
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.system.system import System
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.studies.finding import Row

@@ -11,16 +11,14 @@ import numpy as np
 from mpi4py import MPI
 from scipy.linalg import eigh
 
+from stickslip import Scene, Simulation, StickslipError, prepare, read
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.classical.perturbed_lagrangian import PerturbedLagrangian
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.metrics import surface_metric
 from stickslip.solvers.results.observe import law_error
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.workflows.lab.studies import gram
 from stickslip.workflows.lab.studies.finding import Row
@@ -28,7 +26,6 @@ from stickslip.workflows.lab.studies.saddle_points import NODES, RULES, SOFTNESS
 from stickslip.workflows.lab.verification.hard.tables import toml
 from stickslip.workflows.lab.verification.prepared import PRESSED, pressed
 from stickslip.workflows.lab.verification.prepared import march as accept
-from stickslip.workflows.scene_file.read import read
 
 PULL = 2.0  # shear over (mu times indentation) at which a part of the base slips, for any mu
 STIFF = {"compliance": {"c_n": 20.0, "m_n": 1.0}}  # [Pa/m]: twenty times as stiff as the body over its depth, or more

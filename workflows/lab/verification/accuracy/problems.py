@@ -9,10 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from stickslip.geometry.builders.builder import Builder
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.normal import Unilateral
-from stickslip.solvers.scene.scene import Scene
+from stickslip import Builder, Coulomb, Scene, Unilateral, read
 from stickslip.workflows.lab.verification.cases import (
     cattaneo,
     circular_drive,
@@ -28,7 +25,7 @@ from stickslip.workflows.lab.verification.cases import circular_drive as circle
 from stickslip.workflows.lab.verification.cases import column as column_form
 from stickslip.workflows.lab.verification.cases import sheared_column as sheared
 from stickslip.workflows.lab.verification.cases.shrink_fit import JOINT
-from stickslip.workflows.scene_file.read import from_dict, read
+from stickslip.workflows.scene_file.read import from_dict
 
 MESHES = (2.25, 1.5, 1.0)  # times the mesh sizes of a problem's scene
 METHOD = "condensed-newton"

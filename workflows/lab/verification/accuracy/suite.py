@@ -19,10 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from stickslip.geometry.errors import StickslipError
-from stickslip.solvers.method_registry import Solver
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.stepping.stepper import StepError
+from stickslip import Scene, Solver, StepError, StickslipError
 from stickslip.workflows.lab.verification.accuracy.judge import (
     ITERATION,
     MESH,

@@ -23,11 +23,10 @@ from typing import Any
 import numpy as np
 
 import stickslip
+from stickslip import Scene, prepare, read
 from stickslip.solvers import effects
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import prepare
-from stickslip.workflows.scene_file.read import from_dict, read
+from stickslip.workflows.scene_file.read import from_dict
 
 Tables = dict[str, Any]
 COULOMB = {"law": "coulomb", "mu": 0.3}

@@ -19,11 +19,11 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from stickslip.geometry.errors import GeometryError, MachineError, SceneError
+from stickslip import GeometryError, MachineError, SceneError, read
 from stickslip.workflows.lab.verification.hard.judge import Outcome, Verdict, judge, supported
 from stickslip.workflows.lab.verification.hard.tables import overrides, ready, scene_of
 from stickslip.workflows.lab.verification.hard.variations import FIXED, variation, varied
-from stickslip.workflows.scene_file.read import READY, read, to_dict
+from stickslip.workflows.scene_file.read import READY, to_dict
 
 LIMIT = 60.0  # [s] of a variation; no end until then counts as failed
 OPINION = 8.0  # [s] more, of its second opinion

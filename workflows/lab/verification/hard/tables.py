@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from stickslip import Scene, read
 from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
-from stickslip.solvers.scene.scene import Scene, over
+from stickslip.solvers.scene.scene import over
 from stickslip.solvers.scene.timeline import Place
-from stickslip.workflows.scene_file.read import from_dict, read, to_dict
+from stickslip.workflows.scene_file.read import from_dict, to_dict
 
 Tables = dict[str, Any]  # of a scene file, every default filled in
 SIZES = ("mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size", "edge_mesh_size")

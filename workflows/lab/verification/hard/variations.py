@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from stickslip import NoEquilibriumError, StickslipError
 from stickslip.geometry.amplitude import Amplitude, value_at
-from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.lab.verification.hard.tables import (
     Tables,
     copied,
