@@ -14,9 +14,22 @@ from stickslip.solvers.interface.flexibility import Load
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.system.system import System, whole_stiffness
 
+Tables = dict[str, Any]
 SceneOf = Callable[..., Scene]  # what the fixtures of tests/unit give
 SimulationOf = Callable[[Scene], Simulation]
 SystemOf = Callable[[Scene], System]
+
+
+def on_floor(dim: int, geometry: Tables, body: Tables, base: Tables, **more: Any) -> Tables:
+    """Tables of a scene: a block, 2 m by 1 m (by 1 m) if its geometry has no other, and the plane under it."""
+    sizes = {"builder": "block", "length": 2.0, "height": 1.0} | ({"width": 1.0} if dim == 3 else {})
+    return {
+        "model": "plane strain" if dim == 2 else "3d",
+        "geometry": sizes | geometry,
+        "bodies": {"block": {"E": 1.0, "nu": 0.3} | body},
+        "obstacles": {"floor": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}},
+        "contacts": {"base": {"surface": "block.bottom", "against": "floor"} | base},
+    } | more
 
 
 def surface_problem(simulation: Simulation) -> SurfaceProblem:

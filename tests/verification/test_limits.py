@@ -23,13 +23,6 @@ from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.run import run
 
 
-def test_checks_notice_another_coefficient() -> None:
-    pushed = LIMITS["pushed"]
-    steps, proved = limits_case.reached(limits_case.scene("condensed-newton", replace(pushed, mu=1.01 * pushed.mu)))
-    assert proved
-    assert steps[-1].time > pushed.time + limits_case.NEAR
-
-
 def ended(scene: Scene, folder: Path) -> tuple[Outcome, dict[str, Any]]:
     """Run it; what stands in the files must be what was reached."""
     outcome, content = run(replace(scene, output=Output(pictures=False)), folder)
