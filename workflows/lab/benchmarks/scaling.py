@@ -30,7 +30,6 @@ from stickslip.workflows.lab.benchmarks.scaling_model import (
     Costs,
     Machine,
     Memory,
-    Prediction,
     Run,
     Size,
     Traffic,
@@ -88,14 +87,6 @@ def page(single: Sequence[Run], several: Sequence[Run], drawn: Sequence[Run]) ->
     slow = {name: 1 / min(mean, 1.0) for name, mean in means.items()}
     sizes = [Size(*LARGE, ranks) for ranks in RANKS]
     runs = [predicted(costs, traffic, size, machine) for size in sizes]
-    slower = [
-        Prediction(
-            {name: slow[name] * run.once[name] for name in ONCE},
-            slow["step"] * run.step,
-            {name: slow["iteration"] * value for name, value in run.iteration.items()},
-        )
-        for run in runs
-    ]
     few, many = runs[0], runs[-1]
     each = [sum(run.iteration.values()) for run in runs]
     shares = [memory.of_rank(size) for size in sizes]
@@ -142,7 +133,7 @@ def page(single: Sequence[Run], several: Sequence[Run], drawn: Sequence[Run]) ->
         many=many,
         each_iteration=each,
         totals=[run.total(STEPS, ITERATIONS) for run in runs],
-        slower=[run.total(STEPS, ITERATIONS) for run in slower],
+        slower=[run.total(STEPS, ITERATIONS, slow) for run in runs],
         shares=shares,
         whole=whole,
         sent=[traffic.bytes(size) for size in sizes],

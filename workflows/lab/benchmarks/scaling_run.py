@@ -28,6 +28,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from stickslip import Counters, Scene, read
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.memory import peak
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.mesh.joints import find_parts
@@ -99,33 +100,13 @@ def counted() -> dict[str, int]:
     return dict(zip(KEYS, values, strict=True))
 
 
-@dataclass(frozen=True)
-class Event:
-    """One event of PETSc so far on this rank, what it called included; two of them can be subtracted."""
-
-    calls: float
-    seconds: float  # wall time [s]
-    messages: float
-    bytes: float  # of the messages
-
-    def __sub__(self, earlier: Event) -> Event:
-        return Event(
-            self.calls - earlier.calls,
-            self.seconds - earlier.seconds,
-            self.messages - earlier.messages,
-            self.bytes - earlier.bytes,
-        )
+OF_EVENT = {"count": "calls", "time": "seconds", "numMessages": "messages", "messageLength": "bytes"}  # PETSc's: ours
 
 
-def begin_log() -> None:
-    """Start PETSc's log; events before this call are not in it."""
-    PETSc.Log.begin()
-
-
-def logged(name: str) -> Event:
-    """The event of that name, such as MatMult, in the current stage."""
+def logged(name: str) -> Array:
+    """An event of PETSc's log, such as MatMult, so far on this rank, what it called included; by `OF_EVENT`."""
     found = PETSc.Log.Event(name).getPerfInfo()
-    return Event(*(float(found[key]) for key in ("count", "time", "numMessages", "messageLength")))
+    return np.array([float(found[key]) for key in OF_EVENT])
 
 
 EVENTS = ("MatMult", "PCApply", "VecScatterBegin")
@@ -186,7 +167,7 @@ def measure(case: Case) -> dict[str, Any]:
     comm = MPI.COMM_WORLD
     seconds: dict[str, float] = {}
     memory: dict[str, float] = {}
-    begin_log()
+    PETSc.Log.begin()
     scene, counters = case.scene(), Counters()
     problem = planned(scene)
     memory["start"] = peak()
@@ -225,7 +206,7 @@ def measure(case: Case) -> dict[str, Any]:
     for accepted in islice(march(stepper), case.steps):
         iterations.append(accepted.iterations)
     profile.disable()
-    found = [asdict(logged(name) - was) for name, was in zip(EVENTS, before, strict=True)]
+    found = [logged(name) - was for name, was in zip(EVENTS, before, strict=True)]
     own = {key: count - sent[key] for key, count in counted().items()}
     done("iterate")
     of_parts = parts(profile)
@@ -242,7 +223,7 @@ def measure(case: Case) -> dict[str, Any]:
         "calls": calls(profile),
         "sent": {key: reduced(value) for key, value in own.items()},
         "events": {
-            name: {key: reduced(value) for key, value in event.items()}
+            name: dict(zip(OF_EVENT.values(), map(reduced, event.tolist()), strict=True))
             for name, event in zip(EVENTS, found, strict=True)
         },
         "memory": comm.allgather(memory),
