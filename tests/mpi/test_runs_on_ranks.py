@@ -215,11 +215,8 @@ SCENES = {
     "stack": ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"],
     "stick_slip": ["geometry.mesh_size=0.0125", "output.pictures=false", "steps.count=8"],
 }
-TESTS = Path(__file__).parents[1]
 ON_RANKS = """
 import sys
-
-sys.path.append(sys.argv.pop(1))
 from shared.histories import Stop
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
@@ -237,7 +234,7 @@ def test_it_goes_on_to_the_same_answer_on_two_ranks_and_on_one(name: str, tmp_pa
     times = scene.requested_times()
     run(scene, tmp_path / "whole")
     run(scene, tmp_path / "out", Watch(on_step=Stop(1)))
-    done = mpirun(2, [str(TESTS), name, *words], tmp_path, ("-c", ON_RANKS))
+    done = mpirun(2, [name, *words], tmp_path, ("-c", ON_RANKS))
     assert done.returncode == 128 + signal.SIGINT, done.stderr
     assert result(tmp_path / "out")["status"] == "interrupted"
     outcome, _ = run(scene, tmp_path / "out", resume=True)
@@ -262,7 +259,6 @@ import shutil
 import sys
 from pathlib import Path
 
-sys.path.append(sys.argv.pop(1))
 from mpi4py import MPI
 
 from stickslip.geometry.errors import MachineError
@@ -308,7 +304,7 @@ if comm.rank == 0:
 
 def test_each_rank_keeps_what_it_has_learnt_and_all_fail_or_none(tmp_path: Path) -> None:
     words = [*SMALL, *LEARNS, "steps.count=2", "output.error=false"]
-    done = mpirun(2, [str(TESTS), "block", *words], tmp_path, ("-c", ON_THE_SAME_RANKS))
+    done = mpirun(2, ["block", *words], tmp_path, ("-c", ON_THE_SAME_RANKS))
     assert done.returncode == 0, done.stderr
 
 
