@@ -12,14 +12,12 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from scipy import sparse
 from scipy.linalg import cho_solve
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.errors import SolverError, require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.classical.gram_uzawa import DenseMetric, inverse_root
 from stickslip.solvers.classical.uzawa import (
-    LANCZOS,
     NEWTON_STEPS,
     FrictionUpdates,
     InnerKeys,
@@ -37,6 +35,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CholeskyFactor, CondensedSurface
 from stickslip.solvers.iteration import OnStep, Solution, ignore
 from stickslip.solvers.laws.normal import Compliance
+from stickslip.solvers.linear.eigenvalues import extreme_eigenvalue, without_symmetry
 from stickslip.solvers.linear.petsc_solver import Allowed
 from stickslip.solvers.methods.method import Applicability, Stateless
 from stickslip.solvers.newton.surface_model import nearest_in_cone
@@ -115,13 +114,7 @@ class CompliantBodies:
     def lambda_max(self, V: CholeskyFactor) -> float:
         """Largest eigenvalue [m/Pa] of W^-1 B V^-1 B^T on the rows `others`; it limits alpha."""
         N = sparse.diags(np.sqrt(self.surface.W[self.others])) @ self.surface.N[self.others]
-        size = len(self.others)
-        if size < 3:
-            return float(np.linalg.eigvalsh(N @ cho_solve(V, N.T.toarray())).max(initial=0.0))
-        operator = LinearOperator((size, size), matvec=lambda x: N @ cho_solve(V, N.T @ x), dtype=float)
-        start = 1 + np.sin(np.arange(size))  # the same on every rank, and without symmetry
-        (largest,) = eigsh(operator, k=1, which="LA", v0=start, tol=LANCZOS, return_eigenvectors=False)
-        return float(largest) * (1 + LANCZOS)
+        return extreme_eigenvalue(lambda x: N @ cho_solve(V, N.T @ x), without_symmetry(len(self.others)))
 
     def metric(self, V: CholeskyFactor) -> DenseMetric:
         """Metric B V^-1 B^T on the rows `others`; in the step, compliant rows keep their pressure."""

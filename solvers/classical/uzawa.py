@@ -219,7 +219,6 @@ def constant(problem: SurfaceProblem, value: float) -> Allowed:
 
 
 NEWTON_STEPS = 100  # of an inner solve
-LANCZOS = 1e-4  # relative error of an eigenvalue
 
 
 def step_length(force: Callable[[float], float], slope: float) -> float:
