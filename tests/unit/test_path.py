@@ -157,7 +157,7 @@ def begun(name: str, kinks: int = 0) -> path._Path:
 
 
 def test_no_kink_ahead_is_the_end_on_the_way_to_zero_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(path._Path, "_next_kink", lambda self, dp, db: (np.inf, -1, -1))
+    monkeypatch.setattr(path._Path, "_next_kink", lambda self, dp: (np.inf, -1, -1))
     forth, back = begun("coulomb"), begun("coulomb")
     assert len(list(forth.solutions(3))) == 1
     back.direction = 1.0
