@@ -21,8 +21,6 @@ from stickslip.geometry.protocols import Comm, Mat, Vec
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.serialise import Own, Plain
 
-MOST = 40  # directions; of 80, the last are rounding for slender bodies. Each costs two vectors, two products a step
-
 
 class SearchDirections:
     """Stored directions d_j and products A d_j with d_i . A d_j = 1 if i = j, else 0; each rank holds its own part.
@@ -98,8 +96,6 @@ class SearchDirections:
 
 
 UNKNOWN = 0.5  # smallest contraction per iteration that is assumed before two steps allow an estimate
-SLOWEST, FASTEST = 0.95, 0.3  # limits of the estimated contraction
-MULTIGRID = 2.0  # error, relative to one multigrid cycle applied to the residual
 
 
 class StoppingCriterion(Protocol):
@@ -146,7 +142,7 @@ class ContactErrorCriterion:
         self._left = float(np.sqrt(energy))
         if energy == 0.0:  # the residual is zero
             return True
-        return not self.steps and self._small(x, z, MULTIGRID)
+        return not self.steps and self._small(x, z, 2.0)  # error, relative to a multigrid cycle on the residual
 
     def moved(self, x: Array, change: Array) -> bool:
         return self._small(x, change, None)
@@ -168,7 +164,8 @@ class ContactErrorCriterion:
         if len(last) < 2 or not last[0]:
             return UNKNOWN
         seen = (last[-1] / last[0]) ** (1 / (len(last) - 1))
-        return float(np.clip(seen, FASTEST if len(last) == 3 else UNKNOWN, SLOWEST))
+        # limits of the estimated contraction
+        return float(np.clip(seen, 0.3 if len(last) == 3 else UNKNOWN, 0.95))
 
 
 class EnergyErrorCriterion:
@@ -239,7 +236,8 @@ class ConjugateGradients:
         self.A, self.precondition, self.counters = A, precondition, counters
         self.comm = A.comm.tompi4py()
         self._in, self._out = A.createVecRight(), A.createVecLeft()
-        self.remember(MOST)
+        # directions; of 80, the last are rounding for slender bodies. Each costs two vectors, two products a step
+        self.remember(40)
 
     def remember(self, most: int) -> None:
         """Forget all search directions; store up to `most` of them, at least one, from now on."""

@@ -15,8 +15,6 @@ from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.schur_complement import CondensedSurface, RowStiffness
 from stickslip.solvers.newton.active_set import ActiveSet
 
-FEW = 0.5  # ratio of unknown tractions to unknown motions below which the inverse that tractions need pays
-
 
 def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
     """Solve a Newton system with the bodies.
@@ -36,7 +34,8 @@ def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
     """
     problem, surface = laws.problem, condensed(laws.problem.surface)
     bodies = surface.row_stiffness(problem.cone.carrying)
-    few = not laws.k.any() and (~laws.given).sum() < FEW * (~laws.fixed).sum()
+    # ratio of unknown tractions to unknown motions below which the inverse that tractions need pays
+    few = not laws.k.any() and (~laws.given).sum() < 0.5 * (~laws.fixed).sum()
     if laws.weight and surface.floating:
         return by_tractions(laws, surface, laws.weight * surface.rho * np.eye(surface.R.shape[1]), u_c)
     held = _unfelt(laws, surface)

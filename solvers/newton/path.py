@@ -37,9 +37,8 @@ from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.laws.friction import Stick
 from stickslip.solvers.newton.attempts import Start
 
-OPEN, CLOSED = 0, 1  # states of normal rows
-DEAD, STICK, FORWARD, BACKWARD = 2, 3, 4, 5  # states of tangential rows; dead: the friction bound is zero or less
-KINKS = 20000  # of a path, at most
+# States of normal rows: two; of tangential ones: dead where the friction bound is zero or less
+OPEN, CLOSED, DEAD, STICK, FORWARD, BACKWARD = range(6)
 REFRESH = 40  # kinks after which the inverse is computed anew
 
 
@@ -51,7 +50,7 @@ def applies(problem: SurfaceProblem) -> bool:
     return all(place.components == 1 and not isinstance(place.rows.friction, Stick) for place in cone.places)
 
 
-def path_from_open(problem: SurfaceProblem, kinks: int = KINKS) -> Iterator[Start]:
+def path_from_open(problem: SurfaceProblem, kinks: int = 20000) -> Iterator[Start]:
     """Where the path from all rows open crosses s = 0, if it arrives with so many kinks; none where it does not apply.
 
     Args:
@@ -252,7 +251,6 @@ class _Path:
 
 
 ENOUGH = 1.0  # coefficient of friction above which others are looked for; one node of steel has others above 1.5
-MOST = 200  # rows up to which they are looked for; on 160 rows it takes 0.1 s a step, on 640 rows 6 s
 FOLLOWED = 2000  # on the path that is followed
 
 
@@ -268,7 +266,8 @@ def others(
         p: tractions (rows,) [Pa] that solve it.
         keeps: whether tractions (rows,) [Pa] and relative displacement (rows,) [m] have the laws of the problem.
     """
-    if len(p) > MOST or _most_friction(problem) <= ENOUGH or not applies(problem):
+    # rows up to which they are looked for; on 160 rows it takes 0.1 s a step, on 640 rows 6 s
+    if len(p) > 200 or _most_friction(problem) <= ENOUGH or not applies(problem):
         return
     known = [p]
     for found in path_from_open(problem, FOLLOWED):

@@ -51,9 +51,6 @@ def chebyshev(low: float, high: float, count: int) -> Iterator[tuple[float, floa
         yield before * rho, 2 * rho / half
 
 
-POWER = 10  # iterations for the largest eigenvalue, which they miss by less than a tenth in the tests
-
-
 class Columns:
     """Columns of K = T^T K_B T at some nodes, with those of its rows that have entries there.
 
@@ -116,7 +113,7 @@ class Columns:
         """Of these columns' block, times the inverses of the nodes' own blocks: about it, not above it; collective."""
         comm, inverse, value = self._block.comm.tompi4py(), inverses(self.diagonal), 0.0
         x = np.random.default_rng(comm.rank).normal(size=len(self.at))
-        for _ in range(POWER):
+        for _ in range(10):  # which miss it by less than a tenth in the tests
             y = self.block(x)
             above, below = comm.allreduce(np.array([x @ y, x @ products(self.diagonal, x)]))
             value = above / below if below else 1.0
