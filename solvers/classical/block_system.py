@@ -394,7 +394,7 @@ class NestedSystem:
         given = laws.given & on
         p[given] = 0.0  # exact zeros: the diagonal of A_p is 1 there
         p[given] = (laws.rhs - laws.A_p @ p)[given]
-        self._check_balance(laws, p)
+        laws.refuse_unbalanced(p)
         return p, u_c
 
     def _solve(self, nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec]) -> None:
@@ -412,13 +412,6 @@ class NestedSystem:
             raise np.linalg.LinAlgError("the block system is singular: some rigid motion is not held")
         else:
             raise SolverError(f"the block system is not solved to {self.enough:g}: {failure(ksp)}; try -ksp_rtol")
-
-    def _check_balance(self, laws: ActiveSet, p: Array) -> None:
-        """Raise if the tractions p (rows,) [Pa] do not balance the load of a floating body."""
-        surface, load = laws.problem.surface, laws.problem.load.resultant
-        held = surface.R.T @ surface.forces(p)
-        if np.abs(load - held).sum() > HALF_DIGITS * (np.abs(load).sum() + np.abs(surface.forces(p)).sum()):
-            raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
 
 
 def _in_columns(block: Sparse, columns: Ints, count: int) -> Sparse:

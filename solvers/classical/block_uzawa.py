@@ -28,25 +28,13 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Convergence, OnStep, Solution, Status, ignore
 from stickslip.solvers.linear.eigenvalues import extreme_eigenvalue, without_symmetry
 from stickslip.solvers.linear.petsc_solver import PetscOptions
-from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Refusal, Setup, Solve
+from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Refusal, Setup, Solve, keys_of
 from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.newton.surface_model import nearest_in_cone
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.scene.problem import Problem
 
 log = logging.getLogger(__name__)
-# keys without effect where outer = "ksp"
-OF_UZAWA = (
-    "preconditioner",
-    "gram",
-    "inner_solves",
-    "inner_rule",
-    "inner_tolerance",
-    "relaxation",
-    "alpha",
-    "rates",
-    "friction_update",
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +94,7 @@ class BlockUzawa(FixedStep, GramKeys, InnerKeys, Method):
         """Keys that have no effect together."""
         if self.outer == "ksp":
             default = BlockUzawa()
-            for key in OF_UZAWA:
+            for key in [key for key in keys_of(BlockUzawa) if key not in ("outer", "petsc_options")]:
                 if getattr(self, key) != getattr(default, key):
                     yield key, getattr(self, key), 'with outer = "ksp" does not use it; use outer = "uzawa"'
         elif self.preconditioner == "gram" and self.alpha is not None:
@@ -190,7 +178,8 @@ class OnBlocks(Ready):
 
         def solve(p: Array) -> Solved:  # F(u_{k+1}) = f - B^T p_k + delta_k
             nonlocal last
-            allowed = method.inner(problem, last, p, lambda change: 0.3 * self._norm(change)) if inexact else None
+            change = None if last is None else 0.3 * self._norm(p - last.p)
+            allowed = method.inner(problem, last, p, change) if inexact else None
             p, u_c = blocks.solve(p, q, allowed)
             if inexact and problem.natural_residual(p, problem.relative_displacement(u_c)) <= method.rtol:
                 p, u_c = blocks.solve(p, q, None)  # delta = 0: the residual is that of the answer

@@ -5,7 +5,7 @@ The bodies with these faces, F(u) = K_B u + j_n'(u), are a nonlinear problem, so
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Annotated, ClassVar, Literal
 
@@ -186,12 +186,12 @@ class NonlinearUzawa(Relaxation, FrictionUpdates, InnerKeys, Stateless):
         bodies = CompliantBodies(problem, condensed(problem.surface))
         last: Solved | None = None
         springs, alpha, V = np.full(len(p), np.inf), 1.0, None
-        exact, inner = self.outer_metric == "jacobian", self.inner
+        exact, share = self.outer_metric == "jacobian", 1.0
 
         def solve(p: Array) -> Solved:
             nonlocal last, springs, alpha, V
             start = problem.load.free if last is None else last.u_c
-            p, u_c, V = bodies.solve(p, start, inner(problem, last, p))
+            p, u_c, V = bodies.solve(p, start, self.inner(problem, last, p, share=share))
             if problem.natural_residual(p, problem.relative_displacement(u_c)) <= self.rtol:
                 p, u_c, V = bodies.solve(p, u_c, negligible(problem, self.rtol))
             k = bodies.springs(p)
@@ -201,13 +201,12 @@ class NonlinearUzawa(Relaxation, FrictionUpdates, InnerKeys, Stateless):
             return last
 
         def advance(step: SurfaceProblem, found: Solved, w: Array, residual: float) -> Array | None:
-            nonlocal inner
+            nonlocal share
             if not exact:
                 return projected(step, found, w, residual)
             assert V is not None  # an inner solve comes first
-            small = min(residual, 1.0)
-            inner = replace(self.inner, share=self.inner.share * small)
-            nearest = nearest_in_cone(step, bodies.metric(V), found.p, w, max(small**2, self.rtol))
+            share = min(residual, 1.0)
+            nearest = nearest_in_cone(step, bodies.metric(V), found.p, w, max(share**2, self.rtol))
             return None if nearest is None else nearest.p
 
         outer = Outer(rtol=self.rtol, max_it=self.max_it, friction_update=self.friction_update, advance=advance)

@@ -151,40 +151,17 @@ InnerRule = Literal["elman-golub", "bramble-pasciak-vassilev"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class InnerTolerance:
-    """||delta_k|| <= tau_k, where ||.|| is the energy norm of the error that delta_k causes [J^(1/2)].
+class InnerKeys(Keys):
+    """Keys of [solver] for the accuracy of inner solves: ||delta_k|| <= tau_k.
 
-    elman-golub: tau_k is `share` times the outer residual B u_k + K_C p_{k-1} - R_C. The source has no projection; here
-    the outer residual is (p_k - p_{k-1}) / alpha, after projection. Its norm in the metric Q times sqrt(alpha) is an
-    energy norm. bramble-pasciak-vassilev: tau_k is `share` times ||delta|| at the start u_k of the inner solve.
+    ||.|| is the energy norm of the error that delta_k causes [J^(1/2)]. elman-golub: tau_k is `inner_tolerance` times
+    the outer residual B u_k + K_C p_{k-1} - R_C. The source has no projection; here the outer residual is
+    (p_k - p_{k-1}) / alpha, after projection. Its norm in the metric Q times sqrt(alpha) is an energy norm.
+    bramble-pasciak-vassilev: tau_k is `inner_tolerance` times ||delta|| at the start u_k of the inner solve.
 
     Source: Elman & Golub, SIAM J. Numer. Anal. 31 (1994); Bramble, Pasciak & Vassilev, ibid. 34 (1997). The norm is
     that of the second; Elman & Golub use the Euclidean norm, which would add newtons to metres here.
     """
-
-    rule: InnerRule = "elman-golub"
-    share: float = 0.3
-
-    def __call__(
-        self, problem: SurfaceProblem, last: Solved | None, p: Array, norm: Callable[[Array], float] | None = None
-    ) -> Allowed:
-        """Tolerance of an inner solve; for the first one it is relative to ||delta|| at its start.
-
-        Args:
-            last: the inner solve before; None: this is the first one.
-            p: tractions (rows,) [Pa] that load the bodies.
-            norm: of a change of tractions (rows,) [Pa] in the metric Q / alpha [J^(1/2)]; None: Q = W.
-        """
-        if last is None or self.rule == "bramble-pasciak-vassilev":
-            return lambda start: self.share * start
-        change = p - last.p
-        outer = norm(change) if norm else np.sqrt(change @ (problem.surface.W * change) / last.alpha)
-        return constant(problem, self.share * outer)
-
-
-@dataclass(frozen=True, kw_only=True)
-class InnerKeys(Keys):
-    """Keys of [solver] for the accuracy of inner solves."""
 
     inner_rule: Annotated[
         InnerRule,
@@ -196,9 +173,23 @@ class InnerKeys(Keys):
         super().__post_init__()
         require(0 < self.inner_tolerance < 1, "inner_tolerance", self.inner_tolerance, "must lie between 0 and 1")
 
-    @property
-    def inner(self) -> InnerTolerance:
-        return InnerTolerance(rule=self.inner_rule, share=self.inner_tolerance)
+    def inner(
+        self, problem: SurfaceProblem, last: Solved | None, p: Array, outer: float | None = None, share: float = 1.0
+    ) -> Allowed:
+        """Tolerance of an inner solve; for the first one it is relative to ||delta|| at its start.
+
+        Args:
+            last: the inner solve before; None: this is the first one.
+            p: tractions (rows,) [Pa] that load the bodies.
+            outer: norm of their change in the metric Q / alpha [J^(1/2)]; None: Q = W.
+            share: of `inner_tolerance`.
+        """
+        share *= self.inner_tolerance
+        if last is None or self.inner_rule == "bramble-pasciak-vassilev":
+            return lambda start: share * start
+        if outer is None:
+            outer = float(np.sqrt((p - last.p) @ (problem.surface.W * (p - last.p)) / last.alpha))
+        return constant(problem, share * outer)
 
 
 def negligible(problem: SurfaceProblem, rtol: float) -> Allowed:

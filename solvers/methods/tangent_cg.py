@@ -17,12 +17,13 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import MemoisedMap
 from stickslip.solvers.iteration import USUAL, Correction, Driver, Iterate, OnStep, Solution, Stall, Status, ignore
 from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Setup, Solve, Turn
 from stickslip.solvers.parallel.serialise import Own, Plain
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.solvers.tangent.laws import CompliantFaces, ContactPoints, Tangent
-from stickslip.solvers.tangent.operator import CoarseMotions, LoadScale, TangentOperator, chebyshev
+from stickslip.solvers.tangent.operator import CoarseMotions, TangentOperator, chebyshev
 
 SMOOTHING = 6  # at the contact, before and after a multigrid cycle: with four, points that slip take up to a sixth more
 PATIENCE = 150  # iterations of a step, if another form of the bodies can take over
@@ -70,13 +71,13 @@ class OnTangent(Ready):
         held: numbers of the coordinates that multigrid holds; None: of all slave nodes.
         coarse: motions that are added to the iteration, made when they are needed.
         moved: free displacements (owned,) of about the last step: under loads that grow they are most of the next.
-        scale: of the last loads; the surface has it too.
+        scale: from forces to about the displacement (c,) under them, by a multigrid cycle; the surface has it too.
     """
 
     held: Ints | None
     coarse: CoarseMotions | None
     moved: Array | None
-    scale: LoadScale
+    scale: MemoisedMap
 
     def __init__(self, method: TangentCG, setup: Setup, before: OnTangent | None = None) -> None:
         """Set up the coordinates and multigrid; collective.
@@ -90,7 +91,8 @@ class OnTangent(Ready):
         holding = None if self.held is None else self._holding(self.held)
         self.operator = TangentOperator(setup.system, self.coordinates, holding)
         surface = matrix_free(setup.surface)
-        self.scale = LoadScale(self.operator, surface.volume.contact, before.scale.loads if before else [])
+        guess, read = self.operator.guess, surface.volume.contact.read
+        self.scale = MemoisedMap(lambda f: read(guess(f)), len(surface.volume.contact.rows), before and before.scale)
         surface.guess = self.scale  # which does not know the surface: in a circle both would outlive their user
         self.moved, self.coarse = before.moved if before else None, None
         if before is not None and before.coarse is not None:
@@ -98,8 +100,8 @@ class OnTangent(Ready):
 
     def snapshot(self) -> dict[str, Plain]:
         """Return what multigrid holds, whether there are coarse motions, the last step, and loads; see `restore`."""
-        moved, loads = None if self.moved is None else Own(self.moved), [(Own(f), u) for f, u in self.scale.loads]
-        return {"held": self.held, "coarse": self.coarse is not None, "moved": moved, "loads": loads}
+        moved, coarse = None if self.moved is None else Own(self.moved), self.coarse is not None
+        return {"held": self.held, "coarse": coarse, "moved": moved, "loads": self.scale.snapshot()}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
         if snapshot["held"] is not None:
@@ -108,7 +110,8 @@ class OnTangent(Ready):
             counted = self.operator.counters.linear_iterations  # when they were first made
             self.make_coarse()
             self.operator.counters.linear_iterations = counted
-        self.moved, self.scale.loads = snapshot["moved"], [(f, u) for f, u in snapshot["loads"]]
+        self.moved = snapshot["moved"]
+        self.scale.restore(snapshot["loads"], self.operator.K_B.createVecRight())
 
     def release(self) -> None:
         self.operator.release()

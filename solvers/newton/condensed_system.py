@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import cho_solve
 
-from stickslip.geometry.arrays import EXACT, HALF_DIGITS, ROUNDING, Array
+from stickslip.geometry.arrays import EXACT, ROUNDING, Array
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.schur_complement import CondensedSurface, RowStiffness
 from stickslip.solvers.newton.active_set import ActiveSet
@@ -43,13 +43,8 @@ def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
         p, u_c = by_tractions(laws, surface, surface.rho * held, u_c)
     else:
         p, u_c = by_tractions(laws, surface) if bodies is None or few else by_motion(laws, bodies)
-    load, contact = problem.load.f_c, surface.forces(p)
-    # relative force out of balance above which the linear system counts as singular
-    allowed = HALF_DIGITS * (np.abs(load).sum() + np.abs(contact).sum())
     carried_along = np.abs(problem.offset - problem.gap).max(initial=0.0)
-    allowed += EXACT * surface.total * carried_along  # a common motion causes no force but rounding
-    if np.abs(surface.R.T @ (load - contact)).sum() > allowed:
-        raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
+    laws.refuse_unbalanced(p, EXACT * surface.total * carried_along)  # a common motion causes no force but rounding
     return p, u_c
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from stickslip.geometry.arrays import HALF_DIGITS, Array
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.limit_analysis import balancing_tractions
@@ -143,7 +143,7 @@ class SurfaceSystem:
             flexibility: G.
             w_0: relative displacement (rows,) [m] of the model at p = 0, b = 0.
         """
-        self.problem, self.flexibility = laws.problem, flexibility
+        self.laws, self.problem, self.flexibility = laws, laws.problem, flexibility
         surface = self.problem.surface
         self.rows = np.flatnonzero(laws.held | laws.slip | (laws.k > 0))
         self.held = laws.held[self.rows]  # their A_p is zero, or that of a small proximal term
@@ -173,11 +173,7 @@ class SurfaceSystem:
         found = self._dense() if len(p) <= DENSE else self._iterate(np.concatenate([p[self.rows], b]), leave)
         full = np.zeros(len(p))
         full[self.rows] = found[:m]
-        surface, load = self.problem.surface, self.problem.load.resultant
-        forces = surface.forces(full)
-        # relative force out of balance above which the linear system counts as singular
-        if np.abs(load - surface.R.T @ forces).sum() > HALF_DIGITS * (np.abs(forces).sum() + np.abs(load).sum()):
-            raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
+        self.laws.refuse_unbalanced(full)
         return full, found[m:]
 
     def _dense(self) -> Array:
