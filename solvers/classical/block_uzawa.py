@@ -21,7 +21,7 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.classical.block_matrices import PREFIX, SPLITS
 from stickslip.solvers.classical.block_system import BlockSystem, NestedSystem
 from stickslip.solvers.classical.gram_uzawa import DenseMetric, GramKeys, GramMetric, inverse_root
-from stickslip.solvers.classical.uzawa import FixedStep, InnerKeys, Outer, Solved, projected
+from stickslip.solvers.classical.uzawa import FixedStep, InnerKeys, Solved, projected
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import uncondensed
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -193,8 +193,7 @@ class OnBlocks(Ready):
             nearest = nearest_in_cone(step, self._metric, found.p, w, max(residual, method.rtol))
             return None if nearest is None else nearest.p
 
-        outer = Outer(rtol=method.rtol, max_it=method.max_it, friction_update=method.friction_update, advance=advance)
-        found = outer(problem, p, solve, on_step)
+        found = method.outer(advance)(problem, p, solve, on_step)
         return replace(found, convergence=self._convergence(found)), blocks.inner.solver.direct
 
     @property

@@ -21,7 +21,6 @@ from stickslip.solvers.classical.uzawa import (
     NEWTON_STEPS,
     FrictionUpdates,
     InnerKeys,
-    Outer,
     Relaxation,
     Solved,
     negligible,
@@ -209,5 +208,4 @@ class NonlinearUzawa(Relaxation, FrictionUpdates, InnerKeys, Stateless):
             nearest = nearest_in_cone(step, bodies.metric(V), found.p, w, max(share**2, self.rtol))
             return None if nearest is None else nearest.p
 
-        outer = Outer(rtol=self.rtol, max_it=self.max_it, friction_update=self.friction_update, advance=advance)
-        return outer(problem, p, solve, on_step)
+        return self.outer(advance)(problem, p, solve, on_step)

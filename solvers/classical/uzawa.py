@@ -1,4 +1,4 @@
-"""Uzawa's methods with one step size: solve the bodies, project the contact traction onto its cone.
+"""Uzawa's methods with one step size, exact and inexact: solve the bodies, project the contact traction onto its cone.
 
 The outer loop is shared by all of Uzawa's methods here: solve the bodies, measure the residual, take a step, project.
 """
@@ -18,11 +18,12 @@ from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
+from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import PATIENT, Driver, Iterate, OnStep, Plateau, Solution, ignore
 from stickslip.solvers.laws.law import Trial
 from stickslip.solvers.linear.petsc_solver import Allowed
-from stickslip.solvers.methods.method import Applicability, Keys, Stateless
+from stickslip.solvers.methods.method import Applicability, Keys, Method, Ready, Setup, Stateless
 
 
 @dataclass(frozen=True)
@@ -49,46 +50,6 @@ def with_given_friction(problem: SurfaceProblem, p: Array) -> SurfaceProblem:
 
 
 FrictionUpdate = Literal["every iteration", "outer"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Relaxation(Keys):
-    """Key of [solver] for the step size alpha = relaxation / lambda_max."""
-
-    relaxation: Annotated[
-        float, Key("-", "step of Uzawa's methods, alpha = relaxation / lambda_max; 2 is the sharp bound")
-    ] = 1.5
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(0 < self.relaxation < 2, "relaxation", self.relaxation, "must lie between 0 and 2")
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrictionUpdates(Keys):
-    """Key of [solver]: when the friction bound follows the pressure."""
-
-    friction_update: Annotated[
-        FrictionUpdate,
-        Key("-", "when Uzawa's methods update the friction bound; outer: after each problem of given friction"),
-    ] = "every iteration"
-
-
-@dataclass(frozen=True, kw_only=True)
-class FixedStep(Relaxation, FrictionUpdates):
-    """Keys of [solver] for a fixed step size: alpha, or relaxation / lambda_max(W^-1 B K_B^-1 B^T)."""
-
-    alpha: Annotated[float | None, Key("Pa/m", "step size of Uzawa's methods; absent: from relaxation")] = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(self.alpha is None or self.alpha > 0, "alpha", self.alpha, "must be positive, in Pa/m")
-
-    def step_size(self, problem: SurfaceProblem) -> float:
-        """alpha [Pa/m]; without contact rows it has no effect."""
-        if self.alpha is not None or not len(problem.gap):
-            return self.alpha or 1.0
-        return self.relaxation / problem.surface.lambda_max
 
 
 @dataclass(frozen=True)
@@ -145,6 +106,51 @@ class Outer:
             if found is None:
                 return
             moved = found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relaxation(Keys):
+    """Key of [solver] for the step size alpha = relaxation / lambda_max."""
+
+    relaxation: Annotated[
+        float, Key("-", "step of Uzawa's methods, alpha = relaxation / lambda_max; 2 is the sharp bound")
+    ] = 1.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(0 < self.relaxation < 2, "relaxation", self.relaxation, "must lie between 0 and 2")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionUpdates(Keys):
+    """Key of [solver]: when the friction bound follows the pressure."""
+
+    friction_update: Annotated[
+        FrictionUpdate,
+        Key("-", "when Uzawa's methods update the friction bound; outer: after each problem of given friction"),
+    ] = "every iteration"
+
+    def outer(self, advance: Advance = projected) -> Outer:
+        """Return the outer iteration of a method with these keys."""
+        assert isinstance(self, Method)
+        return Outer(rtol=self.rtol, max_it=self.max_it, friction_update=self.friction_update, advance=advance)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixedStep(Relaxation, FrictionUpdates):
+    """Keys of [solver] for a fixed step size: alpha, or relaxation / lambda_max(W^-1 B K_B^-1 B^T)."""
+
+    alpha: Annotated[float | None, Key("Pa/m", "step size of Uzawa's methods; absent: from relaxation")] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.alpha is None or self.alpha > 0, "alpha", self.alpha, "must be positive, in Pa/m")
+
+    def step_size(self, problem: SurfaceProblem) -> float:
+        """alpha [Pa/m]; without contact rows it has no effect."""
+        if self.alpha is not None or not len(problem.gap):
+            return self.alpha or 1.0
+        return self.relaxation / problem.surface.lambda_max
 
 
 InnerRule = Literal["elman-golub", "bramble-pasciak-vassilev"]
@@ -247,5 +253,45 @@ class Uzawa(FixedStep, Stateless):
         def solve(p: Array) -> Solved:  # K_B u = R_B - B^T p: one volume solve
             return Solved(p, problem.contact_displacement(p), alpha)
 
-        outer = Outer(rtol=self.rtol, max_it=self.max_it, friction_update=self.friction_update)
-        return outer(problem, p, solve, on_step)
+        return self.outer()(problem, p, solve, on_step)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InexactUzawa(FixedStep, InnerKeys, Stateless):
+    """K_B u_{k+1} = R_B - B^T p_k + delta_k by conjugate gradients from u_k, ||delta_k|| <= tau_k; then as `Uzawa`.
+
+    Q = W; alpha is given, or relaxation / lambda_max. With tau_k = 0 it is `Uzawa`; for small tau_k its rate is close
+    to that of `Uzawa` (Elman & Golub; `Tied.rate` of workflows/lab/studies/saddle_points.py bounds it). Before a
+    residual below the tolerance is accepted, the bodies are solved again, so accurately that the residual is reliable.
+
+    Source: Pop (1999), (1.2); Elman & Golub, SIAM J. Numer. Anal. 31 (1994); Bramble, Pasciak & Vassilev, ibid. 34
+    (1997), section 4, where the inner iteration need not be linear, as conjugate gradients are not.
+    """
+
+    NAME: ClassVar = "inexact-uzawa"
+    WHEN: ClassVar = (
+        "as published: `uzawa` whose inner solves are a few conjugate gradients, as exact as the outer residual "
+        "asks: on the scenes tried less than one an iteration"
+    )
+    WORKS_WITH: ClassVar = Applicability(floating=False, condensed=False, contends=False)
+    ROW: ClassVar = 5
+
+    def build(self, setup: Setup) -> Ready:
+        # conjugate gradients as published: of earlier solves only the last answer is used, to start from
+        matrix_free(setup.surface).volume.remember(1)
+        return self
+
+    def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
+        surface = matrix_free(problem.surface)
+        alpha = self.step_size(problem)
+        last: Solved | None = None
+
+        def solve(p: Array) -> Solved:
+            nonlocal last
+            u_c = surface.nearly(problem.load, p, self.inner(problem, last, p))
+            if problem.natural_residual(p, problem.relative_displacement(u_c)) <= self.rtol:
+                u_c = surface.nearly(problem.load, p, negligible(problem, self.rtol))
+            last = Solved(p, u_c, alpha)
+            return last
+
+        return self.outer()(problem, p, solve, on_step)
