@@ -37,4 +37,4 @@ def extreme_eigenvalue(apply: Callable[[Array], Array], start: Array, which: Lit
 
 def without_symmetry(count: int) -> Array:
     """Return a start (count,) of Lanczos' method that is no eigenvector of bodies with a plane of symmetry."""
-    return 1 + np.sin(np.arange(count))
+    return np.asarray(1 + np.sin(np.arange(count)))

@@ -92,7 +92,9 @@ class OnTangent(Ready):
         self.operator = TangentOperator(setup.system, self.coordinates, holding)
         surface = matrix_free(setup.surface)
         guess, read = self.operator.guess, surface.volume.contact.read
-        self.scale = MemoisedMap(lambda f: read(guess(f)), len(surface.volume.contact.rows), before and before.scale)
+        self.scale = MemoisedMap(
+            lambda f: read(guess(f)), len(surface.volume.contact.rows), before.scale if before else None
+        )
         surface.guess = self.scale  # which does not know the surface: in a circle both would outlive their user
         self.moved, self.coarse = before.moved if before else None, None
         if before is not None and before.coarse is not None:
