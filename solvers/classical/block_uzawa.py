@@ -193,7 +193,7 @@ class OnBlocks(Ready):
             nearest = nearest_in_cone(step, self._metric, found.p, w, max(residual, method.rtol))
             return None if nearest is None else nearest.p
 
-        found = method.outer(advance)(problem, p, solve, on_step)
+        found = method.iteration(advance)(problem, p, solve, on_step)
         return replace(found, convergence=self._convergence(found)), blocks.inner.solver.direct
 
     @property

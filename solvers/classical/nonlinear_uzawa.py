@@ -208,4 +208,4 @@ class NonlinearUzawa(Relaxation, FrictionUpdates, InnerKeys, Stateless):
             nearest = nearest_in_cone(step, bodies.metric(V), found.p, w, max(share**2, self.rtol))
             return None if nearest is None else nearest.p
 
-        return self.outer(advance)(problem, p, solve, on_step)
+        return self.iteration(advance)(problem, p, solve, on_step)

@@ -130,7 +130,7 @@ class FrictionUpdates(Keys):
         Key("-", "when Uzawa's methods update the friction bound; outer: after each problem of given friction"),
     ] = "every iteration"
 
-    def outer(self, advance: Advance = projected) -> Outer:
+    def iteration(self, advance: Advance = projected) -> Outer:
         """Return the outer iteration of a method with these keys."""
         assert isinstance(self, Method)
         return Outer(rtol=self.rtol, max_it=self.max_it, friction_update=self.friction_update, advance=advance)
@@ -253,7 +253,7 @@ class Uzawa(FixedStep, Stateless):
         def solve(p: Array) -> Solved:  # K_B u = R_B - B^T p: one volume solve
             return Solved(p, problem.contact_displacement(p), alpha)
 
-        return self.outer()(problem, p, solve, on_step)
+        return self.iteration()(problem, p, solve, on_step)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -294,4 +294,4 @@ class InexactUzawa(FixedStep, InnerKeys, Stateless):
             last = Solved(p, u_c, alpha)
             return last
 
-        return self.outer()(problem, p, solve, on_step)
+        return self.iteration()(problem, p, solve, on_step)
