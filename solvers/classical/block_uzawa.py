@@ -26,7 +26,7 @@ from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import uncondensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Convergence, OnStep, Solution, Status, ignore
-from stickslip.solvers.linear.eigenvalues import extreme_eigenvalue, without_symmetry
+from stickslip.solvers.linear.conjugate_gradients import extreme_eigenvalue, without_symmetry
 from stickslip.solvers.linear.petsc_solver import PetscOptions
 from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Refusal, Setup, Solve, keys_of
 from stickslip.solvers.newton.semismooth import SemismoothNewton

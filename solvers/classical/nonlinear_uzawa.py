@@ -34,7 +34,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CholeskyFactor, CondensedSurface
 from stickslip.solvers.iteration import OnStep, Solution, ignore
 from stickslip.solvers.laws.normal import Compliance
-from stickslip.solvers.linear.eigenvalues import extreme_eigenvalue, without_symmetry
+from stickslip.solvers.linear.conjugate_gradients import extreme_eigenvalue, without_symmetry
 from stickslip.solvers.linear.petsc_solver import Allowed
 from stickslip.solvers.methods.method import Applicability, Stateless
 from stickslip.solvers.newton.surface_model import nearest_in_cone

@@ -15,7 +15,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Sparse, Vec
-from stickslip.solvers.linear.eigenvalues import extreme_eigenvalue, without_symmetry
+from stickslip.solvers.linear.conjugate_gradients import extreme_eigenvalue, without_symmetry
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.parallel.serialise import Plain

@@ -24,7 +24,7 @@ from stickslip.solvers.classical.gram_uzawa import (
     volume_block,
     volume_gram,
 )
-from stickslip.solvers.classical.uzawa import InexactUzawa
+from stickslip.solvers.classical.inexact_uzawa import InexactUzawa
 from stickslip.solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
