@@ -1,6 +1,5 @@
 """Every verification problem has the figures of its source by all its methods, and its checks notice what is wrong."""
 
-import inspect
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -49,7 +48,7 @@ from stickslip.workflows.lab.verification.cases import (
 from stickslip.workflows.lab.verification.cases.incline import HOLDS, SLIDES
 from stickslip.workflows.lab.verification.check import Check
 from stickslip.workflows.lab.verification.prepared import observed, prepare, system_of
-from stickslip.workflows.lab.verification.registry import CASES, Case
+from stickslip.workflows.lab.verification.registry import CASES
 from stickslip.workflows.lab.verification.step_file import on_plane, read_step, step_file
 from stickslip.workflows.run.run import run
 
@@ -58,14 +57,10 @@ TWO = (NEWTON, "uzawa")
 # tolerances are the cases' own, with their reasons there: the mesh, the digits of the source, or the solver
 
 
-def slow_methods(case: Case) -> tuple[str, ...]:
-    return getattr(inspect.getmodule(case.checks), "SLOW", ())
-
-
 @pytest.mark.parametrize(
     ("name", "method"),
     [
-        pytest.param(name, method, marks=[pytest.mark.slow] * (method in slow_methods(case)))
+        pytest.param(name, method, marks=[pytest.mark.slow] * (method in case.slow))
         for name, case in CASES.items()
         for method in case.methods
     ],
@@ -447,7 +442,7 @@ def test_quadratic_rings_converge_with_their_geometry() -> None:
 def test_shafts_pressed_into_hubs_have_the_pressure_and_stresses_of_lame() -> None:
     solid = press_fit.figures(press_fit.Fit(drawn=True), press_fit.SOLID)
     section = press_fit.figures(press_fit.Fit(model="axisymmetric"), press_fit.SECTION)
-    assert not failures(solid + section + press_fit.heated(NEWTON))
+    assert not failures(solid + section + press_fit.heated_hub(NEWTON))
 
 
 def test_hub_that_cools_does_not_touch_when_hot_and_presses_as_one_that_was_pressed_on_cold() -> None:

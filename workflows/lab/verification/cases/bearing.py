@@ -19,8 +19,8 @@ from scipy.special import ellipk, elliprd
 
 from stickslip import Contact, Material, Scene, Support
 from stickslip.geometry.arrays import Array, Bools
-from stickslip.workflows.lab.verification.check import ONE, Case, Check
-from stickslip.workflows.lab.verification.prepared import prepare, solver
+from stickslip.workflows.lab.verification.check import ONE, Check, problem
+from stickslip.workflows.lab.verification.prepared import solved, solver
 from stickslip.workflows.lab.verification.step_file import MM, NEAR, on_plane, read_step, step_file
 
 SLIMMEST = 1e-6  # b / a that is looked for
@@ -70,7 +70,6 @@ def ellipse(F: float, A: float, B: float, E_star: float) -> Ellipse:
     return Ellipse(a=a, b=b, p0=3 * F / (2 * np.pi * a * b), approach=approach)
 
 
-SLOW = ("condensed-newton",)  # methods that take more than some seconds
 BALL, RACE = 5e-3, 20e-3  # radii of the ball, and of the race at the bottom of its groove [m]
 SECTION = 6e-3  # radius of the groove's section [m]
 BLOCK = 10e-3  # edges of the segment of the ring that is drawn [m]
@@ -189,8 +188,7 @@ class Found:
 def solve(rest: Rest) -> Found:
     """Its only step."""
     with step_file(rest.draw) as path:
-        simulation = prepare(scene(rest, path))
-        (step,) = simulation.steps()
+        simulation, (step,) = solved(scene(rest, path))
     race = step.contacts["race"]
     load = 4 * float(-step.supports["ball_equator"].force[2])
     exact = rest.exact(load)
@@ -257,10 +255,8 @@ def figures(rest: Rest, fine: bool = True) -> list[Check]:
     return checks
 
 
+@problem("a ball on a groove, from a STEP file: Hertz' ellipse", methods=ONE, slow=ONE)
 def checks(method: str) -> list[Check]:
     """A loaded ball of a bearing, one on a flat, and the approach under a light load."""
     found = figures(Rest(load=HEAVY, method=method)) + figures(Rest(on="flat", cells=6.0, method=method))
     return found + figures(Rest(load=LIGHT, cells=2.0, method=method), fine=False)
-
-
-CASE = Case(about="a ball on a groove, from a STEP file: Hertz' ellipse", checks=checks, methods=ONE)

@@ -30,7 +30,7 @@ import numpy as np
 from stickslip import Coulomb, StepResult
 from stickslip.geometry.arrays import Array
 from stickslip.workflows.lab.verification.cases.sheared_column import MU, scene
-from stickslip.workflows.lab.verification.check import Case, Check, accounted
+from stickslip.workflows.lab.verification.check import METHODS, Check, accounted, problem
 from stickslip.workflows.lab.verification.prepared import observed, rotation, turned_system
 
 
@@ -130,7 +130,6 @@ STEADY = SteadyTurn(face_radius=1.8416297e-2, lag=0.4006316, dissipation=0.34713
 DISSIPATION_ERROR = {16: -0.085, 32: -0.042, 64: -0.021, 128: -0.010}  # implicit Euler, by steps a turn
 
 
-SLOW = ("condensed-newton", "uzawa", "surface-uzawa")  # methods that take more than some seconds
 E = 1000.0  # [Pa]
 TURNS = 3
 COUNTS = (16, 32, 64, 128)  # steps per turn
@@ -208,11 +207,9 @@ def turned(method: str, n: int, by: float = TURNED) -> list[Check]:
     ]  # fmt: skip
 
 
+@problem("the round friction cone in 3D, closed form", slow=METHODS)
 def checks(method: str, mu: float = MU) -> list[Check]:
     """All of them; with another mu than 0.3 they must fail."""
     counts = COUNTS[:2] if method == "surface-uzawa" else COUNTS  # this method is slow
     found = [check for n in counts for check in steady_checks(method, n, mu=mu)]
     return found + first_order(method, counts) + turned(method, 16)
-
-
-CASE = Case(about="the round friction cone in 3D, closed form", checks=checks)

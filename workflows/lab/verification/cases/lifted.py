@@ -23,7 +23,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.workflows.lab.verification.cases.column import C_N, driven_by_displacement
 from stickslip.workflows.lab.verification.cases.sheared_column import COLUMN, MU, PRESSURE, RIGID, E, M, solve
 from stickslip.workflows.lab.verification.cases.sheared_column import scene as sheared
-from stickslip.workflows.lab.verification.check import Case, Check, accounted, farthest, worst
+from stickslip.workflows.lab.verification.check import Check, accounted, farthest, problem, worst
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,10 +186,8 @@ def _unchanged(at: str, before: StepResult, now: StepResult) -> list[Check]:
     ]
 
 
+@problem("grazing, contact lost and regained, closed form")
 def checks(method: str) -> list[Check]:
     """In 2D, and in 3D along oblique paths; on rigid ground and on foundations of steep and of zero initial tangent."""
     kinds: list[tuple[int, NormalLaw]] = [(2, RIGID), (3, RIGID), *((2, law) for law in FOUNDATIONS)]
     return [check for dim, law in kinds for check in worst(checks_of(method, dim, normal=law))]
-
-
-CASE = Case(about="grazing, contact lost and regained, closed form", checks=checks)

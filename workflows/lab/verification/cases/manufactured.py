@@ -31,7 +31,7 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.solvers.fem.terms import LoadTerm
 from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.system import System
-from stickslip.workflows.lab.verification.check import Case, Check
+from stickslip.workflows.lab.verification.check import Check, problem
 from stickslip.workflows.lab.verification.prepared import accepted, solver, system_of
 
 E, NU, MU = 10.0, 0.3, 0.4
@@ -84,7 +84,6 @@ class Manufactured:
 LAWS = (Manufactured(c_n=2.0, m=1), Manufactured(c_n=400.0, m=2), Manufactured(c_n=4e4, m=3))
 
 
-SLOW = ("uzawa", "surface-uzawa")  # methods that take more than some seconds
 MESHES = (4, 8, 16, 32)
 DEGREE = 10  # quadrature degree: exact for polynomial fields, else far below the discretisation error
 NORMS = ("L2(u)", "L2(stress)", "L2(p)")
@@ -178,9 +177,7 @@ def rates(method: str, law: Manufactured, order: int, meshes: Sequence[int] = ME
     ]
 
 
+@problem("rates of convergence, both orders, three laws", slow=("uzawa", "surface-uzawa"))
 def checks(method: str, mu: float = MU) -> list[Check]:
     """All laws and both orders; with another mu than 0.4 they must fail."""
     return [check for law in LAWS for order in RATES for check in rates(method, law, order, mu=mu)]
-
-
-CASE = Case(about="rates of convergence, both orders, three laws", checks=checks)

@@ -16,7 +16,7 @@ import numpy as np
 from stickslip import Contact, Material, Scene, Simulation, StepResult, Steps, Support
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.effects.thermal import Thermal
-from stickslip.workflows.lab.verification.check import TWO, Case, Check, close
+from stickslip.workflows.lab.verification.check import METHODS, TWO, Check, close, problem
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import MM, on_cylinder, on_plane, read_step, step_file
 
@@ -95,7 +95,6 @@ def pressure(shaft: Shaft, hub: Hub, interference: float, expanded: float = 0.0)
     return max(interference - expanded * hub.bore, 0.0) / float(gives[0])
 
 
-SLOW = ("condensed-newton", "uzawa", "surface-uzawa")  # methods that take more than some seconds
 SHAFT = Shaft(radius=0.02, E=210e9, nu=0.3)
 HUB = Hub(bore=0.02, outer=0.04, E=70e9, nu=0.33)
 THICK = 0.005  # [m]
@@ -280,6 +279,7 @@ def figures(fit: Fit, reach: Reach) -> list[Check]:
     return checks
 
 
+@problem("a shaft pressed into a hub, from a STEP file, Lamé's closed form", slow=METHODS)
 def checks(method: str) -> list[Check]:
     """Pressed in cold: a quarter of both and their section, by gap_offset and drawn too large."""
     found = figures(Fit(method=method), SOLID)
@@ -292,11 +292,8 @@ def checks(method: str) -> list[Check]:
     return found
 
 
-def heated(method: str) -> list[Check]:
+@problem("a hub from a STEP file shrinks onto its shaft, Lamé", methods=TWO, slow=TWO)
+def heated_hub(method: str) -> list[Check]:
     """The hub is put on hot, without touching, and cools: first it grips, then it presses as if pressed on cold."""
     found = figures(Fit(heated=True, method=method), SOLID)
     return found + figures(Fit(model="axisymmetric", heated=True, method=method), SECTION)
-
-
-CASE = Case(about="a shaft pressed into a hub, from a STEP file, Lamé's closed form", checks=checks)
-HEATED_HUB = Case(about="a hub from a STEP file shrinks onto its shaft, Lamé", checks=heated, methods=TWO)

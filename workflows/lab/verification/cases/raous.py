@@ -21,7 +21,7 @@ import numpy as np
 from stickslip import Block, Compliance, Contact, Coulomb, Load, Material, Plane, Scene, Steps, Support, Unilateral
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, StepResult
-from stickslip.workflows.lab.verification.check import Case, Check, accounted, within
+from stickslip.workflows.lab.verification.check import Check, accounted, problem, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 SIDE = 0.04  # [m]
@@ -88,7 +88,6 @@ def state(x: float) -> Literal["open", "slip", "stick"]:
     return "slip" if x < SLIP_UNTIL else "stick"
 
 
-SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 N = 32
 RAMPS = (1, 2, 5, 20)  # steps
 CELL = SIDE / N  # [m]
@@ -206,9 +205,7 @@ def once(method: str, mu: float = MU) -> list[Check]:
     return displacements(method, mu=mu) + forces(method, mu) + zones(method, mu)
 
 
+@problem("block of Raous, Chabrand and Lebon, published figures", slow=("surface-uzawa",))
 def checks(method: str) -> list[Check]:
     """All of them."""
     return once(method) + ramped(method)
-
-
-CASE = Case(about="block of Raous, Chabrand and Lebon, published figures", checks=checks)

@@ -7,10 +7,9 @@ import numpy as np
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.lab.verification.cases import raous
 from stickslip.workflows.lab.verification.cases import raous as raous_case
-from stickslip.workflows.lab.verification.check import Case, Check
-from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.check import Check, problem
+from stickslip.workflows.lab.verification.prepared import solved
 
-SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 N = 64  # cells a side: with half of them, where the face opens moves the shift at k = 1000 by half of it
 RIGID = 1e8  # k whose own shift is 4e-9
 UZAWA_UP_TO = 100  # its iterations grow as k: 743 and 5719 at k = 10 and 100
@@ -19,12 +18,12 @@ UZAWA_UP_TO = 100  # its iterations grow as k: 743 and 5719 at k = 10 and 100
 @lru_cache
 def solve(method: str, k: float, mu: float = raous.MU) -> tuple[StepResult, float]:
     """The only step, and its u_x at x = 0 [m]."""
-    simulation = prepare(raous_case.scene(method, mu=mu, n=N, k=k))
-    (step,) = simulation.steps()
+    simulation, (step,) = solved(raous_case.scene(method, mu=mu, n=N, k=k))
     corner = np.argmin(simulation.data.surfaces["base"][0][:, 0])
     return step, float(step.contacts["base"].slip[corner, 0])
 
 
+@problem("the same block, its face compliant: the shift", slow=("surface-uzawa",))
 def checks(method: str, mu: float = raous.MU) -> list[Check]:
     """Against the limit of the same law on the same mesh; with another mu than 1 all must fail."""
     limit = solve("condensed-newton", RIGID)[1]
@@ -39,6 +38,3 @@ def checks(method: str, mu: float = raous.MU) -> list[Check]:
         for at in raous.COMPLIANCE_SHIFTS
         if method != "uzawa" or at.k <= UZAWA_UP_TO
     ]
-
-
-CASE = Case(about="the same block, its face compliant: the shift", checks=checks)

@@ -23,7 +23,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.normal import Bilateral, Unilateral
 from stickslip.solvers.results.step_result import SLIP, ContactState, StepResult
-from stickslip.workflows.lab.verification.check import CYCLES, FLOATING, Case, Check, accounted, repeats, within
+from stickslip.workflows.lab.verification.check import CYCLES, FLOATING, Check, accounted, problem, repeats, within
 from stickslip.workflows.lab.verification.prepared import prepare
 
 LENGTH, HEIGHT = 1.0, 0.02  # [m]
@@ -225,11 +225,9 @@ def coulomb(method: str, normal: NormalLaw = Unilateral()) -> list[Check]:  # no
     ]
 
 
+@problem("a strip slips from its end: partial slip, hysteresis", methods=FLOATING)
 def checks(method: str) -> list[Check]:
     """All of them; nothing but the bed holds the strip up, which a method must be able to solve."""
     if method != "condensed-newton":
         return cycled(method, n=COARSE)
     return figures(method) + cycled(method) + cycled(method, COULOMB, Unilateral(), COARSE) + coulomb(method)
-
-
-CASE = Case(about="a strip slips from its end: partial slip, hysteresis", checks=checks, methods=FLOATING)

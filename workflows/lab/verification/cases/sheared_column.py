@@ -27,7 +27,7 @@ from stickslip.solvers.laws.normal import Compliance, Unilateral
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.results.step_result import ContactState, StepResult
 from stickslip.workflows.lab.verification.cases import column
-from stickslip.workflows.lab.verification.check import CYCLES, Case, Check, accounted, close, farthest, repeats
+from stickslip.workflows.lab.verification.check import CYCLES, Check, accounted, close, farthest, problem, repeats
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 
@@ -91,7 +91,6 @@ TABLE = ShearHistory(
 )
 
 
-SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 E, NU = 2600.0, 0.3  # G = 1000 Pa
 PRESSURE = 10.0  # [Pa]
 M = column.constrained_modulus(E, NU)
@@ -224,6 +223,7 @@ def cycled(method: str, mu: float = MU, k_T: float | None = None, dim: int = 2) 
     return areas + repeats(name, moved, len(turn)) + accounted(name, [pressed, *moved])
 
 
+@problem("stick, slip, reversal, dissipation, closed form", slow=("surface-uzawa",))
 def checks(method: str, mu: float = MU) -> list[Check]:
     """All of them; with another mu than 0.3 those of Coulomb and Tresca must fail."""
     found = [check for name, law in laws(mu).items() for check in driven(method, name, law)]
@@ -231,6 +231,3 @@ def checks(method: str, mu: float = MU) -> list[Check]:
     for c_T, m_T, k_T in BY_PENETRATION:
         found += penetrating(method, c_T, m_T, k_T) + threshold(method, c_T, m_T)
     return found
-
-
-CASE = Case(about="stick, slip, reversal, dissipation, closed form", checks=checks)

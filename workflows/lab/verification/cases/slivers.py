@@ -18,7 +18,7 @@ from stickslip.workflows.lab.verification.cases import column
 from stickslip.workflows.lab.verification.cases import column as column_case
 from stickslip.workflows.lab.verification.cases import incline as incline_case
 from stickslip.workflows.lab.verification.cases.incline import HOLDS
-from stickslip.workflows.lab.verification.check import TWO, Case, Check, farthest, within
+from stickslip.workflows.lab.verification.check import TWO, Check, farthest, problem, within
 from stickslip.workflows.lab.verification.prepared import observed, solver, system_of
 
 ASPECT = 1e3
@@ -103,6 +103,7 @@ def thin(name: str, method: str) -> list[Check]:
     return [*found, within(f"{name}, aspect {ASPECT:g}: iterations", step.iterations, 0, limit)]
 
 
+@problem("cells of aspect 1000, closed forms and iterations", methods=TWO)
 def checks(method: str) -> list[Check]:
     """All that the method can solve."""
     return [
@@ -111,6 +112,3 @@ def checks(method: str) -> list[Check]:
         if METHODS[method].WORKS_WITH.floating or not s.floating
         for c in thin(name, method)
     ]
-
-
-CASE = Case(about="cells of aspect 1000, closed forms and iterations", checks=checks, methods=TWO)

@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip import Contact, Material, Scene, Steps, Support, TwoBlocks
 from stickslip.solvers.effects.body_forces import BodyForce
-from stickslip.workflows.lab.verification.check import Case, Check, close, farthest
+from stickslip.workflows.lab.verification.check import Check, close, farthest, problem
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E_1, E_2 = 1000.0, 3000.0  # [Pa]
@@ -69,6 +69,7 @@ def scene(method: str, order: Literal[1, 2] = 1) -> Scene:
     )
 
 
+@problem("bars that sinusoidal body forces push together, closed form")
 def checks(method: str, order: Literal[1, 2] = 1) -> list[Check]:
     """Pressure, displacement of both ends, and energy of every step; the gap is closed after the first ones."""
     simulation, found, work = prepare(scene(method, order)), list[Check](), 0.0
@@ -87,6 +88,3 @@ def checks(method: str, order: Literal[1, 2] = 1) -> list[Check]:
             close(f"{at}: energy out of balance [J]", float(np.abs(off)), 0.0, TOLERANCE, work),
         ]
     return found
-
-
-CASE = Case(about="bars that sinusoidal body forces push together, closed form", checks=checks)

@@ -32,13 +32,12 @@ from stickslip.workflows.lab.verification.cases.patch import Patch
 from stickslip.workflows.lab.verification.cases.press_fit import Fit
 from stickslip.workflows.lab.verification.cases.punch import Cut
 from stickslip.workflows.lab.verification.cases.shrink_fit import Press
-from stickslip.workflows.lab.verification.check import TWO, Case, Check
+from stickslip.workflows.lab.verification.check import TWO, Check, problem
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import step_file
 from stickslip.workflows.lab.verification.units import in_millimetres, millimetres
 from stickslip.workflows.scene_file.read import read
 
-SLOW = ("condensed-newton", "uzawa")  # methods that take more than some seconds
 TOLERANCE = 1e-9  # of the largest value of the same unit
 COARSE = {
     "block": ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"],
@@ -193,10 +192,8 @@ def in_both(name: str, metres: Scene) -> list[Check]:
     ]
 
 
+@problem("every scene in mm, N, MPa: the same answers", methods=TWO, slow=TWO)
 def checks(method: str) -> list[Check]:
     """All of them."""
     names = [name for name in SCENES if METHODS[method].WORKS_WITH.floating or name not in FLOATING + GRADED]
     return [check for name in names for check in compared(name, method)] + from_step(method)
-
-
-CASE = Case(about="every scene in mm, N, MPa: the same answers", checks=checks, methods=TWO)

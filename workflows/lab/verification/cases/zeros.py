@@ -13,7 +13,7 @@ from stickslip import Block, Contact, FrictionLaw, Load, Material, Plane, Scene,
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.solvers.laws.friction import Coulomb, Tresca
 from stickslip.solvers.method_registry import METHODS
-from stickslip.workflows.lab.verification.check import Case, Check, within
+from stickslip.workflows.lab.verification.check import Check, problem, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E, NU, MU = 1000.0, 0.3, 0.3
@@ -128,10 +128,8 @@ def no_friction(method: str, mu: float = 0.0) -> list[Check]:
     return found
 
 
+@problem("no force, friction, increment, bound or touch: nothing changes")
 def checks(method: str) -> list[Check]:
     """All of them."""
     floating = no_force(method, held=False) if METHODS[method].WORKS_WITH.floating else []
     return no_force(method) + floating + no_touch(method) + no_increment(method) + no_friction(method)
-
-
-CASE = Case(about="no force, friction, increment, bound or touch: nothing changes", checks=checks)
