@@ -37,7 +37,6 @@ from stickslip.workflows.lab.verification.cases import (
     press_fit,
     punch,
     raous,
-    raous_compliance,
     shear_lag,
     shrink_fit,
     slivers,
@@ -137,13 +136,13 @@ def test_checks_of_raous_fail_without_friction(method: str) -> None:
 
 
 def test_checks_of_a_compliant_block_notice_other_friction_and_rigid_springs(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert len(failures(raous_compliance.checks(NEWTON, mu=0.9))) == 4
+    assert len(failures(raous.raous_compliance(NEWTON, mu=0.9))) == 4
     monkeypatch.setattr(raous, "Coulomb", lambda mu, k_T: Coulomb(mu=mu))  # rigid before slip
-    raous_compliance.solve.cache_clear()
+    raous.softened.cache_clear()
     try:
-        assert len(failures(raous_compliance.checks(NEWTON))) >= 2
+        assert len(failures(raous.raous_compliance(NEWTON))) >= 2
     finally:
-        raous_compliance.solve.cache_clear()
+        raous.softened.cache_clear()
 
 
 def test_no_error_of_the_manufactured_solution_falls_without_friction() -> None:
@@ -319,9 +318,9 @@ def test_springs_that_start_again_take_a_soft_penalty_back() -> None:
 
 
 def test_huge_stiffness_of_a_face_changes_neither_the_answer_nor_the_effort() -> None:
-    limit, u_limit = raous_compliance.solve(NEWTON, raous_compliance.RIGID)
+    limit, u_limit = raous.softened(NEWTON, raous.STIFFEST)
     for k in (1e4, 1e6):
-        step, u = raous_compliance.solve(NEWTON, k)
+        step, u = raous.softened(NEWTON, k)
         assert_allclose(u, u_limit, rtol=0.5 / k)  # the published shift is .43 / k
         assert_allclose(step.contacts["base"].force, limit.contacts["base"].force, rtol=5 / k)
         assert step.substeps == limit.substeps == 1

@@ -60,7 +60,6 @@ def scene(dim: int, method: str) -> Scene:
     )
     foot = Support(boundary="lower.bottom", displacement=dict.fromkeys("xyz"[:dim], 0.0))  # type: ignore[arg-type]
     return Scene(
-        title="Bolted joint",
         model="3d" if dim == 3 else "plane strain",
         geometry=TwoBlocks(length=LENGTH, width=WIDTH if dim == 3 else None, height=HEIGHT, mesh_size=0.5),
         bodies={"upper": Material(E=E, nu=0.0), "lower": Material(E=E, nu=0.0)},

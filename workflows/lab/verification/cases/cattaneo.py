@@ -107,7 +107,6 @@ def _scene(pair: Two, supports: dict[str, Support], friction: Coulomb | None = N
     other = {"upper": "lower", "lower": "upper"}[pair.slave]
     base = Support(boundary="lower.base", displacement={"x": 0.0, "y": 0.0})
     return Scene(
-        title="Two cylinders",
         model="plane strain",
         geometry=Cylinders(
             radius=R, contact_radius=NEAR * A, mesh_size=R / 8, lower_mesh_size=R / 8 * pair.ratio,

@@ -167,7 +167,6 @@ def scene(
     across = (0.0,) * (dim - 1)
     normal = Compliance(c_n=c_n, m_n=m)
     return Scene(
-        title="Column on a compliant foundation",
         model="3d" if dim == 3 else "plane strain",
         geometry=Block(
             length=1.0, width=1.0 if dim == 3 else None, height=1.0, mesh_size=mesh_size, cells=cells, order=order

@@ -45,7 +45,6 @@ def scene(dim: int, method: str) -> Scene:
     across = (0.0,) * (dim - 1)
     tractions = {"top": (SHEAR, *across), "right": (*across, SHEAR), "left": (*across, -SHEAR)}
     return Scene(
-        title="Column on an elastic bed",
         model="3d" if dim == 3 else "plane strain",
         geometry=Block(length=1.0, width=1.0 if dim == 3 else None, height=HEIGHT, mesh_size=0.5),
         bodies={"block": Material(E=E, nu=0.0)},

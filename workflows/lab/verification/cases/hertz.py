@@ -123,7 +123,6 @@ def scene(touch: Touch) -> Scene:
     cuts = dict(zip(planes, ({"x": 0.0}, {"y": 0.0}), strict=False))
     fixed: dict[Any, float] = dict.fromkeys("xyz"[: touch.dim], 0.0)
     return Scene(
-        title="Hertz contact",
         model=touch.model,
         geometry=geometry,
         bodies={body: Material(E=E, nu=touch.nu)},

@@ -73,7 +73,6 @@ TOLERANCE = 1e-9  # the solver's 1e-12, the condition of the mesh, about 100, an
 def scene(method: str, mu: float) -> Scene:
     """A metre of the layer; x runs down the slope."""
     return Scene(
-        title="Layer on an incline",
         model="plane strain",
         geometry=Block(length=1.0, height=LAYER.height, mesh_size=1 / CELLS, cells="tensor"),
         bodies={"block": Material(E=LAYER.E, nu=LAYER.nu, density=LAYER.weight / G)},

@@ -97,7 +97,6 @@ def scene(method: str, limit: Limit) -> Scene:
     """A block that only the ground holds."""
     L, H = limit.length, limit.height
     return Scene(
-        title="Block held by friction alone",
         model="plane strain",
         geometry=Block(length=L, height=H, mesh_size=0.25, cells="tensor"),
         bodies={"block": Material(E=E, nu=NU)},

@@ -38,7 +38,6 @@ def pressed(
     for axis, move in zip(HORIZONTAL, way, strict=False):
         moves[axis] = ((1.0, 0.0), (2.0, move), (3.0, move / 2))
     return Scene(
-        title="Two bodies, one pressed and sheared on the other",
         model=model,
         geometry=geometry,
         bodies={"upper": Material(E=1000.0, nu=0.3), "lower": Material(E=3000.0, nu=0.2)},

@@ -72,7 +72,6 @@ def scene(patch: Patch) -> Scene:
     slave = {"upper": "upper.bottom", "lower": "lower.top"}[patch.slave]
     operator: Operator = {2: "node-to-segment", 3: "node-to-face"}[patch.dim] if patch.nodal else "mortar"  # type: ignore[assignment]
     return Scene(
-        title="Patch test of two blocks",
         model="plane strain" if patch.dim == 2 else "3d",
         geometry=_blocks(patch),
         bodies={"upper": Material(E=E * patch.contrast, nu=nu), "lower": Material(E=E, nu=nu)},

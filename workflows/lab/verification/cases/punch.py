@@ -99,7 +99,6 @@ def scene(cut: Cut) -> Scene:
     """Block held at its bottom, the punch driven down; its load is a result."""
     half = {"axis": Support(boundary="half_space.axis", displacement={"x": 0.0})} if cut.symmetric else {}
     return Scene(
-        title="Rigid flat punch on a half-plane",
         model="plane strain",
         geometry=HalfSpace(
             contact_half_width=1.0,

@@ -108,7 +108,6 @@ def scene(press: Press) -> Scene:
     law = Unilateral() if press.c_n == inf else Compliance(c_n=press.c_n, m_n=press.m)
     # as many cells along both circles of a ring: those of the outermost one decide
     return Scene(
-        title="Shrink fit of two rings",
         model="plane strain",
         geometry=Rings(
             inner_radius=INNER,

@@ -49,7 +49,6 @@ def squeezed(points: Array) -> Array:
 def block(method: str) -> Scene:
     """Laterally free on a frictionless floor, under a uniform pressure: the state is uniform."""
     return Scene(
-        title="Block under uniform pressure",
         model="plane strain",
         geometry=Block(length=1.0, height=1.0, mesh_size=1 / CELLS),
         bodies={"block": Material(E=E, nu=NU)},

@@ -54,7 +54,6 @@ def scene(method: str, order: Literal[1, 2] = 1) -> Scene:
     growing = f"{A_1}*E*sin(pi*(y+1)/2) * (1-cos(pi*t))/2"
     ramped = f"-{A_2}*E*sin(pi*y)"
     return Scene(
-        title="Two bars under body forces",
         model="plane strain",
         geometry=TwoBlocks(length=0.25, height=1.0, mesh_size=0.125, cells="tensor", order=order),
         bodies={"lower": Material(E=E_1, nu=0.0), "upper": Material(E=E_2, nu=0.0)},

@@ -35,7 +35,6 @@ def scene(
 ) -> Scene:
     """Unit block above a floor at -gap, its top moved by `top`, its left side under a pressure `load` [Pa]."""
     return Scene(
-        title="Block with nothing to do",
         model="plane strain",
         geometry=Block(length=1.0, height=1.0, mesh_size=0.25),
         bodies={"block": Material(E=E, nu=NU)},
