@@ -14,10 +14,7 @@ import numpy as np
 from stickslip import Block, Contact, Load, Material, Plane, Scene, StepResult, Support
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.method_registry import METHODS
-from stickslip.workflows.lab.verification.cases import column
-from stickslip.workflows.lab.verification.cases import column as column_case
-from stickslip.workflows.lab.verification.cases import incline as incline_case
-from stickslip.workflows.lab.verification.cases.incline import HOLDS
+from stickslip.workflows.lab.verification.cases import column, incline
 from stickslip.workflows.lab.verification.check import TWO, Check, farthest, problem, within
 from stickslip.workflows.lab.verification.prepared import observed, solver, system_of
 
@@ -74,11 +71,11 @@ def uniform(step: StepResult) -> list[Check]:
 
 def pressed(dim: int, m: int) -> Thin:
     """The column on a compliant foundation."""
-    c_n, g, top = column_case.C_N[m], column_case.GAP, 0.01
-    exact = column.driven_by_displacement(M=column_case.M, U=top, g=g, c_n=c_n, m=m)
+    c_n, g, top = column.C_N[m], column.GAP, 0.01
+    exact = column.driven_by_displacement(M=column.M, U=top, g=g, c_n=c_n, m=m)
     return Thin(
-        lambda method: column_case.scene(dim=dim, method=method, c_n=c_n, m=m, g=g, top=top, mesh_size=1 / CELLS),
-        lambda step: column_case.compare(f"column {dim}D, m = {m}", step, exact, g, TOLERANCE),
+        lambda method: column.scene(dim=dim, method=method, c_n=c_n, m=m, g=g, top=top, mesh_size=1 / CELLS),
+        lambda step: column.compare(f"column {dim}D, m = {m}", step, exact, g, TOLERANCE),
     )
 
 
@@ -86,8 +83,8 @@ SCENES: Mapping[str, Thin] = {
     **{f"column {dim}D, m = {m}": pressed(dim, m) for dim in (2, 3) for m in (1, 2, 3)},
     "block under pressure": Thin(block, uniform, floating=True),
     "layer on an incline": Thin(
-        lambda method: incline_case.scene(method, HOLDS),
-        lambda step: incline_case.resting(step, "layer", TOLERANCE),
+        lambda method: incline.scene(method, incline.HOLDS),
+        lambda step: incline.resting(step, "layer", TOLERANCE),
         floating=True,
     ),
 }
