@@ -16,6 +16,7 @@ from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Sparse, UflExpr, UflForm, Vec
+from stickslip.geometry.surfaces.faces import split_at_edges
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.contact.pairing import pair_up
 from stickslip.solvers.contact.rows import ContactRows
@@ -34,8 +35,6 @@ from stickslip.solvers.scene.timeline import Course, Place
 from stickslip.solvers.system.applied_loads import AppliedLoads, InitialStrains
 from stickslip.solvers.system.contact_interface import ContactInterface, Obstacles
 from stickslip.solvers.system.stiffness import AveragedStiffness, Products, Stiffness
-
-NOTHING = 1e-20  # stiffness of what shrinks, relative to E: below it is rounding [m]
 
 
 @dataclass(frozen=True)
@@ -191,7 +190,7 @@ def contact_rows(
     problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes, constraints: Constraints
 ) -> tuple[ContactRows, ...]:
     """Rows of all contacts of the problem, their surfaces gathered on every rank; collective."""
-    sides = {s: gather_surface(mesh, space, nodes, s) for s in problem.request.contact_sides}
+    sides = {s: split_at_edges(gather_surface(mesh, space, nodes, s)) for s in problem.request.contact_sides}
     return pair_up(problem, sides, constraints, {})
 
 
@@ -257,7 +256,8 @@ def _initial_strains(
             if one.body == other.body:
                 pair = (one, other, means[i]) if means[i] is not None else (other, one, means[j])
                 coupling[i, j] = weak.initial_energy(*pair)
-        if one.shrunk is not None and coupling[i, i] <= NOTHING * problem.bodies[one.body].modulus:
+        # stiffness of what shrinks, relative to E [m]: below it is rounding
+        if one.shrunk is not None and coupling[i, i] <= 1e-20 * problem.bodies[one.body].modulus:
             assert isinstance(one.drive, Place)
             key = f"{one.drive.table}.{one.drive.name}.shank"
             raise SceneError(f"{key}: no part of {one.body} lies between the two planes")

@@ -3,8 +3,8 @@
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from stickslip.workflows.lab.verification.check import ONE, Case, Check, close
-from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.check import ONE, Check, close, problem
+from stickslip.workflows.lab.verification.prepared import solved
 from stickslip.workflows.scene_file.read import from_dict
 
 HARD, SOFT, STRETCH, PULL = 1000.0, 200.0, 3e-3, 1.0  # [Pa], [Pa], [m], [Pa]; squares of 1 m, nu = 0
@@ -53,11 +53,12 @@ def stretched(x: int, y: int, pull: float | None = None) -> tuple[float, float]:
             },
             Path(folder),
         )
-        (step,) = prepare(scene).steps()
+        _, (step,) = solved(scene)
     force = -sum(float(support.force[0]) for name, support in step.supports.items() if name.endswith("left"))
     return force, float(step.probes["middle"].displacement[0])
 
 
+@problem("two materials that share nodes: in series, side by side", methods=ONE)
 def checks(method: str) -> list[Check]:
     """Springs in series and side by side; there is no contact, and the method of no account."""
     found = list[Check]()
@@ -72,6 +73,3 @@ def checks(method: str) -> list[Check]:
         if middle is not None:
             found.append(close(f"{name}: displacement of the middle [m]", displacement, middle, 1e-9, STRETCH))
     return found
-
-
-CASE = Case(about="two materials that share nodes: in series, side by side", checks=checks, methods=ONE)
