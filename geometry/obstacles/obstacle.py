@@ -58,6 +58,7 @@ class Obstacle(Choice):
 
     tag: ClassVar[str] = "shape"
     vectors: ClassVar[tuple[str, ...]] = ()  # keys with one component an axis
+    written_in_operators: ClassVar[bool] = True  # whether `distance` is, so that UFL can take it
 
     displacement: Annotated[Mapping[Axis, Amplitude], Key("m", "prescribed motion by component, in time"), TABLE] = (
         field(default_factory=dict)
@@ -87,6 +88,13 @@ class Obstacle(Choice):
         Written with operators alone, so that arrays of numbers and symbols of UFL take the same path.
         """
         raise NotImplementedError
+
+    def check_points(self, points: Array) -> None:
+        """Refuse points (m, d) of a side where the shape is not given.
+
+        Raises:
+            SceneError: one of them, and where it is given.
+        """
 
     def signed_gap(self, points: Array) -> Array:
         """Distance (m,) [m] of `points` (m, d), positive outside the obstacle."""

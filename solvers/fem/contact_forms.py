@@ -282,6 +282,6 @@ class SmoothedContact:
         """Friction bound s [Pa]; the jump of Tresca's law at p = 0 becomes a ramp."""
         law = self.contact.friction
         if isinstance(law, Coulomb):
-            return self.weak.constant(law.mu) * ufl.max_value(p, 0)
+            return self.weak.constant(law.coefficient_now) * ufl.max_value(p, 0)
         assert isinstance(law, Tresca)
         return self.bound if self.contact.normal.sides == 2 else self.bound * ufl.min_value(p / self.widths.pressure, 1)

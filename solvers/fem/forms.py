@@ -13,6 +13,7 @@ import numpy as np
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.geometry.field import number
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import (
     CompiledForm,
@@ -440,7 +441,7 @@ class WeakForms:
         x = ufl.SpatialCoordinate(self.mesh.domain)
         obstacle = self.problem.obstacles[contact.against]
         distance = obstacle.distance([x[i] for i in range(self.mesh.dim)], ufl.sqrt)
-        return distance + self.constant(contact.gap_offset), -ufl.grad(distance)
+        return distance + self.constant(number(contact.gap_offset)), -ufl.grad(distance)
 
     def normal_compliance(self, u: UflExpr, contact: Contact, law: Compliance) -> UflForm:
         """j_n(u, v) = ∫ c_n (u_n - g)_+^m_n v_n ds, u the displacement Function relative to the obstacle [m]."""

@@ -213,7 +213,7 @@ class Observer:
     def numbers(self, accepted: Accepted) -> Numbers:
         """Numbers of a step, without fields of the volume; collective."""
         system, state = accepted.stepper.system, accepted.state
-        contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
+        contacts = {c.name: self._contact(i, c.at(state.time), accepted) for i, c in enumerate(system.contacts)}
         reactions = system.reactions(state.residual) if state.reactions is None else state.reactions
         return Numbers(
             contacts=contacts,

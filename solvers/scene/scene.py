@@ -241,7 +241,8 @@ class Scene(Noun):
 
     def timeline(self) -> Timeline:
         """Every value in time, and the times that are requested."""
-        moving = [place for place, found in self.expressions().items() if found.in_time]
+        expressions = self.expressions().items()
+        moving = [place for place, found in expressions if found.in_time and place.table != "contacts"]
         jumps = any(self.sampled(place, 0.0).any() for place in moving)
         return Timeline(self.drives(), self.steps.end, self.steps.count, self.expressions(), jumps)
 
@@ -266,7 +267,9 @@ class Scene(Noun):
     def sampled(self, place: Place, time: float) -> Array:
         """Values (m,) of an expression at points where it acts, at a time [s]; inf or NaN where it has none."""
         acts = self._acting(place)
-        if acts is None:
+        if place.table == "contacts":
+            points = self.geometry.sample(self.contacts[place.name].surface, self.dim)[0]
+        elif acts is None:
             low, high = self.geometry.box(self.dim)
             points = low + (high - low) * np.random.default_rng(0).random((SAMPLES, self.dim))
         elif acts.boundary is None:

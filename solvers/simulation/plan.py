@@ -15,6 +15,7 @@ from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.contact.coupling import seen_from
 from stickslip.solvers.effects import active
+from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.method_registry import METHODS, Solver, method_of
 from stickslip.solvers.methods.method import RIGID, Applicability, Method, Refusal, keys_of
 from stickslip.solvers.scene.contact import Contact
@@ -216,6 +217,8 @@ def refusals(problem: Problem) -> Iterator[str]:
         yield f"solver.{key} = {value}: {method} {reason}"
     for name, pair in problem.pairs.items():
         contact = pair.contact
+        if pair.obstacle is not None and not problem.obstacles[pair.obstacle].written_in_operators and not table.fields:
+            yield f"contacts.{name}.against = {pair.obstacle}: {method} takes no graph; use condensed-newton"
         for key, value, reason in _contact(contact, pair.obstacle is not None, table):
             yield f"contacts.{name}.{key} = {value}: {method} {reason}; use condensed-newton"
     for reason in _floating(problem, table):
@@ -255,6 +258,10 @@ def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Re
         yield "friction.k_T", contact.friction.k_T, "has no tangential stiffness"
     if contact.friction is not None and contact.friction.drags and not table.rates:
         yield "friction.law", getattr(contact.friction, "law", ""), "has no friction by slip rate"
+    mu = contact.friction.mu if isinstance(contact.friction, Coulomb) else 0.0
+    for key, value in (("gap_offset", contact.gap_offset), ("friction.mu", mu)):
+        if not isinstance(value, float | int) and not table.fields:
+            yield key, value, "takes one number for a side, which does not change in time"
     for key, law in (("normal", contact.normal), ("friction", contact.friction)):
         chosen = getattr(law, "law", None)  # absent: no friction
         if chosen is not None and not table.knows(key, chosen):

@@ -269,8 +269,9 @@ def test_lines_enclose_the_bound(law: FrictionLaw, normal: NormalLaw, exact: boo
 
 
 def test_amplitudes_of_laws_are_values_in_time() -> None:
-    assert Tresca(bound=4.0).amplitudes() == {"bound": 4.0}
+    assert Tresca(bound=4.0).amplitudes() == {("bound",): 4.0}
     assert Coulomb(mu=0.3).amplitudes() == {}
+    assert Coulomb(mu=((0.0, 0.1), (1.0, 0.3))).amplitudes() == {("mu",): ((0.0, 0.1), (1.0, 0.3))}
 
 
 def test_a_law_is_integrated_to_the_degree_of_its_power() -> None:

@@ -15,6 +15,7 @@ from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.obstacles.cone import Cone
+from stickslip.geometry.obstacles.graph import Graph
 from stickslip.geometry.obstacles.obstacle import Rotation
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Sphere
@@ -32,6 +33,8 @@ ROUND: list[tuple[Obstacle, int]] = [
     (Cylinder(point=(0.3, -0.2, 1.0), axis=(1.0, 2.0, 2.0), radius=0.7), 3),
     (Sphere(center=(0.3, -0.2, 1.0), radius=0.7), 3),
     (Sphere(center=(0.3, -0.2, 1.0), radius=5.0, inside=True), 3),
+    (Graph(height="0.5*x", under=True), 2),
+    (Graph(height="0.01*sin(x)*cos(2*y) - 0.5*y"), 3),
 ]
 
 
