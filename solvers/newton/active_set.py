@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import HALF_DIGITS, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -54,8 +54,21 @@ class ActiveSet:
             weight: of the distance from them [-].
         """
         term = sparse.diags((self.k == 0).astype(float)) @ self.A_w @ sparse.diags(weight / self.problem.gamma)
-        A_p: Sparse = (self.A_p - term).tocsr()
+        A_p = (self.A_p - term).tocsr()
         return replace(self, A_p=A_p, rhs=self.rhs - term @ p, weight=weight)
+
+    def refuse_unbalanced(self, p: Array, rounding: float = 0.0) -> None:
+        """Check that tractions p (rows,) [Pa] balance the load of floating bodies; rounding: of these forces [N].
+
+        Raises:
+            LinAlgError: they do not, because the active set leaves a rigid mode free.
+        """
+        surface, load = self.problem.surface, self.problem.load
+        contact = surface.forces(p)
+        # relative force out of balance above which the linear system counts as singular
+        allowed = HALF_DIGITS * (max(np.abs(load.f_c).sum(), np.abs(load.resultant).sum()) + np.abs(contact).sum())
+        if np.abs(load.resultant - surface.R.T @ contact).sum() > allowed + rounding:
+            raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
 
 
 class _Rows:
@@ -120,7 +133,7 @@ class _Rows:
         data, i, j = (np.concatenate(x) for x in zip((diagonal[own], own, own), *entries, strict=True))
         order = np.argsort(i, kind="stable")
         first = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=self.rows))])
-        matrix: Sparse = sparse.csr_matrix((data[order], j[order], first), shape=(self.rows, self.rows))
+        matrix = sparse.csr_matrix((data[order], j[order], first), shape=(self.rows, self.rows))
         matrix.sum_duplicates()  # of the diagonal and J
         return matrix
 
