@@ -10,9 +10,9 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.errors import SceneError, require, require_components
 from stickslip.geometry.keys import TABLE, Choice, Key, Noun
-from stickslip.geometry.shape import Model
+from stickslip.geometry.shape import Model, dimensions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,10 +98,9 @@ class Obstacle(Choice):
 
     def check_model(self, model: Model) -> None:
         """Refuse data that the model does not have, or lacks."""
-        dim = 3 if model == "3d" else 2
+        dim = dimensions(model)
         for key in self.vectors:
-            found = getattr(self, key)
-            require(found is None or len(found) == dim, key, list(found or ()), f"expected {dim} components here")
+            require_components(getattr(self, key), key, dim, "here")
         for key in ("displacement", "force"):
             for axis in getattr(self, key):
                 require(axis in AXES[:dim], f"{key}.{axis}", "given", "a plane model has x and y only")
@@ -109,8 +108,7 @@ class Obstacle(Choice):
                 require(not off_axis, f"{key}.x", "given", "breaks the symmetry; the obstacle moves in y alone")
         if self.rotation is not None:
             require(model != "axisymmetric", "rotation", "given", "an axisymmetric model has none")
-            expected = f"expected {dim} components here"
-            require(len(self.rotation.point) == dim, "rotation.point", list(self.rotation.point), expected)
+            require_components(self.rotation.point, "rotation.point", dim, "here")
             axis = self.rotation.axis
             require(dim == 3 or axis is None, "rotation.axis", axis, "a plane model turns about z; remove the key")
             require(dim == 2 or axis is not None, "rotation.axis", None, "missing, expected 3 components")

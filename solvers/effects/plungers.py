@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
-from stickslip.geometry.errors import require
+from stickslip.geometry.errors import require, require_components
 from stickslip.geometry.keys import Key
 from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.effects.effect import Effect, Equilibrium, named
@@ -53,9 +53,9 @@ class Plunger(EffectTable):
         return {("preload", ""): self.preload}
 
     def check(self, scene: Scene, key: str) -> None:
-        found, expected = list(self.direction), f"expected {scene.dim} components in this model"
+        found = list(self.direction)
         scene.require_side(self.boundary, f"{key}.boundary")
-        require(len(found) == scene.dim, f"{key}.direction", found, expected)
+        require_components(found, f"{key}.direction", scene.dim)
         radial = scene.axisymmetric and found[0] != 0
         require(not radial, f"{key}.direction", found, "an axisymmetric model has plungers along its axis y")
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.errors import SceneError, require, require_components
 from stickslip.geometry.keys import TABLE, Key
 from stickslip.geometry.obstacles.obstacle import AXES, Axis
 from stickslip.solvers.effects.effect import Effect, Equilibrium, named
@@ -73,8 +73,7 @@ class RemotePoint(EffectTable):
 
     def check(self, scene: Scene, key: str) -> None:
         scene.require_side(self.boundary, f"{key}.boundary")
-        expected = f"expected {scene.dim} components in this model"
-        require(len(self.point) == scene.dim, f"{key}.point", list(self.point), expected)
+        require_components(self.point, f"{key}.point", scene.dim)
         only = "displacement and force along y" if scene.axisymmetric else "x and y, and turns about z"
         for name, axis in self.amplitudes():
             known = (PAIRS.get(name, name), axis) in _components(scene)

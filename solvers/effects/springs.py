@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.errors import SceneError, require, require_components
 from stickslip.geometry.keys import LIST, Key
 from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.geometry.protocols import UflExpr, UflForm
@@ -80,7 +80,6 @@ class Spring(EffectTable):
         return {("displacement", axis): a for axis, a in zip("xyz", self.displacement or (), strict=False)}
 
     def check(self, scene: Scene, key: str) -> None:
-        expected = f"expected {scene.dim} components in this model"
         vectors = {"direction": self.direction, "displacement": self.displacement}
         vectors |= {"stiffness": None if isinstance(self.stiffness, float | int) else self.stiffness}
         for name, end in (("at", self.at), ("to", self.to)):
@@ -92,7 +91,7 @@ class Spring(EffectTable):
                     not scene.axisymmetric, f"{key}.{name}", list(end), "an axisymmetric model has rings; use a side"
                 )
         for name, vector in vectors.items():
-            require(vector is None or len(vector) == scene.dim, f"{key}.{name}", list(vector or ()), expected)
+            require_components(vector, f"{key}.{name}", scene.dim)
         if scene.axisymmetric:
             along = self.direction or self.stiffness
             radial = not isinstance(along, float | int) and along[0] != 0

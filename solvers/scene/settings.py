@@ -7,10 +7,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from stickslip.geometry.errors import require, require_known
+from stickslip.geometry.errors import require, require_components, require_known
 from stickslip.geometry.keys import Key, Noun
-from stickslip.geometry.shape import Model
-from stickslip.solvers.scene.loads import check_point
+from stickslip.geometry.shape import Model, dimensions
 
 SHORTEST, LONGEST = 1e-100, 1e100  # [s] of a history; powers of times far beyond are 0 or infinite
 
@@ -149,4 +148,4 @@ class Probe(Noun):
 
     def check_model(self, model: Model) -> None:
         """Refuse components that the model does not have, or lacks."""
-        check_point(self.point, model)
+        require_components(self.point, "point", dimensions(model))
