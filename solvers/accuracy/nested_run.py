@@ -215,7 +215,8 @@ class NestedRun(OtherMeshRun):
         found: tuple[int, FlatMesh | None] = 0, None
         if mesh is not None:
             found = _cut(mesh, Places.of(system.problem, system.contacts, steps), replace(size, steps=len(steps)))
-        return system.mesh.comm.bcast(found)
+        found = system.mesh.comm.bcast(found)
+        return found
 
     def _flat(self) -> FlatMesh | None:
         """The mesh of the run, on rank 0; collective."""
