@@ -173,12 +173,11 @@ def surface_metric(system: System) -> SurfaceMetric:
         L = L + onto.T @ sparse.kron(surface_stiffness(side), sparse.eye(d)) @ onto
         sums += np.array([1.0, depth, compliance])[:, None] * (onto.multiply(onto).T @ np.repeat(mass, d))
     mass, depth, compliance = sums  # where sides of different bodies share nodes: sums, then their mean
-    if d == 2:  # the formula alone is as good there
-        return SurfaceMetric(L=L, mass=mass, depth=depth / mass, compliance=compliance / mass, comm=system.mesh.comm)
     cut = CELLS * system.mesh.degree * mass ** (1 / (d - 1))
-    layer = ContactLayer(system, CELLS)
+    layer = None if d == 2 else ContactLayer(system, CELLS)  # in 2D the formula alone is as good
+    depth, compliance = depth / mass, compliance / mass
     return SurfaceMetric(
-        L=L, mass=mass, depth=depth / mass, compliance=compliance / mass, layer=layer, cut=cut, comm=system.mesh.comm
+        L=L, mass=mass, depth=depth, compliance=compliance, layer=layer, cut=cut, comm=system.mesh.comm
     )
 
 

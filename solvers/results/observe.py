@@ -118,7 +118,7 @@ class Observer:
     probes: Mapping[str, tuple[int, Array] | None]  # cell, and its basis at the point (k,); None on other ranks
     data: MeshData | None  # whose error is estimated; None: nobody asks for it
     recovered: RecoveredStress | None  # estimates it
-    estimate: Estimate  # adds errors of numbers to a result
+    estimate: Estimate | None  # adds errors of numbers to a result
 
     @classmethod
     def of(cls, stepper: Stepper, data: MeshData | None = None, estimate: Estimate | None = None) -> Observer:
@@ -142,12 +142,12 @@ class Observer:
             probes={name: _locate(system.mesh, x, name) for name, x in points.items()},
             data=data,
             recovered=None if data is None else RecoveredStress(system),
-            estimate=estimate or _nothing,
+            estimate=estimate,
         )
 
     def without_errors(self) -> Observer:
         """The same that estimates nothing."""
-        return replace(self, data=None, recovered=None, estimate=_nothing)
+        return replace(self, data=None, recovered=None, estimate=None)
 
     def __call__(self, accepted: Accepted) -> StepResult:
         """The result of a step; collective. Displacement and stress are on rank 0 only."""
@@ -187,7 +187,7 @@ class Observer:
             bodies=self._bodies(nodal, cell_stress),
             columns=self._columns(state.time),
         )
-        if self.estimate is _nothing:
+        if self.estimate is None:
             return found
         with system.counters.clock.phase("error", "mesh"):
             return self.estimate(self, accepted, found)
@@ -333,11 +333,6 @@ class Observer:
             values = nodal.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
             found = ProbeValue(displacement=basis @ values, stress=cell_stress[cell])
         return next(offer for offer in system.mesh.comm.allgather(found) if offer is not None)
-
-
-def _nothing(observer: Observer, accepted: Accepted, result: StepResult) -> StepResult:
-    """Add no errors."""
-    return result
 
 
 def _normal_forces(accepted: Accepted, p: Array) -> dict[str, float]:
