@@ -42,6 +42,7 @@ EXPECTED = {  # pydantic speaks of JSON; a user wrote TOML
 OF_KIND = "kind of table: "  # before the name of a kind that the keys of a table have chosen; no key begins so
 UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 Keys = Mapping[str, Any]  # values, or types, by key
+Vector = tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -331,11 +332,8 @@ def _unit_at(kind: Any, data: Any, path: Sequence[str]) -> str:
 
 def _keys_at(kind: Any, data: Any, path: Sequence[str]) -> dict[str, Any]:
     """Valid names in the table at `path`, with their types, found by walking the types along the data."""
-    kind = (
-        next((k for k in get_args(kind) if k is not type(None)), kind)
-        if get_origin(kind) in (Union, UnionType)
-        else kind
-    )
+    if get_origin(kind) in (Union, UnionType):
+        kind = next((k for k in get_args(kind) if k is not type(None)), kind)
     if get_origin(kind) is Annotated:
         return _keys_at(get_args(kind)[0], data, path)
     if get_origin(kind) is Mapping:

@@ -11,7 +11,7 @@ import numpy as np
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require, require_components
-from stickslip.geometry.keys import TABLE, Choice, Key, Noun
+from stickslip.geometry.keys import TABLE, Choice, Key, Noun, Vector
 from stickslip.geometry.shape import Model, dimensions
 
 
@@ -24,8 +24,8 @@ class Rotation(Noun):
     """
 
     angle: Annotated[Amplitude, Key("rad", "in time")]
-    point: Annotated[tuple[float, ...], Key("m", "a point of the axis")]
-    axis: Annotated[tuple[float, ...] | None, Key("-", "direction of the axis, 3D only")] = None
+    point: Annotated[Vector, Key("m", "a point of the axis")]
+    axis: Annotated[Vector | None, Key("-", "direction of the axis, 3D only")] = None
 
     def __post_init__(self) -> None:
         check(self.angle, "angle")
@@ -43,13 +43,14 @@ class Rotation(Noun):
         return np.asarray(angle * np.cross(unit(self.axis), arm))
 
 
-def unit(vector: tuple[float, ...]) -> Array:
+def unit(vector: Vector) -> Array:
     """A direction of length 1."""
     return np.asarray(np.array(vector) / np.linalg.norm(vector))
 
 
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = ("x", "y", "z")
+ByAxis = Mapping[Axis, Amplitude]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,13 +60,11 @@ class Obstacle(Choice):
     tag: ClassVar[str] = "shape"
     vectors: ClassVar[tuple[str, ...]] = ()  # keys with one component an axis
 
-    displacement: Annotated[Mapping[Axis, Amplitude], Key("m", "prescribed motion by component, in time"), TABLE] = (
-        field(default_factory=dict)
+    displacement: Annotated[ByAxis, Key("m", "prescribed motion by component, in time"), TABLE] = field(
+        default_factory=dict
     )
     force: Annotated[
-        Mapping[Axis, Amplitude],
-        Key("N", "force on the obstacle by component, in time; it then moves freely along that axis"),
-        TABLE,
+        ByAxis, Key("N", "force on the obstacle by component, in time; it then moves freely along that axis"), TABLE
     ] = field(default_factory=dict)
     rotation: Annotated[Rotation | None, Key("-", "{ angle, point, axis }: prescribed rotation")] = None
 

@@ -75,10 +75,8 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
             off: Value = np.abs(theirs[key] - value)
             linear = 0.0 * off
         elif key.quantity == "stress":
-            off, linear = (
-                0.0 * value + bounds["pressure"],
-                0.0 * value + LINEAR * accepted.linear_error * sizes["pressure"],
-            )
+            off = 0.0 * value + bounds["pressure"]
+            linear = 0.0 * value + LINEAR * accepted.linear_error * sizes["pressure"]
         else:
             size = lever * sizes[kind]
             off = 0.0 * np.abs(value) + lever * bounds[kind] + EPS * size  # of the largest number of its kind

@@ -128,9 +128,7 @@ class Difference(NamedTuple):
 
     times: Array  # (c,) [s]
     rows: Array  # (c, k) the finer one minus the coarser one
-    factor: (
-        Array  # (c,) error of the run over that, by the sums of h² up to there; 0 before the first step that differs
-    )
+    factor: Array  # (c,) error of the run over that, by the sums of h² up to there; 0 before the first that differs
 
 
 class Compared(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.errors import SceneError, require, require_components
 from stickslip.geometry.expression import Varying, check_varying
-from stickslip.geometry.keys import LIST, Key
+from stickslip.geometry.keys import LIST, Key, Vector
 from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.fem.forms import WeakForms
@@ -91,10 +91,9 @@ class Centrifugal(EffectTable):
     """Speed of rotation of all bodies with a density; the load is that of the undeformed bodies."""
 
     speed: Annotated[Amplitude, Key("rad/s", "angular velocity, in time; its square loads the bodies")]
-    point: Annotated[tuple[float, ...] | None, Key("m", "a point of the axis; absent: the origin")] = None
+    point: Annotated[Vector | None, Key("m", "a point of the axis; absent: the origin")] = None
     axis: Annotated[
-        tuple[float, ...] | None,
-        Key("-", "direction of the axis, given in 3D alone, and there always; else z, if axisymmetric y"),
+        Vector | None, Key("-", "direction of the axis, given in 3D alone, and there always; else z, if axisymmetric y")
     ] = None
 
     def __post_init__(self) -> None:

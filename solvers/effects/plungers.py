@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.errors import require, require_components
-from stickslip.geometry.keys import Key
+from stickslip.geometry.keys import Key, Vector
 from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.effects.effect import Effect, Equilibrium, named
 from stickslip.solvers.scene.loads import Link
@@ -38,7 +38,7 @@ class Plunger(EffectTable):
     reports = PlungerState
 
     boundary: Annotated[str, Key("-", "side, as body.side; the push is spread evenly over it")]
-    direction: Annotated[tuple[float, ...], Key("-", "in which it pushes the body, of any length")]
+    direction: Annotated[Vector, Key("-", "in which it pushes the body, of any length")]
     stiffness: Annotated[float, Key("N/m", "plane: per metre; of the full circle")]
     preload: Annotated[
         Amplitude, Key("N", "push where the side lies undeformed, in time; negative: a gap of -preload / stiffness")

@@ -14,7 +14,7 @@ import numpy as np
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require, require_components
-from stickslip.geometry.keys import LIST, Key
+from stickslip.geometry.keys import LIST, Key, Vector
 from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.geometry.protocols import UflExpr, UflForm
 from stickslip.solvers.effects.effect import Effect, Equilibrium, named
@@ -41,9 +41,9 @@ class Spring(EffectTable):
     at: Annotated[End, Key("m", "side, as body.side, or a point, at which a mesh vertex lies")]
     to: Annotated[End | None, Key("m", "the other end, likewise; absent: the ground")] = None
     stiffness: Annotated[
-        float | tuple[float, ...], Key("N/m", "along direction, or by component; plane: per metre; of the full circle")
+        float | Vector, Key("N/m", "along direction, or by component; plane: per metre; of the full circle")
     ]
-    direction: Annotated[tuple[float, ...] | None, Key("-", "of a single stiffness, of any length")] = None
+    direction: Annotated[Vector | None, Key("-", "of a single stiffness, of any length")] = None
     displacement: Annotated[
         tuple[Amplitude, ...] | None, Key("m", "motion of the ground, by component, in time"), LIST
     ] = None

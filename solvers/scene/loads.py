@@ -12,11 +12,11 @@ from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require, require_components
 from stickslip.geometry.expression import Varying, check_varying
-from stickslip.geometry.keys import LIST, TABLE, Key, Noun
+from stickslip.geometry.keys import LIST, TABLE, Key, Noun, Vector
 from stickslip.geometry.shape import Model, dimensions
 from stickslip.solvers.scene.timeline import Place
 
-End = str | tuple[float, ...]  # of a link: a side, as body.side, or a point [m], at which a mesh vertex lies
+End = str | Vector  # of a link: a side, as body.side, or a point [m], at which a mesh vertex lies
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +70,7 @@ class Support(Noun):
 
     displacement: Annotated[Mapping[Direction, Varying], Key("m", "by component x, y, z or normal (outward)"), TABLE]
     boundary: Annotated[str | None, Key("-", "side, as body.side")] = None
-    point: Annotated[tuple[float, ...] | None, Key("m", "a mesh vertex lies here; instead of boundary")] = None
+    point: Annotated[Vector | None, Key("m", "a mesh vertex lies here; instead of boundary")] = None
 
     def __post_init__(self) -> None:
         if (self.boundary is None) == (self.point is None):
@@ -139,7 +139,7 @@ class Coupling:
     """A point coupled to a side, that an effect declares; components of its motion are numbered as `rigid_fields`."""
 
     boundary: str  # side, as body.side
-    point: tuple[float, ...]  # [m]
+    point: Vector  # [m]
     rigid: bool  # whether the side moves as a rigid body
     prescribed: Mapping[int, Place]  # value in time by component [m, rad]
     loads: Mapping[int, Place]  # likewise force [N] and moment [N m]

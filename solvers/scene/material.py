@@ -11,7 +11,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import SceneError, require, require_components
-from stickslip.geometry.keys import LIST, ByKeys, Key
+from stickslip.geometry.keys import LIST, ByKeys, Key, Vector
 from stickslip.geometry.shape import Model, dimensions
 
 NEARLY = 0.49  # Poisson's ratio from which on linear elements lock
@@ -159,10 +159,10 @@ class Orthotropic(Elastic, kind="orthotropic"):
     nu_13: Annotated[float, Key("-", PULL.format(1, 3))]
     nu_23: Annotated[float, Key("-", PULL.format(2, 3))]
     axis_1: Annotated[
-        tuple[float, ...] | None, Key("-", "direction of axis 1; absent: x, in axisymmetric models the radius"), LIST
+        Vector | None, Key("-", "direction of axis 1; absent: x, in axisymmetric models the radius"), LIST
     ] = None
     axis_2: Annotated[
-        tuple[float, ...] | None,
+        Vector | None,
         Key("-", "direction of axis 2, of which the part across axis 1 counts; absent: in 2D across axis 1, in 3D y"),
         LIST,
     ] = None
@@ -198,11 +198,8 @@ class Orthotropic(Elastic, kind="orthotropic"):
     @property
     def determinant(self) -> float:
         """Of the compliance of normal stresses, times E_1 E_2 E_3 [-]; positive where no load gains work."""
-        nu_21, nu_31, nu_32 = (
-            self.nu_12 * self.E_2 / self.E_1,
-            self.nu_13 * self.E_3 / self.E_1,
-            self.nu_23 * self.E_3 / self.E_2,
-        )
+        nu_21, nu_31 = self.nu_12 * self.E_2 / self.E_1, self.nu_13 * self.E_3 / self.E_1
+        nu_32 = self.nu_23 * self.E_3 / self.E_2
         squares = self.nu_12 * nu_21 + self.nu_23 * nu_32 + self.nu_13 * nu_31
         return float(1 - squares - 2 * nu_21 * nu_32 * self.nu_13)
 
@@ -321,7 +318,7 @@ def _six(tensor: Array) -> Array:
     return np.stack([tensor[..., i, j] for i, j in PAIRS], axis=-1)
 
 
-def _unit(key: str, given: tuple[float, ...] | None, default: Array) -> Array:
+def _unit(key: str, given: Vector | None, default: Array) -> Array:
     """Unit vector (3,) of an axis.
 
     Raises:

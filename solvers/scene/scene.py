@@ -325,10 +325,11 @@ class Scene(Noun):
             with mistakes:
                 table.check(self, key)
         mistakes.report()  # effects know the quantities
-        with mistakes:
-            self.exact.check(self.quantities())
-        with mistakes:
-            self.accuracy.check(self.quantities())
+        known = self.quantities()
+        for key, asked in (("exact.values", self.exact.values), ("accuracy.goals", self.accuracy.goals)):
+            with mistakes:
+                for name in asked:
+                    require_known(key, name, known, "no such quantity")
 
     def _check_expressions(self) -> None:
         for place, expression in self.expressions().items():

@@ -215,9 +215,8 @@ def is_faint(setup: Setup, pair: Pair) -> bool:
 
 def least_springs(setup: Setup) -> float:
     """Stiffness [Pa/m] of the softest springs that can hold a body."""
-    softest = min(material.least_modulus for material in setup.bodies.values())
     # of E / extent: a body held by softer tangential springs slides until rounding takes its stresses
-    return ROUNDING * softest / setup.extent
+    return ROUNDING * setup.softest / setup.extent
 
 
 def _nearest_body(setup: Setup, point: Array) -> str:
