@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from petsc4py import PETSc
@@ -80,7 +80,7 @@ def distributed(whole: Sparse, rows: Vec, columns: Vec) -> Mat:
     return from_rows(own, sizes, columns.comm)
 
 
-def from_rows(own: Sparse, sizes: Any, comm: Any, bsize: int | None = None) -> Mat:
+def from_rows(own: Sparse, sizes: tuple[object, object], comm: Comm, bsize: int | None = None) -> Mat:
     """The PETSc matrix of which each rank gives its own rows, as a csr matrix; collective.
 
     Args:
