@@ -18,9 +18,16 @@ from stickslip.workflows.scene_file.read import from_dict
 
 @pytest.fixture(scope="session")
 def scene_of() -> SceneOf:
-    """A block on the foundation y = 0 (z = 0 in 3D), E = 1 Pa, nu = 0.3; keywords replace or add whole tables."""
+    """A block on the foundation y = 0 (z = 0 in 3D), E = 1 Pa, nu = 0.3; keywords replace or add whole tables.
 
-    def make(dim: int = 2, geometry: dict[str, Any] | None = None, **tables: Any) -> Scene:
+    `base` is what is said of a contact of its bottom besides the two sides, `top` a displacement of its top.
+    """
+
+    def make(dim: int = 2, geometry: Any = None, base: Any = None, top: Any = None, **tables: Any) -> Scene:
+        if base is not None:
+            tables["contacts"] = {"base": {"surface": "block.bottom", "against": "foundation"} | base}
+        if top is not None:
+            tables["supports"] = {"top": {"boundary": "block.top", "displacement": top}}
         width = {"width": 1.0} if dim == 3 else {}
         shape = {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.25 if dim == 2 else 0.5} | width
         data = {
