@@ -197,7 +197,7 @@ class StepResult(Numbers):
     displacement: Array  # (nodes, d) [m]
     stress: Array  # (cells, 3, 3) at the midpoints [Pa], tension positive
     probes: Mapping[str, ProbeValue]
-    iteration_error: float  # bound on what iterations left so far, energy norm, relative to the largest; nan: unknown
+    iteration_error: float  # bound on what iterations left, energy norm, relative to the largest [-]; nan: unknown
     mesh_error: float  # estimate of what the mesh leaves, energy norm, relative to the largest [-]; nan: none
     stress_error: Array  # (cells,) the same as an error of the stress [Pa], see `MeshError`; empty: not estimated
     law_error: float  # the same by the method's approximation of the contact laws, earlier steps included [-]
