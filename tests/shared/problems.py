@@ -14,10 +14,24 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import System, whole_stiffness
+from stickslip.workflows.scene_file.read import from_dict
 
 SceneOf = Callable[..., Scene]  # what the fixtures of tests/unit give
 SimulationOf = Callable[[Scene], Simulation]
 SystemOf = Callable[[Scene], System]
+
+
+def scene_of(dim: int = 2, geometry: dict[str, Any] | None = None, **tables: Any) -> Scene:
+    """A block on the foundation y = 0 (z = 0 in 3D), E = 1 Pa, nu = 0.3; keywords replace or add whole tables."""
+    width = {"width": 1.0} if dim == 3 else {}
+    shape = {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.25 if dim == 2 else 0.5} | width
+    data = {
+        "model": "plane strain" if dim == 2 else "3d",
+        "geometry": shape | (geometry or {}),
+        "bodies": {"block": {"E": 1.0, "nu": 0.3}},
+        "obstacles": {"foundation": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}},
+    }
+    return from_dict(data | tables)
 
 
 def surface_problem(simulation: Simulation) -> SurfaceProblem:

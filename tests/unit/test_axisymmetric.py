@@ -15,7 +15,7 @@ import stickslip
 from shared.audited import audit, record_of, stored_by
 from shared.cases import every_nth
 from shared.drawn import draw, scene_data
-from shared.problems import SceneOf, SimulationOf, SystemOf
+from shared.problems import scene_of
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.shape import Model
 from stickslip.solvers.fem.elastic_energy import stress_by_compliance
@@ -24,6 +24,7 @@ from stickslip.solvers.results.step_result import Quantity, StepResult
 from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan, warnings
+from stickslip.workflows.lab.verification.prepared import prepare, system_of
 from stickslip.workflows.lab.verification.units import in_millimetres
 from stickslip.workflows.scene_file.read import from_dict, read, to_dict
 
@@ -33,14 +34,12 @@ BASE = {"base": {"surface": "block.bottom", "against": "foundation"}}
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
-def test_a_pressed_cylinder_is_in_uniaxial_stress(
-    geometry: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_a_pressed_cylinder_is_in_uniaxial_stress(geometry: dict[str, Any]) -> None:
     # radius 2, height 1, free to widen: sigma_yy = -E/10, u_r = nu r/10: linear, so both orders are exact
     support = {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}}
     tables = {"contacts": BASE, "supports": support, "probes": {"rim": {"point": [2.0, 0.0]}}}
     scene = scene_of(geometry=geometry, model="axisymmetric", solver={"tolerance": 1e-12}, **tables)
-    (step,) = simulation_of(scene).steps()
+    (step,) = prepare(scene).steps()
     force = 0.1 * E * np.pi * 4.0
     base = step.contacts["base"]
     assert_allclose(base.normal_force, force, rtol=1e-10)
@@ -55,21 +54,19 @@ def test_a_pressed_cylinder_is_in_uniaxial_stress(
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
-def test_pressure_around_a_cylinder_makes_hoop_stress(
-    geometry: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_pressure_around_a_cylinder_makes_hoop_stress(geometry: dict[str, Any]) -> None:
     # sigma_rr = sigma_hoop = -p in a solid cylinder between smooth plates: u_r = -(1 + nu)(1 - 2 nu) p r / E
     hold = {side: {"boundary": f"block.{side}", "displacement": {"y": 0.0}} for side in ("top", "bottom")}
     load = {"around": {"boundary": "block.right", "pressure": 0.1}}
     scene = scene_of(geometry=geometry, model="axisymmetric", supports=hold, loads=load)
-    (step,) = simulation_of(scene).steps()
+    (step,) = prepare(scene).steps()
     expected = np.diag([-0.1, -2 * NU * 0.1, -0.1])
     assert_allclose(step.stress, np.tile(expected, (len(step.stress), 1, 1)), atol=1e-10)
     assert_allclose(step.displacement[:, 0].min(), -(1 + NU) * (1 - 2 * NU) * 0.1 * 2.0 / E, rtol=1e-10)
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
-def test_weights_are_positive_and_make_a_disc(geometry: dict[str, Any], scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_weights_are_positive_and_make_a_disc(geometry: dict[str, Any]) -> None:
     friction = {"base": BASE["base"] | {"friction": {"law": "coulomb", "mu": 0.3}}}
     (rows,) = system_of(scene_of(geometry=geometry, model="axisymmetric", contacts=friction)).contacts
     assert rows.node_weights.min() > 0
@@ -81,7 +78,7 @@ def test_weights_are_positive_and_make_a_disc(geometry: dict[str, Any], scene_of
     assert len(rows.W_t) == len(on_axis) - 1  # but does not slip: u_r = 0 there
 
 
-def test_only_the_shift_along_the_axis_is_rigid(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_only_the_shift_along_the_axis_is_rigid() -> None:
     system = system_of(scene_of(model="axisymmetric", contacts=BASE))
     assert system.interface.rigid_modes.shape[1] == 1
     free = scene_of(model="axisymmetric", geometry={"mesh_size": 0.5})

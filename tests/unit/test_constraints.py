@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.audited import record_of, stored_by
 from shared.cases import often
-from shared.problems import SceneOf, SimulationOf, SystemOf, dense, surface_problem, times, whole
+from shared.problems import dense, scene_of, surface_problem, times, whole
 from stickslip import Block
 from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Ints, cross
 from stickslip.geometry.errors import SceneError
@@ -41,11 +41,13 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.simulation.simulation import prepare as estimating
 from stickslip.solvers.stepping.choice import choose
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.solvers.system.stiffness import Stiffness
 from stickslip.solvers.system.system import System, assemble
+from stickslip.workflows.lab.verification.prepared import prepare, system_of
 from stickslip.workflows.scene_file.read import from_dict, read
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -112,7 +114,7 @@ CASES: dict[str, tuple[int, dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_every_free_displacement_fulfils_what_is_prescribed(case: str, scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_every_free_displacement_fulfils_what_is_prescribed(case: str) -> None:
     dim, tables = CASES[case]
     scene = scene_of(dim, **tables)
     system = system_of(scene)
@@ -136,7 +138,7 @@ def test_every_free_displacement_fulfils_what_is_prescribed(case: str, scene_of:
             assert_array_equal(u[slave.nodes], u[master.nodes[distance.argmin(axis=1)]])
 
 
-def test_stiffness_of_free_displacements_is_selected_or_transformed(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_stiffness_of_free_displacements_is_selected_or_transformed() -> None:
     selecting = {case: system_of(scene_of(dim, **tables)) for case, (dim, tables) in CASES.items()}
     free = selecting["free"]
     inclined = holding(free.constraints, {4: "a", 9: "a"}, {"a": ([0.6, 0.8], 0.3)})
@@ -154,7 +156,7 @@ def test_stiffness_of_free_displacements_is_selected_or_transformed(scene_of: Sc
         assert system.K_B.getBlockSize() == system.mesh.dim
 
 
-def test_nothing_more_than_what_is_prescribed_is_held(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_nothing_more_than_what_is_prescribed_is_held() -> None:
     # 9 x 5 nodes, 9 of them on top: x and y there, and the periodic image of the lower four on the right
     everywhere = 2 * 9 * 5
     free = {case: system_of(scene_of(2, **CASES[case][1])).constraints.free_total for case in list(CASES)[:6]}
@@ -165,7 +167,7 @@ def test_nothing_more_than_what_is_prescribed_is_held(scene_of: SceneOf, system_
     assert free["periodic"] == everywhere - 2 * 5
 
 
-def test_an_inclined_direction_is_held_and_the_other_is_free(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_an_inclined_direction_is_held_and_the_other_is_free() -> None:
     system = system_of(scene_of(3))
     directions = np.array([[1.0, 2.0, 2.0], [0.0, 3.0, 4.0]]) / np.array([[3.0], [5.0]])
     rows = {"a": (directions[0], 0.3), "b": (directions[1], -0.1)}
@@ -184,7 +186,7 @@ def test_an_inclined_direction_is_held_and_the_other_is_free(scene_of: SceneOf, 
     assert_allclose(shares["b"][0], 1.1 * directions[1], atol=1e-14)
 
 
-def test_supports_that_contradict_are_refused_by_name(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_supports_that_contradict_are_refused_by_name() -> None:
     at_corner = {"lid": support("top", y=-0.1), "wall": support("left", y=0.0)}
     with pytest.raises(
         SceneError, match=r"supports\.lid and supports\.wall: contradict each other at the point \(0, 1\)"
@@ -199,7 +201,7 @@ def test_supports_that_contradict_are_refused_by_name(scene_of: SceneOf, system_
         system_of(scene_of(**images))
 
 
-def test_a_point_support_away_from_every_vertex_is_refused(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_a_point_support_away_from_every_vertex_is_refused() -> None:
     pin = {"pin": {"point": [0.01, 0.0], "displacement": {"x": 0.0}}}
     with pytest.raises(SceneError, match=r"supports\.pin\.point = \[0\.01, 0\.0\]: .* the nearest is \(0, 0\)"):
         system_of(scene_of(supports=pin))
@@ -220,9 +222,7 @@ MOTIONS: list[tuple[int, dict[str, Any], int, str]] = [
 
 
 @pytest.mark.parametrize(("dim", "supports", "count", "why"), MOTIONS)
-def test_rigid_motions_left_free_are_counted(
-    dim: int, supports: Mapping[str, Any], count: int, why: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_rigid_motions_left_free_are_counted(dim: int, supports: Mapping[str, Any], count: int, why: str) -> None:
     system = system_of(scene_of(dim, supports=supports))
     low, high = system.mesh.box()
     motions = system.lifting.unresisted
@@ -237,7 +237,7 @@ def test_rigid_motions_left_free_are_counted(
         assert np.abs(K_u).max() < 1e-12 * np.abs(dense(whole(system))).max()
 
 
-def test_a_prescribed_rigid_motion_follows_the_time_and_its_values(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_a_prescribed_rigid_motion_follows_the_time_and_its_values() -> None:
     system = system_of(scene_of(supports={"top": support("top", x=0.3, y=-0.1)}))
     other = scene_of(supports={"top": support("top", x=0.6, y=-0.1)}).timeline()
     (place,) = (place for place, value in other.amplitudes.items() if value == 0.6)
@@ -254,7 +254,7 @@ def test_a_prescribed_rigid_motion_follows_the_time_and_its_values(scene_of: Sce
     assert along_x(1.0) == pytest.approx(0.9)
 
 
-def test_a_periodic_block_moves_but_does_not_turn(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_a_periodic_block_moves_but_does_not_turn() -> None:
     system = system_of(scene_of(**SIDES))
     motions = system.lifting.unresisted
     assert motions.shape[1] == 2
@@ -262,7 +262,7 @@ def test_a_periodic_block_moves_but_does_not_turn(scene_of: SceneOf, system_of: 
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_reactions_contact_and_loads_balance(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_reactions_contact_and_loads_balance(dim: int) -> None:
     pull = {"x": 0.02, "y": -0.05} if dim == 2 else {"x": 0.02, "y": 0.01, "z": -0.05}
     wall = {} if dim == 2 else {"wall": support("left", normal=-0.02)}  # shares an edge with the top
     scene = scene_of(
@@ -271,7 +271,7 @@ def test_reactions_contact_and_loads_balance(dim: int, scene_of: SceneOf, simula
         supports={"top": support("top", **pull)} | wall,
         loads={"push": {"boundary": "block.right", "traction": [0.01, -0.02] + [0.005] * (dim - 2)}},
     )
-    simulation = simulation_of(scene)
+    simulation = prepare(scene)
     (step,) = simulation.steps()
     load = simulation.system.load(1.0).array.reshape(-1, dim)
     points = simulation.system.nodes.points
@@ -320,12 +320,12 @@ def two_blocks(folder: Path, *held: str) -> Scene:
     )
 
 
-def test_each_part_of_a_mesh_that_falls_apart_is_held_by_its_own(tmp_path: Path, simulation_of: SimulationOf) -> None:
-    (step,) = simulation_of(two_blocks(tmp_path, "a", "b")).steps()
+def test_each_part_of_a_mesh_that_falls_apart_is_held_by_its_own(tmp_path: Path) -> None:
+    (step,) = prepare(two_blocks(tmp_path, "a", "b")).steps()
     a, b = (step.contacts[name].normal_force for name in "ab")
     assert_allclose(b, 2 * a, rtol=0.02)  # the same block of a material twice as stiff; their meshes differ
     # contact alone holds the other one, and nothing loads it
-    (step,) = simulation_of(two_blocks(tmp_path, "a")).steps()
+    (step,) = prepare(two_blocks(tmp_path, "a")).steps()
     assert_allclose(step.contacts["a"].normal_force, a, rtol=1e-7)
     assert abs(step.contacts["b"].normal_force) < 1e-9 * a
     # without contact it is loose
@@ -418,7 +418,7 @@ def drawn(dim: int, seed: int) -> Places:
     return tuple(map(tuple, grid[random.random(len(grid)) < random.uniform(0.3, 0.55)].tolist()))
 
 
-def system_of(scene: Scene, places: Places, degree: int = 1) -> System:
+def voxel_system(scene: Scene, places: Places, degree: int = 1) -> System:
     problem = resolve(scene)
     return assemble(problem, build_mesh(voxels(places, degree), scene.request(), MPI.COMM_SELF), Counters())
 
@@ -427,11 +427,11 @@ def system_of(scene: Scene, places: Places, degree: int = 1) -> System:
 @pytest.mark.parametrize(
     ("model", "degree"), [("plane strain", 1), ("plane strain", 2), ("axisymmetric", 1), ("3d", 1)]
 )
-def test_modes_are_those_of_the_stiffness(model: str, degree: int, seed: int, scene_of: SceneOf) -> None:
+def test_modes_are_those_of_the_stiffness(model: str, degree: int, seed: int) -> None:
     """Motions without strain are the null space of K, found from its eigenvalues."""
     dim = 3 if model == "3d" else 2
     scene = scene_of(dim, model=model, contacts={})
-    system = system_of(scene, drawn(dim, seed), degree)
+    system = voxel_system(scene, drawn(dim, seed), degree)
     K = whole(system).convert("dense").getDenseArray()
     if model == "axisymmetric":
         (free,) = np.nonzero(system.T.getDiagonal().array)
@@ -449,78 +449,78 @@ FAR = {"far": {"point": [2.0, 2.0], "displacement": {"x": 0.0, "y": 0.0}},
 BASE = {"surface": "block.bottom", "against": "foundation"}
 
 
-def simulation_of(scene: Scene, places: Places) -> Simulation:
-    return prepare(replace(scene, geometry=voxels(places), output=Output(error=False)), MPI.COMM_SELF)
+def voxel_simulation(scene: Scene, places: Places) -> Simulation:
+    return estimating(replace(scene, geometry=voxels(places), output=Output(error=False)))
 
 
-def test_part_that_turns_is_refused_and_the_place_named(scene_of: SceneOf) -> None:
+def test_part_that_turns_is_refused_and_the_place_named() -> None:
     scene = scene_of(contacts={"base": BASE}, supports=NEAR)
     said = (
         r"supports: a part of the mesh that no contact touches can turn about \(1, 1\), where it hangs on the rest by"
     )
     with pytest.raises(SceneError, match=said):
-        simulation_of(scene, HINGED)
-    simulation_of(scene, (*HINGED, (0, 1)))  # joined by facets
+        voxel_simulation(scene, HINGED)
+    voxel_simulation(scene, (*HINGED, (0, 1)))  # joined by facets
 
 
-def test_chain_that_is_held_at_its_ends_gives_way_between(scene_of: SceneOf) -> None:
+def test_chain_that_is_held_at_its_ends_gives_way_between() -> None:
     """Each of its parts is held at one end or hangs in two hinges; together they move."""
     ends = NEAR | {"end": {"point": [4.0, 4.0], "displacement": {"x": 0.0, "y": 0.0}}}
     with pytest.raises(SceneError, match=r"that no contact touches can turn about \([123], [123]\)"):
-        simulation_of(scene_of(contacts={"base": BASE}, supports=ends), ((0, 0), (1, 1), (2, 2), (3, 3)))
+        voxel_simulation(scene_of(contacts={"base": BASE}, supports=ends), ((0, 0), (1, 1), (2, 2), (3, 3)))
 
 
-def test_thousands_of_parts_are_refused_at_once(scene_of: SceneOf) -> None:
+def test_thousands_of_parts_are_refused_at_once() -> None:
     """Their rigid motions would fill the memory."""
     places = tuple((i, j) for i in range(80) for j in range(80) if (i + j) % 2 == 0 and (i, j) != (0, 2))
     with pytest.raises(SceneError, match=r"can turn about \(\d+, \d+\)"):
-        simulation_of(scene_of(contacts={"base": BASE}, supports=NEAR), places)
+        voxel_simulation(scene_of(contacts={"base": BASE}, supports=NEAR), places)
 
 
-def test_part_that_turns_is_no_mechanism_where_a_support_holds_it(scene_of: SceneOf) -> None:
+def test_part_that_turns_is_no_mechanism_where_a_support_holds_it() -> None:
     held = NEAR | {"end": {"point": [2.0, 1.0], "displacement": {"y": 0.0}}}
-    simulation = simulation_of(scene_of(contacts={"base": BASE}, supports=held), HINGED)
+    simulation = voxel_simulation(scene_of(contacts={"base": BASE}, supports=held), HINGED)
     assert simulation.system.interface.rigid_modes.shape[1] == 0
 
 
-def test_part_that_hangs_in_a_hinge_rests_on_contact(scene_of: SceneOf) -> None:
+def test_part_that_hangs_in_a_hinge_rests_on_contact() -> None:
     """Moments about the hinge: the pressure under the square balances its weight."""
     scene = scene_of(contacts={"base": BASE}, supports=FAR, **GRAVITY)
-    simulation = simulation_of(scene, HINGED)
+    simulation = voxel_simulation(scene, HINGED)
     assert all(METHODS[stage.method].WORKS_WITH.floating for stage in choose(simulation.system).stages)
     (step,) = simulation.steps()
     base = step.contacts["base"]
     assert base.normal_force > 0
     assert base.normal_force * 1.0 - base.moment[0] == pytest.approx(0.5 * 6.0, rel=1e-9)
-    (joined,) = simulation_of(scene, (*HINGED, (1, 0))).steps()  # by facets to a square under the hinge
+    (joined,) = voxel_simulation(scene, (*HINGED, (1, 0))).steps()  # by facets to a square under the hinge
     base = joined.contacts["base"]
     assert base.normal_force * 1.0 - base.moment[0] != pytest.approx(0.5 * 6.0, rel=0.1)
 
 
-def test_what_contact_alone_holds_is_refused_to_methods_that_cannot(scene_of: SceneOf) -> None:
+def test_what_contact_alone_holds_is_refused_to_methods_that_cannot() -> None:
     scene = scene_of(contacts={"base": BASE}, supports=FAR, solver={"method": "uzawa"}, **GRAVITY)
     with pytest.raises(SceneError, match=r"solver\.method = uzawa: needs bodies that their supports hold in all parts"):
-        simulation_of(scene, HINGED)
+        voxel_simulation(scene, HINGED)
 
 
-def test_part_that_slides_without_friction_is_refused(scene_of: SceneOf) -> None:
+def test_part_that_slides_without_friction_is_refused() -> None:
     apart = ((0, 0), (2, 2))
     held = {"top": {"point": [3.0, 3.0], "displacement": {"x": 0.0, "y": 0.0}},
             "too": {"point": [3.0, 2.0], "displacement": {"x": 0.0}}}  # fmt: skip
     scene = scene_of(contacts={"base": BASE}, supports=held, **GRAVITY)
     with pytest.raises(SceneError, match="that contact does not resist can move as a whole; hold it"):
-        simulation_of(scene, apart)
+        voxel_simulation(scene, apart)
     rough = BASE | {"friction": {"law": "coulomb", "mu": 0.3}}
-    (step,) = simulation_of(scene_of(contacts={"base": rough}, supports=held, **GRAVITY), apart).steps()
+    (step,) = voxel_simulation(scene_of(contacts={"base": rough}, supports=held, **GRAVITY), apart).steps()
     assert step.contacts["base"].normal_force == pytest.approx(6.0, rel=1e-9)  # its weight
 
 
-def test_cubes_turn_about_an_edge(scene_of: SceneOf) -> None:
+def test_cubes_turn_about_an_edge() -> None:
     held = {f"at_{k}": {"point": [0.0, *x], "displacement": dict.fromkeys("xyz", 0.0)}
             for k, x in enumerate(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))}  # fmt: skip
     scene = scene_of(3, contacts={"base": BASE}, supports=held)
     with pytest.raises(SceneError, match=r"can turn about \(1, 1, [01]\)"):
-        simulation_of(scene, ((0, 0, 0), (1, 1, 0)))
+        voxel_simulation(scene, ((0, 0, 0), (1, 1, 0)))
 
 
 LINEAR = {"law": "compliance", "c_n": 1e9, "m_n": 1.0}
@@ -545,19 +545,17 @@ def block_on(floor: dict[str, Any], dim: int, contact: dict[str, Any], more: dic
 
 @pytest.mark.parametrize("contact", [{}, {"normal": LINEAR}, {"normal": LINEAR | {"m_n": 2.0}}, {"sliding": True}])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_a_floor_that_rises_lifts_a_body_and_leaves_it_there(
-    dim: int, contact: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_a_floor_that_rises_lifts_a_body_and_leaves_it_there(dim: int, contact: dict[str, Any]) -> None:
     """Its other motions are nobody's: they are those of the step before, not what rounding makes of them."""
     axis = "xyz"[dim - 1]
     scene = scene_of(**block_on({"displacement": {axis: UP_DOWN}}, dim, contact, {}))
-    for step in simulation_of(scene).steps():
+    for step in prepare(scene).steps():
         moved = record_of(step).displacement.reshape(-1, dim)
         assert_allclose(moved[:, :-1], 0.0, atol=1e-10)
         assert_allclose(moved[:, -1], 0.01, atol=1e-6)
 
 
-def test_two_bodies_pressed_by_nothing_are_solved_to_rounding(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_two_bodies_pressed_by_nothing_are_solved_to_rounding() -> None:
     """Tractions are what a stiff law makes of the last digits of motions; pairs are searched while steps are cut."""
     scene = scene_of(
         model="3d",
@@ -570,7 +568,7 @@ def test_two_bodies_pressed_by_nothing_are_solved_to_rounding(scene_of: SceneOf,
         supports={"bed": {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0, "z": UP_DOWN}}},
         steps={"end": 2.0, "count": 2},
     )  # fmt: skip
-    simulation = simulation_of(scene)
+    simulation = prepare(scene)
     audit = Auditor(simulation.problem, simulation.mesh)
     for step in simulation.steps():
         assert step.substeps == 1
@@ -581,12 +579,12 @@ def test_two_bodies_pressed_by_nothing_are_solved_to_rounding(scene_of: SceneOf,
 
 
 @pytest.mark.parametrize("power", [1.0, 1.5, 3.0])
-def test_a_released_body_rises_until_it_touches(power: float, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_a_released_body_rises_until_it_touches(power: float) -> None:
     """By Newton's method alone the penetration of a power law would shrink by a factor, step for step."""
     law = LINEAR | {"c_n": 1e7 * 1e-3 ** (1 - power), "m_n": power}
     weight = {"boundary": "block.top", "pressure": [[0.0, 0.0], [1.0, 1e4], [2.0, 0.0]]}
     scene = scene_of(**block_on({}, 2, {"normal": law}, {"loads": {"weight": weight}}))
-    simulation = simulation_of(scene)
+    simulation = prepare(scene)
     audit = Auditor(simulation.problem, simulation.mesh)
     pressed, released = simulation.steps()
     assert_allclose(record_of(pressed).p[:4], 1e4, rtol=0.2)
@@ -597,9 +595,9 @@ def test_a_released_body_rises_until_it_touches(power: float, scene_of: SceneOf,
         assert max(asdict(audit(replace(record_of(step), stored=stored_by(step)))).values()) < CLEAN
 
 
-def test_a_stiff_law_excuses_nothing_where_it_does_not_press(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_a_stiff_law_excuses_nothing_where_it_does_not_press() -> None:
     floor = {"displacement": {"y": UP_DOWN}}
-    problem = surface_problem(simulation_of(scene_of(**block_on(floor, 2, {"normal": LINEAR}, {}))))
+    problem = surface_problem(prepare(scene_of(**block_on(floor, 2, {"normal": LINEAR}, {}))))
     (rows,) = problem.cone.contacts
     stiff = replace(rows, normal=Compliance(c_n=1e25))
     problem = replace(problem, cone=AdmissibleSet((stiff,), problem.cone.time, problem.cone.end))
@@ -610,10 +608,10 @@ def test_a_stiff_law_excuses_nothing_where_it_does_not_press(scene_of: SceneOf, 
 
 
 @pytest.fixture
-def lifted(scene_of: SceneOf, simulation_of: SimulationOf) -> SurfaceProblem:
+def lifted() -> SurfaceProblem:
     """The second step, in which the floor leaves the block."""
     scene = scene_of(**block_on({"displacement": {"y": UP_DOWN}}, 2, {}, {}))
-    return surface_problem(simulation_of(scene))
+    return surface_problem(prepare(scene))
 
 
 def test_motions_that_nothing_resists_stay_if_nothing_pushes_along_them(lifted: SurfaceProblem) -> None:
@@ -656,9 +654,7 @@ PRESS = 0.2  # N on a block of 2 m (and 1 m wide in 3D)
 
 
 @pytest.fixture
-def problem_of(
-    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., SurfaceProblem]:
+def problem_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SurfaceProblem]:
     """A block pressed onto the foundation and pulled along it, held by the contact alone; nothing is solved."""
 
     def make(
@@ -682,7 +678,7 @@ def problem_of(
             "stickslip.solvers.stepping.substep.unbalanced_motion", lambda problem: seen.append(problem) or np.ones(1)
         )
         monkeypatch.setattr("stickslip.solvers.stepping.halving.describe_motion", lambda system, motion, dofs: "")
-        stepper = simulation_of(scene).stepper
+        stepper = prepare(scene).stepper
         with pytest.raises(NoEquilibriumError, match="cannot balance"):
             stepper.reach(stepper.start(), 1.0, lambda row: None)
         return seen[0]
@@ -837,9 +833,7 @@ def test_a_body_without_friction_says_where_nothing_holds_it() -> None:
         list(simulation.steps())
 
 
-def test_plates_that_carry_a_block_far_and_close_a_little_press_it(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_plates_that_carry_a_block_far_and_close_a_little_press_it() -> None:
     """Pressures are far below what the common motion would cause, and yet they are the answer."""
     E, nu, far, near = 2e11, 0.3, 0.05, 1e-9
     size = {"builder": "block", "length": 4.0, "height": 2.0, "mesh_size": 0.5, "contact_mesh_size": 0.5}
@@ -857,6 +851,6 @@ def test_plates_that_carry_a_block_far_and_close_a_little_press_it(
         supports={"side": {"boundary": "block.left", "displacement": {"x": 0.0}}},
         steps={"end": 1.0, "count": 1},
     )
-    (step,) = simulation_of(scene).steps()
+    (step,) = prepare(scene).steps()
     for contact in step.contacts.values():
         assert contact.normal_force == pytest.approx(E / (1 - nu**2) * near / 2.0 * 4.0, rel=1e-5)

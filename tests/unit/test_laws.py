@@ -13,7 +13,7 @@ from scipy import sparse
 from shared.audited import record_of
 from shared.cases import every_nth
 from shared.failures import failures
-from shared.problems import SceneOf, SimulationOf, SystemOf
+from shared.problems import scene_of
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical.uzawa import Uzawa
@@ -43,7 +43,7 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene
-from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.prepared import prepare, system_of
 from stickslip.workflows.scene_file.read import from_dict
 
 EPS = float(np.finfo(float).eps)
@@ -644,9 +644,7 @@ LAWS: dict[str, dict[str, Any]] = {
 }
 
 
-def rubbed(
-    scene_of: SceneOf, law: str, method: str, count: int = 4, dim: int = 2, geometry: dict[str, Any] | None = None
-) -> Scene:
+def rubbed(law: str, method: str, count: int = 4, dim: int = 2, geometry: dict[str, Any] | None = None) -> Scene:
     """A block pressed, then its top driven there, back and there again; in 3D also across."""
     drive = {"x": [[1, 0], [2, 0.06], [3, -0.06], [4, 0.06]], "xyz"[dim - 1]: [[0, 0], [1, -0.08]]}
     if dim == 3:
@@ -662,18 +660,14 @@ def rubbed(
 
 
 @pytest.mark.parametrize(("law", "method"), every_nth(2, LAWS, METHODS))
-def test_history_is_audited_clean_and_its_energy_is_all_there(
-    law: str, method: str, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
-    check_history(simulation_of(rubbed(scene_of, law, method)))
+def test_history_is_audited_clean_and_its_energy_is_all_there(law: str, method: str) -> None:
+    check_history(prepare(rubbed(law, method)))
 
 
 @pytest.mark.parametrize(("law", "shape"), every_nth(3, LAWS, [(2, {"order": 2}), (3, {}), (3, {"cells": "tensor"})]))
-def test_so_it_is_in_3d_and_at_order_2(
-    law: str, shape: tuple[int, dict[str, Any]], scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_so_it_is_in_3d_and_at_order_2(law: str, shape: tuple[int, dict[str, Any]]) -> None:
     dim, geometry = shape
-    check_history(simulation_of(rubbed(scene_of, law, "condensed-newton", dim=dim, geometry=geometry)))
+    check_history(prepare(rubbed(law, "condensed-newton", dim=dim, geometry=geometry)))
 
 
 def check_history(simulation: Simulation) -> None:
@@ -690,10 +684,10 @@ def check_history(simulation: Simulation) -> None:
 
 
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
-def test_slip_is_what_the_give_leaves(law: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_slip_is_what_the_give_leaves(law: str) -> None:
     """The audit counts slip from w - t/k_T: with the whole displacement a stuck point would seem to slip."""
-    scene = rubbed(scene_of, law, "condensed-newton", count=32)
-    simulation = simulation_of(scene)
+    scene = rubbed(law, "condensed-newton", count=32)
+    simulation = prepare(scene)
     steps = {step.time: step for step in simulation.steps()}
     (place,) = simulation.stepper.cone.places
     before, after = steps[2.0], steps[2.125]  # where the drive turns back
@@ -706,10 +700,10 @@ def test_slip_is_what_the_give_leaves(law: str, scene_of: SceneOf, simulation_of
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_time_remainder_falls_with_the_step(law: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_time_remainder_falls_with_the_step(law: str) -> None:
     remainders, loops = [], []
     for count in (16, 32):
-        *_, last = simulation_of(rubbed(scene_of, law, "condensed-newton", count)).steps()
+        *_, last = prepare(rubbed(law, "condensed-newton", count)).steps()
         remainders.append(abs(last.energy.time_remainder) / last.energy.dissipated)
         loops.append(last.energy.dissipated)
     assert remainders[1] < 0.7 * remainders[0]  # first order: a half
@@ -717,8 +711,8 @@ def test_time_remainder_falls_with_the_step(law: str, scene_of: SceneOf, simulat
 
 
 @pytest.mark.parametrize(("law", "relaxation"), every_nth(2, LAWS, [0.3, 1.9]))
-def test_uzawa_is_admissible(law: str, relaxation: float, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    simulation = simulation_of(rubbed(scene_of, law, "uzawa"))
+def test_uzawa_is_admissible(law: str, relaxation: float) -> None:
+    simulation = prepare(rubbed(law, "uzawa"))
     stepper = simulation.stepper
     problem = stepper.reach(stepper.start(), 1.0, lambda row: None).problem
     (place,) = problem.cone.places
@@ -731,7 +725,7 @@ def test_uzawa_is_admissible(law: str, relaxation: float, scene_of: SceneOf, sim
         assert np.any(t) or max_it == 1  # the first step sees bodies that move down as a whole, and do not widen yet
 
 
-def test_bound_is_integrated_exactly(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_bound_is_integrated_exactly() -> None:
     """A penetration of (2 + x) m, to the fifth: the quadrature of the pressure would not do."""
     laws = {"normal": {"law": "compliance", "c_n": 40.0}, "friction": {"law": "compliance", "c_T": 3.0, "m_T": 5.0}}
     top = {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}
@@ -744,7 +738,7 @@ def test_bound_is_integrated_exactly(scene_of: SceneOf, system_of: SystemOf) -> 
 
 
 @pytest.mark.parametrize("friction", [{}, {"friction": {"law": "coulomb", "mu": 0.0}}])
-def test_nothing_sticks_if_smooth(friction: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_nothing_sticks_if_smooth(friction: dict[str, Any]) -> None:
     """Pressed between its symmetry planes no point of the base moves sideways: no slip, but no stick either."""
     scene = scene_of(
         contacts={"base": {"surface": "block.bottom", "against": "foundation"} | friction},
@@ -754,7 +748,7 @@ def test_nothing_sticks_if_smooth(friction: dict[str, Any], scene_of: SceneOf, s
             "right": {"boundary": "block.right", "displacement": {"x": 0.0}},
         },
     )
-    (step,) = simulation_of(scene).steps()
+    (step,) = prepare(scene).steps()
     base = step.contacts["base"]
     assert base.max_slip < 1e-12
     assert (base.stick_area, base.slip_area) == (0.0, base.contact_area)

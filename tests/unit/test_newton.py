@@ -13,7 +13,7 @@ from scipy.linalg import null_space
 
 from shared.cases import every_nth
 from shared.discrete import random_problem
-from shared.problems import SceneOf, SimulationOf, surface_problem
+from shared.problems import scene_of, surface_problem
 from stickslip.geometry.arrays import CLOSE, EXACT, Array
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
@@ -60,7 +60,7 @@ FRICTION: dict[str, dict[str, Any]] = {
 }
 
 
-def pressed(scene_of: SceneOf, dim: int, normal: str, friction: str, **solver: Any) -> Scene:
+def pressed(dim: int, normal: str, friction: str, **solver: Any) -> Scene:
     """Pressed and dragged in one step, by the top and by the foundation; in 3D along both axes."""
     drag = {"x": 0.06, "y": -0.1} if dim == 2 else {"x": 0.06, "y": 0.03, "z": -0.1}
     laws = {"normal": NORMAL[normal], "friction": FRICTION[friction]}
@@ -109,12 +109,10 @@ COMBINATIONS = [  # of laws
 
 
 @pytest.mark.parametrize(("laws", "dim"), every_nth(2, COMBINATIONS, [2, 3]))
-def test_linearised_laws_are_the_derivative_of_the_laws(
-    laws: tuple[str, str], dim: int, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_linearised_laws_are_the_derivative_of_the_laws(laws: tuple[str, str], dim: int) -> None:
     """One Newton step of p - P_C(p + gamma (w - gap)) = 0, by differences, has the linearised laws' solutions."""
     normal, friction = laws
-    problem = surface_problem(simulation_of(pressed(scene_of, dim, normal, friction)))
+    problem = surface_problem(prepare(pressed(dim, normal, friction)))
     problem = replace(problem, gap=problem.gap + np.random.default_rng(6).normal(0.0, 0.1, len(problem.gap)))
     cone, gamma, rows = problem.cone, problem.gamma * 0.8, problem.cone.size
     p_hat, states = trial_away_from_kinks(cone, gamma, seed=4)
@@ -139,8 +137,8 @@ def test_linearised_laws_are_the_derivative_of_the_laws(
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_the_condensed_system_is_solved_with_its_laws(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    problem = surface_problem(simulation_of(pressed(scene_of, dim, "power", "coulomb")))
+def test_the_condensed_system_is_solved_with_its_laws(dim: int) -> None:
+    problem = surface_problem(prepare(pressed(dim, "power", "coulomb")))
     p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws = linearise(problem, p_hat, problem.gamma)
     p, u_c = solve(laws, np.zeros(laws.problem.surface.size))
@@ -157,13 +155,11 @@ def test_the_condensed_system_is_solved_with_its_laws(dim: int, scene_of: SceneO
 @pytest.mark.parametrize(("normal", "friction"), [
     ("unilateral", "coulomb"), ("unilateral", "soft coulomb"), ("soft", "soft coulomb"), ("power", "coulomb"),
 ])  # fmt: skip
-def test_it_is_solved_with_floating_bodies_too(
-    normal: str, friction: str, dim: int, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_it_is_solved_with_floating_bodies_too(normal: str, friction: str, dim: int) -> None:
     laws: dict[str, Any] = {"normal": (NORMAL | {"soft": {"law": "compliance", "c_n": 0.5}})[normal]}
     laws |= {"friction": FRICTION[friction], "gap_offset": -0.01}
     drag = [0.005, -0.1] if dim == 2 else [0.005, 0.003, -0.1]
-    problem = surface_problem(simulation_of(scene_of(
+    problem = surface_problem(prepare(scene_of(
         dim,
         bodies={"block": {"E": 3.0, "nu": 0.3}},
         contacts={"base": {"surface": "block.bottom", "against": "foundation"} | laws},
@@ -186,17 +182,17 @@ def test_it_is_solved_with_floating_bodies_too(
         assert_allclose(resultant, 0.0, atol=1e-10 * np.abs(surface.forces(p)).sum())
 
 
-def test_rows_that_slip_are_known(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    problem = surface_problem(simulation_of(pressed(scene_of, 2, "unilateral", "coulomb")))
+def test_rows_that_slip_are_known() -> None:
+    problem = surface_problem(prepare(pressed(2, "unilateral", "coulomb")))
     p_hat, states = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws, (place,) = linearise(problem, p_hat, problem.gamma), problem.cone.places
     assert laws.slip[place.tangential].tolist() == ((states == "slip") & place.rows.free[:, 0]).tolist()
     assert not laws.slip[place.normal].any()
 
 
-def test_a_direction_without_multiplier_has_no_law(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_a_direction_without_multiplier_has_no_law() -> None:
     """A point that slips in 3D, one of whose directions a support has taken: its row is p = 0."""
-    problem = surface_problem(simulation_of(pressed(scene_of, 3, "unilateral", "coulomb")))
+    problem = surface_problem(prepare(pressed(3, "unilateral", "coulomb")))
     p_hat, states = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     (rows,), point = problem.cone.contacts, int(np.flatnonzero(states == "slip")[0])
     free = rows.free.copy()
@@ -212,9 +208,9 @@ def test_a_direction_without_multiplier_has_no_law(scene_of: SceneOf, simulation
     assert not laws.slip[row]
 
 
-def test_nan_goes_through_the_system(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_nan_goes_through_the_system() -> None:
     """It ends as Status.NOT_FINITE, not as an error."""
-    problem = surface_problem(simulation_of(pressed(scene_of, 2, "linear", "coulomb")))
+    problem = surface_problem(prepare(pressed(2, "linear", "coulomb")))
     p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws = linearise(problem, p_hat, problem.gamma)
     surface = problem.surface
@@ -227,10 +223,8 @@ def test_nan_goes_through_the_system(scene_of: SceneOf, simulation_of: Simulatio
 @pytest.mark.parametrize(
     ("friction", "dim", "seed"), every_nth(3, ["coulomb", "tresca", "soft coulomb"], [2, 3], [4, 5, 6])
 )
-def test_unknown_tractions_and_unknown_motions_give_the_same_answer(
-    friction: str, dim: int, seed: int, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
-    problem = surface_problem(simulation_of(pressed(scene_of, dim, "unilateral", friction)))
+def test_unknown_tractions_and_unknown_motions_give_the_same_answer(friction: str, dim: int, seed: int) -> None:
+    problem = surface_problem(prepare(pressed(dim, "unilateral", friction)))
     surface = problem.surface
     assert isinstance(surface, CondensedSurface)
     bodies = surface.row_stiffness(problem.cone.carrying)
@@ -249,12 +243,10 @@ def test_unknown_tractions_and_unknown_motions_give_the_same_answer(
     pytest.param(2, "power", "coulomb", marks=pytest.mark.slow),
     pytest.param(3, "power", "soft coulomb", marks=pytest.mark.slow),
 ])  # fmt: skip
-def test_uzawa_and_newton_find_the_same_answer(
-    dim: int, normal: str, friction: str, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_uzawa_and_newton_find_the_same_answer(dim: int, normal: str, friction: str) -> None:
     steps, problems = [], []
     for method in ("uzawa", "condensed-newton"):
-        simulation = simulation_of(pressed(scene_of, dim, normal, friction, method=method))
+        simulation = prepare(pressed(dim, normal, friction, method=method))
         steps += list(simulation.steps())
         problems.append(simulation.stepper.surface)
     one, other = steps
@@ -269,24 +261,22 @@ def test_uzawa_and_newton_find_the_same_answer(
     assert contact.dissipation > 0
 
 
-def test_friction_is_what_the_methods_see_of_mu(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    scene = pressed(scene_of, 2, "power", "coulomb")
+def test_friction_is_what_the_methods_see_of_mu() -> None:
+    scene = pressed(2, "power", "coulomb")
     smooth = scene_of(
         contacts={"base": {"surface": "block.bottom", "against": "foundation", "normal": NORMAL["power"],
                            "friction": {"law": "coulomb", "mu": 0.0}}},
         supports={"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}},
     )  # fmt: skip
-    (rough,), (slippery,) = (list(simulation_of(s).steps()) for s in (scene, smooth))
+    (rough,), (slippery,) = (list(prepare(s).steps()) for s in (scene, smooth))
     assert slippery.contacts["base"].tangential_force == 0.0
     assert rough.contacts["base"].tangential_force <= 0.4 * rough.contacts["base"].normal_force * (1 + 1e-9)
 
 
 @pytest.mark.parametrize(("relaxation", "converges"), [(0.2, True), (1.99, True), (2.02, False)])
-def test_uzawa_converges_up_to_two_over_lambda_max_and_no_further(
-    relaxation: float, converges: bool, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_uzawa_converges_up_to_two_over_lambda_max_and_no_further(relaxation: float, converges: bool) -> None:
     """All points closed and sticking: Richardson's iteration, whose bound is sharp."""
-    problem = surface_problem(simulation_of(pressed(scene_of, 2, "bilateral", "stick")))
+    problem = surface_problem(prepare(pressed(2, "bilateral", "stick")))
     method = Uzawa(alpha=relaxation / problem.surface.lambda_max, rtol=1e-8, max_it=20000)
     solution = method(problem, np.zeros(problem.cone.size))
     if converges:
@@ -298,8 +288,8 @@ def test_uzawa_converges_up_to_two_over_lambda_max_and_no_further(
         assert np.abs(solution.p).max() > 1e3 * problem.p_ref  # (2.02 - 1)^500 = 2e4, started at rounding or above
 
 
-def test_a_method_says_when_it_ran_out_of_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    problem = surface_problem(simulation_of(pressed(scene_of, 2, "unilateral", "coulomb")))
+def test_a_method_says_when_it_ran_out_of_iterations() -> None:
+    problem = surface_problem(prepare(pressed(2, "unilateral", "coulomb")))
     nothing = np.zeros(problem.cone.size)
     solution = Uzawa(rtol=1e-12, max_it=3)(problem, nothing)
     assert (solution.status, solution.iterations, len(solution.history)) == (Status.MAX_IT, 3, 4)

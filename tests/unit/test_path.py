@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from shared.problems import SceneOf, SimulationOf
+from shared.problems import scene_of
 from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -336,7 +336,7 @@ CAPPED = {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.06}
 
 
 @pytest.fixture
-def problem_of_block(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., SurfaceProblem]:
+def problem_of_block() -> Callable[..., SurfaceProblem]:
     """A block pressed and dragged in one step, on a surface that gives way; by tractions if it floats."""
 
     def make(m_n: float = 2.0, friction: dict[str, Any] | None = COULOMB, floating: bool = False) -> SurfaceProblem:
@@ -345,9 +345,7 @@ def problem_of_block(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable
         law = {"law": "compliance", "c_n": 40.0, "m_n": m_n}
         drag = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
         pull = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}}
-        stepper = simulation_of(
-            scene_of(contacts={"base": base | {"normal": law}}, **pull if floating else drag)
-        ).stepper
+        stepper = prepare(scene_of(contacts={"base": base | {"normal": law}}, **pull if floating else drag)).stepper
         return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
 
     return make
@@ -474,12 +472,12 @@ LIFTED = {"x": 0.1, "y": 0.02}
 
 
 @pytest.fixture
-def reached(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., Accepted]:
+def reached() -> Callable[..., Accepted]:
     """The last step of a block with friction that weakens from mu_s."""
 
     def make(mu_s: float, mu_k: float, slip_length: float, top: dict[str, Any], count: int) -> Accepted:
         law = {"law": "static_kinetic", "mu_s": mu_s, "mu_k": mu_k, "slip_length": slip_length}
-        stepper = simulation_of(
+        stepper = prepare(
             scene_of(
                 contacts={"base": {"surface": "block.bottom", "against": "foundation", "friction": law}},
                 supports={"top": {"boundary": "block.top", "displacement": top}},
@@ -496,7 +494,7 @@ def reached(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., Acc
 
 
 @pytest.fixture
-def problem_of_several(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., SurfaceProblem]:
+def problem_of_several() -> Callable[..., SurfaceProblem]:
     """A block pressed and dragged in one step."""
 
     def make(
@@ -504,7 +502,7 @@ def problem_of_several(scene_of: SceneOf, simulation_of: SimulationOf) -> Callab
     ) -> SurfaceProblem:
         base = {"surface": "block.bottom", "against": "foundation"} | (normal or {})
         base |= {"friction": friction} if friction else {}
-        stepper = simulation_of(scene_of(contacts={"base": base}, **tables)).stepper
+        stepper = prepare(scene_of(contacts={"base": base}, **tables)).stepper
         return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
 
     return make

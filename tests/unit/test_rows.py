@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.cases import every_nth
 from shared.overlays import above, below
-from shared.problems import SceneOf, SimulationOf, SystemOf
+from shared.problems import scene_of
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.surfaces.overlap import overlap
@@ -23,7 +23,7 @@ from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import assemble
-from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.prepared import prepare, system_of
 from stickslip.workflows.scene_file.read import from_dict, read
 
 SHAPES: dict[str, tuple[int, dict[str, Any]]] = {
@@ -55,9 +55,7 @@ def contact(
 
 
 @pytest.mark.parametrize(("shape", "law"), every_nth(3, SHAPES, LAWS))
-def test_uniform_tractions_have_the_exact_resultant_and_nodal_forces(
-    shape: str, law: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_uniform_tractions_have_the_exact_resultant_and_nodal_forces(shape: str, law: str) -> None:
     dim, geometry = SHAPES[shape]
     (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact(law=law)})).contacts
     n, size = len(rows.surface.nodes), 2.0  # 2 m (by 1 m)
@@ -79,7 +77,7 @@ def test_uniform_tractions_have_the_exact_resultant_and_nodal_forces(
 
 
 @pytest.mark.parametrize(("shape", "law"), every_nth(3, SHAPES, LAWS))
-def test_friction_sees_the_force_of_each_node(shape: str, law: str, scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_friction_sees_the_force_of_each_node(shape: str, law: str) -> None:
     """No pressure, however uneven, gives a negative mean, and the means add up to the normal force."""
     dim, geometry = SHAPES[shape]
     (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact(law=law)})).contacts
@@ -95,9 +93,7 @@ def test_friction_sees_the_force_of_each_node(shape: str, law: str, scene_of: Sc
 
 
 @pytest.mark.parametrize(("shape", "law"), every_nth(3, SHAPES, LAWS))
-def test_tractions_work_on_relative_displacement_as_nodal_forces_do(
-    shape: str, law: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_tractions_work_on_relative_displacement_as_nodal_forces_do(shape: str, law: str) -> None:
     dim, geometry = SHAPES[shape]
     (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact(law=law)})).contacts
     random = np.random.default_rng(0)
@@ -116,7 +112,7 @@ def test_tractions_work_on_relative_displacement_as_nodal_forces_do(
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_frames_are_right_angled_and_look_at_the_obstacle(shape: str, scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_frames_are_right_angled_and_look_at_the_obstacle(shape: str) -> None:
     dim, geometry = SHAPES[shape]
     low = {
         "foundation": {
@@ -150,7 +146,7 @@ def carries_uniform_pressure(rows: ContactRows) -> None:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_neighbours_take_over_where_motion_is_prescribed(shape: str, scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_neighbours_take_over_where_motion_is_prescribed(shape: str) -> None:
     dim, geometry = SHAPES[shape]
     hold = {"clamp": {"boundary": "block.left", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}}
     (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact()}, supports=hold)).contacts
@@ -171,7 +167,7 @@ def test_neighbours_take_over_where_motion_is_prescribed(shape: str, scene_of: S
     carries_uniform_pressure(rows)
 
 
-def test_a_node_on_a_symmetry_plane_keeps_friction_along_the_plane(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_a_node_on_a_symmetry_plane_keeps_friction_along_the_plane() -> None:
     symmetry = {"symmetry": {"boundary": "block.left", "displacement": {"normal": 0.0}}}
     (rows,) = system_of(scene_of(3, contacts={"base": contact()}, supports=symmetry)).contacts
     on_plane = np.isclose(rows.surface.points[:, 0], 0.0)
@@ -184,7 +180,7 @@ def test_a_node_on_a_symmetry_plane_keeps_friction_along_the_plane(scene_of: Sce
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_a_node_and_its_periodic_image_share_one_multiplier(dim: int, scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_a_node_and_its_periodic_image_share_one_multiplier(dim: int) -> None:
     system = system_of(scene_of(dim, contacts={"base": contact()}, periodic=PERIODIC))
     (rows,) = system.contacts
     x = rows.surface.points
@@ -201,10 +197,10 @@ def full_row_rank(simulation: Simulation) -> tuple[int, int]:
     return rank, int((np.abs(B).max(axis=1) > 1e-12).sum())
 
 
-def test_two_contacts_in_one_corner_ask_nothing_twice(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_two_contacts_in_one_corner_ask_nothing_twice() -> None:
     ground = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
     both = {"base": contact("bottom"), "side": contact("left", "wall")}
-    simulation = simulation_of(scene_of(obstacles=ground | WALL, contacts=both))
+    simulation = prepare(scene_of(obstacles=ground | WALL, contacts=both))
     rank, rows = full_row_rank(simulation)
     assert rank == rows
     base, side = simulation.system.contacts
@@ -218,13 +214,13 @@ def test_two_contacts_in_one_corner_ask_nothing_twice(scene_of: SceneOf, simulat
         carries_uniform_pressure(rows_of)
 
 
-def test_parallel_planes_on_adjoining_sides_hold_a_corner_once(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_parallel_planes_on_adjoining_sides_hold_a_corner_once() -> None:
     # both obstacles face up and right: the corner of bottom and left has one normal motion for the two
     ground = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.1, 1.0]}}
     pit = {"wall": {"shape": "plane", "point": [0.0, -1.0], "normal": [0.2, 2.0]}}
     both = {"base": contact("bottom"), "side": contact("left", "wall", mu=0.0)}
     hold = {"lid": {"boundary": "block.top", "displacement": {"x": 0.0, "y": -0.1}}}
-    simulation = simulation_of(scene_of(obstacles=ground | pit, contacts=both, supports=hold))
+    simulation = prepare(scene_of(obstacles=ground | pit, contacts=both, supports=hold))
     rank, rows = full_row_rank(simulation)
     assert rank == rows
     base, side = simulation.system.contacts
@@ -234,15 +230,13 @@ def test_parallel_planes_on_adjoining_sides_hold_a_corner_once(scene_of: SceneOf
 
 
 @pytest.mark.parametrize("shape", ["graded triangles", "tetrahedra"])
-def test_rows_on_the_contact_dofs_measure_what_rows_on_the_nodes_do(
-    shape: str, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_rows_on_the_contact_dofs_measure_what_rows_on_the_nodes_do(shape: str) -> None:
     dim, geometry = SHAPES[shape]
     hold = {"clamp": {"boundary": "block.left", "displacement": {"x": 0.0}}}
     scene = scene_of(dim, geometry, contacts={"base": contact()}, supports=hold, periodic={})
-    system = simulation_of(scene).system
+    system = prepare(scene).system
     (rows,) = system.contacts
-    surface = prepare_surface(system, simulation_of(scene).stepper.chain.volume)
+    surface = prepare_surface(system, prepare(scene).stepper.chain.volume)
     q = system.T.createVecRight()
     q.array[:] = np.random.default_rng(2).normal(size=q.getSize())
     (u,) = system.interface.displacement(system.T * q)
