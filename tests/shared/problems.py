@@ -21,6 +21,11 @@ SimulationOf = Callable[[Scene], Simulation]
 SystemOf = Callable[[Scene], System]
 
 
+def plane(dim: int = 2) -> dict[str, Any]:
+    """The obstacle y = 0, z = 0 in 3D."""
+    return {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
+
+
 def scene_of(dim: int = 2, geometry: dict[str, Any] | None = None, **tables: Any) -> Scene:
     """A block on the foundation y = 0 (z = 0 in 3D), E = 1 Pa, nu = 0.3; keywords replace or add whole tables."""
     width = {"width": 1.0} if dim == 3 else {}
@@ -29,7 +34,7 @@ def scene_of(dim: int = 2, geometry: dict[str, Any] | None = None, **tables: Any
         "model": "plane strain" if dim == 2 else "3d",
         "geometry": shape | (geometry or {}),
         "bodies": {"block": {"E": 1.0, "nu": 0.3}},
-        "obstacles": {"foundation": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}},
+        "obstacles": {"foundation": plane(dim)},
     }
     return from_dict(data | tables)
 
