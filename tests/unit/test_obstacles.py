@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 
 from shared.cases import every_nth
-from shared.problems import scene_of
+from shared.problems import plane, scene_of
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.dolfinx_versions import ufl
@@ -24,7 +24,14 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.prepared import prepare, system_of
 from stickslip.workflows.scene_file.read import from_dict
 
-ROUND: list[tuple[Obstacle, int]] = [
+CONES = [
+    Cone(apex=(0.0, 0.2), axis=(0.0, 3.0), half_angle=30.0),
+    Cone(apex=(0.0, 0.2), axis=(0.0, -1.0), half_angle=70.0, inside=True),
+    Cone(apex=(0.3, -0.2, 0.1), axis=(1.0, 2.0, -2.0), half_angle=50.0),
+    Cone(apex=(0.3, -0.2, 0.1), axis=(1.0, 2.0, -2.0), half_angle=40.0, inside=True),
+]
+KINDS: list[tuple[Obstacle, int]] = [
+    *((cone, len(cone.apex)) for cone in CONES),
     (Plane(point=(0.1, 0.2), normal=(1.0, 3.0)), 2),
     (Plane(point=(0.1, 0.2, -0.5), normal=(1.0, 3.0, -2.0)), 3),
     (Cylinder(point=(0.3, -0.2), radius=0.7), 2),
@@ -35,7 +42,7 @@ ROUND: list[tuple[Obstacle, int]] = [
 ]
 
 
-@pytest.mark.parametrize(("obstacle", "dim"), ROUND)
+@pytest.mark.parametrize(("obstacle", "dim"), KINDS)
 def test_normal_is_the_gradient_of_the_distance_and_leads_to_the_surface(obstacle: Obstacle, dim: int) -> None:
     x, step = np.random.default_rng(5).normal(size=(20, dim)), 1e-6
     normals = obstacle.normals(x)
@@ -118,6 +125,18 @@ WRONG: list[tuple[type[Obstacle], dict[str, Any], Model, str]] = [
           (3, {"point": (0.0, 0.0), "axis": (0, 0, 1)}, "3d", "^rotation.point = .*: expected 3 components here"),
           (3, {"point": (0.0, 0.0, 0.0), "axis": (0, 1)}, "3d", r"^rotation.axis = \(0.0, 1.0\): expected 3"),
       ]),
+    *((Cone, {"apex": (0.0, 0.0, 0.0), "axis": (0.0, 0.0, 1.0), "half_angle": 30.0} | keys, model, sentence)
+      for keys, model, sentence in [
+          ({"half_angle": 0.0}, "3d", "half_angle = 0.0: must lie between 0 and 90"),
+          ({"half_angle": 90.0}, "3d", "half_angle = 90.0: must lie between 0 and 90"),
+          ({"axis": (0.0, 0.0, 0.0)}, "3d", "axis = .*must not be zero"),
+          ({"apex": (0.0, 0.0)}, "3d", "apex = .*expected 3 components"),
+          ({"axis": (0.0, 1.0)}, "3d", "axis = .*expected 3 components"),
+          ({}, "plane strain", 'shape = "cone": there is none in a plane model'),
+          ({}, "plane stress", 'shape = "cone": there is none in a plane model'),
+          ({"apex": (1.0, 0.0), "axis": (0.0, 1.0)}, "axisymmetric", "apex = .*axis of symmetry"),
+          ({"apex": (0.0, 0.0), "axis": (1.0, 1.0)}, "axisymmetric", "axis = .*expected"),
+      ]),
 ]  # fmt: skip
 
 
@@ -137,6 +156,8 @@ def test_right_obstacles_are_accepted() -> None:
     Cylinder(point=(1.0, 0.0, 0.0), radius=1.0, axis=(1.0, 1.0, 0.0)).check_model("3d")
     Cylinder(point=(1.0, 0.0), radius=1.0).check_model("plane strain")
     Sphere(center=(0.0, 3.0), radius=1.0).check_model("axisymmetric")
+    Cone(apex=(0.0, 0.0), axis=(0.0, -1.0), half_angle=0.5).check_model("axisymmetric")
+    Cone(apex=(1.0, 0.0, 0.0), axis=(1.0, 0.0, 1.0), half_angle=89.5).check_model("3d")
 
 
 def test_wrong_rotations_and_motions_are_refused() -> None:
@@ -147,14 +168,6 @@ def test_wrong_rotations_and_motions_are_refused() -> None:
         Rotation(angle=late, point=(0.0, 0.0))
     with pytest.raises(SceneError, match=r"^displacement\.y = .*: times must increase"):
         Plane(point=(0.0, 0.0), normal=(0.0, 1.0), displacement={"y": late})
-
-
-CONES = [
-    Cone(apex=(0.0, 0.2), axis=(0.0, 3.0), half_angle=30.0),
-    Cone(apex=(0.0, 0.2), axis=(0.0, -1.0), half_angle=70.0, inside=True),
-    Cone(apex=(0.3, -0.2, 0.1), axis=(1.0, 2.0, -2.0), half_angle=50.0),
-    Cone(apex=(0.3, -0.2, 0.1), axis=(1.0, 2.0, -2.0), half_angle=40.0, inside=True),
-]
 
 
 def generators(cone: Cone, count: int, reach: float) -> Array:
@@ -189,18 +202,6 @@ def test_distance_is_that_of_the_nearest_point_and_positive_where_the_body_may_b
     sign = np.where(within, -1.0, 1.0) * (-1.0 if cone.inside else 1.0)
     # points of the surface lie up to 0.003 m apart along it and 0.03 m around it
     assert_allclose(cone.signed_gap(x), sign * nearest, atol=2e-3)
-
-
-@pytest.mark.parametrize("cone", CONES)
-def test_normal_of_a_cone_is_the_gradient_and_leads_to_its_surface(cone: Cone) -> None:
-    x, step = scattered(cone), 1e-6
-    normals = cone.normals(x)
-    assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-14)
-    for axis, shift in enumerate(step * np.eye(x.shape[1])):
-        slope = (cone.signed_gap(x + shift) - cone.signed_gap(x - shift)) / (2 * step)
-        assert_allclose(slope, normals[:, axis], atol=1e-8)  # central difference: step² and rounding / step
-    closest = x - cone.signed_gap(x)[:, None] * normals
-    assert_allclose(cone.signed_gap(closest), 0.0, atol=1e-14)
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -253,31 +254,11 @@ def test_compliance_meets_a_cone_at_each_point(dim: int, inside: bool) -> None:
     assert_allclose(by_rows.ravel(), form, atol=1e-12 * np.abs(form).max())
 
 
-WRONG_CONES: list[tuple[dict[str, Any], Model, str]] = [
-    ({"half_angle": 0.0}, "3d", "half_angle = 0.0: must lie between 0 and 90"),
-    ({"half_angle": 90.0}, "3d", "half_angle = 90.0: must lie between 0 and 90"),
-    ({"axis": (0.0, 0.0, 0.0)}, "3d", "axis = .*must not be zero"),
-    ({"apex": (0.0, 0.0)}, "3d", "apex = .*expected 3 components"),
-    ({"axis": (0.0, 1.0)}, "3d", "axis = .*expected 3 components"),
-    ({}, "plane strain", 'shape = "cone": there is none in a plane model'),
-    ({}, "plane stress", 'shape = "cone": there is none in a plane model'),
-    ({"apex": (1.0, 0.0), "axis": (0.0, 1.0)}, "axisymmetric", "apex = .*axis of symmetry"),
-    ({"apex": (0.0, 0.0), "axis": (1.0, 1.0)}, "axisymmetric", "axis = .*expected"),
-]
-
-
-@pytest.mark.parametrize(("data", "model", "sentence"), WRONG_CONES)
-def test_wrong_cones_are_refused_by_key(data: dict[str, Any], model: Model, sentence: str) -> None:
-    with pytest.raises(SceneError, match=sentence):
-        Cone(**({"apex": (0.0, 0.0, 0.0), "axis": (0.0, 0.0, 1.0), "half_angle": 30.0} | data)).check_model(model)
-
-
-def test_a_needle_is_a_cone() -> None:
-    Cone(apex=(0.0, 0.0), axis=(0.0, -1.0), half_angle=0.5).check_model("axisymmetric")
-    Cone(apex=(1.0, 0.0, 0.0), axis=(1.0, 0.0, 1.0), half_angle=89.5).check_model("3d")
-
-
-def ball_in_socket(half_angle: float, mu: float, dim: int, order: int) -> None:
+@pytest.mark.parametrize(
+    ("half_angle", "mu", "order", "dim"),
+    [*every_nth(2, [30.0, 45.0, 60.0], [0.0, 0.1], [1, 2], [2]), (45.0, 0.0, 1, 3)],
+)
+def test_a_ball_rests_in_a_socket_as_statics_says(half_angle: float, mu: float, order: int, dim: int) -> None:
     """N = P / (sin + mu cos) of the half angle: a ball, its flat side up, that is pressed into a conical socket.
 
     All normals have the same slope, so the balance along the axis is exact on any mesh; at mu = 0.1 all of it slips.
@@ -321,15 +302,6 @@ def ball_in_socket(half_angle: float, mu: float, dim: int, order: int) -> None:
     assert_allclose(height, radius * (1 - np.sin(angle)), atol=0.1)  # where a ball and a cone touch
     assert np.all(seat.status[pressed] == SLIP)
     assert np.all(seat.gap[~pressed] > -1e-9)
-
-
-@pytest.mark.parametrize(("half_angle", "mu", "order"), every_nth(2, [30.0, 45.0, 60.0], [0.0, 0.1], [1, 2]))
-def test_a_ball_rests_in_a_socket_as_statics_says(half_angle: float, mu: float, order: int) -> None:
-    ball_in_socket(half_angle, mu, 2, order)
-
-
-def test_so_it_does_in_3d() -> None:
-    ball_in_socket(45.0, 0.0, 3, 1)
 
 
 def test_a_blunt_cone_indents_a_half_space_as_love_says() -> None:
@@ -379,8 +351,7 @@ LAWS: dict[str, dict[str, Any]] = {
 
 def driven(dim: int, **motion: Any) -> dict[str, Any]:
     """The foundation, moved."""
-    plane = {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
-    return {"foundation": plane | motion}
+    return {"foundation": plane(dim) | motion}
 
 
 def clamped(dim: int) -> dict[str, Any]:
