@@ -21,6 +21,24 @@ SimulationOf = Callable[[Scene], Simulation]
 SystemOf = Callable[[Scene], System]
 
 
+NORMAL: dict[str, dict[str, Any]] = {
+    "unilateral": {"law": "unilateral"},
+    "bilateral": {"law": "bilateral"},
+    "linear": {"law": "compliance", "c_n": 20.0},
+    "power": {"law": "compliance", "c_n": 20.0, "m_n": 2.0},
+}
+FRICTION: dict[str, dict[str, Any]] = {
+    "coulomb": {"law": "coulomb", "mu": 0.4},
+    "tresca": {"law": "tresca", "bound": 0.02},
+    "stick": {"law": "stick"},
+    "penetration": {"law": "compliance", "c_T": 1.6},
+    "penetration squared": {"law": "compliance", "c_T": 8.0, "m_T": 2.0},
+    "soft coulomb": {"law": "coulomb", "mu": 0.1, "k_T": 5.0},
+    "soft tresca": {"law": "tresca", "bound": 0.02, "k_T": 5.0},
+    "soft stick": {"law": "stick", "k_T": 5.0},
+}
+
+
 def plane(dim: int = 2) -> dict[str, Any]:
     """The obstacle y = 0, z = 0 in 3D."""
     return {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
@@ -37,6 +55,24 @@ def scene_of(dim: int = 2, geometry: dict[str, Any] | None = None, **tables: Any
         "obstacles": {"foundation": plane(dim)},
     }
     return from_dict(data | tables)
+
+
+def pressed(dim: int = 2, normal: str = "unilateral", friction: Any = "coulomb", **tables: Any) -> Scene:
+    """The block pressed and dragged in one step, by the top and by the foundation; in 3D along both axes.
+
+    Args:
+        normal: a name in `NORMAL`, or of a law without parameters.
+        friction: a name in `FRICTION`, or a table, or None.
+    """
+    drag = {"x": 0.06, "y": -0.1} if dim == 2 else {"x": 0.06, "y": 0.03, "z": -0.1}
+    laws = {"normal": NORMAL.get(normal, {"law": normal})}
+    laws |= {"friction": FRICTION[friction] if isinstance(friction, str) else friction} if friction else {}
+    made: dict[str, Any] = {
+        "obstacles": {"foundation": plane(dim) | {"displacement": {"x": -0.01, "y": 0.02}}},
+        "contacts": {"base": {"surface": "block.bottom", "against": "foundation"} | laws},
+        "supports": {"top": {"boundary": "block.top", "displacement": drag}},
+    }
+    return scene_of(dim, **(made | tables))
 
 
 def surface_problem(simulation: Simulation) -> SurfaceProblem:

@@ -524,12 +524,6 @@ def test_an_error_of_the_time_steps_that_nobody_measured_is_not_0(error: float) 
 BOTH = ("newton", "uzawa")
 
 
-def invented(rung: Rung, seconds: float = 1.0, solves: int = 8, **more: Any) -> Run:
-    phases = dict.fromkeys(PHASES, 0.0) | {"iterate": seconds}
-    told = {"status": "converged", "h": 0.1 * rung.factor, "spent": seconds + 1.0, "memory": 1e8, "residual": 1e-9}
-    return Run(rung=rung, phases=phases, volume_solves=solves, **(told | more))
-
-
 def rung(method: str, level: int = 0, order: int = 1, tolerance: float = TIGHT) -> Rung:
     return Rung(order, method, level, tolerance)
 
@@ -539,7 +533,7 @@ def climbed_together(ladder: Ladder, slow: float, seconds: float = 200.0) -> lis
     runs: list[Run] = []
 
     def solve(each: Rung, left: float) -> Run:
-        return invented(each, 0.3 * each.factor**-2 * (slow if each.method == "uzawa" else 1.0))
+        return made_up(each, seconds=0.3 * each.factor**-2 * (slow if each.method == "uzawa" else 1.0))
 
     climb(ladder, runs, Budget(seconds=seconds, memory=1e12, dim=2), solve, lambda run: None)
     return runs
@@ -618,13 +612,13 @@ def test_keys_of_a_method_are_checked(name: str, words: str) -> None:
 def some_runs() -> list[Run]:
     """Level 0: both; level 2: uzawa fails; level 4: newton alone. A loose tolerance does not count."""
     return [
-        invented(rung("newton"), 0.5, 8),
-        invented(rung("uzawa"), 2.0, 240),
-        invented(rung("uzawa", tolerance=1e-2), 0.1, 5),
-        invented(rung("newton", 2), 1.0, 8),
+        made_up(rung("newton"), seconds=0.5, share=1.0, volume_solves=8),
+        made_up(rung("uzawa"), seconds=2.0, share=1.0, volume_solves=240),
+        made_up(rung("uzawa", tolerance=1e-2), seconds=0.1, share=1.0, volume_solves=5),
+        made_up(rung("newton", 2), seconds=1.0, share=1.0, volume_solves=8),
         Run(rung=rung("uzawa", 2), status="out_of_time", h=0.05, spent=30.0),
-        invented(rung("newton", 4), 4.0, 8),
-        invented(rung("nsgs", 4), 1.0, 8),
+        made_up(rung("newton", 4), seconds=4.0, share=1.0, volume_solves=8),
+        made_up(rung("nsgs", 4), seconds=1.0, share=1.0, volume_solves=8),
     ]
 
 

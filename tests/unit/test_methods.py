@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from stickslip.solvers.method_registry import METHODS, Solver, method_of
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.method import Ready, keys_of
 from stickslip.solvers.methods.surface_uzawa import PATIENCE, LearningIteration
+from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene import settings
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
@@ -200,26 +202,32 @@ def forces(simulation: Simulation) -> list[Any]:
     return [step.contacts["base"].force for step in simulation.steps()]
 
 
-def hasten(monkeypatch: pytest.MonkeyPatch) -> None:
-    """surface-uzawa gives up soon."""
-    whole = LearningIteration.__call__
+@cache
+def exact() -> list[StepResult]:
+    """Steps by the method that does all."""
+    return list(prepare(pressed(method="condensed-newton")).steps())
 
-    def short(self: LearningIteration, *arguments: Any) -> Solution:
-        return whole(replace(self, max_it=FEW), *arguments)
 
-    monkeypatch.setattr(LearningIteration, "__call__", short)
+def agrees(simulation: Simulation) -> list[StepResult]:
+    """Its steps, which have the forces of the exact ones."""
+    found = list(simulation.steps())
+    for step, other in zip(found, exact(), strict=True):
+        assert_allclose(step.contacts["base"].force, other.contacts["base"].force, rtol=0, atol=1e-7)
+    return found
+
+
+def hasten(monkeypatch: pytest.MonkeyPatch, method: Any = LearningIteration, most: int = FEW) -> None:
+    """The method gives up soon."""
+    whole = method.__call__
+    monkeypatch.setattr(method, "__call__", lambda self, *given: whole(replace(self, max_it=most), *given))
 
 
 def test_methods_that_fail_hand_the_step_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    exact = prepare(pressed(method="condensed-newton"))
-    expected = list(exact.steps())
     hasten(monkeypatch)
     simulation = prepare(pressed(method="auto", surface="matrix-free"))
     chain = simulation.stepper.chain
     assert [stage.method for stage in chain.choice.stages] == CHAIN
-    found = list(simulation.steps())
-    for step, other in zip(found, expected, strict=True):
-        assert_allclose(step.contacts["base"].force, other.contacts["base"].force, rtol=0, atol=1e-7)
+    found, expected = agrees(simulation), exact()
     first, second = chain.switches  # both in the first step: what failed is not tried again
     assert (first.time, first.iteration, first.because) == (1.0, FEW, Status.MAX_IT.value)
     assert (first.after, second.after) == ("surface-uzawa (matrix-free, safer metric)", "condensed-newton (condensed)")
@@ -230,7 +238,6 @@ def test_methods_that_fail_hand_the_step_on(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_switch_on_the_same_bodies_lasts_for_one_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    expected = forces(prepare(pressed(method="condensed-newton")))
     calls, whole = list[None](), CondensedNewton.__call__
 
     def fails_once(self: CondensedNewton, *arguments: Any) -> Solution:
@@ -240,8 +247,7 @@ def test_a_switch_on_the_same_bodies_lasts_for_one_step(monkeypatch: pytest.Monk
     monkeypatch.setattr(CondensedNewton, "__call__", fails_once)
     monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 0)  # the step is not cut first
     simulation = prepare(pressed())
-    found = list(simulation.steps())
-    assert_allclose([step.contacts["base"].force for step in found], expected, rtol=0, atol=1e-7)
+    found = agrees(simulation)
     (switch,) = simulation.stepper.chain.switches
     assert (switch.time, switch.after) == (1.0, "surface-uzawa (condensed)")
     assert [{row[-1] for row in step.history} for step in found] == [
@@ -265,8 +271,7 @@ def test_sweeps_are_the_last_resort_in_space(normal: dict[str, Any], monkeypatch
     )
     expected = forces(prepare(scene))
     hasten(monkeypatch)
-    whole = CondensedNewton.__call__
-    monkeypatch.setattr(CondensedNewton, "__call__", lambda self, *rest: whole(replace(self, max_it=1), *rest))
+    hasten(monkeypatch, CondensedNewton, 1)
     monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 0)
     simulation = prepare(scene)
     assert_allclose(forces(simulation), expected, rtol=0, atol=1e-8)
@@ -278,8 +283,7 @@ def test_a_step_that_cutting_does_not_help_is_tried_by_all_methods(monkeypatch: 
     supports = {"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": -0.05}}}
     scene = scene_of(contacts=BASE, supports=supports)
     expected = forces(prepare(scene))
-    whole = CondensedNewton.__call__
-    monkeypatch.setattr(CondensedNewton, "__call__", lambda self, *rest: whole(replace(self, max_it=1), *rest))
+    hasten(monkeypatch, CondensedNewton, 1)
     simulation = prepare(scene)
     assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
     assert simulation.stepper.chain.switches[0].time == 0.5
@@ -290,10 +294,9 @@ def test_a_step_that_cutting_does_not_help_is_tried_by_all_methods(monkeypatch: 
 
 
 def test_a_linear_solve_that_fails_hands_the_step_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    expected = forces(prepare(pressed(method="condensed-newton")))
     simulation = prepare(pressed(method="auto", surface="matrix-free"))
     monkeypatch.setattr("stickslip.solvers.linear.conjugate_gradients.MOST_ITERATIONS", 1)
-    assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
+    agrees(simulation)
     assert {switch.because for switch in simulation.stepper.chain.switches} == {Status.BROKEN.value}
 
 
@@ -307,7 +310,6 @@ def test_a_linear_solve_that_fails_leaves_the_steps_before_it(monkeypatch: pytes
 
 def test_a_method_that_cannot_be_prepared_on_the_way_hands_the_step_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """The last one with this form of the bodies: another form is next."""
-    expected = forces(prepare(pressed(method="condensed-newton")))
     hasten(monkeypatch)
     simulation = prepare(pressed(method="auto", surface="matrix-free"))
     whole = MethodChain._readied
@@ -318,7 +320,7 @@ def test_a_method_that_cannot_be_prepared_on_the_way_hands_the_step_on(monkeypat
         return whole(chain, *bodies)
 
     monkeypatch.setattr(MethodChain, "_readied", unable)
-    assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
+    agrees(simulation)
     last = simulation.stepper.chain.switches[-1]
     assert (last.after, last.because) == ("condensed-newton (condensed)", Status.BROKEN.value)
 

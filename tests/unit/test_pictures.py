@@ -23,6 +23,7 @@ from scipy.spatial import Delaunay
 
 import stickslip
 from shared.cases import every_nth, often, slow
+from shared.synthetic import result_of
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import MachineError
 from stickslip.geometry.obstacles.obstacle import Rotation
@@ -32,13 +33,11 @@ from stickslip.solvers.results.step_result import (
     PARTS,
     SLIP,
     STICK,
-    ContactState,
     ErrorParts,
     MeshData,
     Quantity,
     StepResult,
 )
-from stickslip.solvers.scene.record import CONTACT_NUMBERS, Energy
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.contact_line import walk
 from stickslip.workflows.formats.steps import write_step
@@ -126,9 +125,9 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
     share = np.clip(at[:, 0] - 0.6, -1.0, 1.0)
     along = np.eye(d)[0]
     status = np.where(p == 0, OPEN, np.where(share == 1.0, SLIP, STICK)).astype(np.int8)
-    contact = ContactState(
-        points=at,
-        weight=np.ones(len(at)),
+    whole = result_of(mesh)
+    contact = dataclasses.replace(
+        whole.contacts["base"],
         gap=np.where(p > 0, 0.0, 0.01),
         pressure=p * size,
         traction=np.outer(-0.3 * p * share, along) * size,
@@ -137,37 +136,15 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
         bound=0.3 * p * size,
         lam=np.outer(np.where(p > 0, share, 0.0), along),
         status=status,
-        force=np.zeros(d),
-        moment=np.zeros(1 if d == 2 else 3),
-        **dict.fromkeys(CONTACT_NUMBERS, 0.0),
     )
-    return StepResult(
+    return dataclasses.replace(
+        whole,
         time=1.0,
-        substeps=1,
-        iterations=1,
-        volume_solves=1,
-        residual=0.0,
         displacement=displacement,
         stress=stress * size,
         contacts={"base": contact},
-        supports={},
         probes={},
-        energy=Energy(0.0, 0.0, 0.0, 0.0, np.zeros(1)),
-        iteration_error=0.0,
-        mesh_error=0.0,
         stress_error=np.abs(stress[:, d - 1, d - 1]) * size / 10,
-        law_error=0.0,
-        p=np.zeros(0),
-        w=np.zeros(0),
-        reference=np.zeros(0),
-        driven=np.zeros(0),
-        shortened=np.zeros(0),
-        searched={},
-        memory={},
-        obstacles={},
-        p_ref=1.0,
-        u_ref=1.0,
-        history=(),
     )
 
 
@@ -314,30 +291,24 @@ def test_a_picture_that_cannot_be_written_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("largest", "scale"), [(0.0, 1.0), (0.05, 1.0), (0.3, 1.0), (1e-4, 1000.0), (0.01, 10.0), (4.0, 1.0)]
+    ("largest", "gap", "scale"),
+    [
+        *((largest, 1.0, scale) for largest, scale in ((0.0, 1.0), (0.05, 1.0), (0.3, 1.0), (0.01, 10.0), (4.0, 1.0))),
+        *((1e-4, gap, 1000.0) for gap in (0.0, 1e-9)),  # (scale - 1) gap is half a per cent of 2 m at most
+        *((1e-4, gap, scale) for gap, scale in ((-1e-4, 100.0), (1e-3, 10.0), (1.0, 1.0))),
+    ],
 )
-def test_displacements_are_scaled_by_a_round_factor_unless_they_are_seen(largest: float, scale: float) -> None:
+def test_displacements_are_scaled_by_a_round_factor_and_bodies_not_drawn_into_each_other(
+    largest: float, gap: float, scale: float
+) -> None:
     mesh = block("quadrilateral", n=1)
-    step = pressed(mesh)
-    moved = np.zeros_like(mesh.points)
+    step, moved = pressed(mesh), np.zeros_like(mesh.points)
+    closed = step.contacts["base"].status != OPEN
+    assert closed.any()
     moved[0, 1] = -largest
+    if largest == 1e-4:
+        mesh = dataclasses.replace(mesh, gaps={"base": np.where(closed, gap, 2.0)})  # elsewhere it does not matter
     assert displacement_scale(mesh, dataclasses.replace(step, displacement=moved)) == pytest.approx(scale)
-
-
-@pytest.mark.parametrize(("gap", "scale"), [(0.0, 1000.0), (1e-9, 1000.0), (-1e-4, 100.0), (1e-3, 10.0), (1.0, 1.0)])
-def test_bodies_that_touch_are_not_drawn_into_each_other(gap: float, scale: float) -> None:
-    mesh = block("quadrilateral", n=1)
-    step = pressed(mesh)
-    (name,) = step.contacts
-    contact = step.contacts[name]
-    assert (contact.status != OPEN).any()
-    gaps = np.where(contact.status != OPEN, gap, 2.0)  # where nothing touches it does not matter
-    moved = np.zeros_like(mesh.points)
-    moved[0, 1] = -1e-4
-    found = displacement_scale(
-        dataclasses.replace(mesh, gaps={name: gaps}), dataclasses.replace(step, displacement=moved)
-    )
-    assert found == pytest.approx(scale)  # (scale - 1) gap is half a per cent of 2 m at most
 
 
 def test_an_obstacle_is_where_its_motion_has_brought_it() -> None:
@@ -394,18 +365,19 @@ def test_only_sharp_edges_are_outlined_even_of_mirrored_cells(shape: str) -> Non
     assert outline.compute_cell_sizes()["Length"].sum() == pytest.approx(4 * (2 + 1 + 1))
 
 
-def test_a_contact_line_is_walked_from_end_to_end() -> None:
-    points = np.array([[2.0, 0.0], [0.0, 0.0], [1.0, 0.0], [3.0, 0.0]])
-    line = walk(points, np.array([[2, 0], [2, 1], [0, 3]]))
-    assert line.nodes.tolist() == [1, 2, 0, 3]
-    assert line.place.tolist() == [0.0, 1.0, 2.0, 3.0]
-    assert line.label == "x [m]"
-    assert line.tangents.tolist() == [[1.0, 0.0]] * 4
-
-
-def test_middle_nodes_of_curved_facets_are_walked_too() -> None:
-    points = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 0.0]])
-    assert walk(points, np.array([[0, 1, 2]])).nodes.tolist() == [0, 2, 1]
+@pytest.mark.parametrize(
+    ("x", "facets", "nodes", "starts"),
+    [
+        ([2.0, 0.0, 1.0, 3.0], [[2, 0], [2, 1], [0, 3]], [1, 2, 0, 3], [True, False, False, False]),
+        ([0.0, 2.0, 1.0], [[0, 1, 2]], [0, 2, 1], [True, False, False]),  # middle nodes of curved facets are walked too
+        ([0.0, 1.0, 3.0, 4.0], [[0, 1], [2, 3]], [0, 1, 2, 3], [True, False, True, False]),  # in two pieces
+    ],
+)
+def test_a_contact_line_is_walked_from_end_to_end(x: Any, facets: Any, nodes: list[int], starts: list[bool]) -> None:
+    line = walk(np.column_stack([x, np.zeros(len(x))]), np.array(facets))
+    assert (line.nodes.tolist(), line.starts.tolist(), line.label) == (nodes, starts, "x [m]")
+    assert line.place.tolist() == [x[k] for k in nodes]
+    assert line.tangents.tolist() == [[1.0, 0.0]] * len(x)
 
 
 def test_a_closed_contact_line_returns_to_its_start_over_its_arc_length() -> None:
@@ -417,12 +389,6 @@ def test_a_closed_contact_line_returns_to_its_start_over_its_arc_length() -> Non
     assert line.place[-1] == pytest.approx(2 * np.pi, rel=1e-3)  # the polygon is shorter by (2 pi / 64)^2 / 24
     radial = np.einsum("ki,ki->k", line.tangents, circle[line.nodes])
     assert np.abs(radial).max() < 1e-12
-
-
-def test_a_contact_line_in_two_pieces_has_a_break() -> None:
-    points = np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0], [4.0, 0.0]])
-    line = walk(points, np.array([[0, 1], [2, 3]]))
-    assert line.starts.tolist() == [True, False, True, False]
 
 
 @pytest.mark.parametrize("shape", ["tetrahedron", "hexahedron"])
@@ -490,22 +456,15 @@ def test_cells_outside_and_cells_without_area_are_not_seen() -> None:
 
 @pytest.mark.parametrize("scale", [0.0, 1.0])
 def test_bodies_are_where_their_displacement_brings_them(scale: float) -> None:
-    mesh = MeshData(
-        points=np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
-        cells=np.array([[0, 1, 2, 3]]),
-        shape="quadrilateral",
-        body=np.zeros(1, np.int64),
-        bodies=("block",),
-        surfaces={},
-    )
-    bodies = PlaneBodies(mesh, np.tile([2.0, 0.0], (4, 1)), (), scale)
+    mesh = dataclasses.replace(block("quadrilateral", n=1), surfaces={}, slaves={})
+    bodies = PlaneBodies(mesh, np.tile([2.0, 0.0], (6, 1)), (), scale)
     axes = Sheet(3.0, 3.0).axes(0.5, 0.5, 2.0, 2.0 / bodies.view.aspect)
-    bodies.show(axes, bodies.view, 400, scale, np.array([1.0]), Normalize(0.0, 1.0))
+    bodies.show(axes, bodies.view, 400, scale, np.ones(2), Normalize(0.0, 1.0))
     image = axes.images[0].get_array()
     coloured = (np.ptp(image.astype(int), axis=2) > 50).any(axis=0).nonzero()[0]
     low, high = bodies.view.extent[:2]
     ends = low + (high - low) * (coloured[[0, -1]] + [0, 1]) / image.shape[1]
-    assert ends == pytest.approx([2.0 * scale, 1.0 + 2.0 * scale], abs=(high - low) / 400)
+    assert ends == pytest.approx([2.0 * scale, 2.0 + 2.0 * scale], abs=(high - low) / 400)
 
 
 COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.count=4"]

@@ -5,24 +5,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.cases import every_nth
 from shared.overlays import above, below
-from shared.problems import scene_of
+from shared.problems import plane, scene_of
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.surfaces.overlap import overlap
 from stickslip.geometry.surfaces.surface import CREASE, Surface
 from stickslip.solvers.contact.build import frames_of
 from stickslip.solvers.contact.mortar import _least, mortar_coupling, mortar_integrals
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.prepare import prepare_surface
-from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.system.system import assemble
 from stickslip.workflows.lab.verification.prepared import prepare, system_of
 from stickslip.workflows.scene_file.read import from_dict, read
 
@@ -114,13 +109,7 @@ def test_tractions_work_on_relative_displacement_as_nodal_forces_do(shape: str, 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_frames_are_right_angled_and_look_at_the_obstacle(shape: str) -> None:
     dim, geometry = SHAPES[shape]
-    low = {
-        "foundation": {
-            "shape": "plane",
-            "point": [0.0] * (dim - 1) + [-0.2],
-            "normal": [0.1] + [0.0] * (dim - 2) + [2.0],
-        }
-    }
+    low = {"foundation": plane(dim) | {"point": [0.0] * (dim - 1) + [-0.2], "normal": [0.1, *[0.0] * (dim - 2), 2.0]}}
     scene = scene_of(dim, geometry, obstacles=low, contacts={"base": contact()})
     (rows,) = system_of(scene).contacts
     assert_allclose(
@@ -275,8 +264,7 @@ def rows(slave: str, master: str, operator: str, law: str, order: int = 1) -> Co
             "base": {"boundary": "lower.base", "displacement": {"x": 0.0, "y": 0.0}},
         },
     }  # fmt: skip
-    scene = from_dict(data)
-    (found,) = assemble(resolve(scene), build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters()).contacts
+    (found,) = system_of(from_dict(data)).contacts
     return found
 
 
@@ -344,8 +332,7 @@ def quarter() -> ContactRows:
             "base": {"boundary": "lower.base", "displacement": {"z": 0.0}},
         },
     }  # fmt: skip
-    scene = from_dict(data)
-    (found,) = assemble(resolve(scene), build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters()).contacts
+    (found,) = system_of(from_dict(data)).contacts
     return found
 
 
