@@ -95,12 +95,10 @@ def numbered(form: UflForm, domain: DolfinxMesh) -> UflForm:
                 known.append(one.subdomain_id())
     own = {kind: dx.renumbered(domain, tags[kind], known) for kind, known in numbers.items()}
 
-    def changed(one: Any) -> Any:
-        if one.subdomain_data() is None:
-            return one
+    def changed(one: Any) -> Any:  # dolfinx 0.9 asks that integrals of one type have one object as their data
         kind = one.integral_type()
-        number = numbers[kind].index(one.subdomain_id()) + 1
-        return one.reconstruct(subdomain_id=number, subdomain_data=own[kind])
+        number = one.subdomain_id() if one.subdomain_data() is None else numbers[kind].index(one.subdomain_id()) + 1
+        return one.reconstruct(subdomain_id=number, subdomain_data=own.get(kind))
 
     found: UflForm = ufl.Form([changed(one) for one in form.integrals()])
     return found

@@ -14,8 +14,8 @@ from scipy.linalg import eigvalsh
 from shared.cases import every_nth, often
 from shared.cells import Cell
 from shared.problems import SceneOf, SimulationOf, surface_problem
+from stickslip import Scene, SceneError, Simulation, Status
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical.block_system import BlockSystem
 from stickslip.solvers.classical.block_uzawa import OnBlocks
 from stickslip.solvers.classical.uzawa import Uzawa
@@ -23,12 +23,9 @@ from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.prepare import condensed, uncondensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
-from stickslip.solvers.iteration import Status
 from stickslip.solvers.method_registry import METHODS, Solver
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import Accepted, StepError
 from stickslip.solvers.stepping.update import relative_displacement
 from stickslip.solvers.system.system import System

@@ -17,12 +17,10 @@ from jsonschema import Draft202012Validator
 
 import stickslip as s
 from shared.problems import SceneOf
+from stickslip import Coulomb, Gravity, Load
 from stickslip.geometry.errors import LONGEST_LINE, SceneError, nearest, require
 from stickslip.solvers import effects
 from stickslip.solvers.effects import EFFECTS
-from stickslip.solvers.effects.body_forces import Gravity
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.scene.loads import Load
 from stickslip.solvers.scene.record import CONTACT_NUMBERS, numbers_of
 from stickslip.solvers.scene.scene import Scene, over
 from stickslip.solvers.simulation.plan import make_plan

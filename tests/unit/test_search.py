@@ -13,16 +13,14 @@ from numpy.typing import NDArray
 
 from shared.assemblies import outline_of, pinned, stacked
 from shared.cases import every_nth, slow
+from stickslip import GeometryError, Scene, SceneError, StepResult
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.geometry.surfaces import search
 from stickslip.geometry.surfaces.search import Pairing, intersect, orthogonal_frames, pair
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.geometry.user_files.outline import Facets, fit
 from stickslip.geometry.user_files.touching import Pair, Side, joined, touching
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.proposal import proposed_law, slaves
 from stickslip.workflows.scene_file.read import from_dict

@@ -12,11 +12,9 @@ import stickslip
 from shared.audited import audit
 from shared.cases import every_nth
 from shared.failures import failures
-from stickslip.geometry.errors import SceneError
+from stickslip import Scene, SceneError, Simulation
 from stickslip.solvers.results.step_result import Quantity, StepResult, values
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan, planned
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.simulation.simulation import prepare as with_errors
 from stickslip.workflows.lab.verification.cases import beam as case
 from stickslip.workflows.lab.verification.cases.beam import ARM, FX, FY, LENGTH, MZ, end

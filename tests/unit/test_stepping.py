@@ -12,13 +12,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.problems import SceneOf, SimulationOf
+from stickslip import Scene, SceneError, SolverError, StepResult
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError, SolverError
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, Status
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping import halving
 from stickslip.solvers.stepping.method_chain import MethodChain

@@ -15,8 +15,8 @@ from scipy import sparse
 from scipy.linalg import eigh, null_space
 
 from shared.problems import SceneOf, SimulationOf, SystemOf, surface_problem, times
+from stickslip import Counters, Scene, SolverError
 from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, Array
-from stickslip.geometry.errors import SolverError
 from stickslip.geometry.surfaces.surface import lumped_mass, surface_stiffness
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
@@ -28,9 +28,7 @@ from stickslip.solvers.linear.cholesky import InverseRoot, poles
 from stickslip.solvers.linear.conjugate_gradients import ConjugateGradients, ContactErrorCriterion, EnergyErrorCriterion
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.metrics import ContactLayer, Secants, surface_metric
-from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.system.system import System
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict, read

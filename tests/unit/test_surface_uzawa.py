@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 
 from shared.cases import often, slow
 from shared.problems import SceneOf, SimulationOf, surface_problem
+from stickslip import Counters, Scene, SceneError, Simulation
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical.nsgs import NSGS, Sweeps, in_disc
 from stickslip.solvers.interface import scales, schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -22,10 +22,7 @@ from stickslip.solvers.methods.surface_uzawa import LearningIteration
 from stickslip.solvers.metrics import surface_metric
 from stickslip.solvers.newton import surface_model
 from stickslip.solvers.newton.surface_model import gmres, nearest_in_cone
-from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.tangent.operator import chebyshev
 from stickslip.workflows.lab.verification.cases import agreement

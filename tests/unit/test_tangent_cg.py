@@ -13,8 +13,8 @@ from scipy import sparse
 from shared.cases import slow
 from shared.cells import REFERENCE, Cell, largest, reference, refused, solved
 from shared.problems import SceneOf, SimulationOf
+from stickslip import MachineError, NoEquilibriumError, Scene, Simulation, SolverError
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import MachineError, SolverError
 from stickslip.geometry.protocols import PC, Mat
 from stickslip.solvers.classical.contact_element import SLIP, penalties
 from stickslip.solvers.interface.prepare import Form
@@ -23,10 +23,7 @@ from stickslip.solvers.linear import multigrid
 from stickslip.solvers.methods.tangent_cg import GROWN, Iteration, OnTangent
 from stickslip.solvers.parallel.serialise import serialise
 from stickslip.solvers.results.linear_reference import linear_reference
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping import method_chain
-from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.solvers.system.system import System
 from stickslip.solvers.tangent import operator as operator_module
 from stickslip.solvers.tangent.coordinates import ContactCoordinates

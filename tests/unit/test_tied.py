@@ -9,13 +9,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from shared.audited import record_of
 from shared.cases import every_nth
 from shared.problems import SceneOf, SimulationOf
-from stickslip.geometry.errors import SceneError
+from stickslip import STICK, Scene, SceneError, Simulation, StepResult
 from stickslip.solvers.results.audit import Auditor
-from stickslip.solvers.results.step_result import STICK, StepResult
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 

@@ -10,20 +10,16 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.cases import often, slow
 from shared.problems import SceneOf, SimulationOf
+from stickslip import Energy, Scene, Solver, SolverError, Steps
 from stickslip.geometry.arrays import EXACT, LAST_DIGITS, Array
-from stickslip.geometry.errors import SolverError
 from stickslip.solvers.accuracy import time_steps
 from stickslip.solvers.accuracy.time_steps import doubled, halved, stretches
 from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, Solution, Status
-from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.newton import correction, surface_model
 from stickslip.solvers.newton.surface_model import Flexibility
 from stickslip.solvers.results.step_result import OPEN, PARTS, SLIP, ErrorParts, Quantity, StepResult, quantities
-from stickslip.solvers.scene.record import Energy
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping import certificate
 from stickslip.solvers.stepping.state import State

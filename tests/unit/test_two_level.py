@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose
 
 from shared.cases import every_nth, slow
 from shared.problems import SceneOf, SimulationOf, SystemOf
+from stickslip import Scene, SolverError
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.dolfinx_versions import ufl
-from stickslip.geometry.errors import SolverError
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.nested_mesh import CornerMesh
 from stickslip.solvers.accuracy import two_level
@@ -21,7 +21,6 @@ from stickslip.solvers.accuracy.lower_order import sides_of
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import Quantity, StepResult, quantities
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import StepError, Stepper
 from stickslip.workflows.lab.verification.cases import manufactured as case

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from shared.cases import every_nth, often, slow
 from shared.drawn import FACES, GEO, PY, draw, scene_data
-from stickslip.geometry.errors import GeometryError, SceneError
+from stickslip import GeometryError, Scene, SceneError, Watch
 from stickslip.geometry.mesh.cell_quality import worst_quality
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh, write_msh
@@ -25,12 +25,10 @@ from stickslip.geometry.user_files.parts import find_parts
 from stickslip.geometry.user_files.raw_mesh import RawMesh, check_neighbours
 from stickslip.geometry.user_files.reader import Question, ask
 from stickslip.geometry.user_files.user_file import installed
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.run.result import scene_hash
 from stickslip.workflows.run.resume import BEGUN
 from stickslip.workflows.run.run import run
-from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import from_dict, read, to_dict
 
 

@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 
 from shared.cases import every_nth, often, slow
 from shared.problems import SceneOf, SimulationOf
-from stickslip.geometry.errors import MachineError, SceneError
+from stickslip import Compliance, MachineError, Scene, SceneError, Simulation, StepResult
 from stickslip.solvers.classical.gram_uzawa import (
     Gram,
     GramIteration,
@@ -29,11 +29,7 @@ from stickslip.solvers.classical.uzawa import InnerTolerance
 from stickslip.solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
-from stickslip.solvers.laws.normal import Compliance
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.studies import gram as study
 
 COULOMB = {"law": "coulomb", "mu": 0.3}

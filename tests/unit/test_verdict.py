@@ -11,22 +11,17 @@ import stickslip.solvers.contact.pairing as pairing
 from shared.audited import record_of, stored_by
 from shared.cases import slow
 from shared.problems import SceneOf, SimulationOf
-from stickslip.geometry.obstacles.obstacle import Obstacle
-from stickslip.geometry.obstacles.plane import Plane
+from stickslip import Bilateral, Compliance, FrictionLaw, Obstacle, Plane, Scene, TangentialCompliance, Tied, Unilateral
 from stickslip.geometry.obstacles.round import Cylinder, Round, Sphere
 from stickslip.solvers.contact.coupling import rigid_coupling
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.laws.friction import CappedCoulomb, Cohesion, Coulomb, OrthotropicCoulomb, Stick, Tresca
-from stickslip.solvers.laws.law import FrictionLaw
-from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
-from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.results import closed_formulas
 from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.results.verdict import limits, passed
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.workflows.lab.verification.prepared import prepare
 

@@ -16,8 +16,8 @@ import stickslip
 from shared.cases import every_nth, often, slow
 from shared.drawn import GEO, draw, scene_data
 from shared.problems import SceneOf, SimulationOf, SystemOf, dense, surface_problem, whole
+from stickslip import Counters, MachineError, Scene, SceneError, Simulation
 from stickslip.geometry.arrays import Array, inverse_and_determinant, inverses
-from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.protocols import Mat, Sparse
 from stickslip.solvers.fem.mean_dilatation import MeanDilatation
 from stickslip.solvers.fem.rigid_fields import rigid_fields
@@ -38,9 +38,6 @@ from stickslip.solvers.methods.surface_uzawa import LearningIteration
 from stickslip.solvers.metrics import surface_metric
 from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.condensed_system import solve
-from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Size, choose
 from stickslip.solvers.system.floating_modes import near_nullspace
 from stickslip.solvers.system.stiffness import without_rounding

@@ -12,17 +12,11 @@ import pytest
 import stickslip
 from shared.command import result
 from shared.histories import SMALL, Stop
-from stickslip.geometry.errors import MachineError, SceneError
-from stickslip.geometry.keys import Key
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Output
-from stickslip.solvers.stepping.history import HistoryTuple
+from stickslip import HistoryTuple, Key, MachineError, Output, Scene, SceneError, StepResult, Watch
 from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.lab.pages.scene_page import reference
 from stickslip.workflows.run.result import scene_hash
 from stickslip.workflows.run.run import run
-from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import from_dict, read, to_dict
 from stickslip.workflows.writers.tables import TableWriter
 from stickslip.workflows.writers.writer import Ended, Keys, Turn, Writer, added_keys, keys_of, registered

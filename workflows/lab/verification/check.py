@@ -3,8 +3,6 @@
 Cyclic histories: every cycle after the second repeats the second one, and the energy balance closes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 

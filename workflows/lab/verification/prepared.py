@@ -13,23 +13,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stickslip import Counters, Plane, Scene, Simulation, StepResult
 from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.expression import Varying
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.obstacles.obstacle import AXES, Obstacle, unit
-from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.protocols import Comm
 from stickslip.solvers import method_registry
-from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.loads import Direction
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Solver
 from stickslip.solvers.simulation import simulation
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.method_chain import Reached
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 from stickslip.solvers.system.system import System, assemble

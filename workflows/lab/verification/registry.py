@@ -1,7 +1,5 @@
 """`stickslip verify`: solve the verification problems with every method, and hold computed against expected figures."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module

@@ -1,7 +1,5 @@
 """STEP files of verification problems: drawn by OpenCASCADE through gmsh, and read as a user's file is."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

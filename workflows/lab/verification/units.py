@@ -1,17 +1,13 @@
 """A scene in other units: each number is converted by the unit of its key."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from operator import mul
 from typing import Any, TypeVar, get_type_hints
 
-from stickslip.geometry.errors import SceneError
+from stickslip import Key, Scene, SceneError
 from stickslip.geometry.expression import check_varying
-from stickslip.geometry.keys import Key
-from stickslip.solvers.scene.scene import Scene
 
 Noun = TypeVar("Noun")
 POWER = re.compile(r"([A-Za-z]+)(?:([²³])|\^(\w+))?")

@@ -13,13 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from stickslip import Scene, SceneError, Simulation, StepResult
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError
 from stickslip.solvers.method_registry import METHODS, Solver
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.check import Case, Check, within
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read

@@ -17,11 +17,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ellipk, elliprd
 
+from stickslip import Contact, Material, Scene, Support
 from stickslip.geometry.arrays import Array, Bools
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.check import ONE, Case, Check
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import MM, NEAR, on_plane, read_step, step_file

@@ -3,18 +3,11 @@
 A bolt that clamps two plates: bolt and plates as springs, in series while tightened, then side by side.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
-from stickslip.geometry.builders.blocks import TwoBlocks
+from stickslip import Contact, Material, Scene, Steps, Support, TwoBlocks
 from stickslip.solvers.effects.bolts import Bolt
 from stickslip.solvers.effects.remote_points import RemotePoint
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import Case, Check, close
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 

@@ -1,15 +1,11 @@
 """Loads and displacements that are expressions of place: water on a wall, sheared and stretched blocks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
+from stickslip import Scene, Simulation, StepResult
 from stickslip.workflows.lab.verification.check import ONE, Case, Check, close
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict

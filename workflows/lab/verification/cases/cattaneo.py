@@ -21,15 +21,8 @@ from typing import Literal
 
 import numpy as np
 
+from stickslip import Contact, ContactState, Coulomb, Cylinders, Load, Material, Probe, Scene, Steps, Support
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.domes import Cylinders
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.results.step_result import ContactState
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load, Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Probe, Steps
 from stickslip.workflows.lab.verification.cases import hertz
 from stickslip.workflows.lab.verification.cases.hertz import Hertz, ellipse
 from stickslip.workflows.lab.verification.check import CYCLES, Case, Check, accounted, repeats, within

@@ -27,9 +27,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from stickslip import Coulomb, StepResult
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.lab.verification.cases.sheared_column import MU, scene
 from stickslip.workflows.lab.verification.check import Case, Check, accounted
 from stickslip.workflows.lab.verification.prepared import observed, rotation, turned_system

@@ -14,20 +14,11 @@ start), all in [m]; the pressure is positive when pressing. c_n has the unit Pa/
 Source: equilibrium, derived here; the table is recomputed in test_closed_forms.py with 50 digits.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 
-from stickslip.geometry.builders.cuboid import Block
-from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.laws.normal import Compliance
+from stickslip import Block, Compliance, Contact, Load, Material, Plane, Scene, StepResult, Support
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load, Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.check import Case, Check, close, farthest
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 

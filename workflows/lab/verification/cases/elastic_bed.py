@@ -3,18 +3,10 @@
 A column without lateral strain on springs, pressed by a plate that comes down, and sheared at its top and sides.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
-from stickslip.geometry.builders.cuboid import Block
-from stickslip.geometry.obstacles.plane import Plane
+from stickslip import Block, Contact, Load, Material, Plane, Scene, Steps
 from stickslip.solvers.effects.springs import ElasticSupport
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import Case, Check, close, farthest
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 

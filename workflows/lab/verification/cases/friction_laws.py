@@ -13,8 +13,6 @@ next piece.
 Source: derived here; the condition of stability is that of Rice & Ruina, J. Appl. Mech. 50 (1983), without a rate.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -18,19 +18,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from stickslip import Builder, Contact, Cylinder, HalfSpace, Material, Obstacle, Plane, Scene, Sphere, Support
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders import Builder
 from stickslip.geometry.builders.domes import HalfBall, HalfDisc
-from stickslip.geometry.builders.half_space import HalfSpace
-from stickslip.geometry.obstacles import Obstacle
-from stickslip.geometry.obstacles.plane import Plane
-from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.shape import Model
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.check import TWO, Case, Check
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 

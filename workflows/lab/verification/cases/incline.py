@@ -17,16 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.geometry.builders.cuboid import Block
-from stickslip.geometry.errors import SolverError
-from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.effects.body_forces import Gravity
-from stickslip.solvers.effects.periodic import Periodic
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.results.step_result import STICK, StepResult
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
+from stickslip import STICK, Block, Contact, Coulomb, Gravity, Material, Periodic, Plane, Scene, SolverError, StepResult
 from stickslip.workflows.lab.verification.cases.column import constrained_modulus
 from stickslip.workflows.lab.verification.check import FLOATING, Case, Check, farthest
 from stickslip.workflows.lab.verification.prepared import observed, solver, system_of

@@ -18,15 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stickslip import OPEN, Compliance, Coulomb, NormalLaw, Plane, Scene, StepResult, Steps, Support
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.law import NormalLaw
-from stickslip.solvers.laws.normal import Compliance
-from stickslip.solvers.results.step_result import OPEN, StepResult
-from stickslip.solvers.scene.loads import Support
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.cases.column import C_N, driven_by_displacement
 from stickslip.workflows.lab.verification.cases.sheared_column import COLUMN, MU, PRESSURE, RIGID, E, M, solve
 from stickslip.workflows.lab.verification.cases.sheared_column import scene as sheared

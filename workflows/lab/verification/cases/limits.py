@@ -9,24 +9,13 @@ A force that grows by straight lines crosses its limit at one time, and from the
 Source: statics.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from stickslip.geometry.builders.cuboid import Block
-from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
-from stickslip.solvers.stepping.stepper import NoEquilibriumError
+from stickslip import Block, Contact, Coulomb, Load, Material, NoEquilibriumError, Plane, Scene, StepResult, Steps
 from stickslip.workflows.lab.verification.check import FLOATING, Case, Check, accounted, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 

@@ -26,16 +26,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from stickslip import Block, Compliance, Contact, Coulomb, Material, Plane, Scene, Support
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.builders.cuboid import Block
-from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.fem.terms import LoadTerm
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.normal import Compliance
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.system import System
 from stickslip.workflows.lab.verification.check import Case, Check

@@ -7,8 +7,6 @@ Sources: Bond, Proc. Phys. Soc. 56 (1943), of the compliance; Lekhnitskii, Theor
 Anisotropic Elasticity (1996), sections 7.3 and 10.5, of half-planes and of indenters.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -7,19 +7,11 @@ from functools import partial
 
 import numpy as np
 
+from stickslip import Builder, Contact, Coulomb, Cylinders, Material, Scene, Spheres, StepResult, Steps, TwoBlocks
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.blocks import TwoBlocks
-from stickslip.geometry.builders.builder import Builder
-from stickslip.geometry.builders.domes import Cylinders, Spheres
 from stickslip.geometry.shape import Model
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Direction, Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import Case, Check
 from stickslip.workflows.lab.verification.prepared import observed, rotation, solver, turned_system
 

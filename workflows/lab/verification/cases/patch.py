@@ -12,15 +12,9 @@ from typing import Literal
 
 import numpy as np
 
+from stickslip import Contact, Load, Material, Scene, Simulation, StepResult, Support, TwoBlocks
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.blocks import TwoBlocks
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load, Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.check import TWO, Case, Check, farthest, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 

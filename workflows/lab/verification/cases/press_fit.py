@@ -13,15 +13,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from stickslip import Contact, Material, Scene, Simulation, StepResult, Steps, Support
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.effects.thermal import Thermal
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.check import TWO, Case, Check, close
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import MM, on_cylinder, on_plane, read_step, step_file

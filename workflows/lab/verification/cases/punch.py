@@ -32,17 +32,9 @@ from typing import Literal
 
 import numpy as np
 
+from stickslip import Contact, Coulomb, FrictionLaw, HalfSpace, Material, NormalLaw, Plane, Scene, StepResult, Support
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.half_space import HalfSpace
-from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.normal import Bilateral, Tied, Unilateral
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.check import Case, Check
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 

@@ -18,17 +18,9 @@ from typing import Literal
 
 import numpy as np
 
+from stickslip import Block, Compliance, Contact, Coulomb, Load, Material, Plane, Scene, Steps, Support, Unilateral
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.cuboid import Block
-from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.normal import Compliance, Unilateral
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, StepResult
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load, Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import Case, Check, accounted, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 

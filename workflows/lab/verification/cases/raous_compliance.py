@@ -1,7 +1,5 @@
 """The block of Raous on a compliant face, c_n = k_T = k E / SIDE: the larger k, the smaller the shift of its corner."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from stickslip import Simulation, StepResult
 from stickslip.geometry.shape import Model
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.cases import hertz as case
 from stickslip.workflows.lab.verification.check import ONE, Case, Check, close
 from stickslip.workflows.lab.verification.prepared import prepare

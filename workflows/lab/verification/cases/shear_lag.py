@@ -18,19 +18,11 @@ from functools import lru_cache
 import numpy as np
 from scipy.integrate import trapezoid
 
+from stickslip import Block, Contact, Coulomb, Load, Material, Plane, Scene, Solver, Steps, Support, Tresca
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.cuboid import Block
-from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.laws.friction import Coulomb, Tresca
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.normal import Bilateral, Unilateral
-from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.results.step_result import SLIP, ContactState, StepResult
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load, Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import CYCLES, FLOATING, Case, Check, accounted, repeats, within
 from stickslip.workflows.lab.verification.prepared import prepare
 

@@ -20,20 +20,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stickslip import Block, Contact, Coulomb, Material, Periodic, Plane, Scene, Steps, Support, Tresca
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.cuboid import Block
-from stickslip.geometry.obstacles.plane import Plane
-from stickslip.solvers.effects.periodic import Periodic
-from stickslip.solvers.laws.friction import Coulomb, Tresca
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.normal import Compliance, Unilateral
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.results.step_result import ContactState, StepResult
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.cases import column
 from stickslip.workflows.lab.verification.check import CYCLES, Case, Check, accounted, close, farthest, repeats
 from stickslip.workflows.lab.verification.prepared import prepare, solver

@@ -12,13 +12,8 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import brentq
 
+from stickslip import Compliance, Contact, Material, Rings, Scene, Support, Unilateral
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.ring import Rings
-from stickslip.solvers.laws.normal import Compliance, Unilateral
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.check import Case, Check, farthest, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 

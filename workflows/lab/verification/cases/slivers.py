@@ -11,15 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stickslip import Block, Contact, Load, Material, Plane, Scene, StepResult, Support
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.cuboid import Block
-from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load, Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.cases import column
 from stickslip.workflows.lab.verification.cases import column as column_case
 from stickslip.workflows.lab.verification.cases import incline as incline_case

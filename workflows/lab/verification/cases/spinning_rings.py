@@ -3,22 +3,14 @@
 Rings that spin: a free one in plane stress or strain, and a shrink fit that its speed loosens.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from stickslip.geometry.builders.cuboid import Block
-from stickslip.geometry.builders.ring import Ring
+from stickslip import Block, Material, Ring, Scene, Simulation, Steps, Support
 from stickslip.geometry.shape import Model
 from stickslip.solvers.effects.body_forces import Centrifugal
-from stickslip.solvers.scene.loads import Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.cases import shrink_fit as still
 from stickslip.workflows.lab.verification.cases.shrink_fit import (
     HUB,

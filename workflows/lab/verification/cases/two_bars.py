@@ -5,21 +5,14 @@ Two bars end to end, held at their outer ends, that body forces along them push 
 Bar 1 is [-1, 0] and feels A_1 E_1 sin(pi (y + 1) / 2) per volume, bar 2 is [0, 1] and feels -A_2 E_2 sin(pi y).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import cos, pi
 from typing import Literal
 
 import numpy as np
 
-from stickslip.geometry.builders.blocks import TwoBlocks
+from stickslip import Contact, Material, Scene, Steps, Support, TwoBlocks
 from stickslip.solvers.effects.body_forces import BodyForce
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import Case, Check, close, farthest
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 

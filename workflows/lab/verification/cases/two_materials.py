@@ -1,7 +1,5 @@
 """A bar of two materials that share nodes: one after the other, and side by side."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from tempfile import TemporaryDirectory
 

@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from stickslip import Coulomb, Scene, StepResult
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.cases import column as column_case
 from stickslip.workflows.lab.verification.cases import hertz as hertz_case
 from stickslip.workflows.lab.verification.cases import incline as incline_case

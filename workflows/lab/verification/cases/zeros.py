@@ -9,18 +9,10 @@ from dataclasses import fields
 
 import numpy as np
 
+from stickslip import Block, Contact, FrictionLaw, Load, Material, Plane, Scene, StepResult, Steps, Support
 from stickslip.geometry.amplitude import Amplitude
-from stickslip.geometry.builders.cuboid import Block
-from stickslip.geometry.obstacles.plane import Plane
 from stickslip.solvers.laws.friction import Coulomb, Tresca
-from stickslip.solvers.laws.law import FrictionLaw
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load, Support
-from stickslip.solvers.scene.material import Material
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.lab.verification.check import Case, Check, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
