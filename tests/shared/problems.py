@@ -75,6 +75,29 @@ def pressed(dim: int = 2, normal: str = "unilateral", friction: Any = "coulomb",
     return scene_of(dim, **(made | tables))
 
 
+def two_blocks(dim: int, top: dict[str, Any], joint: dict[str, Any] | None = None, **tables: Any) -> Scene:
+    """A block on another one whose mesh does not match; the upper one's top is moved, the lower one is held.
+
+    Args:
+        top: displacement of the upper block's top.
+        joint: keys of the contact between them.
+        tables: replace or add whole tables, but keys of the geometry.
+    """
+    width = {"width": 0.5} if dim == 3 else {}
+    shape = {"builder": "two_blocks", "length": 2.0, "height": 0.5, "mesh_size": 0.25, "lower_mesh_size": 0.3} | width
+    made: dict[str, Any] = {
+        "model": "plane strain" if dim == 2 else "3d",
+        "geometry": shape | tables.pop("geometry", {}),
+        "bodies": {"upper": {"E": 1.0, "nu": 0.3}, "lower": {"E": 1.0, "nu": 0.3}},
+        "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top"} | (joint or {})},
+        "supports": {
+            "bed": {"boundary": "lower.bottom", "displacement": dict.fromkeys("xyz"[:dim], 0.0)},
+            "top": {"boundary": "upper.top", "displacement": top},
+        },
+    }
+    return from_dict(made | tables)
+
+
 def surface_problem(simulation: Simulation) -> SurfaceProblem:
     """As it is solved at t = 1."""
     stepper = simulation.stepper

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.cases import often, slow
-from shared.problems import FRICTION, NORMAL, plane, pressed
+from shared.problems import FRICTION, NORMAL, plane, pressed, two_blocks
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical import perturbed_lagrangian as on_springs
@@ -28,7 +28,7 @@ from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.scene_file.read import from_dict, read
+from stickslip.workflows.scene_file.read import read
 
 SMOOTHED = {"method": "regularised", "tolerance": 1e-9}
 SPRINGS = {"method": "perturbed-lagrangian", "augment": False, "tolerance": 1e-11}
@@ -269,31 +269,14 @@ def test_ctrl_c_in_the_middle_of_newtons_method_is_ctrl_c(monkeypatch: pytest.Mo
         list(simulation.steps())
 
 
-def two_blocks(dim: int) -> Scene:
-    """A block on another whose mesh does not match, slave nodes on master facets; pressed and dragged."""
-    last, width = ("y", {}) if dim == 2 else ("z", {"width": 0.7})
+def on_a_block(dim: int) -> Scene:
+    """Slave nodes on master facets of another block; pressed and dragged."""
+    last, size = ("y", 0.2) if dim == 2 else ("z", 0.3)
+    shape = {"length": 1.0, "height": 1.0, "lower_length": 1.5, "mesh_size": size, "lower_mesh_size": 0.8 * size}
     drag = {"x": 0.12, last: -0.05} | ({"y": 0.05} if dim == 3 else {})
-    size = 0.2 if dim == 2 else 0.3
-    shape = {"builder": "two_blocks", "length": 1.0, "height": 1.0, "lower_length": 1.5}
-    operator = "node-to-segment" if dim == 2 else "node-to-face"
-    return from_dict(
-        {
-            "model": "plane strain" if dim == 2 else "3d",
-            "geometry": shape | width | {"mesh_size": size, "lower_mesh_size": 0.8 * size},
-            "bodies": {body: {"E": 1.0, "nu": 0.3} for body in ("upper", "lower")},
-            "contacts": {
-                "joint": {
-                    "surface": "upper.bottom", "against": "lower.top", "operator": operator,
-                    "friction": FRICTION["coulomb"],
-                }
-            },
-            "supports": {
-                "top": {"boundary": "upper.top", "displacement": drag},
-                "base": {"boundary": "lower.bottom", "displacement": dict.fromkeys(drag, 0.0)},
-            },
-            "solver": SPRINGS,
-        }
-    )  # fmt: skip
+    joint = {"operator": "node-to-segment" if dim == 2 else "node-to-face", "friction": FRICTION["coulomb"]}
+    width = {"width": 0.7} if dim == 3 else {}
+    return two_blocks(dim, drag, joint, geometry=shape | width, solver=SPRINGS)
 
 
 def problem_of(simulation: Simulation, time: float = 1.0) -> tuple[SurfaceProblem, Array, Array]:
@@ -323,7 +306,7 @@ BODIES = [(2, "obstacle"), (3, "obstacle"), (2, "bodies"), (3, "bodies")]
 
 
 def scene_for(dim: int, against: str) -> Scene:
-    return pressed(dim, solver=SPRINGS) if against == "obstacle" else two_blocks(dim)
+    return pressed(dim, solver=SPRINGS) if against == "obstacle" else on_a_block(dim)
 
 
 @pytest.mark.parametrize(("dim", "against"), BODIES)
@@ -358,7 +341,7 @@ def test_the_tangent_is_the_derivative_of_the_residual(dim: int, against: str) -
 @pytest.mark.parametrize(("dim", "nodes"), [(2, 3), (3, 4)])
 def test_an_element_has_the_published_nodes(dim: int, nodes: int) -> None:
     """A slave node and the two or three of the master facet."""
-    (rows,) = prepare(two_blocks(dim)).system.contacts
+    (rows,) = prepare(on_a_block(dim)).system.contacts
     touched = [len(np.unique(row.indices[np.abs(row.data) > 1e-12] // dim)) for row in rows.N_n]
     assert max(touched) == nodes
 
@@ -479,7 +462,7 @@ def test_the_stated_error_holds(name: str) -> None:
 
 @pytest.mark.parametrize("dim", [*slow(2), 3])
 def test_the_stated_error_holds_between_bodies(dim: int) -> None:
-    ((step, _, apart),) = differences(two_blocks(dim))
+    ((step, _, apart),) = differences(on_a_block(dim))
     assert 0 < apart <= step.law_error < 1e-3
 
 
@@ -524,7 +507,7 @@ def test_penalties_follow_the_stiffness_and_the_mesh() -> None:
     omega = penalties(system, 1000.0)
     assert_allclose(omega[:n], 1000 / 0.25)
     assert_allclose(omega[n:], 1000 / 2.6 / 0.25)
-    twice = two_blocks(2)  # two bodies give in series, cells of 0.2 and about 0.16
+    twice = on_a_block(2)  # two bodies give in series, cells of 0.2 and about 0.16
     assert_allclose(penalties(prepare(twice).system, 1000.0)[0], 1000 / 0.36, rtol=0.05)
     assert_allclose(100 * penalties(prepare(twice).system, 10.0), penalties(prepare(twice).system, 1000.0))
 

@@ -51,6 +51,24 @@ def given(bolt: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in bolt.items() if value is not None}
 
 
+def plates(model: str, nu: float, order: int = 1, size: float = 0.5, **tables: Any) -> Scene:
+    """Two plates 2 x 1 (x 0.5), one on the other."""
+    shape = {"builder": "two_blocks", "length": 2.0, "height": 1.0, "mesh_size": size, "order": order}
+    width = {"width": 0.5} if model == "3d" else {}
+    bodies = {name: {"E": E, "nu": nu} for name in ("upper", "lower")}
+    return from_dict({"model": model, "geometry": shape | width, "bodies": bodies} | tables)
+
+
+def guided(model: str) -> dict[str, Any]:
+    """Supports of both plates in the planes of symmetry along the bolt."""
+    across = {"3d": {"left": "x", "front": "y"}, "plane strain": {"left": "x"}, "axisymmetric": {}}[model]
+    return {
+        f"{body}_{side}": {"boundary": f"{body}.{side}", "displacement": {axis: 0.0}}
+        for body in ("lower", "upper")
+        for side, axis in across.items()
+    }
+
+
 def joint(
     model: str = "plane strain",
     order: int = 1,
@@ -58,26 +76,16 @@ def joint(
     bolts: dict[str, dict[str, Any]] | None = None,
     **tables: Any,
 ) -> Scene:
-    """Two plates 2 x 1 (x 0.5), nu = 0, on a foot that carries no force along the bolt while it is tightened."""
+    """Two plates, nu = 0, on a foot that carries no force along the bolt while it is tightened."""
     up = [0.0, 0.0, 1.0] if model == "3d" else [0.0, 1.0]
     own = {"head": "upper.top", "nut": "lower.bottom", "axis": up, "stiffness": K, "shortening": [[1.0, SHORTER]]}
-    across = {"3d": {"left": "x", "front": "y"}, "plane strain": {"left": "x"}, "axisymmetric": {}}[model]
-    sides = {
-        f"{body}_{side}": {"boundary": f"{body}.{side}", "displacement": {axis: 0.0}}
-        for body in ("lower", "upper")
-        for side, axis in across.items()
-    }
-    plates = {"builder": "two_blocks", "length": 2.0, "height": 1.0, "mesh_size": 0.5, "order": order}
     foot = {"boundary": "lower.bottom", "displacement": {"z" if model == "3d" else "y": 0.0}}
-    data = {
-        "model": model,
-        "geometry": plates | ({"width": 0.5} if model == "3d" else {}),
-        "bodies": {"upper": {"E": E, "nu": 0.0}, "lower": {"E": E, "nu": 0.0}},
-        "supports": sides | {"foot": foot},
+    made = {
+        "supports": guided(model) | {"foot": foot},
         "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top"}},
         "bolts": {name: given(own | keys) for name, keys in {"b": bolt or {}, **(bolts or {})}.items()},
     }
-    return from_dict(data | tables)
+    return plates(model, 0.0, order, **made | tables)
 
 
 @pytest.mark.parametrize(("model", "order"), every_nth(2, AREA, [1, 2]))
@@ -201,25 +209,18 @@ def test_a_bolt_is_along_the_axis_of_symmetry() -> None:
 
 def drawn(model: str = "plane strain", order: int = 1, **bolt: Any) -> Scene:
     """Two blocks that are tied to each other between rigid walls; the upper one is the bolt, from y = .2 to .7."""
-    up, across = ("z", ["left", "front"]) if model == "3d" else ("y", ["left"])
+    up, deep = ("z", 2) if model == "3d" else ("y", 1)
     ends = {"roof": "upper.top", "floor": "lower.bottom"}
     walls = {name: {"boundary": side, "displacement": {up: 0.0}} for name, side in ends.items()}
-    sides = {
-        f"{body}_{side}": {"boundary": f"{body}.{side}", "displacement": {"x" if side == "left" else "y": 0.0}}
-        for body in ("lower", "upper")
-        for side in ([] if model == "axisymmetric" else across)
-    }
-    plates = {"builder": "two_blocks", "length": 2.0, "height": 1.0, "mesh_size": 0.5, "order": order}
-    shank = [[*[0.3 * (model != "axisymmetric")] * ((model == "3d") + 1), level] for level in (0.2, 0.7)]
-    data = {
-        "model": model,
-        "geometry": plates | ({"width": 0.5} if model == "3d" else {}),
-        "bodies": {"upper": {"E": E, "nu": 0.3}, "lower": {"E": E, "nu": 0.3}},
-        "supports": sides | walls,
-        "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top", "normal": {"law": "tied"}}},
-        "bolts": {"b": given({"body": "upper", "shank": shank} | bolt)},
-    }
-    return from_dict(data)
+    shank = [[*[0.3 * (model != "axisymmetric")] * deep, level] for level in (0.2, 0.7)]
+    return plates(
+        model,
+        0.3,
+        order,
+        supports=guided(model) | walls,
+        contacts={"joint": {"surface": "upper.bottom", "against": "lower.top", "normal": {"law": "tied"}}},
+        bolts={"b": given({"body": "upper", "shank": shank} | bolt)},
+    )
 
 
 @pytest.mark.parametrize("floating", [False, True])
@@ -361,10 +362,7 @@ def jack(model: str = "plane strain", bolts: dict[str, Any] | None = None, **tab
     drag = {up: 0.0, "x": [[1.0, 0.0], [2.0, 0.005]]} | ({"y": 0.0} if solid else {})
     shank = [[*[0.3] * (2 if solid else 1), level] for level in (0.2, 0.7)]
     bolt = {"body": "upper", "shank": shank, "force": [[1.0, -FORCE]], "held_from": 1.0}
-    data = {
-        "model": model,
-        "geometry": BLOCKS | ({"width": 0.5, "mesh_size": 0.5} if solid else {"mesh_size": 0.25}),
-        "bodies": {"upper": {"E": 1000.0, "nu": 0.3}, "lower": {"E": 1000.0, "nu": 0.3}},
+    made = {
         "supports": {
             "roof": {"boundary": "upper.top", "displacement": drag},
             "floor": {"boundary": "lower.bottom", "displacement": still},
@@ -375,7 +373,7 @@ def jack(model: str = "plane strain", bolts: dict[str, Any] | None = None, **tab
         "bolts": {"b": bolt, **(bolts or {})},
         "steps": {"end": 2.0, "count": 2},
     }
-    return from_dict(data | tables)
+    return plates(model, 0.3, size=0.5 if solid else 0.25, **made | tables)
 
 
 def stated(step: StepResult, key: str) -> Any:

@@ -17,7 +17,7 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial import Delaunay
 
-from shared.problems import scene_of
+from shared.problems import scene_of, two_blocks
 from shared.processes import running, wait_for
 from shared.ranks import mpirun
 from stickslip.geometry.bisection import bisection, sets_beside
@@ -143,18 +143,12 @@ def test_a_side_of_two_elements_is_warned_of_alone() -> None:
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_elements_of_flat_sides_are_counted(dim: int) -> None:
-    aside = dict.fromkeys("xyz"[: dim - 1], 0.0)
-    scene = scene_of(
-        dim,
-        {"builder": "two_blocks", "mesh_size": 0.25, "lower_mesh_size": 1.0, "cells": "tensor", "length": 1.0},
-        bodies={"upper": {"E": 1.0, "nu": 0.0}, "lower": {"E": 1.0, "nu": 0.0}},
-        obstacles={},
-        contacts={"joint": {"surface": "upper.bottom", "against": "lower.top"}},
-        supports={
-            "bed": {"boundary": "lower.bottom", "displacement": {**aside, "xyz"[dim - 1]: 0.0}},
-            "top": {"boundary": "upper.top", "displacement": {**aside, "xyz"[dim - 1]: -0.1}},
-        },
-    )  # fmt: skip
+    down = dict.fromkeys("xyz"[:dim], 0.0) | {"xyz"[dim - 1]: -0.1}
+    shape = {"length": 1.0, "height": 1.0, "width": 1.0, "lower_mesh_size": 1.0, "cells": "tensor"}
+    if dim == 2:
+        del shape["width"]
+    bodies = {name: {"E": 1.0, "nu": 0.0} for name in ("upper", "lower")}
+    scene = two_blocks(dim, down, geometry=shape, bodies=bodies)
     simulation = prepare(scene)
     (step,) = simulation.steps()
     (rows,) = simulation.system.contacts

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from shared.problems import scene_of, surface_problem
+from shared.problems import scene_of, surface_problem, two_blocks
 from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -22,7 +22,6 @@ from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.scene_file.read import from_dict
 
 DRIVEN = {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}
 PULLED = {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}
@@ -34,23 +33,6 @@ def block(normal: Any = None, friction: Any = None, dim: int = 2, gap_offset: fl
     laws = {"normal": normal or {"law": "unilateral"}} | ({"friction": friction} if friction else {})
     base = {"surface": "block.bottom", "against": "foundation", "gap_offset": gap_offset} | laws
     return scene_of(dim, **{"contacts": {"base": base}, "supports": DRIVEN} | tables)
-
-
-def two_blocks() -> Scene:
-    """Of different cells, the upper one pressed and dragged."""
-    sizes = {"length": 2.0, "height": 0.5, "mesh_size": 0.25}
-    return from_dict(
-        {
-            "model": "plane strain",
-            "geometry": {"builder": "two_blocks", "lower_mesh_size": 0.3} | sizes,
-            "bodies": {"upper": {"E": 1.0, "nu": 0.3}, "lower": {"E": 3.0, "nu": 0.2}},
-            "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top", "friction": COULOMB}},
-            "supports": {
-                "bed": {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0}},
-                "top": {"boundary": "upper.top", "displacement": {"x": 0.06, "y": -0.05}},
-            },
-        }
-    )
 
 
 def floating() -> Scene:
@@ -78,7 +60,12 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "much friction": lambda: block(friction={"law": "coulomb", "mu": 3.0}),
     "compliance": lambda: block({"law": "compliance", "c_n": 5.0}, COULOMB | {"k_T": 4.0}),
     "bound by penetration": lambda: block({"law": "compliance", "c_n": 5.0}, {"law": "compliance", "c_T": 2.0}),
-    "two bodies": two_blocks,
+    "two bodies": lambda: two_blocks(
+        2,
+        {"x": 0.06, "y": -0.05},
+        {"friction": COULOMB},
+        bodies={"upper": {"E": 1.0, "nu": 0.3}, "lower": {"E": 3.0, "nu": 0.2}},
+    ),
     "gaps": gaps,
     "bilateral": lambda: block({"law": "bilateral"}, COULOMB),
     "floating": floating,

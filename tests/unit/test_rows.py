@@ -1,6 +1,7 @@
 """Rows of contact: their frames, weights, normals and couplings carry tractions over as nodal forces."""
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -49,10 +50,17 @@ def contact(
     return {"surface": f"block.{side}", "against": against, "normal": LAWS[law]} | (friction if mu else {})
 
 
-@pytest.mark.parametrize(("shape", "law"), every_nth(3, SHAPES, LAWS))
-def test_uniform_tractions_have_the_exact_resultant_and_nodal_forces(shape: str, law: str) -> None:
+@cache
+def rows_of(shape: str, law: str) -> ContactRows:
+    """The contact of the block on its foundation."""
     dim, geometry = SHAPES[shape]
     (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact(law=law)})).contacts
+    return rows
+
+
+@pytest.mark.parametrize(("shape", "law"), every_nth(3, SHAPES, LAWS))
+def test_uniform_tractions_have_the_exact_resultant_and_nodal_forces(shape: str, law: str) -> None:
+    rows, dim = rows_of(shape, law), SHAPES[shape][0]
     n, size = len(rows.surface.nodes), 2.0  # 2 m (by 1 m)
     for weights in (rows.node_weights, rows.W_n, rows.W_t):
         assert_allclose(weights.sum(), size, rtol=1e-13)
@@ -74,8 +82,7 @@ def test_uniform_tractions_have_the_exact_resultant_and_nodal_forces(shape: str,
 @pytest.mark.parametrize(("shape", "law"), every_nth(3, SHAPES, LAWS))
 def test_friction_sees_the_force_of_each_node(shape: str, law: str) -> None:
     """No pressure, however uneven, gives a negative mean, and the means add up to the normal force."""
-    dim, geometry = SHAPES[shape]
-    (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact(law=law)})).contacts
+    rows = rows_of(shape, law)
     assert rows.average.data.min() > -1e-15
     assert_allclose(rows.W_t @ rows.average, rows.W_n, rtol=1e-12)
     p_n = np.zeros(len(rows.W_n))
@@ -89,8 +96,7 @@ def test_friction_sees_the_force_of_each_node(shape: str, law: str) -> None:
 
 @pytest.mark.parametrize(("shape", "law"), every_nth(3, SHAPES, LAWS))
 def test_tractions_work_on_relative_displacement_as_nodal_forces_do(shape: str, law: str) -> None:
-    dim, geometry = SHAPES[shape]
-    (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact(law=law)})).contacts
+    rows = rows_of(shape, law)
     random = np.random.default_rng(0)
     u = random.normal(size=rows.surface.points.shape)
     p_n, t = random.normal(size=len(rows.W_n)), random.normal(size=rows.free.shape)
