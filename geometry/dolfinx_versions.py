@@ -138,31 +138,28 @@ def _partitioner(model: Any) -> Callable[..., Any]:
     return destinations
 
 
+def _space(domain: DolfinxMesh, family: str, degree: int, shape: tuple[int, ...] = ()) -> FunctionSpace:
+    """Space of numbers, or of vectors with as many components as the mesh has dimensions."""
+    if hasattr(fem, "functionspace"):
+        return fem.functionspace(domain, (family, degree, shape) if shape else (family, degree))
+    make = fem.VectorFunctionSpace if shape else fem.FunctionSpace
+    return make(with_compiled_coordinate_element(domain), (family, degree))
+
+
 def vector_space(domain: DolfinxMesh, degree: int) -> FunctionSpace:
     """Continuous Lagrange space of vectors with as many components as the mesh has dimensions."""
-    space: FunctionSpace
-    if hasattr(fem, "functionspace"):
-        space = fem.functionspace(domain, ("Lagrange", degree, (domain.geometry.dim,)))
-    else:
-        space = fem.VectorFunctionSpace(with_compiled_coordinate_element(domain), ("Lagrange", degree))
-    return space
+    return _space(domain, "Lagrange", degree, (domain.geometry.dim,))
 
 
 def scalar_space(domain: DolfinxMesh) -> FunctionSpace:
     """Continuous Lagrange space of numbers of degree 1: one at each corner of the cells."""
-    space: FunctionSpace
-    if hasattr(fem, "functionspace"):
-        space = fem.functionspace(domain, ("Lagrange", 1))
-    else:
-        space = fem.FunctionSpace(with_compiled_coordinate_element(domain), ("Lagrange", 1))
-    return space
+    return _space(domain, "Lagrange", 1)
 
 
 def cell_function(domain: DolfinxMesh, values: Array) -> Function:
     """One value in each cell: `values` (cells,) of this rank, ghosts included."""
-    new = hasattr(fem, "functionspace")
-    space = fem.functionspace(domain, ("DG", 0)) if new else fem.FunctionSpace(domain, ("DG", 0))
-    found: Function = fem.Function(space)
+    space = _space(domain, "DG", 0)
+    found = fem.Function(space)
     found.x.array[cell_dofs(space)[:, 0]] = values
     return found
 
@@ -174,10 +171,7 @@ def cells_of_points(count: int) -> FunctionSpace:
     """
     from mpi4py import MPI
 
-    domain = with_compiled_coordinate_element(mesh.create_interval(MPI.COMM_SELF, count, [0.0, float(count)]))
-    new = hasattr(fem, "functionspace")
-    space: FunctionSpace = fem.functionspace(domain, ("DG", 0)) if new else fem.FunctionSpace(domain, ("DG", 0))
-    return space
+    return _space(mesh.create_interval(MPI.COMM_SELF, count, [0.0, float(count)]), "DG", 0)
 
 
 def fill(function: Function, values: Array) -> None:
@@ -194,7 +188,7 @@ def add_to_owners(function: Function) -> None:
 
 def sums_on_owners(space: FunctionSpace, values: Array) -> Array:
     """Values (k, d) at local nodes, those of ghosts added to those of their owners (owned, d); collective."""
-    function: Function = fem.Function(space)
+    function = fem.Function(space)
     function.x.array[:] = values.ravel()
     add_to_owners(function)
     count = space.dofmap.index_map.size_local
@@ -203,7 +197,7 @@ def sums_on_owners(space: FunctionSpace, values: Array) -> Array:
 
 def sums_at_nodes(space: FunctionSpace, values: Array) -> Array:
     """Values (k, nodes) at local nodes, those of all ranks added, ghosts included (k, nodes); collective."""
-    function: Function = fem.Function(space)
+    function = fem.Function(space)
     found, by_node = np.empty_like(values), function.x.array.reshape(values.shape[1], -1)
     for start in range(0, len(values), by_node.shape[1]):
         some = values[start : start + by_node.shape[1]]
@@ -261,8 +255,7 @@ def renumbered(domain: DolfinxMesh, tags: MeshTags, numbers: Sequence[int]) -> M
     known = np.asarray(numbers)[order]
     place = np.minimum(np.searchsorted(known, tags.values), len(known) - 1)
     mine = known[place] == tags.values
-    found: MeshTags = mesh.meshtags(domain, tags.dim, tags.indices[mine], (order[place[mine]] + 1).astype(np.int32))
-    return found
+    return mesh.meshtags(domain, tags.dim, tags.indices[mine], (order[place[mine]] + 1).astype(np.int32))
 
 
 def compile_form(form: UflForm) -> CompiledForm:
@@ -273,18 +266,12 @@ def compile_form(form: UflForm) -> CompiledForm:
     Raises:
         MachineError: there is no compiler, or no room on the disk.
     """
-    compiled: CompiledForm = fem.form(form)
-    return compiled
-
-
-def form_cache() -> Path:
-    """Folder in which compiled forms are cached."""
-    return CACHE
+    return fem.form(form)
 
 
 def assemble_matrix(form: CompiledForm) -> Mat:
     """PETSc matrix of a compiled bilinear form, without boundary conditions; collective."""
-    matrix: Mat = fem.petsc.assemble_matrix(form)
+    matrix = fem.petsc.assemble_matrix(form)
     matrix.assemble()
     matrix.setAttr("form", form)  # keeps the mesh: PETSc 3.22 makes the vectors of a matrix on the mesh's communicator
     return matrix
@@ -297,11 +284,11 @@ def assemble_vector(form: CompiledForm, *more: CompiledForm) -> Vec:
     """
     from petsc4py import PETSc
 
-    ghosted: Vec = fem.petsc.assemble_vector(form)
+    ghosted = fem.petsc.assemble_vector(form)
     for other in more:
         fem.petsc.assemble_vector(ghosted, other)
     ghosted.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
-    vector: Vec = PETSc.Vec().createMPI(ghosted.getSizes(), bsize=ghosted.block_size, comm=form.mesh.comm)
+    vector = PETSc.Vec().createMPI(ghosted.getSizes(), bsize=ghosted.block_size, comm=form.mesh.comm)
     vector.array[:] = ghosted.array_r
     ghosted.destroy()
     return vector

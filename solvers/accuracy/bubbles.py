@@ -239,7 +239,7 @@ class Bubbles:
         ones.array[:] = 1.0
         copies = self._T.createVecRight()
         self._T.multTranspose(self._T * ones, copies)
-        return np.maximum(copies.array_r, 1.0)
+        return np.asarray(np.maximum(copies.array_r, 1.0))
 
     @cached_property
     def _shares(self) -> Sparse:
@@ -252,10 +252,7 @@ class Bubbles:
             at = dofs[:, node]
             ends[at], share[at[at < own]] = dofs[:, :corners], basis[node]
         start = np.arange(0, corners * own + 1, corners)
-        shares: Sparse = sparse.csr_matrix(
-            (share.ravel(), ends[:own].ravel(), start), shape=(own, len(self.nodes.number))
-        )
-        return shares
+        return sparse.csr_matrix((share.ravel(), ends[:own].ravel(), start), shape=(own, len(self.nodes.number)))
 
     @cached_property
     def _flexibility(self) -> Array:

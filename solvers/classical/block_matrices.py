@@ -131,7 +131,7 @@ SPLITS = ("", "fieldsplit_u_", "fieldsplit_lambda_")  # prefixes, after that one
 
 def nested(V: Mat, B_T: Mat, B: Mat, minus_C: Mat) -> Mat:
     """[[V, B^T], [B, -C]] as a MATNEST (PETSc); V: (n, n), B^T: (n, m), B: (m, n), -C: (m, m)."""
-    nest: Mat = PETSc.Mat().createNest([[V, B_T], [B, minus_C]], comm=V.comm)
+    nest = PETSc.Mat().createNest([[V, B_T], [B, minus_C]], comm=V.comm)
     nest.assemble()
     return nest
 
@@ -147,7 +147,7 @@ def solve(nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec], options: Pe
         found: u and p, the start of an iterative solve, then the solution.
         options: of the user.
     """
-    ksp: KSP = PETSc.KSP().create(nest.comm)
+    ksp = PETSc.KSP().create(nest.comm)
     ksp.setOptionsPrefix(PREFIX)
     ksp.setOperators(nest)
     ksp.setType("preonly")

@@ -131,7 +131,7 @@ class InnerProblem:
 
     def rounding(self, q: Vec) -> float:
         """Norm [N] below which a residual at q [m] is rounding of F(u)."""
-        return NOISE * self._stiffest * float(np.hypot(q.norm(), self._moved))
+        return float(NOISE * self._stiffest * np.hypot(q.norm(), self._moved))
 
     def F(self, q: Vec) -> Vec:
         """F(q) = K q + j_n(q) over the free displacements [N]; collective."""
@@ -257,7 +257,7 @@ class BlockSystem:
     @cached_property
     def B_T(self) -> Mat:
         """B^T (free, m)."""
-        found: Mat = PETSc.Mat()
+        found = PETSc.Mat()
         self.B.transpose(found)
         return found
 
@@ -426,5 +426,4 @@ def _in_columns(block: Sparse, columns: Ints, count: int) -> Sparse:
     """The matrix (m, count) with the columns of `block` at the given places, zero elsewhere."""
     entries = block.tocoo()
     shape = block.shape[0], count
-    found: Sparse = sparse.csr_matrix((entries.data, (entries.row, columns[entries.col])), shape=shape)
-    return found
+    return sparse.csr_matrix((entries.data, (entries.row, columns[entries.col])), shape=shape)

@@ -178,10 +178,9 @@ def _factor(lower: Sparse, drop: float | None, raised: float) -> Sparse | None:
             left[i].append(j)
         column[found] = 0.0
     pointer = np.cumsum([0, *(len(each) for each in rows)])
-    factor: Sparse = sparse.csc_matrix(
+    return sparse.csc_matrix(
         (np.concatenate([[], *values]), np.concatenate([lower.indices[:0], *rows]), pointer), lower.shape
     )
-    return factor
 
 
 class GramMetric:
@@ -281,7 +280,7 @@ def contact_last(matrix: Mat, contact: Ints) -> tuple[Sparse, Ints]:
     every = PETSc.IS().createStride(matrix.size[0], step=1, comm=PETSc.COMM_SELF)
     (whole,) = matrix.createSubMatrices([every], [every])
     indptr, indices, data = whole.getValuesCSR()
-    A: Sparse = sparse.csr_matrix((data, indices, indptr), shape=whole.getSize())
+    A = sparse.csr_matrix((data, indices, indptr), shape=whole.getSize())
     if not len(contact):
         return A, np.arange(A.shape[0])
     away = dijkstra(abs(A), directed=False, indices=contact, unweighted=True, min_only=True)
@@ -303,8 +302,7 @@ def multiplier_gram(cone: AdmissibleSet, length: float) -> Sparse:
     tangential = [
         sparse.kron(_side_gram(c, c.share_t, length), sparse.eye(c.free.shape[1])) for c in cone.contacts
     ]  # fmt: skip
-    gram: Sparse = sparse.block_diag([*normal, *tangential], format="csr")
-    return gram
+    return sparse.block_diag([*normal, *tangential], format="csr")
 
 
 def _side_gram(c: ContactRows, share: Sparse, length: float) -> Sparse:
@@ -312,8 +310,7 @@ def _side_gram(c: ContactRows, share: Sparse, length: float) -> Sparse:
     side = c.surface
     product = surface_stiffness(side) + consistent_mass(side) / length**2
     basis = share @ side.forces_transform
-    gram: Sparse = basis @ product @ basis.T
-    return gram
+    return basis @ product @ basis.T
 
 
 def _positive(weights: Array) -> Array:

@@ -38,8 +38,7 @@ class GivenFriction(AdmissibleSet):
         return super().bound(place, self.given[place.normal], trial)
 
     def bound_slope(self, place: ContactBlock, p_n: Array) -> Sparse:
-        found: Sparse = sparse.csr_matrix(place.average.shape)
-        return found
+        return sparse.csr_matrix(place.average.shape)
 
 
 def with_given_friction(problem: SurfaceProblem, p: Array) -> SurfaceProblem:

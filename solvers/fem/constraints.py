@@ -182,8 +182,7 @@ class Constraints:
         csr = (entries.indptr.astype(PETSc.IntType), entries.indices.astype(PETSc.IntType), entries.data)
         matrix = PETSc.Mat().createAIJ((size, size), bsize=d, csr=csr, comm=self.comm)
         matrix.assemble()
-        found: Mat = matrix
-        return found
+        return matrix
 
     @cached_property
     def prescribed_nodes(self) -> Ints:

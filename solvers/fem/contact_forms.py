@@ -42,8 +42,7 @@ class NodalRule:
 
     @cached_property
     def share(self) -> Function:
-        found: Function = dx.fem.Function(self.weak.space)
-        return found
+        return dx.fem.Function(self.weak.space)
 
     @cached_property
     def measure(self) -> Measure:
@@ -57,19 +56,16 @@ class NodalRule:
             "quadrature_weights": [1 / len(points)] * len(points),
         }
         measure = ufl.Measure("ds", domain=mesh.domain, subdomain_data=mesh.facet_tags, metadata=rule)
-        found: Measure = measure(mesh.sides[self.side])
-        return found
+        return measure(mesh.sides[self.side])
 
     def integral(self, f: UflExpr | int) -> UflForm:
         """∫ f ds by this rule."""
         density: Any = self.share[0] * f
-        found: UflForm = density * self.measure
-        return found
+        return density * self.measure
 
     def sampled(self) -> UflForm:
         """Linear form whose entries are the weights that the rule itself gives each node, in every component."""
-        found: UflForm = sum(self.weak.v[i] for i in range(self.weak.mesh.dim)) * self.measure
-        return found
+        return sum(self.weak.v[i] for i in range(self.weak.mesh.dim)) * self.measure
 
     def areas(self, moved: Function | None = None) -> UflForm:
         """∫ v ds in every component, by a quadrature of the facets: areas that do not come from `Surface`.
@@ -82,8 +78,7 @@ class NodalRule:
         degree = 2 * mesh.degree + mesh.axisymmetric
         density = sum(v[i] for i in range(mesh.dim))
         if moved is None:
-            found: UflForm = density * self.weak.boundary(self.side, degree)
-            return found
+            return density * self.weak.boundary(self.side, degree)
         F = ufl.Identity(mesh.dim) + ufl.grad(moved)
         stretched = ufl.dot(ufl.cofac(F), ufl.FacetNormal(mesh.domain))
         measure = ufl.Measure("ds", domain=mesh.domain, subdomain_data=mesh.facet_tags)
@@ -138,8 +133,7 @@ class ComplianceForms:
     @cached_property
     def relative(self) -> Function:
         """u less the motion of the obstacle [m]: the argument of j_n."""
-        found: Function = dx.fem.Function(self.weak.space)
-        return found
+        return dx.fem.Function(self.weak.space)
 
     @cached_property
     def work(self) -> UflForm:
@@ -149,8 +143,7 @@ class ComplianceForms:
     @cached_property
     def tangent(self) -> UflForm:
         """dj_n(u; v) / du, a bilinear form."""
-        found: UflForm = ufl.derivative(self.work, self.relative)
-        return found
+        return ufl.derivative(self.work, self.relative)
 
 
 class PointLaw:
@@ -232,24 +225,20 @@ class SmoothedContact:
 
     @cached_property
     def motion(self) -> Function:
-        found: Function = dx.fem.Function(self.weak.space)
-        return found
+        return dx.fem.Function(self.weak.space)
 
     @cached_property
     def before(self) -> Function:
-        found: Function = dx.fem.Function(self.weak.space)
-        return found
+        return dx.fem.Function(self.weak.space)
 
     @cached_property
     def normal(self) -> Function:
-        found: Function = dx.fem.Function(self.weak.space)
-        return found
+        return dx.fem.Function(self.weak.space)
 
     @cached_property
     def relative(self) -> Function:
         """Displacement relative to the obstacle [m], for the normal compliance form."""
-        found: Function = dx.fem.Function(self.weak.space)
-        return found
+        return dx.fem.Function(self.weak.space)
 
     def works(self) -> list[tuple[Function, UflForm, UflForm]]:
         """Forms whose sum is ∫ p_n v_n + t . v_T ds; for each its field, the form, and its derivative by the field."""

@@ -36,12 +36,11 @@ def forces_of_energy(weak: WeakForms, u: Function, dilatation: Mapping[str, Func
     gradient = ufl.grad(u)
     normal = [gradient[i, i] for i in range(mesh.dim)] + ([u[0] / r] if mesh.axisymmetric else [])
     shear = [gradient[i, j] + gradient[j, i] for i in range(mesh.dim) for j in range(i)]
-    squares: UflExpr = sum(e**2 for e in normal) + sum(g**2 for g in shear) / 2
+    squares = sum(e**2 for e in normal) + sum(g**2 for g in shear) / 2
     v, found = ufl.TestFunction(weak.space), list[UflForm]()
 
     def forces(density: UflExpr, name: str) -> UflForm:
-        derivative: UflForm = ufl.derivative(density * around * dx(mesh.bodies[name]), u, v)
-        return derivative
+        return ufl.derivative(density * around * dx(mesh.bodies[name]), u, v)
 
     for name, body in problem.isotropic.items():
         c = body.nu / (1 - body.nu if problem.model == "plane stress" else body.give)
@@ -84,13 +83,12 @@ def energy_density(
     Q = constant(body.axes)
     along, c = Q * ufl.as_matrix(strain) * ufl.transpose(Q), normal_stiffness(body, plane_stress)
     stretch, stiffness = ufl.as_vector([along[a, a] for a in range(len(c))]), constant(c)
-    found: UflExpr = ufl.inner(stretch, stiffness * stretch)
+    found = ufl.inner(stretch, stiffness * stretch)
     shears = ((0, 1, body.G_12), (1, 2, body.G_23), (0, 2, body.G_13))
     for a, b, G in shears if dim == 3 else shears[:1]:
         assert G is not None
         found += constant(G) * (along[a, b] + along[b, a]) ** 2
-    density: UflExpr = found / 2
-    return density
+    return found / 2
 
 
 def normal_stiffness(body: Orthotropic, plane_stress: bool) -> Array:

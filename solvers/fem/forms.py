@@ -62,8 +62,7 @@ def elastic_stress(strain: Array, material: Elastic, plane_stress: bool) -> Arra
 
 def compliant_pressure(c_n: UflExpr, m_n: float, penetration: UflExpr) -> UflExpr:
     """p_n = c_n (u_n - g)_+^m_n [Pa], the density of j_n; c_n: a constant [Pa/m^m_n], penetration: u_n - g [m]."""
-    found: UflExpr = c_n * ufl.max_value(penetration, 0) ** m_n
-    return found
+    return c_n * ufl.max_value(penetration, 0) ** m_n
 
 
 def multiplied(form: UflForm, factors: Mapping[str, Function]) -> UflForm | None:
@@ -75,10 +74,7 @@ def multiplied(form: UflForm, factors: Mapping[str, Function]) -> UflForm | None
     kept = [integral for integral in form.integrals() if integral.integral_type() in factors]
     if not kept:
         return None
-    found: UflForm = ufl.Form(
-        [one.reconstruct(integrand=factors[one.integral_type()] * one.integrand()) for one in kept]
-    )
-    return found
+    return ufl.Form([one.reconstruct(integrand=factors[one.integral_type()] * one.integrand()) for one in kept])
 
 
 def numbered(form: UflForm, domain: DolfinxMesh) -> UflForm:
@@ -100,8 +96,7 @@ def numbered(form: UflForm, domain: DolfinxMesh) -> UflForm:
         number = one.subdomain_id() if one.subdomain_data() is None else numbers[kind].index(one.subdomain_id()) + 1
         return one.reconstruct(subdomain_id=number, subdomain_data=own.get(kind))
 
-    found: UflForm = ufl.Form([changed(one) for one in form.integrals()])
-    return found
+    return ufl.Form([changed(one) for one in form.integrals()])
 
 
 @dataclass(frozen=True)
@@ -112,8 +107,7 @@ class Revolved:
     radius: UflExpr
 
     def __rmul__(self, integrand: UflExpr) -> UflForm:
-        found: UflForm = (integrand * 2 * np.pi * self.radius) * self.measure
-        return found
+        return (integrand * 2 * np.pi * self.radius) * self.measure
 
 
 @dataclass(frozen=True)
@@ -130,14 +124,12 @@ class WeakForms:
     @cached_property
     def u(self) -> UflExpr:
         """Trial function."""
-        found: UflExpr = ufl.TrialFunction(self.space)
-        return found
+        return ufl.TrialFunction(self.space)
 
     @cached_property
     def v(self) -> UflExpr:
         """Test function."""
-        found: UflExpr = ufl.TestFunction(self.space)
-        return found
+        return ufl.TestFunction(self.space)
 
     def volume(self, body: str, degree: int | None = None) -> Measure:
         """Volume measure of a body; `degree`: of the quadrature, None: the default."""
@@ -158,8 +150,7 @@ class WeakForms:
 
     def skin(self) -> Measure:
         """Surface measure of all of the surface, planes of symmetry included, as the mesh lies."""
-        found: Measure = ufl.Measure("ds", domain=self.mesh.domain)
-        return found
+        return ufl.Measure("ds", domain=self.mesh.domain)
 
     def _around(self, measure: Measure) -> Measure:
         """The measure, in an axisymmetric model over the full circle."""
@@ -167,14 +158,11 @@ class WeakForms:
 
     def strain(self, u: UflExpr) -> UflExpr:
         """eps(u) [-]: (d, d); in axisymmetric models (3, 3), x, y and hoop."""
-        gradient: UflExpr = ufl.sym(ufl.grad(u))
+        gradient = ufl.sym(ufl.grad(u))
         if not self.mesh.axisymmetric:
             return gradient
         hoop = u[0] / ufl.SpatialCoordinate(self.mesh.domain)[0]
-        whole: UflExpr = ufl.as_matrix(
-            [[gradient[0, 0], gradient[0, 1], 0], [gradient[1, 0], gradient[1, 1], 0], [0, 0, hoop]]
-        )
-        return whole
+        return ufl.as_matrix([[gradient[0, 0], gradient[0, 1], 0], [gradient[1, 0], gradient[1, 1], 0], [0, 0, hoop]])
 
     def stress(self, u: UflExpr, body: str) -> UflExpr:
         """sigma(u) [Pa], with the shape of the strain; in plane strain and plane stress the in-plane components."""
@@ -191,8 +179,7 @@ class WeakForms:
 
     def _stress(self, u: UflExpr, first: UflExpr, mu: UflExpr) -> UflExpr:
         strain = self.strain(u)
-        found: UflExpr = 2 * mu * strain + first * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0])
-        return found
+        return 2 * mu * strain + first * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0])
 
     def _along_axes(self, strain: UflExpr, material: Orthotropic) -> UflExpr:
         """sigma = C eps [Pa], with the shape of the strain; C is read at run time."""
@@ -202,8 +189,7 @@ class WeakForms:
         six = C * ufl.as_vector([float(DOUBLED[k]) * strain[PAIRS[k]] for k in pairs])
         place = {PAIRS[k]: n for n, k in enumerate(pairs)}
         rows = [[(min(i, j), max(i, j)) for j in range(size)] for i in range(size)]
-        found: UflExpr = ufl.as_matrix([[six[place[ij]] if ij in place else 0 for ij in row] for row in rows])
-        return found
+        return ufl.as_matrix([[six[place[ij]] if ij in place else 0 for ij in row] for row in rows])
 
     def elasticity(self, u: UflExpr | None = None) -> UflForm:
         """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx, without the part of `MeanDilatation`: there 2 mu eps(u).
@@ -214,7 +200,7 @@ class WeakForms:
             u: displacement Function, for the linear form of its inner forces; None: the trial function.
         """
         strain, u, problem = self.strain(self.v), self.u if u is None else u, self.problem
-        found: UflForm = sum(ufl.inner(self.stress(u, b), strain) * self.volume(b) for b in problem.orthotropic)
+        found = sum(ufl.inner(self.stress(u, b), strain) * self.volume(b) for b in problem.orthotropic)
         if problem.isotropic:
             stress = self._stress(u, *self._lame_by_cell())
             everywhere = ufl.Measure("dx", domain=self.mesh.domain, metadata=self._rule())
@@ -240,10 +226,9 @@ class WeakForms:
         single body it is only a factor of Q, which the step size alpha = relaxation / lambda_max cancels.
         """
         product = ufl.inner(ufl.grad(self.u), ufl.grad(self.v)) + self.constant(length**-2) * ufl.inner(self.u, self.v)
-        found: UflForm = sum(
+        return sum(
             self.constant(body.modulus) * product * self.volume(name) for name, body in self.problem.bodies.items()
         )
-        return found
 
     def initial_stress(self, initial: InitialStrain) -> Array:
         """sigma = C strain (3, 3) [Pa] of an initial strain at value 1; in plane stress sigma_zz = 0."""
@@ -260,10 +245,7 @@ class WeakForms:
         """
         if initial.shrunk is not None:
             drawn = self.shrinking(initial) if shrinking is None else shrinking
-            whole: UflForm = ufl.inner(self.stress(drawn, initial.body), self.strain(self.v)) * (
-                self.volume(initial.body)
-            )
-            return whole
+            return ufl.inner(self.stress(drawn, initial.body), self.strain(self.v)) * (self.volume(initial.body))
         strain, stress = self.strain(self.v), self.initial_stress(initial)
         if mean is not None:
             stress = 2 * self.lame(initial.body)[1] * initial.strain
@@ -272,7 +254,7 @@ class WeakForms:
         density = sum(self.constant(float(stress[i, j])) * strain[i, j] for i, j in terms)
         if initial.field:
             density = self._value(initial.field, self.constant(0.0)) * density
-        found: UflForm = density * self._volume_of(initial)
+        found = density * self._volume_of(initial)
         if mean is not None:
             found += self.constant(self.lame(initial.body)[0]) * mean * ufl.tr(strain) * self.volume(initial.body)
         return found
@@ -301,8 +283,7 @@ class WeakForms:
     def initial_dilatation(self, initial: InitialStrain, weight: UflExpr) -> UflForm:
         """∫ weight tr(strain) dx [m³] of an initial strain at value 1."""
         size = self._value(initial.field, self.constant(0.0)) if initial.field else 1.0
-        found: UflForm = weight * size * self.constant(float(np.trace(initial.strain))) * self._volume_of(initial)
-        return found
+        return weight * size * self.constant(float(np.trace(initial.strain))) * self._volume_of(initial)
 
     def load_of(self, initial: InitialStrain, mean: Function | None = None) -> Vec:
         """`initial_load` over all displacements [N]; collective."""
@@ -310,7 +291,7 @@ class WeakForms:
 
     def shrinking(self, initial: InitialStrain) -> Function:
         """The displacement [m] whose strain an initial strain is, see `drawn_together`; ghosts included."""
-        found: Function = dx.fem.Function(self.space)
+        found = dx.fem.Function(self.space)
         d = self.mesh.dim
         points = self.space.tabulate_dof_coordinates()[:, :d]
         assert initial.shrunk is not None
@@ -367,26 +348,22 @@ class WeakForms:
         """The expression at a place of the scene, without its ramp; clock: t [s]."""
         x = ufl.SpatialCoordinate(self.mesh.domain)
         values = {axis: x[i] for i, axis in enumerate("xyz"[: self.mesh.dim])} | {"t": clock}
-        found: UflExpr = self.problem.timeline.expressions[place].build(values, self.constant, SYMBOLS)
-        return found
+        return self.problem.timeline.expressions[place].build(values, self.constant, SYMBOLS)
 
     def along(self, axis: int, factor: float = 1.0) -> UflExpr:
         """The component of v along an axis, times a factor; both are read at run time: one form for all axes."""
-        found: UflExpr = ufl.inner(self.constant(factor * np.eye(self.mesh.dim)[axis]), self.v)
-        return found
+        return ufl.inner(self.constant(factor * np.eye(self.mesh.dim)[axis]), self.v)
 
     def linear(self, matrix: Array, shift: Array) -> UflExpr:
         """(matrix x + shift) . v, x the coordinates (d,) [m]."""
         x, rows = ufl.SpatialCoordinate(self.mesh.domain), range(self.mesh.dim)
         field = [sum(self.constant(matrix[i, j]) * x[j] for j in rows) + self.constant(shift[i]) for i in rows]
-        found: UflExpr = sum(field[i] * self.v[i] for i in rows)
-        return found
+        return sum(field[i] * self.v[i] for i in rows)
 
     def field(self, components: Field) -> UflExpr:
         """A vector field given as a function of the coordinates."""
         x = ufl.SpatialCoordinate(self.mesh.domain)
-        found: UflExpr = ufl.as_vector(components(*(x[i] for i in range(self.mesh.dim))))
-        return found
+        return ufl.as_vector(components(*(x[i] for i in range(self.mesh.dim))))
 
     def balance(self, u: UflExpr, body: str, sides: Iterable[str], degree: int) -> UflForm:
         """∫ -div sigma(u) . v dx + ∫ sigma(u) n . v ds: loads on a body and its sides under which u is the solution.
@@ -397,8 +374,7 @@ class WeakForms:
         """
         sigma, normal = self.stress(u, body), ufl.FacetNormal(self.mesh.domain)
         form = -ufl.inner(ufl.div(sigma), self.v) * self.volume(body, degree)
-        found: UflForm = form + sum(ufl.inner(sigma * normal, self.v) * self.boundary(side, degree) for side in sides)
-        return found
+        return form + sum(ufl.inner(sigma * normal, self.v) * self.boundary(side, degree) for side in sides)
 
     def area(self, side: str) -> float:
         """Area of a side [m²], per metre of thickness in plane models [m]."""
@@ -420,20 +396,17 @@ class WeakForms:
         n = ufl.FacetNormal(self.mesh.domain)
         along, whole = ufl.inner(u, n) * ufl.inner(self.v, n), ufl.inner(u, self.v)
         stress = self.constant(springs.normal) * along + self.constant(springs.tangential) * (whole - along)
-        found: UflForm = stress * self.boundary(springs.boundary)
-        return found
+        return stress * self.boundary(springs.boundary)
 
     def rigid_motion(self, translation: Constant, rotation: Constant) -> UflExpr:
         """Translation (d,) plus rotation about the origin, (1,) in 2D and (3,) in 3D, times the place."""
         x = ufl.SpatialCoordinate(self.mesh.domain)
         turned = ufl.cross(rotation, x) if self.mesh.dim == 3 else rotation[0] * ufl.as_vector([-x[1], x[0]])
-        found: UflExpr = translation + turned
-        return found
+        return translation + turned
 
     def constant(self, value: float | Array) -> Constant:
         """A number or matrix that a compiled form reads at run time, so that other values need no new compilation."""
-        found: Constant = dx.fem.Constant(self.mesh.domain, value)
-        return found
+        return dx.fem.Constant(self.mesh.domain, value)
 
     def gap(self, contact: Contact) -> tuple[UflExpr, UflExpr]:
         """Initial gap g [m] and unit normal n towards the obstacle, exact at every point of the surface."""
@@ -447,8 +420,7 @@ class WeakForms:
         gap, normal = self.gap(contact)
         degree, side = contact.degree(self.mesh.degree), contact.surface
         pressure = compliant_pressure(self.constant(law.c_n), law.m_n, ufl.inner(u, normal) - gap)
-        found: UflForm = pressure * ufl.inner(self.v, normal) * self.boundary(side, degree)
-        return found
+        return pressure * ufl.inner(self.v, normal) * self.boundary(side, degree)
 
     def compile(self, form: UflForm) -> CompiledForm:
         """Compile a form, or load it from the cache; counted."""

@@ -61,7 +61,7 @@ class MeanDilatation:
         """(nodes, nodes): shares of the nodes that keep a dilatation in those that have none."""
         weak, q = self._weak, ufl.TestFunction(self._space)
         mass = q * ufl.TrialFunction(self._space) * weak.volume(body)
-        near: Mat = dx.assemble_matrix(weak.compile(mass))
+        near = dx.assemble_matrix(weak.compile(mass))
         outside = dx.assemble_vector(weak.compile(q * weak.skin()))
         within = V.duplicate()
         # of the largest; smaller weights are rounding
@@ -123,8 +123,7 @@ class MeanDilatation:
             rows.append([B, *[None] * (len(rows) - 1), _diagonal(np.full(len(own), -mean), B)])
         for row in rows:
             row += [None] * (len(rows) - len(row))
-        whole: Mat = PETSc.Mat().createNest(rows, comm=K.comm).convert("aij")
-        return whole
+        return PETSc.Mat().createNest(rows, comm=K.comm).convert("aij")
 
     def functions(self) -> dict[str, Function]:
         """A field for the dilatation of each body [-], for `fill`."""
@@ -156,7 +155,7 @@ class MeanDilatation:
             return None
         weak, share = self._weak, self._bodies[initial.body][2]
         changes = dx.assemble_vector(weak.compile(weak.initial_dilatation(initial, ufl.TestFunction(self._space))))
-        found: Function = dx.fem.Function(self._space)
+        found = dx.fem.Function(self._space)
         self._fill(found, initial.body, changes if share is None else share * changes)
         return found
 
@@ -174,7 +173,7 @@ def _diagonal(values: Array, like: Mat) -> Mat:
     """A diagonal matrix (PETSc) from its own entries, with the rows of another one; collective."""
     own = np.arange(*like.getOwnershipRange(), dtype=PETSc.IntType)
     size = like.getSizes()[0]
-    found: Mat = PETSc.Mat().createAIJ((size, size), nnz=(1, 0), comm=like.comm)
+    found = PETSc.Mat().createAIJ((size, size), nnz=(1, 0), comm=like.comm)
     found.setValuesCSR(np.arange(len(own) + 1, dtype=PETSc.IntType), own, values)
     found.assemble()
     return found
@@ -183,4 +182,4 @@ def _diagonal(values: Array, like: Mat) -> Mat:
 def _inverse(V: Vec) -> Array:
     """1 / V_a (own,), zero at nodes without a dilatation."""
     volume = V.array_r
-    return np.divide(1.0, volume, out=np.zeros_like(volume), where=volume > 0)
+    return np.asarray(np.divide(1.0, volume, out=np.zeros_like(volume), where=volume > 0))

@@ -141,8 +141,7 @@ class RemotePoints:
             dofs = np.tile((d * point.nodes[:, None] + np.arange(d)).ravel(), k)
             at = np.repeat(np.arange(k), n * d), dofs
             blocks.append(sparse.csr_matrix((point.weights.ravel(), at), shape=(k, self.size)))
-        found: Sparse = sparse.vstack([sparse.csr_matrix((0, self.size)), *blocks]).tocsr()
-        return found
+        return sparse.vstack([sparse.csr_matrix((0, self.size)), *blocks]).tocsr()
 
     @cached_property
     def split(self) -> list[slice]:

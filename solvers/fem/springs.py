@@ -97,7 +97,7 @@ class Links:
         own = (self.rows[:, low:high].T @ sparse.diags(self.stiffness) @ self.rows).tocsr()
         own.sort_indices()
         entries = (own.indptr.astype(PETSc.IntType), own.indices.astype(PETSc.IntType), own.data)
-        found: Mat = PETSc.Mat().createAIJ(like.getSizes(), bsize=self.directions.shape[1], csr=entries, comm=like.comm)
+        found = PETSc.Mat().createAIJ(like.getSizes(), bsize=self.directions.shape[1], csr=entries, comm=like.comm)
         found.assemble()
         return found
 

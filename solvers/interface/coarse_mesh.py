@@ -103,5 +103,4 @@ def _interpolation(fine: Surface, coarse: Surface) -> Sparse:
     missed = np.flatnonzero(found.facet < 0)
     nearest = cKDTree(coarse.points).query(fine.points[missed])[1]
     shape = (len(fine.points), len(coarse.points))
-    onto: Sparse = found.weights(coarse) + sparse.csr_matrix((np.ones(len(missed)), (missed, nearest)), shape=shape)
-    return onto
+    return found.weights(coarse) + sparse.csr_matrix((np.ones(len(missed)), (missed, nearest)), shape=shape)

@@ -192,11 +192,11 @@ class _Factor:
         self._out.scale(1 / self._unit)
         self._check()
         self._out.array[self.contact.local] = 0.0
-        return self._out.array_r.copy()
+        return np.array(self._out.array_r)
 
     def _solver(self, K: Mat) -> KSP:
         K.setOption(PETSc.Mat.Option.SYMMETRIC if self.pressures else PETSc.Mat.Option.SPD, True)
-        ksp: KSP = PETSc.KSP().create(K.comm)
+        ksp = PETSc.KSP().create(K.comm)
         ksp.setOptionsPrefix("volume_")
         ksp.setOperators(K)
         ksp.setType("preonly")

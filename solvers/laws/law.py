@@ -197,8 +197,7 @@ class FrictionLaw(Choice):
 
     def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
         """ds/dp [-], sparse (m_t, m_n)."""
-        found: Sparse = sparse.csr_matrix(average.shape)
-        return found
+        return sparse.csr_matrix(average.shape)
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
         """Lines that bound s: min(cap, below p) <= s <= min(cap, above p) for p >= 0, `at_no_pressure` apart.

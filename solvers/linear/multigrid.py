@@ -87,7 +87,7 @@ def _set_up(K: Mat, kind: str, prefix: str, options: Mapping[str, str | int | fl
     ours = {f"{prefix}{key}": value for key, value in options.items() if not known.hasName(f"{prefix}{key}")}
     for name, value in ours.items():  # what a user has set stays
         known[name] = value
-    pc: PC = PETSc.PC().create(K.comm)
+    pc = PETSc.PC().create(K.comm)
     pc.setOptionsPrefix(prefix)
     pc.setType(kind)
     pc.setOperators(K)

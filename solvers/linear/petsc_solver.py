@@ -190,7 +190,7 @@ class InnerSolver:
         """
         self.V = V
         V.setOption(PETSc.Mat.Option.SPD, True)
-        ksp: KSP = PETSc.KSP().create(V.comm)
+        ksp = PETSc.KSP().create(V.comm)
         ksp.setOptionsPrefix(self.prefix)
         ksp.setOperators(V)
         try:

@@ -54,7 +54,7 @@ class ActiveSet:
             weight: of the distance from them [-].
         """
         term = sparse.diags((self.k == 0).astype(float)) @ self.A_w @ sparse.diags(weight / self.problem.gamma)
-        A_p: Sparse = (self.A_p - term).tocsr()
+        A_p = (self.A_p - term).tocsr()
         return replace(self, A_p=A_p, rhs=self.rhs - term @ p, weight=weight)
 
 
@@ -120,7 +120,7 @@ class _Rows:
         data, i, j = (np.concatenate(x) for x in zip((diagonal[own], own, own), *entries, strict=True))
         order = np.argsort(i, kind="stable")
         first = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=self.rows))])
-        matrix: Sparse = sparse.csr_matrix((data[order], j[order], first), shape=(self.rows, self.rows))
+        matrix = sparse.csr_matrix((data[order], j[order], first), shape=(self.rows, self.rows))
         matrix.sum_duplicates()  # of the diagonal and J
         return matrix
 

@@ -118,8 +118,7 @@ class Flexibility:
         N = self.surface.N[:, : self.metric.size]
         give = N.multiply(N) @ self.metric.compliance
         part = np.divide(1.0, give, out=np.zeros_like(give), where=give > 0)  # held dofs alone: no compliance
-        share: Sparse = sparse.diags(part) @ N @ sparse.diags(self.metric.compliance)
-        return share
+        return sparse.diags(part) @ N @ sparse.diags(self.metric.compliance)
 
     def inverse(self, w: Array) -> Array:
         """Tractions (rows,) [Pa] that cause about w (rows,) [m]: for nodal rows spectrally equivalent to G^-1."""

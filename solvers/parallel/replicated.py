@@ -78,6 +78,6 @@ def distributed(whole: Sparse, rows: Vec, columns: Vec) -> Mat:
     own = whole.tocsr()[low:high]
     sizes = (rows.getLocalSize(), rows.getSize()), (columns.getLocalSize(), columns.getSize())
     csr = own.indptr, own.indices.astype(PETSc.IntType), own.data
-    matrix: Mat = PETSc.Mat().createAIJ(sizes, csr=csr, comm=columns.comm)
+    matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=columns.comm)
     matrix.assemble()
     return matrix

@@ -135,8 +135,7 @@ class ContactInterface:
         node, i, j = np.nonzero(bases)
         columns = np.searchsorted(self.dofs, numbers[node, j])
         shape = (self.mesh.dim * len(c.nodes), len(self.dofs))
-        found: Sparse = sparse.csr_matrix((bases[node, i, j], (self.mesh.dim * node + i, columns)), shape=shape)
-        return found
+        return sparse.csr_matrix((bases[node, i, j], (self.mesh.dim * node + i, columns)), shape=shape)
 
     @cached_property
     def rigid_modes(self) -> Array:

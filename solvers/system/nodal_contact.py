@@ -87,8 +87,7 @@ def _vectors(share: Sparse, directions: Array) -> Sparse:
     i = share.row[:, None, None] * k + np.arange(k)[:, None]
     j = share.col[:, None, None] * d + np.arange(d)
     i, j = np.broadcast_to(i, values.shape), np.broadcast_to(j, values.shape)
-    found: Sparse = sparse.coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape=(m * k, n * d))
-    return found
+    return sparse.coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape=(m * k, n * d))
 
 
 def change_of_basis(system: System, rows: ContactRows) -> Mat | None:

@@ -50,7 +50,7 @@ def without_rounding(K: Mat) -> Mat:
     sizes, comm, form = K.getSizes(), K.comm, K.getAttr("form")
     K.destroy()
     csr = (np.append(0, np.cumsum(counts)).astype(PETSc.IntType), column[:end], value[:end])
-    found: Mat = PETSc.Mat().createAIJ(sizes, bsize=dim, csr=csr, comm=comm)
+    found = PETSc.Mat().createAIJ(sizes, bsize=dim, csr=csr, comm=comm)
     found.assemble()
     found.setAttr("form", form)
     return found
@@ -158,7 +158,7 @@ class AveragedStiffness:
         """See `Stiffness`; collective."""
         free = self._shear.free
         terms = _Sum(free, list(self._dilatation.terms(self._T)))
-        found: Mat = PETSc.Mat().createPython(free.getSizes(), terms, comm=free.comm)
+        found = PETSc.Mat().createPython(free.getSizes(), terms, comm=free.comm)
         found.setUp()
         return found
 

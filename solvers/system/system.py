@@ -105,7 +105,7 @@ class System:
     @cached_property
     def _squares(self) -> Vec:
         """Squared norms of the columns of T, which are orthogonal to each other; 1 of eliminated entries."""
-        found: Vec = self.T.transposeMatMult(self.T).getDiagonal()
+        found = self.T.transposeMatMult(self.T).getDiagonal()
         found.array[found.array_r == 0] = 1.0
         return found
 

@@ -180,7 +180,7 @@ def _coupled(N: Sparse, of_dof: Ints, slave: Bools, own: Bools) -> Ints:
         slave: (nodes,) slave nodes.
         own: (nodes,) this rank's.
     """
-    pattern: Sparse = sparse.csr_matrix((np.ones(N.nnz, np.int8), N.indices, N.indptr), shape=N.shape)
+    pattern = sparse.csr_matrix((np.ones(N.nnz, np.int8), N.indices, N.indptr), shape=N.shape)
     nodes, found = own, np.zeros(N.shape[0], bool)
     while nodes.any():
         more = (pattern[~found] @ nodes[of_dof].astype(np.int8)) != 0
@@ -283,8 +283,7 @@ def _measured(
     a, b = (np.broadcast_to(x, measured.shape).ravel() for x in (numbers[:, :, None], numbers[:, None, :]))
 
     def whole(values: Array) -> Sparse:
-        found: Sparse = (sparse.csr_matrix((values.ravel(), (a, b)), shape=(size, size)) + sparse.diags(others)).tocsr()
-        return found
+        return (sparse.csr_matrix((values.ravel(), (a, b)), shape=(size, size)) + sparse.diags(others)).tocsr()
 
     coupling = sparse.csr_matrix((entries.data[~inside], (i[~inside], j[~inside])), shape=(size, size))
     return slot, whole(measured), coupling, whole(np.linalg.inv(measured))
@@ -330,6 +329,6 @@ def _distributed(system: System, change: Sparse, numbers: Ints) -> Mat:
     j = np.concatenate([same + low, numbers[rows.col]])
     entries = sparse.csr_matrix((np.concatenate([np.ones(len(same)), rows.data]), (i, j)), shape=(high - low, total))
     csr = (entries.indptr.astype(PETSc.IntType), entries.indices.astype(PETSc.IntType), entries.data)
-    found: Mat = PETSc.Mat().createAIJ(K.getSizes(), bsize=system.mesh.dim, csr=csr, comm=K.comm)
+    found = PETSc.Mat().createAIJ(K.getSizes(), bsize=system.mesh.dim, csr=csr, comm=K.comm)
     found.assemble()
     return found

@@ -90,7 +90,7 @@ class CompliantFaces:
         """Values (owned,) of those of all coordinates of contact nodes (n d,); collective."""
         self._vector.array[:] = 0.0
         self.scatter.write(self._vector, values)
-        return self._vector.array_r.copy()
+        return np.array(self._vector.array_r)
 
     def growth(self, was: Pressed, v: Array, moved: Array) -> float:
         """Growth of the energy stored in the faces [J] by a motion from v; collective."""

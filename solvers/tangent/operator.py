@@ -93,13 +93,13 @@ class Columns:
         """K v at `near`, of a v that is x (k,) at these nodes, and zero elsewhere."""
         self._motion.array[:] = x
         self._columns.mult(self._motion, self._near)
-        return self._near.array_r.copy()
+        return np.array(self._near.array_r)
 
     def block(self, x: Array) -> Array:
         """The same at these nodes alone (k,)."""
         self._motion.array[:] = x
         self._block.mult(self._motion, self._there)
-        return self._there.array_r.copy()
+        return np.array(self._there.array_r)
 
     def whole(self, x: Array, count: int) -> Array:
         """The vector (count,) that is x (k,) at these nodes, and zero elsewhere."""
@@ -183,7 +183,7 @@ class TangentOperator:
         self.T.mult(self._in, self._out)
         self.K_B.mult(self._out, self._more)
         self.T.multTranspose(self._more, self._out)
-        return self._out.array_r.copy()
+        return np.array(self._out.array_r)
 
     def jump(self, u: Array) -> Array:
         """Coordinates (m d,) at slave nodes of free displacements u (owned,) [m]."""
@@ -256,7 +256,7 @@ class TangentOperator:
                 self._multigrid.apply(self._more, self._out)
                 self._more.array[:] = self._out.array_r
             self._inverse.mult(self._more, self._out)
-        found = self._out.array_r.copy()
+        found = np.array(self._out.array_r)
         found[self.at[self.held]] = 0.0
         return found
 
@@ -271,7 +271,7 @@ class TangentOperator:
     def forces(self, f: Vec) -> Array:
         """Forces T^T f on the coordinates, of forces f over the free displacements [N]."""
         self.T.multTranspose(f, self._out)
-        return self._out.array_r.copy()
+        return np.array(self._out.array_r)
 
     def displacement(self, v: Array, found: Vec | None = None) -> Vec:
         """u = T v over the free displacements [m], in `found` if it is given."""
@@ -283,7 +283,7 @@ class TangentOperator:
     def coordinates(self, u: Vec) -> Array:
         """v = T^-1 u of free displacements u [m]."""
         self._inverse.mult(u, self._out)
-        return self._out.array_r.copy()
+        return np.array(self._out.array_r)
 
     def coordinates_of(self, u: Array) -> Array:
         """The same of this rank's part (owned,)."""

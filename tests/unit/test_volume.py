@@ -403,8 +403,7 @@ BASE = {"base": {"surface": "block.bottom", "against": "foundation"}}
 def entries(matrix: Mat) -> Sparse:
     """A PETSc matrix of one rank, of scipy."""
     indptr, indices, data = matrix.getValuesCSR()
-    found: Sparse = sparse.csr_matrix((data, indices, indptr), shape=matrix.size)
-    return found
+    return sparse.csr_matrix((data, indices, indptr), shape=matrix.size)
 
 
 def test_boxes_lose_a_third_of_their_entries_and_no_accuracy(scene_of: SceneOf, system_of: SystemOf) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.geometry.dolfinx_versions import form_cache
+from stickslip.geometry.dolfinx_versions import CACHE
 from stickslip.geometry.errors import GeometryError, MachineError, SceneError, SolverError
 from stickslip.geometry.memory import peak
 from stickslip.geometry.user_files.child_process import LOOK, end_with
@@ -162,7 +162,7 @@ def _of_time_steps(simulation: Simulation, steps: Sequence[StepResult]) -> Itera
 
 def forms() -> int:
     """Number of compiled forms in the cache."""
-    return sum(1 for _ in form_cache().glob("*.so"))
+    return sum(1 for _ in CACHE.glob("*.so"))
 
 
 def main() -> None:

@@ -255,8 +255,7 @@ def _matrix(group: Any, name: str) -> Sparse:
     if not sound or not _within(i[: p[-1]], inner):
         raise SceneError(f"{where}: p and i do not fit a matrix of {m} x {n} with {len(x)} entries")
     kind = sparse.csc_matrix if nz == COLUMNS else sparse.csr_matrix
-    found: Sparse = kind((x[: p[-1]], i[: p[-1]], p), shape=(m, n)).tocsr()
-    return found
+    return kind((x[: p[-1]], i[: p[-1]], p), shape=(m, n)).tocsr()
 
 
 def _triplets(where: str, x: Array, p: AnyArray, i: AnyArray, shape: tuple[int, int], nz: int) -> Sparse:
@@ -270,8 +269,7 @@ def _triplets(where: str, x: Array, p: AnyArray, i: AnyArray, shape: tuple[int, 
     if all(fits) and m != n:
         raise SceneError(f"{where}: it cannot be told which of p and i are rows; store it in compressed columns")
     rows, columns = (p, i) if fits[0] else (i, p)
-    found: Sparse = sparse.csr_matrix((x, (rows, columns)), shape=shape)
-    return found
+    return sparse.csr_matrix((x, (rows, columns)), shape=shape)
 
 
 def _within(index: AnyArray, size: int) -> bool:

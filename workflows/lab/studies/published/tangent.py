@@ -255,12 +255,11 @@ def _petsc(K: Sparse) -> Mat:
     K = K.tocsr()
     K.sort_indices()
     csr = K.indptr.astype(PETSc.IntType), K.indices.astype(PETSc.IntType), K.data
-    matrix: Mat = PETSc.Mat().createAIJ(K.shape, csr=csr, comm=PETSc.COMM_SELF)
-    return matrix
+    return PETSc.Mat().createAIJ(K.shape, csr=csr, comm=PETSc.COMM_SELF)
 
 
 def _solver(A: Mat, P: Mat) -> KSP:
-    ksp: KSP = PETSc.KSP().create(PETSc.COMM_SELF)
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
     ksp.setOptionsPrefix(PREFIX)
     ksp.setOperators(A, P)
     return ksp
