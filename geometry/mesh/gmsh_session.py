@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.protocols import Gmsh
 
 
@@ -53,3 +54,15 @@ def gmsh_session(words: Sequence[str] = ()) -> Iterator[Gmsh]:
     finally:
         with own_interrupt(), _no_signals():
             gmsh.finalize()
+
+
+def generate(gmsh: Gmsh, dim: int) -> None:
+    """Mesh the current gmsh model up to a dimension.
+
+    Curves of gmsh's own kernel have their curvature from finite differences: where sizes follow it, the mesher of
+    curves would halve intervals for ever to integrate that noise as exactly as it does by default.
+    """
+    curves = {*gmsh.model.getEntities(1)} - {*gmsh.model.occ.getEntities(1)}
+    if curves and gmsh.option.getNumber("Mesh.MeshSizeFromCurvature"):
+        gmsh.option.setNumber("Mesh.LcIntegrationPrecision", SLIGHT)  # of a cell
+    gmsh.model.mesh.generate(dim)

@@ -17,6 +17,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.mesh.gmsh_session import generate
 from stickslip.geometry.mesh_sizes import GROWTH, USUAL, SizeField, volumes
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.open_file import raise_gmsh_error
@@ -56,7 +57,7 @@ def mesh_parts(gmsh: Gmsh, dim: int, parts: Parts, options: MeshOptions) -> RawM
         for slave, master in options.periodic:
             _match(gmsh, dim, parts.sides[slave], parts.sides[master])
         gmsh.logger.start()
-        gmsh.model.mesh.generate(dim)
+        generate(gmsh, dim)
         raise_gmsh_error(gmsh)
     elements = gmsh.model.mesh.getElementTypes(dim)
     if any(gmsh.model.mesh.getElementProperties(kind)[2] != options.order for kind in elements):

@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from stickslip.geometry.arrays import CLOSE, ROUNDING, TINY, Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, TINY, Array, Bools, Ints
 from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
 from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.mesh.gmsh_session import generate
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.parts import FACET_WORD, Parts, nodes_at
 from stickslip.geometry.user_files.raw_mesh import RawMesh, facets_among, read_raw_mesh
@@ -17,6 +19,7 @@ from stickslip.geometry.user_files.raw_mesh import RawMesh, facets_among, read_r
 COARSE = 8  # cells along the box's diagonal, for sampling and drawing
 ROUND = 16  # cells on a full circle
 KNOWN = ("Plane", "Cylinder", "Line", "Circle")  # gmsh's types of entities that facets' corners tell all about
+STEPS = 20  # to the nearest point of a CAD face; from a facet's middle it takes about 6
 CURVED, CHECKED = 10_000, 50  # facets of a face whose bulge is asked for, and of those that are checked, at most
 STEEP = 0.5  # bulge of an edge of a facet relative to its length, at most; a half circle's
 RAY = np.array([0.5377, 0.7217, 0.4359])  # direction that is unlikely to meet an edge
@@ -250,7 +253,7 @@ def _mesh_facets(gmsh: Gmsh, dim: int) -> None:
     gmsh.option.setNumber("Mesh.MeshSizeMax", size / COARSE)
     gmsh.option.setNumber("Mesh.MeshSizeMin", size / (20 * COARSE))
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", ROUND)
-    gmsh.model.mesh.generate(dim - 1)
+    generate(gmsh, dim - 1)
 
 
 def _exact_size(gmsh: Gmsh, dim: int, tag: int, unit: float) -> float | None:
@@ -263,36 +266,65 @@ def _exact_size(gmsh: Gmsh, dim: int, tag: int, unit: float) -> float | None:
 def _curved_face(
     gmsh: Gmsh, dim: int, tag: int, corners: Array, unit: float
 ) -> tuple[Array | None, Array | None, float]:
-    """`between`, `bulge` and `off` of the facets (f, k, 3) of an entity; see `Facets`.
-
-    The nearest point of a spline surface takes a third of a millisecond: of planes and cylinders few are asked for.
-    """
+    """Return `between`, `bulge` and `off` of the facets (f, k, 3) of an entity; see `Facets`."""
     known = corners.shape[1] != dim + 1 or gmsh.model.getType(dim, tag) in KNOWN
     if known or (dim, tag) not in gmsh.model.occ.getEntities(dim):
         return None, None, 0.0
 
-    def nearest(x: Array) -> Array:
-        different, place = np.unique(x.reshape(-1, 3), axis=0, return_inverse=True)
-        found = np.reshape(gmsh.model.getClosestPoint(dim, tag, (different / unit).ravel())[0], (-1, 3))
-        return np.asarray(unit * found[place.ravel()].reshape(x.shape))
+    _, nodes, at = gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True)
+    _, place = cKDTree(unit * np.reshape(nodes, (-1, 3))).query(corners)
+    parameters = np.reshape(at, (-1, dim))[place]
 
-    def bulge_of(x: Array) -> Array:
+    def nearest(x: Array, guess: Array) -> Array:
+        """Return the points of the entity nearest to x (..., 3); guess (..., dim), their parameters."""
+        flat, first, same = np.unique(x.reshape(-1, 3), axis=0, return_index=True, return_inverse=True)
+        found = _nearest(gmsh, dim, tag, flat / unit, guess.reshape(-1, dim)[first])
+        return np.asarray(unit * found[same.ravel()].reshape(x.shape))
+
+    def bulge_of(rows: Ints) -> Array:
+        x = corners[rows]
         middles = edge_middles(x)
-        bulge = nearest(middles) - middles
+        bulge = nearest(middles, edge_middles(parameters[rows])) - middles
         edges = x - np.roll(x, 1, axis=1) if dim == 1 else x[:, [1, 2, 0]] - x[:, [2, 0, 1]]
         length = np.linalg.norm(edges, axis=2)[:, : bulge.shape[1]]
         bulge[np.linalg.norm(bulge, axis=2) > STEEP * length] = 0.0  # of another branch of the surface
         return bulge
 
     some = np.linspace(0, len(corners) - 1, min(CHECKED, len(corners))).astype(int)
-    bulge = bulge_of(corners[some])
+    bulge = bulge_of(some)
     between = (edge_middles(corners[some]) + bulge)[np.any(bulge != 0, axis=2)]
     if len(corners) > CURVED or fit(corners, dim + 1, between).kind != "other":
         return between, None, 0.0
     at = np.tile([0.25, 0.75] if dim == 1 else [1 / 3, 1 / 3, 1 / 3], (len(some), 1))
     points, _ = curved(corners[some], bulge, at)
-    off = float(np.linalg.norm(nearest(points) - points, axis=1).max())
-    return between, bulge if len(some) == len(corners) else bulge_of(corners), off
+    guess = np.einsum("pk,pkd->pd", at, parameters[some])
+    off = float(np.linalg.norm(nearest(points, guess) - points, axis=1).max())
+    return between, bulge if len(some) == len(corners) else bulge_of(np.arange(len(corners))), off
+
+
+def _nearest(gmsh: Gmsh, dim: int, tag: int, x: Array, at: Array) -> Array:
+    """Return the points (n, 3) of a CAD entity nearest to x (n, 3), by the Gauss-Newton method.
+
+    The CAD kernel's own search takes up to 3 ms a point on a swept surface, and is used where this one does not end: at
+    rims and seams.
+
+    Args:
+        at: parameters (n, dim) to begin with.
+    """
+    low, high = gmsh.model.getParametrizationBounds(dim, tag)
+    found, open_ = np.empty_like(x), np.arange(len(x))
+    for _ in range(STEPS):
+        at = np.clip(at, low, high)
+        found[open_] = np.reshape(gmsh.model.getValue(dim, tag, at.ravel()), (-1, 3))
+        tangents = np.reshape(gmsh.model.getDerivative(dim, tag, at.ravel()), (-1, dim, 3))
+        away = x[open_] - found[open_]
+        step = np.einsum("nd,ndk->nk", away, np.linalg.pinv(tangents))
+        more = np.linalg.norm(np.einsum("nk,nkd->nd", step, tangents), axis=1) > EXACT * np.ptp(x, axis=0).max()
+        open_, at = open_[more], (at + step)[more]
+        if not len(open_):
+            return found
+    found[open_] = np.reshape(gmsh.model.getClosestPoint(dim, tag, x[open_].ravel())[0], (-1, 3))
+    return found
 
 
 def _corners(gmsh: Gmsh, dim: int, tag: int) -> Array:

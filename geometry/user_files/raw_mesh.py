@@ -105,23 +105,23 @@ def _rows(gmsh: Gmsh, dim: int, entities: list[int], kind: int) -> Ints:
 
 
 def _check_volumes(gmsh: Gmsh, dim: int, kind: int, parts: Parts) -> None:
-    """Check the Jacobian determinants at the nodes: not zero, in 3D positive, in 2D of one sign in a body."""
+    """Check the Jacobian determinants at the nodes: not zero, in 3D positive, in 2D of one sign in an entity."""
     local = gmsh.model.mesh.getElementProperties(kind)[4]
     at = np.zeros((len(local) // dim, 3))
     at[:, :dim] = np.reshape(local, (-1, dim))
     for body, entities in parts.bodies.items():
-        found = [gmsh.model.mesh.getJacobians(kind, at.ravel(), tag)[0] for tag in entities]
-        jacobians = np.concatenate(found).reshape(-1, len(at), 3, 3)[:, :, :dim, :dim]
-        volume = np.linalg.det(jacobians)
-        size = np.prod(np.linalg.norm(jacobians, axis=3), axis=2)
-        # a cell has no volume if it is less than this, relative to the product of its edges
-        flat = np.any(np.abs(volume) <= ROUNDING * size, axis=1)
-        if flat.any():
-            raise GeometryError(f"body {body}: {int(flat.sum())} of {len(flat)} cells have no volume")
-        turned = np.sign(volume) != (1.0 if dim == 3 else np.sign(volume.sum()))
-        inverted = turned.any(axis=1)
-        if inverted.any():
-            raise GeometryError(f"body {body}: {int(inverted.sum())} of {len(inverted)} cells are turned inside out")
+        flat, inverted = list[bool](), list[bool]()
+        for tag in entities:
+            found = gmsh.model.mesh.getJacobians(kind, at.ravel(), tag)[0]
+            jacobians = np.reshape(found, (-1, len(at), 3, 3))[:, :, :dim, :dim]
+            volume = np.linalg.det(jacobians)
+            size = np.prod(np.linalg.norm(jacobians, axis=3), axis=2)
+            # a cell has no volume if it is less than this, relative to the product of its edges
+            flat.extend(np.any(np.abs(volume) <= ROUNDING * size, axis=1))
+            inverted.extend(np.any(np.sign(volume) != (1.0 if dim == 3 else np.sign(volume.sum())), axis=1))
+        for wrong, words in ((flat, "have no volume"), (inverted, "are turned inside out")):
+            if any(wrong):
+                raise GeometryError(f"body {body}: {sum(wrong)} of {len(wrong)} cells {words}")
 
 
 def check_neighbours(kind: int, cells: dict[str, Ints]) -> None:

@@ -10,6 +10,7 @@ import io
 import logging
 import os
 import pickle
+import re
 import signal
 import sys
 import tempfile
@@ -36,6 +37,8 @@ log = logging.getLogger(__name__)
 READING_TIME, MESHING_TIME = 50.0, 3600.0  # [s] limits for an outline and for a mesh, unless the scene has its own
 CRASHES = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGTRAP, signal.SIGSYS)
 NO_ROOM = 74  # exit code of a child whose answer cannot be written; EX_IOERR of <sysexits.h>
+GMSH_SAYS = re.compile(r"^(?:Info|Warning|Error) +: .*\n?", re.MULTILINE)  # in its terminal
+AT = re.compile(r"Meshing (curve|surface) ([0-9]+) \(([^,)]+)|Meshing 3D|(Done) meshing")
 NO_MEMORY = "does not fit into memory; try a larger mesh_size"
 
 
@@ -93,10 +96,11 @@ def ask(question: Question) -> Outline | RawMesh:
             limit,
         )
         content = answered.read_bytes() if ended.code == 0 and answered.exists() else b""
-    if ended.printed:
-        log.info("%s printed: %s", name, shortened(ended.printed))
+    at, printed = place_of(ended.printed), GMSH_SAYS.sub("", ended.printed).strip()
+    if printed:
+        log.info("%s printed: %s", name, shortened(printed))
     if not content:
-        raise _failure(question, ended, limit, ended_for_memory() > before)
+        raise _failure(question, replace(ended, printed=printed), at, limit, ended_for_memory() > before)
     try:
         found = AnswerReader(io.BytesIO(content)).load()
     except Exception:  # of a damaged pickle: of many kinds
@@ -108,10 +112,18 @@ def ask(question: Question) -> Outline | RawMesh:
     raise GeometryError(f"{name}: {shortened(str(found).removeprefix(f'{name}: '))}")
 
 
-def _failure(question: Question, ended: Ended, limit: float, killed_for_memory: bool) -> StickslipError:
+def place_of(printed: str) -> str:
+    """Return the curve or face that gmsh was at when its terminal stopped, in words; "" if it was meshing none."""
+    word, number, kind, done = [("", "", "", "Done"), *AT.findall(printed)][-1]
+    of = f"{word.replace('surface', 'face')} {number} ({kind})" if word else "the volumes"
+    return "" if done else of
+
+
+def _failure(question: Question, ended: Ended, at: str, limit: float, killed_for_memory: bool) -> StickslipError:
     """Explain why a child process gave no answer.
 
     Args:
+        at: what it was meshing, in words.
         limit: of its time [s].
         killed_for_memory: whether the system has ended a process meanwhile because memory was out.
     """
@@ -119,7 +131,8 @@ def _failure(question: Question, ended: Ended, limit: float, killed_for_memory: 
     if code is None:
         doing, way = ("meshing", "a larger mesh_size or ") if meshing else ("reading", "")
         way += "a longer geometry.time_limit, in seconds"
-        return GeometryError(f"{name}: gmsh does not finish {doing} it within {limit:g} s; try {way}")
+        where = f" and is at {at}" if at else ""
+        return GeometryError(f"{name}: gmsh does not finish {doing} it within {limit:g} s{where}; try {way}")
     if code == NO_ROOM:
         return MachineError(f"{name}: what gmsh made of it cannot be written to {tempfile.gettempdir()}: {last}")
     if code >= 0:
@@ -133,7 +146,8 @@ def _failure(question: Question, ended: Ended, limit: float, killed_for_memory: 
         return MachineError(f"{name}: gmsh was ended from outside ({word}), by somebody or by a limit of this shell")
     if ended.full or "std::bad_alloc" in ended.printed:
         return GeometryError(f"{name}: {NO_MEMORY}")
-    said = f"{word}: {last}" if last else word
+    said = ", ".join(filter(None, (word, f"meshing {at}" if at else "")))
+    said = f"{said}: {last}" if last else said
     return GeometryError(f"{name}: gmsh crashed on it ({said}); the file is damaged, or gmsh cannot read it")
 
 
@@ -148,6 +162,8 @@ def answer(question: Question) -> Outline | RawMesh:
         GeometryError: the file cannot be read or meshed, or does not fit the scene.
     """
     with gmsh_session(gmsh_options(question)) as gmsh:
+        gmsh.option.setNumber("General.Terminal", 1)  # the parent hears how far it gets
+        gmsh.option.setNumber("General.Verbosity", 4)  # without bars of progress
         parts = read_parts(gmsh, question)
         if question.mesh is None:
             return read_outline(gmsh, question.dim, parts, question.unit)

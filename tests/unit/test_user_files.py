@@ -23,7 +23,7 @@ from stickslip.geometry.user_files.meshing import MeshOptions
 from stickslip.geometry.user_files.open_file import parameter_names
 from stickslip.geometry.user_files.parts import find_parts
 from stickslip.geometry.user_files.raw_mesh import RawMesh, check_neighbours
-from stickslip.geometry.user_files.reader import Question, ask
+from stickslip.geometry.user_files.reader import Question, ask, place_of
 from stickslip.geometry.user_files.user_file import installed
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.run.result import scene_hash
@@ -92,6 +92,70 @@ Physical Surface("block") = Surface{:};
 Physical Curve("block.bottom") = Curve In BoundingBox{-1, -0.1, -1, 5, 0.1, 1};
 Physical Curve("block.top") = {10};
 """
+
+
+FRAME = SHEET.format(2.0).replace("{1}", "{1, 2}", 1).replace("Plane", "CURVES\nPlane", 1)
+ROUND = """
+Point(10) = {0.5, 1, 0}; Point(11) = {0.7, 1, 0}; Point(12) = {0.5, 1.2, 0}; Point(13) = {0.3, 1, 0};
+Point(14) = {0.5, 0.8, 0}; """
+CLOSED = {
+    "circles": "Circle(11) = {11, 10, 12}; Circle(12) = {12, 10, 13}; Circle(13) = {13, 10, 14}; "
+    "Circle(14) = {14, 10, 11}; Curve Loop(2) = {11, 12, 13, 14};",
+    "ellipse": "Point(15) = {0.5, 1.1, 0}; Point(16) = {0.5, 0.9, 0}; Ellipse(11) = {11, 10, 11, 15}; "
+    "Ellipse(12) = {15, 10, 11, 13}; Ellipse(13) = {13, 10, 11, 16}; Ellipse(14) = {16, 10, 11, 11}; "
+    "Curve Loop(2) = {11, 12, 13, 14};",
+    "spline": "Spline(11) = {11, 12, 13, 14, 11}; Curve Loop(2) = {11};",
+    "b-spline": "BSpline(11) = {11, 12, 13, 14, 11}; Curve Loop(2) = {11};",
+    "bezier": "Bezier(11) = {11, 12, 13}; Bezier(12) = {13, 14, 11}; Curve Loop(2) = {11, 12};",
+}
+EXTRUDED = """
+out[] = Extrude{0, 0, 1} {Surface{1};};
+Physical Volume("block") = {out[1]};
+Physical Surface("block.bottom") = {1};
+Physical Surface("block.top") = {out[0]};
+"""
+
+
+@pytest.mark.parametrize(("curves", "dim"), [(name, 2) for name in CLOSED] + [("circles", 3), ("ellipse", 3)])
+def test_small_curves_of_gmshs_own_kernel_are_read_as_fast_as_others(curves: str, dim: int, tmp_path: Path) -> None:
+    """Their curvature is noisy; gmsh's mesher of curves never ended where sizes follow it."""
+    text = FRAME.replace("CURVES", ROUND + CLOSED[curves])
+    text = text if dim == 2 else text.split("Physical")[0] + EXTRUDED
+    scene = from_dict(scene_data(write(tmp_path / "b.geo", text), dim, mesh_size=0.25, time_limit=20.0))
+    mesh = meshed(scene)
+    assert_allclose(mesh.box(), np.array([[0, 0, 0], [1, 2, 1]])[:, :dim], atol=1e-6)
+
+
+def test_a_file_whose_own_sizes_follow_small_curves_is_meshed(tmp_path: Path) -> None:
+    text = FRAME.replace("CURVES", ROUND + CLOSED["circles"]) + "Mesh.MeshSizeFromCurvature = 20;"
+    meshed(from_dict(scene_data(write(tmp_path / "b.geo", text), time_limit=20.0)))
+
+
+def test_what_gmsh_does_not_finish_is_named_by_its_curve(tmp_path: Path) -> None:
+    path = write(tmp_path / "b.geo", FRAME.replace("CURVES", ROUND + CLOSED["spline"]))
+    endless = MeshOptions(size=1e-9, fine_size=None, fine_sides=(), periodic=(), order=1)
+    with pytest.raises(GeometryError, match=r"not finish meshing it within 3 s and is at curve 1 \(Line\); try a larg"):
+        ask(Question(path=path, dim=2, unit=1.0, mesh=endless, time_limit=3.0))
+
+
+@pytest.mark.parametrize(
+    ("printed", "place"),
+    [
+        ("Info    : Meshing 1D...\nInfo    : [ 20%] Meshing curve 12 (Ellipse)\n", "curve 12 (Ellipse)"),
+        ("Info    : Meshing curve 1 (Line)\nInfo    : Meshing surface 7 (Plane, Frontal-Delaunay)\n", "face 7 (Plane)"),
+        ("Info    : Meshing surface 7 (Plane, Delaunay)\nInfo    : Meshing 3D...\n", "the volumes"),
+        ("Info    : Meshing curve 1 (Line)\nInfo    : Done meshing 1D (Wall 1s, CPU 1s)\n", ""),
+        ("Info    : Reading 'b.geo'...\n", ""),
+    ],
+)
+def test_the_place_is_the_last_that_gmsh_tells(printed: str, place: str) -> None:
+    assert place_of(printed) == place
+
+
+def test_a_mirrored_face_may_be_numbered_the_other_way_round(tmp_path: Path) -> None:
+    copies = "a[] = Symmetry{1, 0, 0, 0} {Duplicata{Surface{1};}}; Coherence;\n"
+    text = SHEET.format(2.0).replace("Physical", f'{copies}Physical Surface("block") = {{1, a[0]}};\n//', 1)
+    assert_allclose(meshed(from_dict(scene_data(write(tmp_path / "b.geo", text)))).box(), [[-1, 0], [1, 2]], atol=1e-6)
 
 
 @pytest.mark.parametrize(("kind", "order"), every_nth(2, KINDS, [1, 2]))
