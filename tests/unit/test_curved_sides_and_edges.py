@@ -16,6 +16,7 @@ from scipy.spatial import Delaunay
 
 from shared.cases import every_nth
 from shared.drawn import scene_data
+from shared.problems import plane, scene_of
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.surfaces.surface import Surface
@@ -384,27 +385,21 @@ MOMENT = MU * FORCE * SIDE * (np.sqrt(2) + np.log(1 + np.sqrt(2))) / 6  # of eve
 TURN = [[1, 0], [2, 0.02]]
 EVEN = [[1, -1e-5]]
 BLOCK = {"builder": "block", "length": SIDE, "width": SIDE, "height": 0.02, "mesh_size": 0.02, "cells": "tensor"}
-TABLE = {"shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}
+TABLE = plane(3)
 TURNED = TABLE | {"rotation": {"angle": TURN, "point": [SIDE / 2, SIDE / 2, 0.0], "axis": [0, 0, 1]}}
 
 
-def turning(friction: dict[str, Any] | None = None, **tables: Any) -> Simulation:
-    data: dict[str, Any] = {
-        "model": "3d",
-        "geometry": BLOCK,
+def turning(friction: Any = None, geometry: Any = BLOCK, **tables: Any) -> Simulation:
+    """A block, pressed on a table that turns then."""
+    base = {"surface": "block.bottom", "against": "table", "friction": friction or {"law": "coulomb", "mu": MU}}
+    made: dict[str, Any] = {
         "bodies": {"block": {"E": 1e9, "nu": 0.0}},
         "obstacles": {"table": TURNED},
-        "contacts": {
-            "base": {
-                "surface": "block.bottom",
-                "against": "table",
-                "friction": friction or {"law": "coulomb", "mu": MU},
-            }
-        },
+        "contacts": {"base": base},
         "supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0, "z": EVEN}}},
         "steps": {"end": 2.0, "count": 2},
     }
-    return prepare(from_dict(data | tables))
+    return prepare(scene_of(3, geometry, **made | tables))
 
 
 ALONG, ACROSS = 0.3, 0.1

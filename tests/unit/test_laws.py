@@ -40,7 +40,6 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene
@@ -600,18 +599,18 @@ def rubbed(law: str, method: str, count: int = 4, dim: int = 2, geometry: dict[s
     )
 
 
-@pytest.mark.parametrize(("law", "method"), every_nth(2, LAWS, METHODS))
-def test_history_is_audited_clean_and_its_energy_is_all_there(law: str, method: str) -> None:
-    check_history(prepare(rubbed(law, method)))
-
-
-@pytest.mark.parametrize(("law", "shape"), every_nth(3, LAWS, [(2, {"order": 2}), (3, {}), (3, {"cells": "tensor"})]))
-def test_so_it_is_in_3d_and_at_order_2(law: str, shape: tuple[int, dict[str, Any]]) -> None:
+@pytest.mark.parametrize(
+    ("law", "method", "shape"),
+    [
+        *every_nth(2, LAWS, METHODS, [(2, {})]),
+        *every_nth(3, LAWS, METHODS[:1], [(2, {"order": 2}), (3, {}), (3, {"cells": "tensor"})]),
+    ],
+)
+def test_history_is_audited_clean_and_its_energy_is_all_there(
+    law: str, method: str, shape: tuple[int, dict[str, Any]]
+) -> None:
     dim, geometry = shape
-    check_history(prepare(rubbed(law, "condensed-newton", dim=dim, geometry=geometry)))
-
-
-def check_history(simulation: Simulation) -> None:
+    simulation = prepare(rubbed(law, method, dim=dim, geometry=geometry))
     audit = Auditor(simulation.problem, simulation.mesh)
     seen: set[int] = set()
     for step in simulation.steps():
