@@ -40,9 +40,6 @@ from stickslip.solvers.parallel.replicated import distributed
 from stickslip.solvers.system.nodal_contact import FormOfPart, relative_to_obstacle
 from stickslip.solvers.system.system import System
 
-SLOW = 0.1  # factor by which ||delta|| falls in an iteration; if less, F' is assembled and factorised anew
-INEXACT = 0.1  # of the first residual of a linear solve in Newton's method, where inner solves are iterative
-
 
 @dataclass(frozen=True)
 class CompliantFace:
@@ -113,7 +110,8 @@ class InnerProblem:
         for k in range(NEWTON_STEPS):
             delta = rhs - self.F(q)
             dq, slope = self._newton(delta)
-            if slope > (SLOW * before) ** 2 and k and not self._fresh:
+            # factor by which ||delta|| falls in an iteration; if less, F' is assembled and factorised anew
+            if slope > (0.1 * before) ** 2 and k and not self._fresh:
                 self._renew(q)
                 dq, slope = self._newton(delta)
             self._fresh = False
@@ -198,7 +196,8 @@ class InnerProblem:
     def _newton(self, delta: Vec) -> tuple[Vec, float]:
         """Newton's step V^-1 delta, and delta . V^-1 delta [J], with V the tangent as last prepared."""
         dq = delta.duplicate()
-        self.solver.solve(delta, dq, (lambda start: INEXACT * start) if self.solver.iterative else None)
+        # of the first residual of a linear solve in Newton's method, where inner solves are iterative
+        self.solver.solve(delta, dq, (lambda start: 0.1 * start) if self.solver.iterative else None)
         return dq, float(delta.dot(dq))
 
     def _renew(self, q: Vec) -> None:
@@ -395,7 +394,7 @@ class NestedSystem:
         given = laws.given & on
         p[given] = 0.0  # exact zeros: the diagonal of A_p is 1 there
         p[given] = (laws.rhs - laws.A_p @ p)[given]
-        self._check_balance(laws, p)
+        laws.refuse_unbalanced(p)
         return p, u_c
 
     def _solve(self, nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec]) -> None:
@@ -413,13 +412,6 @@ class NestedSystem:
             raise np.linalg.LinAlgError("the block system is singular: some rigid motion is not held")
         else:
             raise SolverError(f"the block system is not solved to {self.enough:g}: {failure(ksp)}; try -ksp_rtol")
-
-    def _check_balance(self, laws: ActiveSet, p: Array) -> None:
-        """Raise if the tractions p (rows,) [Pa] do not balance the load of a floating body."""
-        surface, load = laws.problem.surface, laws.problem.load.resultant
-        held = surface.R.T @ surface.forces(p)
-        if np.abs(load - held).sum() > HALF_DIGITS * (np.abs(load).sum() + np.abs(surface.forces(p)).sum()):
-            raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
 
 
 def _in_columns(block: Sparse, columns: Ints, count: int) -> Sparse:

@@ -7,14 +7,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.keys import Key
@@ -22,71 +21,20 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.classical.block_matrices import PREFIX, SPLITS
 from stickslip.solvers.classical.block_system import BlockSystem, NestedSystem
 from stickslip.solvers.classical.gram_uzawa import DenseMetric, GramKeys, GramMetric, inverse_root
-from stickslip.solvers.classical.uzawa import LANCZOS, FixedStep, InnerKeys, Outer, Solved, projected
+from stickslip.solvers.classical.uzawa import FixedStep, InnerKeys, Solved, projected
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import uncondensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Convergence, OnStep, Solution, Status, ignore
+from stickslip.solvers.linear.conjugate_gradients import extreme_eigenvalue, without_symmetry
 from stickslip.solvers.linear.petsc_solver import PetscOptions
-from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Refusal, Setup, Solve
+from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Refusal, Setup, Solve, keys_of
 from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.newton.surface_model import nearest_in_cone
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.scene.problem import Problem
 
-
-def largest_eigenvalue(
-    apply: Callable[[Array], Array], start: Array, tolerance: float = 1e-3, most: int = 60
-) -> tuple[float, Array]:
-    """The largest eigenvalue of an operator on vectors (n,), and its direction (n,), from a start not normal to that.
-
-    It stops when the relative change of the Rayleigh quotient is within the tolerance four iterations in a row. The
-    norm of the residual is added to that, so that a step size that divides by it is rather too small.
-
-    >>> round(largest_eigenvalue(lambda x: np.array([1.0, 3.0]) * x, np.ones(2))[0], 2)
-    3.0
-    """
-    if not len(start):
-        return 1.0, start
-    x, value, error, small = start / np.linalg.norm(start), 0.0, 0.0, 0
-    for k in range(1, most + 1):
-        y = apply(x)
-        before, value = value, float(x @ y)
-        small = small + 1 if abs(value - before) <= tolerance * abs(value) else 0
-        error = float(np.linalg.norm(y - value * x))
-        if not value or small == 4 or k == most:
-            break
-        x = y / np.linalg.norm(y)
-    return value + error, x
-
-
-def smallest_eigenvalue(apply: Callable[[Array], Array], start: Array, vectors: int = 40) -> float:
-    """The smallest eigenvalue of an operator on vectors (n,), by Lanczos' method: small ones are crowded here.
-
-    >>> round(smallest_eigenvalue(lambda x: np.arange(1.0, 61.0) * x, np.ones(60)), 3)
-    1.0
-    """
-    size = len(start)
-    if size <= vectors:
-        return float(np.linalg.eigvalsh(np.column_stack([apply(unit) for unit in np.eye(size)]))[0])
-    operator = LinearOperator((size, size), matvec=apply, dtype=float)
-    (found,) = eigsh(operator, k=1, which="SA", v0=start, tol=LANCZOS, ncv=vectors, return_eigenvectors=False)
-    return float(found)
-
-
 log = logging.getLogger(__name__)
-# keys without effect where outer = "ksp"
-OF_UZAWA = (
-    "preconditioner",
-    "gram",
-    "inner_solves",
-    "inner_rule",
-    "inner_tolerance",
-    "relaxation",
-    "alpha",
-    "rates",
-    "friction_update",
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +48,7 @@ class BlockUzawa(FixedStep, GramKeys, InnerKeys, Method):
     Inner solves are exact, delta_k = 0, or inexact (1.2) with ||delta_k|| <= tau_k by `inner_rule`; with compliance F
     is not linear (1.3). Q: the surface mass W (`mass`), or the trailing block of the Cholesky factor of a Gram matrix
     of H1 (`gram`, (5.6)), complete or incomplete. alpha = relaxation / lambda_1, lambda_1 the largest eigenvalue of
-    Q^-1 B F'^-1 B^T by power iteration, measured again when F' is.
+    Q^-1 B F'^-1 B^T by Lanczos' method, measured again when F' is.
 
     Nothing is condensed: what the condensed methods compute is held to this method, and this method to them.
 
@@ -146,7 +94,7 @@ class BlockUzawa(FixedStep, GramKeys, InnerKeys, Method):
         """Keys that have no effect together."""
         if self.outer == "ksp":
             default = BlockUzawa()
-            for key in OF_UZAWA:
+            for key in [key for key in keys_of(BlockUzawa) if key not in ("outer", "petsc_options")]:
                 if getattr(self, key) != getattr(default, key):
                     yield key, getattr(self, key), 'with outer = "ksp" does not use it; use outer = "uzawa"'
         elif self.preconditioner == "gram" and self.alpha is not None:
@@ -178,7 +126,6 @@ class OnBlocks(Ready):
         self.surface.volume.iterative, self.surface.volume.options = method.inner_solves == "inexact", self.options
         self.blocks = BlockSystem(setup.system, self.surface)
         self.lambda_1: float | None = None
-        self._direction: Array | None = known._direction if known else None  # of lambda_1: tractions
         self._measured_at: int | None = None
         self.peak: float = known.peak if known else 0.0  # largest q . K q so far [J], where inner solves are not exact
         gram = method.preconditioner == "gram" and method.outer == "uzawa" and len(self.blocks.rows) > 0
@@ -189,10 +136,10 @@ class OnBlocks(Ready):
         return OnBlocks(self.method, setup, self)
 
     def snapshot(self) -> dict[str, Plain]:
-        return {"lambda_1": self.lambda_1, "direction": self._direction, "peak": self.peak}
+        return {"lambda_1": self.lambda_1, "peak": self.peak}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
-        self.peak, self.lambda_1, self._direction = (snapshot[key] for key in ("peak", "lambda_1", "direction"))
+        self.peak, self.lambda_1 = snapshot["peak"], snapshot["lambda_1"]
         self._measured_at = None if self.lambda_1 is None else 0
 
     def after(self, state: Before) -> Solve:
@@ -231,7 +178,8 @@ class OnBlocks(Ready):
 
         def solve(p: Array) -> Solved:  # F(u_{k+1}) = f - B^T p_k + delta_k
             nonlocal last
-            allowed = method.inner(problem, last, p, lambda change: 0.3 * self._norm(change)) if inexact else None
+            change = None if last is None else 0.3 * self._norm(p - last.p)
+            allowed = method.inner(problem, last, p, change) if inexact else None
             p, u_c = blocks.solve(p, q, allowed)
             if inexact and problem.natural_residual(p, problem.relative_displacement(u_c)) <= method.rtol:
                 p, u_c = blocks.solve(p, q, None)  # delta = 0: the residual is that of the answer
@@ -245,8 +193,7 @@ class OnBlocks(Ready):
             nearest = nearest_in_cone(step, self._metric, found.p, w, max(residual, method.rtol))
             return None if nearest is None else nearest.p
 
-        outer = Outer(rtol=method.rtol, max_it=method.max_it, friction_update=method.friction_update, advance=advance)
-        found = outer(problem, p, solve, on_step)
+        found = method.iteration(advance)(problem, p, solve, on_step)
         return replace(found, convergence=self._convergence(found)), blocks.inner.solver.direct
 
     @property
@@ -296,26 +243,17 @@ class OnBlocks(Ready):
         counters.volume_solves, counters.linear_iterations = before
         return np.asarray(self._root.T @ forces)
 
-    def _start(self, p: Array | None = None) -> Array:
-        """Start of eigenvalue iterations, T^-1 p = T^T Q p; as tractions it does not depend on the columns of T.
-
-        Args:
-            p: on the rows of the blocks [Pa]; None: without symmetry.
-        """
+    def _eigenvalue(self, which: Literal["LA", "SA"]) -> float:
+        """Largest or smallest eigenvalue of Q^-1 B F'^-1 B^T; the start does not depend on the columns of T."""
         rows = self.blocks.rows
-        if p is None or len(p) != len(rows):
-            p = 1 + np.sin(np.arange(len(rows)))
-        whole = np.zeros(len(self.surface.W))
-        whole[rows] = p
-        return np.asarray(self._root.T @ (self._Q @ whole)[rows])
+        start = self._root.T @ (self._Q[rows][:, rows] @ without_symmetry(len(rows)))
+        return extreme_eigenvalue(self._preconditioned, np.asarray(start), which)
 
     def _measure(self) -> None:
         """Measure lambda_1, unless F' is still that of the last measurement; collective."""
-        if self._measured_at == self.blocks.renewals:
-            return
-        self.lambda_1, direction = largest_eigenvalue(self._preconditioned, self._start(self._direction))
-        self._direction = np.asarray(self._root @ direction)
-        self._measured_at = self.blocks.renewals
+        if self._measured_at != self.blocks.renewals:
+            self.lambda_1 = self._eigenvalue("LA") if len(self.blocks.rows) else 1.0
+            self._measured_at = self.blocks.renewals
 
     def _convergence(self, found: Solution) -> Convergence | None:
         """Compare theory's statement on the step with what happened; collective if `rates` is asked for."""
@@ -323,7 +261,7 @@ class OnBlocks(Ready):
             return None
         alpha, lambda_1, lambda_m = self.alpha, self.lambda_1, None
         if self.method.rates:
-            lambda_m = smallest_eigenvalue(self._preconditioned, self._start())
+            lambda_m = self._eigenvalue("SA")
         residuals = tuple(step.residual for step in found.history)
         half = len(residuals) // 2
         observed = None

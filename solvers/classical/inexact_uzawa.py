@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.classical.uzawa import FixedStep, InnerKeys, Outer, Solved, negligible
+from stickslip.solvers.classical.uzawa import FixedStep, InnerKeys, Solved, negligible
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, ignore
@@ -51,5 +51,4 @@ class InexactUzawa(FixedStep, InnerKeys, Stateless):
             last = Solved(p, u_c, alpha)
             return last
 
-        outer = Outer(rtol=self.rtol, max_it=self.max_it, friction_update=self.friction_update)
-        return outer(problem, p, solve, on_step)
+        return self.iteration()(problem, p, solve, on_step)

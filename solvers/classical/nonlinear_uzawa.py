@@ -5,25 +5,22 @@ The bodies with these faces, F(u) = K_B u + j_n'(u), are a nonlinear problem, so
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from scipy import sparse
 from scipy.linalg import cho_solve
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.errors import SolverError, require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.classical.gram_uzawa import DenseMetric, inverse_root
 from stickslip.solvers.classical.uzawa import (
-    LANCZOS,
     NEWTON_STEPS,
     FrictionUpdates,
     InnerKeys,
-    Outer,
     Relaxation,
     Solved,
     negligible,
@@ -37,6 +34,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CholeskyFactor, CondensedSurface
 from stickslip.solvers.iteration import OnStep, Solution, ignore
 from stickslip.solvers.laws.normal import Compliance
+from stickslip.solvers.linear.conjugate_gradients import extreme_eigenvalue, without_symmetry
 from stickslip.solvers.linear.petsc_solver import Allowed
 from stickslip.solvers.methods.method import Applicability, Stateless
 from stickslip.solvers.newton.surface_model import nearest_in_cone
@@ -115,13 +113,7 @@ class CompliantBodies:
     def lambda_max(self, V: CholeskyFactor) -> float:
         """Largest eigenvalue [m/Pa] of W^-1 B V^-1 B^T on the rows `others`; it limits alpha."""
         N = sparse.diags(np.sqrt(self.surface.W[self.others])) @ self.surface.N[self.others]
-        size = len(self.others)
-        if size < 3:
-            return float(np.linalg.eigvalsh(N @ cho_solve(V, N.T.toarray())).max(initial=0.0))
-        operator = LinearOperator((size, size), matvec=lambda x: N @ cho_solve(V, N.T @ x), dtype=float)
-        start = 1 + np.sin(np.arange(size))  # the same on every rank, and without symmetry
-        (largest,) = eigsh(operator, k=1, which="LA", v0=start, tol=LANCZOS, return_eigenvectors=False)
-        return float(largest) * (1 + LANCZOS)
+        return extreme_eigenvalue(lambda x: N @ cho_solve(V, N.T @ x), without_symmetry(len(self.others)))
 
     def metric(self, V: CholeskyFactor) -> DenseMetric:
         """Metric B V^-1 B^T on the rows `others`; in the step, compliant rows keep their pressure."""
@@ -193,12 +185,12 @@ class NonlinearUzawa(Relaxation, FrictionUpdates, InnerKeys, Stateless):
         bodies = CompliantBodies(problem, condensed(problem.surface))
         last: Solved | None = None
         springs, alpha, V = np.full(len(p), np.inf), 1.0, None
-        exact, inner = self.outer_metric == "jacobian", self.inner
+        exact, share = self.outer_metric == "jacobian", 1.0
 
         def solve(p: Array) -> Solved:
             nonlocal last, springs, alpha, V
             start = problem.load.free if last is None else last.u_c
-            p, u_c, V = bodies.solve(p, start, inner(problem, last, p))
+            p, u_c, V = bodies.solve(p, start, self.inner(problem, last, p, share=share))
             if problem.natural_residual(p, problem.relative_displacement(u_c)) <= self.rtol:
                 p, u_c, V = bodies.solve(p, u_c, negligible(problem, self.rtol))
             k = bodies.springs(p)
@@ -208,14 +200,12 @@ class NonlinearUzawa(Relaxation, FrictionUpdates, InnerKeys, Stateless):
             return last
 
         def advance(step: SurfaceProblem, found: Solved, w: Array, residual: float) -> Array | None:
-            nonlocal inner
+            nonlocal share
             if not exact:
                 return projected(step, found, w, residual)
             assert V is not None  # an inner solve comes first
-            small = min(residual, 1.0)
-            inner = replace(self.inner, share=self.inner.share * small)
-            nearest = nearest_in_cone(step, bodies.metric(V), found.p, w, max(small**2, self.rtol))
+            share = min(residual, 1.0)
+            nearest = nearest_in_cone(step, bodies.metric(V), found.p, w, max(share**2, self.rtol))
             return None if nearest is None else nearest.p
 
-        outer = Outer(rtol=self.rtol, max_it=self.max_it, friction_update=self.friction_update, advance=advance)
-        return outer(problem, p, solve, on_step)
+        return self.iteration(advance)(problem, p, solve, on_step)

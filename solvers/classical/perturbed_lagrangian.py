@@ -21,10 +21,7 @@ from stickslip.solvers.newton.correction import ENOUGH, MARGIN, elastic_norm, ex
 from stickslip.solvers.system.system import System
 
 FACTOR = 10.0  # from one level of ω to the next
-START = 1e-8  # residual of a softer level at which its status of all elements is a good start for the next level
 NEWTON_STEPS = 20  # at one level; about six are enough if the level before is a good start
-DETOURS = 8  # largest number of additional levels, inserted where Newton's method stalls
-HALVINGS = 6  # of a Newton step; shorter steps bring no progress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,12 +133,13 @@ class OnSprings(SameEveryStep):
             rtol: tolerance on the natural residual at the final ω.
         """
         problem = newton.problem
-        path, detours = list(self._path(problem)), DETOURS
+        path, detours = list(self._path(problem)), 8  # additional levels, inserted where Newton's method stalls
         if problem.surface.floating:
             newton.bond(self._softened(path[0], problem), held)
         while path:
             h = path[0]
-            status = newton.follow(h, self._softened(h, problem), held, rtol if h == 0 else max(rtol, START))
+            # residual of a softer level at which its status of all elements is a good start for the next level
+            status = newton.follow(h, self._softened(h, problem), held, rtol if h == 0 else max(rtol, 1e-8))
             if status is Status.STALLED and newton.reached and detours:
                 detours -= 1
                 before = newton.reached[-1][0]
@@ -276,7 +274,7 @@ class Newton:
         before = self._size(elements, self.u_c, self.Sigma)
         Delta_U, Delta_Sigma = newton_step(elements, answer, self.u_c, self.Sigma)
         best = np.inf
-        for part in 0.5 ** np.arange(HALVINGS + 1):
+        for part in 0.5 ** np.arange(7):  # shorter steps bring no progress
             u_c, Sigma = self.u_c + part * Delta_U, self.Sigma + part * Delta_Sigma
             size = self._size(elements, u_c, Sigma)
             if size < best:

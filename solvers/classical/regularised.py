@@ -120,7 +120,6 @@ class Nodal:
 
 
 FACTOR = 10**0.5  # from level to level; with 10, Newton's method becomes slow
-NEWTON_STEPS = 50  # at one level; about six are enough if the levels before are a good start
 PENETRATION = 4 * float(np.finfo(float).eps)  # rounding of a penetration, relative to u_ref
 SLIPPING = 10  # a point that has moved by more than this many eps counts as slipping
 
@@ -279,7 +278,8 @@ class VolumeNewton:
         """Overwrite q with the solution at a level, to the tolerance or to the rounding of penetrations."""
         allowed = self.method.max_it - self.iteration
         atol = max(self.method.rtol, PENETRATION / level) * self.scale
-        self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=min(allowed, NEWTON_STEPS))
+        # at one level; about six are enough if the levels before are a good start
+        self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=min(allowed, 50))
         self._solve(q)
         if self.snes.getConvergedReason() > 0:
             return Status.CONVERGED

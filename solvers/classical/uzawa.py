@@ -22,7 +22,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import PATIENT, Driver, Iterate, OnStep, Plateau, Solution, ignore
 from stickslip.solvers.laws.law import Trial
 from stickslip.solvers.linear.petsc_solver import Allowed
-from stickslip.solvers.methods.method import Applicability, Keys, Stateless
+from stickslip.solvers.methods.method import Applicability, Keys, Method, Stateless
 
 
 @dataclass(frozen=True)
@@ -48,46 +48,6 @@ def with_given_friction(problem: SurfaceProblem, p: Array) -> SurfaceProblem:
 
 
 FrictionUpdate = Literal["every iteration", "outer"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Relaxation(Keys):
-    """Key of [solver] for the step size alpha = relaxation / lambda_max."""
-
-    relaxation: Annotated[
-        float, Key("-", "step of Uzawa's methods, alpha = relaxation / lambda_max; 2 is the sharp bound")
-    ] = 1.5
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(0 < self.relaxation < 2, "relaxation", self.relaxation, "must lie between 0 and 2")
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrictionUpdates(Keys):
-    """Key of [solver]: when the friction bound follows the pressure."""
-
-    friction_update: Annotated[
-        FrictionUpdate,
-        Key("-", "when Uzawa's methods update the friction bound; outer: after each problem of given friction"),
-    ] = "every iteration"
-
-
-@dataclass(frozen=True, kw_only=True)
-class FixedStep(Relaxation, FrictionUpdates):
-    """Keys of [solver] for a fixed step size: alpha, or relaxation / lambda_max(W^-1 B K_B^-1 B^T)."""
-
-    alpha: Annotated[float | None, Key("Pa/m", "step size of Uzawa's methods; absent: from relaxation")] = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(self.alpha is None or self.alpha > 0, "alpha", self.alpha, "must be positive, in Pa/m")
-
-    def step_size(self, problem: SurfaceProblem) -> float:
-        """alpha [Pa/m]; without contact rows it has no effect."""
-        if self.alpha is not None or not len(problem.gap):
-            return self.alpha or 1.0
-        return self.relaxation / problem.surface.lambda_max
 
 
 @dataclass(frozen=True)
@@ -146,44 +106,66 @@ class Outer:
             moved = found
 
 
+@dataclass(frozen=True, kw_only=True)
+class Relaxation(Keys):
+    """Key of [solver] for the step size alpha = relaxation / lambda_max."""
+
+    relaxation: Annotated[
+        float, Key("-", "step of Uzawa's methods, alpha = relaxation / lambda_max; 2 is the sharp bound")
+    ] = 1.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(0 < self.relaxation < 2, "relaxation", self.relaxation, "must lie between 0 and 2")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionUpdates(Keys):
+    """Key of [solver]: when the friction bound follows the pressure."""
+
+    friction_update: Annotated[
+        FrictionUpdate,
+        Key("-", "when Uzawa's methods update the friction bound; outer: after each problem of given friction"),
+    ] = "every iteration"
+
+    def iteration(self, advance: Advance = projected) -> Outer:
+        """Return the outer iteration of a method with these keys."""
+        assert isinstance(self, Method)
+        return Outer(rtol=self.rtol, max_it=self.max_it, friction_update=self.friction_update, advance=advance)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixedStep(Relaxation, FrictionUpdates):
+    """Keys of [solver] for a fixed step size: alpha, or relaxation / lambda_max(W^-1 B K_B^-1 B^T)."""
+
+    alpha: Annotated[float | None, Key("Pa/m", "step size of Uzawa's methods; absent: from relaxation")] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.alpha is None or self.alpha > 0, "alpha", self.alpha, "must be positive, in Pa/m")
+
+    def step_size(self, problem: SurfaceProblem) -> float:
+        """alpha [Pa/m]; without contact rows it has no effect."""
+        if self.alpha is not None or not len(problem.gap):
+            return self.alpha or 1.0
+        return self.relaxation / problem.surface.lambda_max
+
+
 InnerRule = Literal["elman-golub", "bramble-pasciak-vassilev"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class InnerTolerance:
-    """||delta_k|| <= tau_k, where ||.|| is the energy norm of the error that delta_k causes [J^(1/2)].
+class InnerKeys(Keys):
+    """Keys of [solver] for the accuracy of inner solves: ||delta_k|| <= tau_k.
 
-    elman-golub: tau_k is `share` times the outer residual B u_k + K_C p_{k-1} - R_C. The source has no projection; here
-    the outer residual is (p_k - p_{k-1}) / alpha, after projection. Its norm in the metric Q times sqrt(alpha) is an
-    energy norm. bramble-pasciak-vassilev: tau_k is `share` times ||delta|| at the start u_k of the inner solve.
+    ||.|| is the energy norm of the error that delta_k causes [J^(1/2)]. elman-golub: tau_k is `inner_tolerance` times
+    the outer residual B u_k + K_C p_{k-1} - R_C. The source has no projection; here the outer residual is
+    (p_k - p_{k-1}) / alpha, after projection. Its norm in the metric Q times sqrt(alpha) is an energy norm.
+    bramble-pasciak-vassilev: tau_k is `inner_tolerance` times ||delta|| at the start u_k of the inner solve.
 
     Source: Elman & Golub, SIAM J. Numer. Anal. 31 (1994); Bramble, Pasciak & Vassilev, ibid. 34 (1997). The norm is
     that of the second; Elman & Golub use the Euclidean norm, which would add newtons to metres here.
     """
-
-    rule: InnerRule = "elman-golub"
-    share: float = 0.3
-
-    def __call__(
-        self, problem: SurfaceProblem, last: Solved | None, p: Array, norm: Callable[[Array], float] | None = None
-    ) -> Allowed:
-        """Tolerance of an inner solve; for the first one it is relative to ||delta|| at its start.
-
-        Args:
-            last: the inner solve before; None: this is the first one.
-            p: tractions (rows,) [Pa] that load the bodies.
-            norm: of a change of tractions (rows,) [Pa] in the metric Q / alpha [J^(1/2)]; None: Q = W.
-        """
-        if last is None or self.rule == "bramble-pasciak-vassilev":
-            return lambda start: self.share * start
-        change = p - last.p
-        outer = norm(change) if norm else np.sqrt(change @ (problem.surface.W * change) / last.alpha)
-        return constant(problem, self.share * outer)
-
-
-@dataclass(frozen=True, kw_only=True)
-class InnerKeys(Keys):
-    """Keys of [solver] for the accuracy of inner solves."""
 
     inner_rule: Annotated[
         InnerRule,
@@ -195,9 +177,23 @@ class InnerKeys(Keys):
         super().__post_init__()
         require(0 < self.inner_tolerance < 1, "inner_tolerance", self.inner_tolerance, "must lie between 0 and 1")
 
-    @property
-    def inner(self) -> InnerTolerance:
-        return InnerTolerance(rule=self.inner_rule, share=self.inner_tolerance)
+    def inner(
+        self, problem: SurfaceProblem, last: Solved | None, p: Array, outer: float | None = None, share: float = 1.0
+    ) -> Allowed:
+        """Tolerance of an inner solve; for the first one it is relative to ||delta|| at its start.
+
+        Args:
+            last: the inner solve before; None: this is the first one.
+            p: tractions (rows,) [Pa] that load the bodies.
+            outer: norm of their change in the metric Q / alpha [J^(1/2)]; None: Q = W.
+            share: of `inner_tolerance`.
+        """
+        share *= self.inner_tolerance
+        if last is None or self.inner_rule == "bramble-pasciak-vassilev":
+            return lambda start: share * start
+        if outer is None:
+            outer = float(np.sqrt((p - last.p) @ (problem.surface.W * (p - last.p)) / last.alpha))
+        return constant(problem, share * outer)
 
 
 def negligible(problem: SurfaceProblem, rtol: float) -> Allowed:
@@ -218,7 +214,6 @@ def constant(problem: SurfaceProblem, value: float) -> Allowed:
 
 
 NEWTON_STEPS = 100  # of an inner solve
-LANCZOS = 1e-4  # relative error of an eigenvalue
 
 
 def step_length(force: Callable[[float], float], slope: float) -> float:
@@ -256,5 +251,4 @@ class Uzawa(FixedStep, Stateless):
         def solve(p: Array) -> Solved:  # K_B u = R_B - B^T p: one volume solve
             return Solved(p, problem.contact_displacement(p), alpha)
 
-        outer = Outer(rtol=self.rtol, max_it=self.max_it, friction_update=self.friction_update)
-        return outer(problem, p, solve, on_step)
+        return self.iteration()(problem, p, solve, on_step)

@@ -23,8 +23,6 @@ from stickslip.solvers.interface.prepare import prepare_surface, prepare_volume
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.system.system import System, assemble, contact_sides
 
-DOFS = 2500  # approximate number of dofs of the coarse mesh
-COARSER = 2.0  # least ratio of edge lengths
 LEAST = 0.5  # largest part of the dofs of the fine mesh at which a coarse mesh still pays
 DEGREE = 2  # polynomial degree of the smooth tractions
 log = logging.getLogger(__name__)
@@ -44,7 +42,8 @@ class CoarseMesh:
         Returns:
             None if the scene cannot be meshed so coarsely, or would have too many dofs.
         """
-        factor = max(COARSER, (fine.constraints.free_total / DOFS) ** (1 / fine.mesh.dim))
+        # at least twice the edge length, and about 2500 dofs
+        factor = max(2.0, (fine.constraints.free_total / 2500) ** (1 / fine.mesh.dim))
         try:
             problem = replace(fine.problem, shape=fine.problem.shape.refined(factor))
             mesh = build_mesh(problem.shape, problem.request, fine.mesh.comm)

@@ -29,7 +29,6 @@ from stickslip.solvers.laws.normal import Unilateral
 from stickslip.solvers.linear.block_diagonal import BlockDiagonal
 from stickslip.solvers.parallel.counters import Counters
 
-LARGEST = 2000  # rows of a part whose rank is computed: a second
 LEAST = 1e-10  # smallest flexibility of a row, relative to the largest, that scales its trial tractions
 
 
@@ -186,7 +185,7 @@ def rank(matrix: Sparse) -> int | None:
     """
     count, part = connected_components(matrix, directed=False)
     members = [np.flatnonzero(part == k) for k in range(count)]
-    if max(map(len, members)) > LARGEST:
+    if max(map(len, members)) > 2000:  # rows; it takes a second
         return None
     values = np.concatenate([np.abs(np.linalg.eigvalsh(matrix[rows][:, rows].toarray())) for rows in members])
     return int((values > HALF_DIGITS * values.max()).sum())  # relative: eigenvalues below count as zero

@@ -25,10 +25,9 @@ from stickslip.solvers.parallel.replicated import Replicated
 
 BLOCK = 128  # right-hand sides solved together
 WORKSPACE = (20, 100, 400)  # percent of memory that MUMPS adds to its own estimate, tried one after the other
-TOO_LITTLE = (-8, -9)  # INFOG(1): that was not enough
-NO_MEMORY = (*TOO_LITTLE, -5, -7, -13, -19, -22)
-NEGATIVE = 12  # INFOG: number of negative pivots
-SINGULAR = (-10, -40)  # a pivot is zero, or negative
+TOO_LITTLE = {-8, -9}  # INFOG(1): that was not enough
+NO_MEMORY = TOO_LITTLE | {-5, -7, -13, -19, -22}
+SINGULAR = {-10, -40}  # a pivot is zero, or negative
 LOW_RANK = {35: 2, 36: 1}  # blocks of large fronts as products of low rank (BLR), compressed before they update others
 # Ordering; the one MUMPS chooses by itself cost 2.7 times the flops on two ranks. Debian builds MUMPS without METIS: it
 # takes PORD, but minimum degree where it forms S, in 3D for up to five times the flops. Bodies cut by hand into pieces,
@@ -236,7 +235,8 @@ class _Factor:
         factor = self._ksp.getPC().getFactorMatrix()
         info = factor.getMumpsInfog(1)
         # of a mixed matrix each pressure, and nothing else, has a negative pivot
-        if info in SINGULAR or (info >= 0 and self.pressures and factor.getMumpsInfog(NEGATIVE) != self.pressures):
+        # INFOG(12): number of negative pivots
+        if info in SINGULAR or (info >= 0 and self.pressures and factor.getMumpsInfog(12) != self.pressures):
             raise SceneError(
                 "the stiffness of the bodies is singular: part of a body moves without being strained; check for cells "
                 "that hang together at a point or along an edge only, and for E that differ by many orders"

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from petsc4py import PETSc
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.protocols import Mat, Sparse, Vec
+from stickslip.geometry.protocols import Sparse, Vec
+from stickslip.solvers.linear.conjugate_gradients import extreme_eigenvalue, without_symmetry
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.parallel.serialise import Plain
@@ -154,43 +154,17 @@ class DelassusOperator(ABC):
 
     @property
     def lambda_max(self) -> float:
-        """Largest eigenvalue of W^-1 B K_B^-1 B^T [m/Pa] by Lanczos (SLEPc), with its error bound added."""
+        """Largest eigenvalue of W^-1 B K_B^-1 B^T [m/Pa] by Lanczos' method, and its error more."""
         if self._lambda_max is None:
-            self._lambda_max = self._largest_eigenvalue()
+            start = np.sqrt(self.W) * without_symmetry(len(self.W))
+            self._lambda_max = extreme_eigenvalue(self._response, start)
         return self._lambda_max
 
-    def _largest_eigenvalue(self) -> float:
-        from slepc4py import SLEPc
-
-        rows = len(self.W)
-        shell = PETSc.Mat().createPython(((rows, rows), (rows, rows)), _Symmetric(self), comm=PETSc.COMM_SELF)
-        shell.setUp()
-        solver = SLEPc.EPS().create(PETSc.COMM_SELF)
-        solver.setOptionsPrefix("lambda_max_")
-        solver.setOperators(shell)
-        solver.setProblemType(SLEPc.EPS.ProblemType.HEP)
-        solver.setType(SLEPc.EPS.Type.LANCZOS)
-        solver.setLanczosReorthogType(SLEPc.EPS.LanczosReorthogType.FULL)
-        solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
-        solver.setDimensions(1)
-        solver.setTolerances(tol=1e-4)
-        start = shell.createVecRight()
-        start.array = np.sqrt(self.W) * (1 + np.sin(np.arange(rows)))  # the same on every rank, no symmetry
-        solver.setInitialSpace(start)
-        solver.solve()
-        assert solver.getConverged() > 0
-        return float(solver.getEigenvalue(0).real + solver.computeError(0, SLEPc.EPS.ErrorType.ABSOLUTE))
-
-
-class _Symmetric:
-    """W^1/2 N K_B^-1 N^T W^1/2 for SLEPc, whose eigenvalues are those of W^-1 B K_B^-1 B^T."""
-
-    def __init__(self, surface: DelassusOperator) -> None:
-        self._surface, self._root = surface, np.sqrt(surface.W)
-
-    def mult(self, matrix: Mat, x: Vec, y: Vec) -> None:
-        surface, root, counters = self._surface, self._root, self._surface.counters
+    def _response(self, x: Array) -> Array:
+        """W^1/2 N K_B^-1 N^T W^1/2 x: its eigenvalues are those of W^-1 B K_B^-1 B^T."""
+        counters, root = self.counters, np.sqrt(self.W)
         counters.lanczos_applications += 1
         before = counters.volume_solves, counters.linear_iterations
-        y.array = root * (surface.N @ surface.displacement(surface.N.T @ (root * x.array_r)))
+        found = root * (self.N @ self.displacement(self.N.T @ (root * x)))
         counters.volume_solves, counters.linear_iterations = before
+        return np.asarray(found)

@@ -16,7 +16,6 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 
 SIDES = 32  # of the polygons that replace the disc of friction: the outer one is larger by 0.5 %
 STEEP = 1e3  # largest ratio of tangential to normal traction where any pressure holds any traction (stick)
-ROUGH = 1e2  # cost of friction, relative to that of pressing across the largest gap
 
 
 class Balance(Enum):
@@ -71,7 +70,8 @@ def balancing_tractions(problem: SurfaceProblem) -> Array | None:
     room = room / (
         max(problem.u_ref, np.abs(room).max(initial=0.0)) or 1.0
     )  # a gap much smaller than the deformation costs little
-    friction = np.full(programme.along.shape[1], ROUGH)
+    # cost of friction, relative to that of pressing across the largest gap
+    friction = np.full(programme.along.shape[1], 1e2)
     # an uneven pressure costs little beside pressing across the largest gap
     found = programme.solve(np.concatenate([room, friction, [CLOSE], np.zeros(2 * programme.motions)]), left=0.0)
     if found is None:

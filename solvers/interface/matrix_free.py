@@ -26,9 +26,6 @@ from stickslip.solvers.parallel.serialise import Own, Plain
 from stickslip.solvers.system.floating_modes import FloatingMotions, near_nullspace
 from stickslip.solvers.system.system import System
 
-APART = 12  # search directions stored while an error is estimated
-SOFT = 1e-2  # of the stiffness of a contact dof: springs under floating bodies, in the multigrid matrix alone
-
 
 class IterativeVolume:
     """Solves K_B v = f by conjugate gradients with multigrid.
@@ -58,7 +55,7 @@ class IterativeVolume:
         """Another tolerance inside the block; the search directions found there are forgotten after it."""
         usual, self.tolerance = self.tolerance, tolerance
         try:
-            with self._cg.apart(APART):
+            with self._cg.apart(12):  # search directions
                 yield
         finally:
             self.tolerance = usual
@@ -142,12 +139,12 @@ class _FloatingMultigrid:
         if not self._floating.R.shape[1]:
             return K
         springs, bedded = K.createVecRight(), K.copy()
-        springs.array[self._contact.local] = SOFT * self._stiffness
+        # of the stiffness of a contact dof: springs under floating bodies, in the multigrid matrix alone
+        springs.array[self._contact.local] = 1e-2 * self._stiffness
         bedded.setDiagonal(bedded.getDiagonal() + springs)
         return bedded
 
 
-SCALE = 1e-4  # relative error of the displacement without contact, which only sets the scales of a step
 SHARE = 0.1  # of the scene's tolerance: relative error of the accepted displacement, in energy norm
 
 
@@ -178,7 +175,8 @@ class MatrixFreeSurface(DelassusOperator):
             return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free, rough=True)
         deformation = f_q.duplicate()
         # relative error of the contact dofs when the allowed error is zero: rounding
-        free = self._solved(f_q, deformation, resultant, error, EXACT if error else SCALE)
+        # relative error of the displacement without contact, which only sets the scales of a step
+        free = self._solved(f_q, deformation, resultant, error, EXACT if error else 1e-4)
         return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free)
 
     def with_more(self, load: Load, forces: Vec, balanced: bool = True) -> Load:

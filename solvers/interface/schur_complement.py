@@ -29,14 +29,15 @@ class MemoisedMap:
     All load steps whose loads differ by a factor cost one call.
     """
 
-    def __init__(self, apply: Callable[[Vec], Array], size: int) -> None:
+    def __init__(self, apply: Callable[[Vec], Array], size: int, before: MemoisedMap | None = None) -> None:
         """
         Args:
             apply: the linear map of a vector to (size,); collective.
             size: length of the results.
+            before: of the same map, or of one that is about it.
         """
         self._apply, self._size = apply, size
-        self._known: list[tuple[Vec, Array]] = []  # orthonormal vectors and their images
+        self._known: list[tuple[Vec, Array]] = list(before._known) if before else []  # orthonormal, and their images
 
     def __call__(self, vector: Vec) -> Array:
         """Image (size,) of a vector, exact to rounding; collective."""

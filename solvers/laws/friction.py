@@ -19,8 +19,6 @@ from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, touched, touching
 
-ALONG = 1e-3  # sine of the angle between `axis` and a normal, below which it gives no direction of the tangent plane
-
 
 @dataclass(frozen=True, kw_only=True)
 class Proportional(FrictionLaw):
@@ -250,7 +248,8 @@ class OrthotropicCoulomb(Proportional):
         e = np.array(self.axis) / np.linalg.norm(self.axis)
         seen = np.einsum("mcd,d->mc", tangents, e)  # of the axis in the tangent plane
         size = np.linalg.norm(seen, axis=1)
-        found = bool(np.all(size > ALONG))
+        # sine of the angle between `axis` and a normal, below which it gives no direction of the tangent plane
+        found = bool(np.all(size > 1e-3))
         require(found, "axis", list(self.axis), "is normal to the side at some point, and gives no direction there")
         c, s = (seen / size[:, None]).T
         turn = np.stack([np.stack([c, s], axis=1), np.stack([-s, c], axis=1)], axis=1)  # (m, 2, 2): axis first

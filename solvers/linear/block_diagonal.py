@@ -68,11 +68,6 @@ class BlockDiagonal:
         """With `more` rows and columns of zeros at the end, each a block."""
         if not more:
             return self
-        if len(self.blocks) == 1:
-            n = len(self)
-            dense = np.zeros((n + more, n + more))
-            dense[:n, :n] = self.blocks[0]
-            return BlockDiagonal.whole(dense)
         added = tuple(np.array([len(self) + k]) for k in range(more))
         return BlockDiagonal(self.indices + added, self.blocks + (np.zeros((1, 1)),) * more)
 

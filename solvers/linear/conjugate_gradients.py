@@ -1,5 +1,7 @@
 """Preconditioned conjugate gradients that recycle the search directions of earlier right-hand sides (deflation).
 
+The same Krylov spaces give the edges of a spectrum, by Lanczos' method.
+
 Each solve starts from the best solution in the span of the stored directions and keeps its own directions conjugate to
 them, so later solves with the same matrix need fewer iterations.
 
@@ -10,18 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from mpi4py import MPI
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Comm, Mat, Vec
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.serialise import Own, Plain
-
-MOST = 40  # directions; of 80, the last are rounding for slender bodies. Each costs two vectors, two products a step
 
 
 class SearchDirections:
@@ -98,8 +99,6 @@ class SearchDirections:
 
 
 UNKNOWN = 0.5  # smallest contraction per iteration that is assumed before two steps allow an estimate
-SLOWEST, FASTEST = 0.95, 0.3  # limits of the estimated contraction
-MULTIGRID = 2.0  # error, relative to one multigrid cycle applied to the residual
 
 
 class StoppingCriterion(Protocol):
@@ -146,7 +145,7 @@ class ContactErrorCriterion:
         self._left = float(np.sqrt(energy))
         if energy == 0.0:  # the residual is zero
             return True
-        return not self.steps and self._small(x, z, MULTIGRID)
+        return not self.steps and self._small(x, z, 2.0)  # error, relative to a multigrid cycle on the residual
 
     def moved(self, x: Array, change: Array) -> bool:
         return self._small(x, change, None)
@@ -168,7 +167,8 @@ class ContactErrorCriterion:
         if len(last) < 2 or not last[0]:
             return UNKNOWN
         seen = (last[-1] / last[0]) ** (1 / (len(last) - 1))
-        return float(np.clip(seen, FASTEST if len(last) == 3 else UNKNOWN, SLOWEST))
+        # limits of the estimated contraction
+        return float(np.clip(seen, 0.3 if len(last) == 3 else UNKNOWN, 0.95))
 
 
 class EnergyErrorCriterion:
@@ -239,7 +239,8 @@ class ConjugateGradients:
         self.A, self.precondition, self.counters = A, precondition, counters
         self.comm = A.comm.tompi4py()
         self._in, self._out = A.createVecRight(), A.createVecLeft()
-        self.remember(MOST)
+        # directions; of 80, the last are rounding for slender bodies. Each costs two vectors, two products a step
+        self.remember(40)
 
     def remember(self, most: int) -> None:
         """Forget all search directions; store up to `most` of them, at least one, from now on."""
@@ -301,3 +302,33 @@ class ConjugateGradients:
 
     def _dot(self, a: Array, b: Array) -> float:
         return float(self.comm.allreduce(a @ b))
+
+
+LANCZOS = 1e-4  # relative error of an eigenvalue
+
+
+def extreme_eigenvalue(apply: Callable[[Array], Array], start: Array, which: Literal["LA", "SA"] = "LA") -> float:
+    """Return the largest (LA) or smallest (SA) eigenvalue of an operator on vectors (n,), by Lanczos' method (ARPACK).
+
+    LANCZOS is added to the largest one, so that a step size that divides by it is rather too small. Small operators,
+    whose products are as many, are made dense.
+
+    Args:
+        apply: the operator.
+        start: (n,), the same on every rank, and not normal to the direction that is sought.
+
+    >>> round(extreme_eigenvalue(lambda x: np.arange(1.0, 61.0) * x, np.ones(60), "SA"), 3)
+    1.0
+    """
+    vectors = 20 if which == "LA" else 40  # small ones are crowded in all uses here
+    if len(start) <= vectors:
+        values = np.linalg.eigvalsh(np.array([apply(unit) for unit in np.eye(len(start))]).reshape(2 * (len(start),)))
+        return float(values[-1 if which == "LA" else 0])
+    operator = LinearOperator(2 * (len(start),), matvec=apply, dtype=float)
+    (found,) = eigsh(operator, k=1, which=which, v0=start, tol=LANCZOS, ncv=vectors, return_eigenvectors=False)
+    return float(found) * (1 + LANCZOS if which == "LA" else 1)
+
+
+def without_symmetry(count: int) -> Array:
+    """Return a start (count,) of Lanczos' method that is no eigenvector of bodies with a plane of symmetry."""
+    return np.asarray(1 + np.sin(np.arange(count)))

@@ -17,21 +17,19 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import MemoisedMap
 from stickslip.solvers.iteration import USUAL, Correction, Driver, Iterate, OnStep, Solution, Stall, Status, ignore
 from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Setup, Solve, Turn
 from stickslip.solvers.parallel.serialise import Own, Plain
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.solvers.tangent.laws import CompliantFaces, ContactPoints, Tangent
-from stickslip.solvers.tangent.operator import CoarseMotions, LoadScale, TangentOperator, chebyshev
+from stickslip.solvers.tangent.operator import CoarseMotions, TangentOperator, chebyshev
 
 SMOOTHING = 6  # at the contact, before and after a multigrid cycle: with four, points that slip take up to a sixth more
-LOWEST = 1 / 20  # eigenvalue that they solve for, relative to the highest
 PATIENCE = 150  # iterations of a step, if another form of the bodies can take over
-FASTEST, SLOWEST = 0.2, 0.9  # limits of the contraction of an iteration that is counted on
 UNKNOWN = 0.75  # contraction that is counted on before one is seen
 SLOW = 0.55  # contraction at which, for the second time, multigrid may be adapted to the state of contact
-OTHERS, GROWN = 0.1, 0.4  # of the slave nodes, and of those that touch; with fewer changes multigrid stays
-FEW, MANY = 0.05, 0.3  # sticking shares of the closed area below which, and up to which, multigrid lets it slide
+GROWN = 0.4  # of the slave nodes, and of those that touch; with fewer changes multigrid stays
 MARGIN = 2.9  # of the error that is stated: over all ready scenes it is 1.2 to 15 times the true one then, most often 5
 
 
@@ -73,13 +71,13 @@ class OnTangent(Ready):
         held: numbers of the coordinates that multigrid holds; None: of all slave nodes.
         coarse: motions that are added to the iteration, made when they are needed.
         moved: free displacements (owned,) of about the last step: under loads that grow they are most of the next.
-        scale: of the last loads; the surface has it too.
+        scale: from forces to about the displacement (c,) under them, by a multigrid cycle; the surface has it too.
     """
 
     held: Ints | None
     coarse: CoarseMotions | None
     moved: Array | None
-    scale: LoadScale
+    scale: MemoisedMap
 
     def __init__(self, method: TangentCG, setup: Setup, before: OnTangent | None = None) -> None:
         """Set up the coordinates and multigrid; collective.
@@ -93,7 +91,10 @@ class OnTangent(Ready):
         holding = None if self.held is None else self._holding(self.held)
         self.operator = TangentOperator(setup.system, self.coordinates, holding)
         surface = matrix_free(setup.surface)
-        self.scale = LoadScale(self.operator, surface.volume.contact, before.scale.loads if before else [])
+        guess, read = self.operator.guess, surface.volume.contact.read
+        self.scale = MemoisedMap(
+            lambda f: read(guess(f)), len(surface.volume.contact.rows), before.scale if before else None
+        )
         surface.guess = self.scale  # which does not know the surface: in a circle both would outlive their user
         self.moved, self.coarse = before.moved if before else None, None
         if before is not None and before.coarse is not None:
@@ -101,8 +102,8 @@ class OnTangent(Ready):
 
     def snapshot(self) -> dict[str, Plain]:
         """Return what multigrid holds, whether there are coarse motions, the last step, and loads; see `restore`."""
-        moved, loads = None if self.moved is None else Own(self.moved), [(Own(f), u) for f, u in self.scale.loads]
-        return {"held": self.held, "coarse": self.coarse is not None, "moved": moved, "loads": loads}
+        moved, coarse = None if self.moved is None else Own(self.moved), self.coarse is not None
+        return {"held": self.held, "coarse": coarse, "moved": moved, "loads": self.scale.snapshot()}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
         if snapshot["held"] is not None:
@@ -111,7 +112,8 @@ class OnTangent(Ready):
             counted = self.operator.counters.linear_iterations  # when they were first made
             self.make_coarse()
             self.operator.counters.linear_iterations = counted
-        self.moved, self.scale.loads = snapshot["moved"], [(f, u) for f, u in snapshot["loads"]]
+        self.moved = snapshot["moved"]
+        self.scale.restore(snapshot["loads"], self.operator.K_B.createVecRight())
 
     def release(self) -> None:
         self.operator.release()
@@ -246,7 +248,8 @@ class Iteration:
             yield Iterate(k, residuals[-1])
             # errors that fall unevenly say little by the last one alone
             latest, mean = _contractions(residuals[first:][-6:])
-            contraction = float(np.clip(max(latest, mean), FASTEST, SLOWEST))
+            # limits of the contraction that is counted on
+            contraction = float(np.clip(max(latest, mean), 0.2, 0.9))
             slow += latest > SLOW and len(residuals) > 1 + first and not self.drop
             if slow == 2:
                 self._adapt(tangent)
@@ -265,13 +268,15 @@ class Iteration:
         operator, ready, sticking = self.operator, self.ready, self.points.sticking(tangent)
         if ready.surface.floating and ready.coarse is None and sticking < 0.25:  # share of the closed area
             return ready.make_coarse()
-        sliding = not ready.surface.floating and sticking < (MANY if operator.sliding else FEW)
+        # sticking shares of the closed area below which, and up to which, multigrid lets it slide
+        sliding = not ready.surface.floating and sticking < (0.3 if operator.sliding else 0.05)
         touch = self.points.truncated(tangent, np.ones(len(operator.at))) == 0
         touch = (touch | (self.pressed.diagonal[operator.at] > 0)).reshape(-1, operator.dim).any(axis=1)
         was = operator.held.reshape(-1, operator.dim).any(axis=1)
         sums = np.array([(touch != was).sum(), len(was), touch.sum(), was.sum()])
         changed, count, now, before = operator.comm.allreduce(sums)
-        others = sliding != operator.sliding or changed > min(OTHERS * count, GROWN * max(now, before))
+        # of the slave nodes, and of those that touch; with fewer changes multigrid stays
+        others = sliding != operator.sliding or changed > min(0.1 * count, GROWN * max(now, before))
         if others and ready.resists(touch):
             held = operator.at[touch.repeat(operator.dim)] + operator.K_B.getOwnershipRange()[0]
             held = of_all_ranks(operator.comm, held)
@@ -322,7 +327,7 @@ class Iteration:
         """
         around, here, highest = self.operator.around, self.operator.here, self.operator.highest
         faces, W, more = self.faces, self.problem.surface.W, np.zeros_like(z)
-        for k, (again, share) in enumerate(chebyshev(LOWEST * highest, highest, SMOOTHING), 1):
+        for k, (again, share) in enumerate(chebyshev(highest / 20, highest, SMOOTHING), 1):
             closing = tangent.pressed.stiffness * motion
             forces = K_z + faces.forces(closing)[around.at] if faces.places else K_z
             left = r - forces

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import HALF_DIGITS, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -56,6 +56,19 @@ class ActiveSet:
         term = sparse.diags((self.k == 0).astype(float)) @ self.A_w @ sparse.diags(weight / self.problem.gamma)
         A_p = (self.A_p - term).tocsr()
         return replace(self, A_p=A_p, rhs=self.rhs - term @ p, weight=weight)
+
+    def refuse_unbalanced(self, p: Array, rounding: float = 0.0) -> None:
+        """Check that tractions p (rows,) [Pa] balance the load of floating bodies; rounding: of these forces [N].
+
+        Raises:
+            LinAlgError: they do not, because the active set leaves a rigid mode free.
+        """
+        surface, load = self.problem.surface, self.problem.load
+        contact = surface.forces(p)
+        # relative force out of balance above which the linear system counts as singular
+        allowed = HALF_DIGITS * (max(np.abs(load.f_c).sum(), np.abs(load.resultant).sum()) + np.abs(contact).sum())
+        if np.abs(load.resultant - surface.R.T @ contact).sum() > allowed + rounding:
+            raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
 
 
 class _Rows:

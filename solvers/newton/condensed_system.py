@@ -10,12 +10,10 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import cho_solve
 
-from stickslip.geometry.arrays import EXACT, HALF_DIGITS, ROUNDING, Array
+from stickslip.geometry.arrays import EXACT, ROUNDING, Array
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.schur_complement import CondensedSurface, RowStiffness
 from stickslip.solvers.newton.active_set import ActiveSet
-
-FEW = 0.5  # ratio of unknown tractions to unknown motions below which the inverse that tractions need pays
 
 
 def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
@@ -36,7 +34,8 @@ def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
     """
     problem, surface = laws.problem, condensed(laws.problem.surface)
     bodies = surface.row_stiffness(problem.cone.carrying)
-    few = not laws.k.any() and (~laws.given).sum() < FEW * (~laws.fixed).sum()
+    # ratio of unknown tractions to unknown motions below which the inverse that tractions need pays
+    few = not laws.k.any() and (~laws.given).sum() < 0.5 * (~laws.fixed).sum()
     if laws.weight and surface.floating:
         return by_tractions(laws, surface, laws.weight * surface.rho * np.eye(surface.R.shape[1]), u_c)
     held = _unfelt(laws, surface)
@@ -44,13 +43,8 @@ def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
         p, u_c = by_tractions(laws, surface, surface.rho * held, u_c)
     else:
         p, u_c = by_tractions(laws, surface) if bodies is None or few else by_motion(laws, bodies)
-    load, contact = problem.load.f_c, surface.forces(p)
-    # relative force out of balance above which the linear system counts as singular
-    allowed = HALF_DIGITS * (np.abs(load).sum() + np.abs(contact).sum())
     carried_along = np.abs(problem.offset - problem.gap).max(initial=0.0)
-    allowed += EXACT * surface.total * carried_along  # a common motion causes no force but rounding
-    if np.abs(surface.R.T @ (load - contact)).sum() > allowed:
-        raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
+    laws.refuse_unbalanced(p, EXACT * surface.total * carried_along)  # a common motion causes no force but rounding
     return p, u_c
 
 

@@ -23,7 +23,6 @@ from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.newton.surface_model import Flexibility, nearest_in_cone
 
 ENOUGH = 0.01  # part of the first residual, or of the correction, that may be left in what serves as the exact solution
-NEWTON_STEPS = 12  # from the final iterate, whose active set is nearly right; then all starts are tried
 MAX_IT = 300
 SOLVES = 8  # largest number of volume solves in a step, where the flexibility is approximate; one or two are usual
 ACCURACY = 0.1  # of those, relative to the displacement that is expected
@@ -74,7 +73,8 @@ def _newton(problem: SurfaceProblem, found: Solution, goal: float) -> tuple[Arra
     p, u_c, gamma = found.p, found.u_c, problem.gamma
     # rounding of a displacement, relative, in the energy norm; two exact solutions differ by less
     negligible = EXACT * elastic_norm(problem, u_c)
-    for _ in range(NEWTON_STEPS):
+    # from the final iterate, whose active set is nearly right; then all starts are tried
+    for _ in range(12):
         before, p_hat = u_c, p + gamma * (problem.relative_displacement(u_c) - problem.gap)
         try:
             p, u_c = condensed_system.solve(linearise(problem, p_hat, gamma), u_c)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from stickslip.geometry.arrays import HALF_DIGITS, Array
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.limit_analysis import balancing_tractions
@@ -22,7 +22,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Status
 from stickslip.solvers.metrics import Secants, SurfaceMetric
 from stickslip.solvers.newton.active_set import ActiveSet
-from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again
+from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again, closed
 
 
 def gmres(
@@ -142,7 +142,7 @@ class SurfaceSystem:
             flexibility: G.
             w_0: relative displacement (rows,) [m] of the model at p = 0, b = 0.
         """
-        self.problem, self.flexibility = laws.problem, flexibility
+        self.laws, self.problem, self.flexibility = laws, laws.problem, flexibility
         surface = self.problem.surface
         self.rows = np.flatnonzero(laws.held | laws.slip | (laws.k > 0))
         self.held = laws.held[self.rows]  # their A_p is zero, or that of a small proximal term
@@ -172,11 +172,7 @@ class SurfaceSystem:
         found = self._dense() if len(p) <= DENSE else self._iterate(np.concatenate([p[self.rows], b]), leave)
         full = np.zeros(len(p))
         full[self.rows] = found[:m]
-        surface, load = self.problem.surface, self.problem.load.resultant
-        forces = surface.forces(full)
-        # relative force out of balance above which the linear system counts as singular
-        if np.abs(load - surface.R.T @ forces).sum() > HALF_DIGITS * (np.abs(forces).sum() + np.abs(load).sum()):
-            raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
+        self.laws.refuse_unbalanced(full)
         return full, found[m:]
 
     def _dense(self) -> Array:
@@ -308,24 +304,22 @@ def nearest_in_cone(
 def _chain(model: SurfaceModel, residual: float, attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
     """Plain Newton from several starts, then damped from the best iterate."""
     nowhere = np.zeros(model.problem.surface.R.shape[1])
-    for p_hat, factor in _starts(model.problem, model.p, model.w, residual):
-        yield Start(p=model.p, u_c=nowhere, p_hat=p_hat, factor=factor, in_equilibrium=False), None
+    for p_hat in _starts(model.problem, model.p, model.w, residual):
+        yield Start(p=model.p, u_c=nowhere, p_hat=p_hat, in_equilibrium=False), None
     for proximal in FIRM:
         assert attempts.best is not None
         if attempts.best.status is not Status.NO_HOLD:
             yield again(model.problem, attempts.best), proximal
 
 
-def _starts(problem: SurfaceProblem, p: Array, w: Array, residual: float) -> Iterator[tuple[Array, float]]:
-    """Starts of Newton, trial tractions and a factor of gamma: those of p, all rows closed, balance of rigid bodies."""
-    n = problem.surface.normal_rows
+def _starts(problem: SurfaceProblem, p: Array, w: Array, residual: float) -> Iterator[Array]:
+    """Trial tractions that Newton starts from: those of p, all rows closed, balance of rigid bodies."""
     if np.isfinite(residual):
-        for factor in (1.0, 10.0, 0.1):
-            yield p + factor * problem.gamma * (w - problem.gap), factor
+        yield p + problem.gamma * (w - problem.gap)
     elif p.any():
-        yield p, 1.0
-    yield np.concatenate([np.full(n, problem.p_ref), np.zeros(len(p) - n)]), 1.0
+        yield p
+    yield closed(problem)
     if problem.surface.floating:
         rigid = balancing_tractions(problem)
         if rigid is not None:
-            yield rigid, 1.0
+            yield rigid

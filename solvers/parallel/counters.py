@@ -129,7 +129,7 @@ class Counters:
     volume_solves: int = 0  # applications of K_B^-1 (of K_ii^-1 when the contact dofs are condensed)
     linear_iterations: int = 0  # of iterative linear solvers
     error_solves: int = 0  # applications of K_B^-1 for estimates of errors; not in volume_solves
-    lanczos_applications: int = 0  # of K_B^-1 for lambda_max (Lanczos, power iteration); not in volume_solves
+    lanczos_applications: int = 0  # of K_B^-1 for lambda_max (Lanczos); not in volume_solves
 
     def __post_init__(self) -> None:
         self.clock = Clock(lambda: self.volume_solves + self.error_solves)

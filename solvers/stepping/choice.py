@@ -33,19 +33,11 @@ POWER = {2: 1.1, 3: 2.0}  # of N, free dofs, that the time of a factorisation gr
 FACTOR_TIME = {2: 1.1e-6, 3: 2.7e-9}  # of a factorisation with its Schur complement, times that power of N
 BACK = {2: 8e-7, 3: 2e-6}  # of a step's solves with the factor, times N
 INVERSE = 6e-11  # of the inverse of the dense stiffness, times the cube of the number of contact dofs
-NEWTON = 6e-12  # of a step's Newton iterations, times the same
 SET_UP = 6e-8  # of multigrid, for each entry of K_B
 PER_ENTRY = 1e-8  # of one iteration of conjugate gradients, for each entry of K_B: products and a multigrid cycle
+PER_CONTACT_DOF = 2e-6  # of what is done on the surface beside it, for each contact dof
 # Of conjugate gradients that a step takes, measured 40 to 75 and 20 to 50, and 9 to 31 with little else beside them
 ITERATIONS = {(2, "surface-uzawa"): 60, (3, "surface-uzawa"): 40, (3, "tangent-cg"): 15}
-# more by the power SLOWER where 1 - 2 nu of a body is below GIVE: 3.6, 14, 57 times for nu = .49, .499, .4999, where
-# 3.8, 14, 47 were measured (order 1, 3D)
-GIVE, SLOWER = 0.17, 0.6
-COMPACT = 2.0  # a floating body more slender than this takes more, in proportion to the square
-METRIC, PER_DOF = 0.03, 1e-4  # of a step's problems on the surface: the least, and for each contact dof
-SWEEPS, PER_SLAVE = 1.5e-3, 1.5e-6  # of an iteration of tangent-cg at the contact, likewise
-TANGENT_ENTRY = 9e-9  # of one beside that, as PER_ENTRY
-COPIES = 5  # copies of the dense stiffness that are in memory at the same time
 FACTOR = {2: 40.0, 3: 60.0}  # entries of a factor, to be multiplied by N and N^(4/3)
 SHARE = 0.7  # of the available memory that the condensed form may take
 
@@ -109,19 +101,17 @@ class Size:
     @property
     def condensed_seconds(self) -> float:
         """Predicted time [s] on one core of preparation and all steps, with the bodies in condensed form."""
-        N, cube = self.dofs, float(self.contact_dofs) ** 3
         factor = self.mixed * FACTOR_TIME[self.dim]
         prepared = sum(factor * n ** POWER[self.dim] + INVERSE * c**3 for n, c in self._each)
-        return float(prepared + self.steps * (BACK[self.dim] * N + NEWTON * cube))
+        newton = INVERSE / 10 * float(self.contact_dofs) ** 3  # of a step
+        return float(prepared + self.steps * (BACK[self.dim] * self.dofs + newton))
 
     def matrix_free_seconds(self, method: str) -> float:
         """The same with the bodies in matrix-free form, by a method."""
         usual = ITERATIONS.get((self.dim, method), ITERATIONS[self.dim, "surface-uzawa"])
-        iterations = usual * self.slower * max(1.0, self.slender / COMPACT) ** 2
-        if method == "tangent-cg":
-            step = iterations * (TANGENT_ENTRY * self.entries + SWEEPS + PER_SLAVE * self.contact_dofs)
-        else:
-            step = iterations * PER_ENTRY * self.entries + METRIC + PER_DOF * self.contact_dofs
+        # a floating body more slender than 2 takes more, in proportion to the square
+        iterations = usual * self.slower * max(1.0, self.slender / 2) ** 2
+        step = iterations * (PER_ENTRY * self.entries + PER_CONTACT_DOF * self.contact_dofs)
         return SET_UP * self.entries + self.steps * step
 
     @property
@@ -132,7 +122,8 @@ class Size:
         """
         factor = sum(n * (n ** (1 / 3) * FACTOR[3] if self.dim == 3 else FACTOR[2]) for n, _ in self._each)
         rows = (self.contact_dofs / 2) ** 2 if len(self.parts) > 1 else 0.0
-        return 8.0 * (self.ranks * COPIES * (sum(c**2 for _, c in self._each) + rows) + self.mixed * factor)
+        # copies of the dense stiffness that are in memory at the same time
+        return 8.0 * (5 * self.ranks * (sum(c**2 for _, c in self._each) + rows) + self.mixed * factor)
 
     @property
     def _each(self) -> tuple[tuple[float, float], ...]:
@@ -155,11 +146,11 @@ def mixed(kind: tuple[str, int], averaged: float) -> float:
 
 
 def slower(problem: Problem) -> float:
-    """See `Size.slower`."""
+    """See `Size.slower`: 3.6, 14, 57 for nu = .49, .499, .4999, where 3.8, 14, 47 were measured (order 1, 3D)."""
     if problem.model == "plane stress":
         return 1.0
     least = min(max(1 - 2 * body.near_incompressible, LEAST) for body in problem.bodies.values())
-    return float(max(1.0, (GIVE / least) ** SLOWER))
+    return float(max(1.0, (0.17 / least) ** 0.6))
 
 
 def _averaged(problem: Problem, mesh: Mesh) -> float:

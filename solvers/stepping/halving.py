@@ -23,7 +23,6 @@ from stickslip.solvers.stepping.state import HALVINGS, State
 from stickslip.solvers.stepping.substep import Attempt, Substep
 from stickslip.solvers.system.system import System
 
-EASY = 0.5  # of the iterations allowed; a substep that takes more is not easy
 Observe = Callable[[Attempt], Attempt]  # what is known of an accepted substep is added to it; collective
 log = logging.getLogger(__name__)
 
@@ -83,7 +82,8 @@ class _March:
         if before is not None:
             others, weakening = before.solution.others, max(before.solution.weakening, solution.weakening)
             solution = replace(solution, others=solution.others or others, weakening=weakening)
-        easy = solution.iterations <= EASY * self._system.problem.solver.max_iterations
+        # of the iterations allowed; a substep that takes more is not easy
+        easy = solution.iterations <= 0.5 * self._system.problem.solver.max_iterations
         self._control = self._control.after_success(size, self._step, easy)
         begin, self._state = self._state, replace(attempt.state or new, control=self._control)
         self._failed, self._stuck = None, False

@@ -23,9 +23,6 @@ from stickslip.solvers.laws.law import FrictionLaw, touching
 from stickslip.solvers.newton import path
 from stickslip.solvers.newton.correction import ENOUGH
 
-TURNS = 200  # of slip and mu; near the edge of stability they are slow
-CLEAR = 100.0  # times the tolerance; differences of less may be what the method has left
-SHORTEST, LONGEST = 1e-3, 10.0  # steps, in units of the change of slip in a turn
 Memory = Mapping[str, Array]  # by contact whose law remembers slip, what it does of each point (m_t,)
 Solving = Callable[[SurfaceProblem, Array], tuple[Solution, SurfaceProblem]]  # from tractions (rows,) [Pa]
 Exact = Callable[[SurfaceProblem, Solution], tuple[Solution, float]]  # from a near solution, and their distance
@@ -99,16 +96,18 @@ class LawMemory:
         solution, problem = solve(problem, start)
         least = self._moved({name: np.zeros_like(known) for name, known in self.start.items()})
         known, gap, omega, off, worst = self.start, None, 1.0, 0.0, 0.0
-        for _ in range(TURNS):
+        for _ in range(200):  # near the edge of stability turns are slow
             if solution.status is not Status.CONVERGED:
                 return solution, problem
             found = self.after(problem, solution.p, solution.w)
             before, gap = gap, np.concatenate([found[name] - known[name] for name in names])
             if before is not None and before.any():
                 ratio = 1 - (1 - float(gap @ before) / float(before @ before)) / omega  # of turns without the step
-                if omega == 1.0 and off > CLEAR * self.tolerance:
+                # times the tolerance; differences of less may be what the method has left
+                if omega == 1.0 and off > 100.0 * self.tolerance:
                     worst = max(worst, ratio)
-                omega = min(max(1 / (1 - ratio), SHORTEST), LONGEST) if ratio < 1 else 1.0
+                # steps, in units of the change of slip in a turn
+                omega = min(max(1 / (1 - ratio), 1e-3), 10.0) if ratio < 1 else 1.0
             off = self._apart(problem, solution.p, found)
             if off <= self.tolerance:
                 return replace(solution, weakening=worst), problem

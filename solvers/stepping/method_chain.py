@@ -30,8 +30,6 @@ from stickslip.solvers.stepping.history import History
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.system import System
 
-CLOSER = 0.1  # of the error that is allowed: of a method whose displacement is not improved afterwards
-SAFE = 4.0  # factor by which a safe metric overestimates the flexibility of the bodies
 log = logging.getLogger(__name__)
 
 
@@ -232,7 +230,7 @@ class MethodChain:
             system=system,
             surface=surface,
             coarse=self.coarse,
-            safety=SAFE if self.stage.safe else 1.0,
+            safety=4.0 if self.stage.safe else 1.0,  # see `Setup`
             hurried=any(fits(system, self.choice.stages[k].surface) for k in self._later(other_form=True)),
         )
         before = self._ready.get(self.stage)
@@ -260,7 +258,8 @@ class MethodChain:
             return None
         ready = self._ready[self.stage]
         if isinstance(ready, OnTangent):
-            return ready.apart(state.u, CLOSER * drop)
+            # of the error that is allowed: of a method whose displacement is not improved afterwards
+            return ready.apart(state.u, 0.1 * drop)
         if not isinstance(ready, LearningIteration):
             ready = LearningIteration(metric=self._any_metric(system))
         return ready.apart(drop)

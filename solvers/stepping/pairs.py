@@ -22,7 +22,6 @@ from stickslip.solvers.stepping.update import flat_rows
 from stickslip.solvers.system.system import System
 
 SEARCHES = 6  # of the pairs, in one substep
-SLID = 0.05  # part of the smallest facet; if a point slides farther, the pairs are searched again
 log = logging.getLogger(__name__)
 
 
@@ -138,6 +137,7 @@ def pairs_hold(system: System, searched: Mapping[str, Array], now: Mapping[str, 
             slid = np.linalg.norm(c.node_motion(now[c.name] - searched[c.name])[1][c.node_weights > 0], axis=1)
             corners = c.surface.points[c.surface.facets]
             smallest = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).min())
-            if slid.max(initial=0.0) > SLID * smallest:
+            # part of the smallest facet; if a point slides farther, the pairs are searched again
+            if slid.max(initial=0.0) > 0.05 * smallest:
                 return False
     return True

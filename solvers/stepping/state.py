@@ -13,7 +13,6 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.iteration import Correction
 from stickslip.solvers.scene.record import Energy
 
-FAR = 100.0  # times the last substep; an extrapolation farther ahead would amplify what its iteration left
 HALVINGS = 8  # a step is cut down to 1/256 before it is given up
 ENOUGH = 3  # easy substeps in a row after which the size doubles: if every second one is hard, a larger one would fail
 
@@ -123,6 +122,7 @@ class State:
             return self.p
         far = (time - self.time) / (self.time - self.previous.time)
         # relative; times that differ by less are equal
-        if far > FAR or any(abs(turn - self.time) <= EXACT * self.time for turn in turns):
+        # times the last substep; an extrapolation farther ahead would amplify what its iteration left
+        if far > 100.0 or any(abs(turn - self.time) <= EXACT * self.time for turn in turns):
             return self.p
         return self.p + far * (self.p - self.previous.p)

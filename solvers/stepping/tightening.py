@@ -41,9 +41,7 @@ from stickslip.solvers.stepping.substep import Attempt, Substep, SubstepSolver
 from stickslip.solvers.stepping.update import displacement
 from stickslip.solvers.system.system import System
 
-LOOSE = 10.0  # times solver.tolerance: that is allowed where another solution comes no nearer
 MOST, EACH = 30, 3  # solutions of a step, and for each bolt and spring
-KNOWN = 1e-5  # of the force that displacements would make of a bolt's stiffness: less is known by rounding only
 log = logging.getLogger(__name__)
 
 
@@ -159,13 +157,15 @@ class Tightening:
 
     def _allowed(self, scale: Array) -> Array:
         """Deviation (b,) [N] that another solution need not mend; scale: see `_scale`."""
-        return LOOSE * self.system.problem.solver.tolerance * scale
+        # times solver.tolerance: that is allowed where another solution comes no nearer
+        return 10.0 * self.system.problem.solver.tolerance * scale
 
     def _scale(self, state: State) -> Array:
         """Of the forces of bolts and springs (b,) [N]; collective."""
         far = float(state.u.norm(PETSc.NormType.NORM_INFINITY))
         own = np.maximum(np.abs(self.tension(state)), stretched(self.k, far))
-        return np.where(self.springs | (self.largest == 0), own, np.maximum(self.largest, KNOWN * own))
+        # of the force that displacements would make of a bolt's stiffness: less is known by rounding only
+        return np.where(self.springs | (self.largest == 0), own, np.maximum(self.largest, 1e-5 * own))
 
     def _set(self) -> None:
         begun = self.start.time < self.target

@@ -35,8 +35,6 @@ from stickslip.solvers.system.applied_loads import AppliedLoads, InitialStrains
 from stickslip.solvers.system.contact_interface import ContactInterface, Obstacles
 from stickslip.solvers.system.stiffness import AveragedStiffness, Products, Stiffness
 
-NOTHING = 1e-20  # stiffness of what shrinks, relative to E: below it is rounding [m]
-
 
 @dataclass(frozen=True)
 class System:
@@ -257,7 +255,8 @@ def _initial_strains(
             if one.body == other.body:
                 pair = (one, other, means[i]) if means[i] is not None else (other, one, means[j])
                 coupling[i, j] = weak.initial_energy(*pair)
-        if one.shrunk is not None and coupling[i, i] <= NOTHING * problem.bodies[one.body].modulus:
+        # stiffness of what shrinks, relative to E [m]: below it is rounding
+        if one.shrunk is not None and coupling[i, i] <= 1e-20 * problem.bodies[one.body].modulus:
             assert isinstance(one.drive, Place)
             key = f"{one.drive.table}.{one.drive.name}.shank"
             raise SceneError(f"{key}: no part of {one.body} lies between the two planes")

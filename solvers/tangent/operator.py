@@ -11,7 +11,7 @@ that floats they are its rigid motions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -23,7 +23,6 @@ from stickslip.geometry.protocols import PC, Mat, Vec
 from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.released import return_memory
-from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.system.floating_modes import near_nullspace
 from stickslip.solvers.system.system import System
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
@@ -49,9 +48,6 @@ def chebyshev(low: float, high: float, count: int) -> Iterator[tuple[float, floa
     for _ in range(count - 1):
         before, rho = rho, 1 / (2 * middle / half - rho)
         yield before * rho, 2 * rho / half
-
-
-POWER = 10  # iterations for the largest eigenvalue, which they miss by less than a tenth in the tests
 
 
 class Columns:
@@ -116,7 +112,7 @@ class Columns:
         """Of these columns' block, times the inverses of the nodes' own blocks: about it, not above it; collective."""
         comm, inverse, value = self._block.comm.tompi4py(), inverses(self.diagonal), 0.0
         x = np.random.default_rng(comm.rank).normal(size=len(self.at))
-        for _ in range(POWER):
+        for _ in range(10):  # which miss it by less than a tenth in the tests
             y = self.block(x)
             above, below = comm.allreduce(np.array([x @ y, x @ products(self.diagonal, x)]))
             value = above / below if below else 1.0
@@ -184,10 +180,6 @@ class TangentOperator:
         self.K_B.mult(self._out, self._more)
         self.T.multTranspose(self._more, self._out)
         return np.array(self._out.array_r)
-
-    def jump(self, u: Array) -> Array:
-        """Coordinates (m d,) at slave nodes of free displacements u (owned,) [m]."""
-        return np.asarray(self.coordinates_of(u)[self.at])
 
     def hold(self, coordinates: ContactCoordinates, numbers: Ints) -> None:
         """Set up multigrid with these coordinates held, and with all others as they are; collective.
@@ -302,10 +294,6 @@ class TangentOperator:
         found = np.union1d(np.setdiff1d(self.slaves.near // self.dim, masters), self.at // self.dim)
         return (found[:, None] * self.dim + np.arange(self.dim)).ravel()
 
-    def _of_slaves(self) -> Mat:
-        """Columns (owned, m d) of K_B at slave nodes."""
-        return self.K_B.createSubMatrix(self._every, self._slaves)
-
     @contextmanager
     def _without(self, held: Ints) -> Iterator[Mat]:
         """K_B without these rows and columns, whose numbers increase; a copy would take the time of some products."""
@@ -330,7 +318,8 @@ class TangentOperator:
         a quarter of the time of the triple product, which multiplies all of K_B.
         """
         low = self.K_B.getOwnershipRange()[0]
-        F, C, count = T.createSubMatrix(self._slaves, self._every), self._of_slaves(), len(self.at)
+        F, C = T.createSubMatrix(self._slaves, self._every), self.K_B.createSubMatrix(self._every, self._slaves)
+        count = len(self.at)
         csr = (np.arange(count + 1, dtype=PETSc.IntType), (self.at + low).astype(PETSc.IntType), np.ones(count))
         F.axpy(-1.0, PETSc.Mat().createAIJ(F.getSizes(), csr=csr, comm=F.comm))
         change, other = C.matMult(F), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
@@ -375,7 +364,7 @@ class CoarseMotions:
             own = numbers[(numbers >= low) & (numbers < high)] - low
             of_side = np.zeros_like(motions)
             of_side[own] = motions[own]
-            jumps = np.array([operator.jump(column) * self.slides for column in of_side.T])
+            jumps = np.array([operator.coordinates_of(column)[operator.at] * self.slides for column in of_side.T])
             sizes, mixed = np.linalg.eigh(operator.comm.allreduce(jumps @ jumps.T))
             keep = sizes > CLOSE * sizes.max(initial=0.0)  # relative; motions that differ by less are one
             found += list((mixed[:, keep] / np.sqrt(sizes[keep])).T @ jumps)
@@ -397,35 +386,3 @@ class CoarseMotions:
             step = energy / operator.dot(d, K_d)
             x, K_x = x + step * d, K_x + step * K_d
         return x, K_x
-
-
-class LoadScale:
-    """The last few loads: forces (owned,), and about the displacement (c,) of the contact dofs under them alone."""
-
-    def __init__(
-        self, operator: TangentOperator, contact: Replicated, loads: Sequence[tuple[Array, Array]] = ()
-    ) -> None:
-        """
-        Args:
-            contact: reads the contact dofs of a vector.
-            loads: that are known.
-        """
-        self.operator, self.contact, self.loads = operator, contact, list(loads)
-
-    def __call__(self, f: Vec) -> Array:
-        """About the displacement (c,) [m] of the contact dofs under forces f alone; collective.
-
-        It costs a multigrid cycle, but for loads that are sums of earlier ones.
-        """
-        dot, share, left = self.operator.dot, np.zeros(len(self.loads)), f.array_r
-        if self.loads:
-            F = np.array([known for known, _ in self.loads])
-            products = self.operator.comm.allreduce(F @ np.vstack([F, f.array_r]).T)
-            share = np.linalg.lstsq(products[:, :-1], products[:, -1], rcond=CLOSE**2)[0]
-            left = f.array_r - share @ F
-        if dot(left, left) <= CLOSE**2 * dot(f.array_r, f.array_r):
-            nothing = np.zeros(len(self.contact.rows))
-            return np.asarray(sum((k * u for k, (_, u) in zip(share, self.loads, strict=True)), nothing))
-        u_c = self.contact.read(self.operator.guess(f))
-        self.loads = [*self.loads, (f.array_r.copy(), u_c)][-4:]  # that are kept
-        return u_c

@@ -18,8 +18,6 @@ from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import read
 
-TESTS = str(Path(__file__).parents[1])
-
 # one rank is told to stop
 
 TOLD = """
@@ -111,7 +109,6 @@ FAULTS_ON_RANKS = """
 import os, resource, shutil, signal, sys
 from pathlib import Path
 
-sys.path.append(sys.argv.pop(1))
 import pytest
 from mpi4py import MPI
 
@@ -196,7 +193,7 @@ assert Path("out", "notes.txt").read_text() == "mine"
 
 @pytest.mark.slow  # others of them below, and on one rank in tests/runs
 def test_faults_on_two_ranks_are_the_same_on_both(tmp_path: Path) -> None:
-    done = mpirun(2, [TESTS, "block", *SMALL, "steps.count=3"], tmp_path, ("-c", FAULTS_ON_RANKS))
+    done = mpirun(2, ["block", *SMALL, "steps.count=3"], tmp_path, ("-c", FAULTS_ON_RANKS))
     assert done.returncode == 0, done.stderr
 
 

@@ -2,11 +2,9 @@
 
 from dataclasses import asdict
 
+from stickslip import Scene, Simulation, StepResult
 from stickslip.solvers.results.audit import Auditor, Record
-from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.results.stored_fields import StoredFields
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.prepared import prepare
 
 record_of = Record.of  # what is audited of a step that was just solved, without the fields for readers

@@ -8,15 +8,10 @@ from typing import Any, get_type_hints
 import numpy as np
 from mpi4py import MPI
 
-from stickslip.geometry.errors import SceneError
-from stickslip.geometry.keys import Key
+from stickslip import FrictionLaw, Key, NormalLaw, Scene, SceneError, Simulation, StepResult
 from stickslip.solvers.contact.pairing import OPERATORS
-from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.methods.method import RIGID
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 

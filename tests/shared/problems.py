@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from stickslip import Scene, Simulation
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Mat
 from stickslip.solvers.interface.flexibility import Load
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import System, whole_stiffness
 from stickslip.workflows.scene_file.read import from_dict
 
+Tables = dict[str, Any]
 SceneOf = Callable[..., Scene]  # what the fixtures of tests/unit give
 SimulationOf = Callable[[Scene], Simulation]
 SystemOf = Callable[[Scene], System]
@@ -96,6 +96,18 @@ def two_blocks(dim: int, top: dict[str, Any], joint: dict[str, Any] | None = Non
         },
     }
     return from_dict(made | tables)
+
+
+def on_floor(dim: int, geometry: Tables, body: Tables, base: Tables, **more: Any) -> Tables:
+    """Tables of a scene: a block, 2 m by 1 m (by 1 m) if its geometry has no other, and the plane under it."""
+    sizes = {"builder": "block", "length": 2.0, "height": 1.0} | ({"width": 1.0} if dim == 3 else {})
+    return {
+        "model": "plane strain" if dim == 2 else "3d",
+        "geometry": sizes | geometry,
+        "bodies": {"block": {"E": 1.0, "nu": 0.3} | body},
+        "obstacles": {"floor": plane(dim)},
+        "contacts": {"base": {"surface": "block.bottom", "against": "floor"} | base},
+    } | more
 
 
 def surface_problem(simulation: Simulation) -> SurfaceProblem:

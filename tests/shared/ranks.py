@@ -57,25 +57,35 @@ def options(overrides: Sequence[str]) -> list[str]:
     return [word for override in overrides for word in ("--set", override)]
 
 
+BEFORE = "import json, numpy as np, stickslip\nfrom mpi4py import MPI\ncomm, found = MPI.COMM_WORLD, []\n"
+AFTER = "\neverywhere = comm.gather(found)\nif comm.rank == 0:\n    print(json.dumps(everywhere))\n"
+
+
 def each_told(scripts: Mapping[str, str], ranks: int, folder: Path) -> dict[str, Any]:
-    """By name, what each of several scripts prints: a list in JSON; one mpirun for all of them."""
+    """By name, `told` of several scripts; one mpirun for all of them."""
     if ranks == 1:
         return {name: told(script, 1, folder) for name, script in scripts.items()}
-    whole = "\n".join(f"exec({script!r}, {{'__name__': '__main__'}})" for script in scripts.values())
-    (folder / "scripts.py").write_text(whole, encoding="utf-8")
-    done = mpirun(ranks, [], folder, ("scripts.py",))
-    assert done.returncode == 0, done.stderr[-2000:]
-    lists = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
-    return dict(zip(scripts, lists, strict=True))
+    wholes = (BEFORE + script + AFTER for script in scripts.values())
+    lines = printed("\n".join(f"exec({whole!r}, {{'__name__': '__main__'}})" for whole in wholes), ranks, folder)
+    return dict(zip(scripts, (json.loads(line) for line in lines if line.startswith("[")), strict=True))
 
 
 def told(script: str, ranks: int, folder: Path) -> Any:
-    """What a script prints in JSON, in its last line: on several ranks, or in this process, which is one."""
+    """The list `found` that a script makes on each of several ranks; or in this process, which is one.
+
+    The script has json, MPI, np, stickslip and `comm`.
+    """
+    whole = BEFORE + script + AFTER
     if ranks == 1:
-        with redirect_stdout(io.StringIO()) as printed:
-            exec(script, {"__name__": "__main__"})
-        return json.loads(printed.getvalue().splitlines()[-1])
+        with redirect_stdout(io.StringIO()) as out:
+            exec(whole, {"__name__": "__main__"})
+        return json.loads(out.getvalue().splitlines()[-1])
+    return json.loads(printed(whole, ranks, folder)[-1])
+
+
+def printed(script: str, ranks: int, folder: Path) -> list[str]:
+    """Lines that a script prints on several ranks."""
     (folder / "script.py").write_text(script, encoding="utf-8")
     done = mpirun(ranks, [], folder, ("script.py",))
     assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout.splitlines()[-1])
+    return done.stdout.splitlines()

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from shared.command import result, table
-from stickslip.solvers.scene.scene import Scene
+from stickslip import Scene, read
 from stickslip.workflows.run.run import run
-from stickslip.workflows.scene_file.read import read
 
 COARSER = 2.5  # times the mesh sizes of the ready scenes: what is tested holds on every mesh
 SIZES = ("mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size")

@@ -11,11 +11,9 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from stickslip import OPEN, SLIP, STICK, ContactState, Energy, MeshData, Output, ProbeValue, StepResult, read
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
-from stickslip.solvers.scene.record import CONTACT_NUMBERS, Energy, ProbeValue
-from stickslip.solvers.scene.settings import Output
-from stickslip.workflows.scene_file.read import read
+from stickslip.solvers.scene.record import CONTACT_NUMBERS
 from stickslip.workflows.writers.writer import Job
 
 FACET = {"triangle": "interval", "quadrilateral": "interval", "tetrahedron": "triangle", "hexahedron": "quadrilateral"}

@@ -18,13 +18,12 @@ import stickslip
 from shared.discrete import ONE, local, random_problem, write
 from shared.problems import SceneOf, SystemOf
 from shared.ranks import mpirun
+from stickslip import Scene, SceneError, read
 from stickslip.geometry.amplitude import value_at
-from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
 from stickslip.solvers.linear.multigrid import HYPRE
 from stickslip.solvers.results import linear_reference as module
 from stickslip.solvers.results.linear_reference import linear_reference
-from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.lab.benchmarks import (
     adaptive,
@@ -62,7 +61,6 @@ from stickslip.workflows.lab.benchmarks.scaling_model import (
 from stickslip.workflows.lab.benchmarks.scaling_run import Case as Scaling
 from stickslip.workflows.lab.benchmarks.work_precision import Point, draw, points
 from stickslip.workflows.pictures.performance_profile import ratios
-from stickslip.workflows.scene_file.read import read
 
 
 def test_every_method_solves_a_scene_in_few_and_in_many_steps() -> None:

@@ -170,7 +170,6 @@ def test_no_import_is_hidden_from_the_interpreter() -> None:
         (("pyvista", "vtk", "vtkmodules", "matplotlib", "h5py", "meshio"), "workflows/"),
         (("typer", "rich"), "workflows/"),
         (("jinja2",), "workflows/formats/templates.py"),
-        (("slepc4py",), "solvers/"),
     ],
 )
 def test_outside_libraries_stay_at_the_edge(libraries: tuple[str, ...], home: str) -> None:

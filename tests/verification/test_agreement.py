@@ -8,15 +8,13 @@ import pytest
 
 from shared.cases import often
 from shared.failures import failures
-from stickslip.geometry.errors import SceneError
-from stickslip.solvers.laws.friction import Coulomb
+from stickslip import Coulomb, Scene, SceneError, read
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.lab.verification.cases import agreement as agreement_case
 from stickslip.workflows.lab.verification.cases.agreement import ALL, REFERENCE, SCENES, Answer
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.scene_file.read import READY, read
+from stickslip.workflows.scene_file.read import READY
 
 UZAWA = ("uzawa", "inexact-uzawa", "nonlinear-uzawa", "gram-uzawa")
 OTHERS = [(name, method) for name in SCENES for method in ALL if method != REFERENCE]

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from shared.cells import FORMS, MODELS, REFERENCE, Cell, largest, reference, refused, solved, whole
+from stickslip import FrictionLaw, NormalLaw
 from stickslip.solvers.contact.pairing import OPERATORS
-from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.methods.method import RIGID
 from stickslip.solvers.stepping import halving as stepping

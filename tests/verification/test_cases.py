@@ -12,14 +12,9 @@ from numpy.testing import assert_allclose
 
 from shared.cases import every_nth, slow
 from shared.failures import failures
+from stickslip import SLIP, STICK, Coulomb, NoEquilibriumError, Output, Scene, SceneError, StepError
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.results.step_result import SLIP, STICK
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.plan import warnings
-from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
 from stickslip.solvers.system.system import System
 from stickslip.workflows.lab.verification.cases import (
     bearing,

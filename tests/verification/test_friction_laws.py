@@ -10,13 +10,12 @@ from numpy.testing import assert_allclose
 
 from shared.audited import record_of
 from shared.failures import failures
-from stickslip.solvers.laws.friction import Coulomb, OrthotropicCoulomb
+from shared.problems import on_floor
+from stickslip import SLIP, STICK, Coulomb, NoEquilibriumError, TangentialCompliance
+from stickslip.solvers.laws.friction import OrthotropicCoulomb
 from stickslip.solvers.laws.slip_dependent import StaticKinetic
-from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.results.audit import Auditor
-from stickslip.solvers.results.step_result import SLIP, STICK
 from stickslip.solvers.simulation.plan import warnings
-from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.lab.verification.cases import friction_laws as case
 from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases import sheared_column as sheared_column_case
@@ -174,14 +173,7 @@ def test_equal_coefficients_in_both_directions_are_coulombs() -> None:
 
 def block(friction: dict[str, Any], dim: int = 2, **tables: Any) -> dict[str, Any]:
     """A block of 2 m (3D: 2 m by 1 m), 1 m high, on a plane."""
-    width = {"width": 1.0} if dim == 3 else {}
-    return {
-        "model": "plane strain" if dim == 2 else "3d",
-        "geometry": {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.5} | width,
-        "bodies": {"block": {"E": 1.0, "nu": 0.3}},
-        "obstacles": {"floor": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}},
-        "contacts": {"base": {"surface": "block.bottom", "against": "floor", "friction": friction}},
-    } | tables
+    return on_floor(dim, {"mesh_size": 0.5}, {}, {"friction": friction}, **tables)
 
 
 def holds(friction: dict[str, Any], force: tuple[float, ...]) -> bool:

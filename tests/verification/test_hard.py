@@ -3,8 +3,9 @@
 import json
 import os
 from collections.abc import Iterator
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
-from multiprocessing.connection import Connection
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,8 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip.geometry.errors import MachineError, SceneError, SolverError
-from stickslip.solvers.scene.scene import Scene
+from stickslip import MachineError, Scene, SceneError, SolverError, read
 from stickslip.workflows.lab.verification.hard import judge as judging
 from stickslip.workflows.lab.verification.hard import run as command
 from stickslip.workflows.lab.verification.hard import suite
@@ -31,9 +31,9 @@ from stickslip.workflows.lab.verification.hard.run import (
     write_page,
 )
 from stickslip.workflows.lab.verification.hard.suite import NAMES, Row, Task, Worker, performed, results, tasks
-from stickslip.workflows.lab.verification.hard.tables import overrides, ready, scene_of
+from stickslip.workflows.lab.verification.hard.tables import overrides, ready
 from stickslip.workflows.lab.verification.hard.variations import FIXED, Scale, variation, varied
-from stickslip.workflows.scene_file.read import read, to_dict
+from stickslip.workflows.scene_file.read import from_dict, to_dict
 
 FEW, SMALL = (2, 3), (6, 0)  # variations, and the seed of their order; of the few all are solved in a second
 SEED = 0
@@ -67,7 +67,7 @@ def test_set_makes_the_same_scene(scene: str, name: str) -> None:
     found = varied(ready(scene), variation(name).change, np.random.default_rng(0))
     assert found is not None
     words = overrides(to_dict(read(scene)), found)
-    assert to_dict(read(scene, words)) == to_dict(scene_of(found))
+    assert to_dict(read(scene, words)) == to_dict(from_dict(found))
 
 
 def test_only_the_unsolved_is_judged_again(blocks: list[Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -293,22 +293,19 @@ def test_nodal_forces_of_sliding_contact_are_left_out() -> None:
     assert judging._differences_of_methods(found((0, 0)), found((1, 4))) == {"resultants": 0.0, "nodal forces": 0.0}
 
 
-class Pipe:
+class Process:
     """What a worker's process says, word by word; then it is silent, or has died."""
 
     def __init__(self, words: list[object], dies: bool) -> None:
         self._words, self._dies = words, dies
 
-    def send(self, task: Task) -> None:
-        pass
-
-    def poll(self, seconds: float) -> bool:
-        return bool(self._words) or self._dies
-
-    def recv(self) -> object:
-        if not self._words:
-            raise EOFError
-        return self._words.pop(0)
+    def submit(self, act: object, task: Task | None) -> Future[object]:
+        said = Future[object]()
+        if self._words:
+            said.set_result(self._words.pop(0))
+        elif self._dies:
+            said.set_exception(BrokenProcessPool())
+        return said
 
 
 @pytest.mark.parametrize("first", [Outcome.SOLVED, Outcome.WRONG])
@@ -321,7 +318,7 @@ def test_a_second_opinion_that_breaks_is_a_failure_and_a_slow_one_is_not(
 ) -> None:
     row = Row("block", "mu", "mu x 2", (), Verdict(outcome=first, iterations=3))
     worker = Worker(opinion=0.01)
-    monkeypatch.setattr(worker, "_started", lambda: Pipe([row, *then], dies))
+    monkeypatch.setattr(worker, "_started", lambda: Process([row, *then], dies))
     found = worker.perform(Task("block", "mu x 2", 0))
     if lost and first is Outcome.SOLVED:
         assert (found.verdict.outcome, found.verdict.reason) == (Outcome.FAILED, f"second opinion: {lost}")
@@ -331,21 +328,17 @@ def test_a_second_opinion_that_breaks_is_a_failure_and_a_slow_one_is_not(
     assert not confirmed(found)
 
 
-def _dies_at_first(pipe: Connection) -> None:
+def _dies_at_first() -> None:
     """A process that MPI ends as it begins, the first time."""
     began = Path(os.environ["BEGAN"])
     if not began.exists():
         began.touch()
         os._exit(1)
-    pipe.send(suite.BEGUN)
-    task = pipe.recv()
-    pipe.send(Row(task.scene, "as it is", task.name, (), Verdict(outcome=Outcome.SOLVED)))
-    pipe.send("done")
 
 
 def test_a_process_that_dies_before_its_task_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BEGAN", str(tmp_path / "began"))
-    monkeypatch.setattr(suite, "_work", _dies_at_first)
+    monkeypatch.setattr(suite, "_begin", _dies_at_first)
     worker = Worker(opinion=0.01)
     found = worker.perform(Task("block", "mu x 2", 0))
     worker.end()

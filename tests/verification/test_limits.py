@@ -13,25 +13,14 @@ from numpy.testing import assert_allclose
 from shared.cases import slow
 from shared.command import result, table
 from shared.solved import Solved, coarse, solve
+from stickslip import Compliance, Outcome, Output, Scene, Steps, read
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.laws.normal import Compliance
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Output, Steps
 from stickslip.workflows.formats.steps import read_step
 from stickslip.workflows.lab.verification.cases import column as column_case
 from stickslip.workflows.lab.verification.cases import limits as limits_case
 from stickslip.workflows.lab.verification.cases.limits import END, LIMITS
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.run import run
-from stickslip.workflows.scene_file.read import read
-
-
-def test_checks_notice_another_coefficient() -> None:
-    pushed = LIMITS["pushed"]
-    steps, proved = limits_case.reached(limits_case.scene("condensed-newton", replace(pushed, mu=1.01 * pushed.mu)))
-    assert proved
-    assert steps[-1].time > pushed.time + limits_case.NEAR
 
 
 def ended(scene: Scene, folder: Path) -> tuple[Outcome, dict[str, Any]]:

@@ -9,12 +9,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.audited import record_of, stored_by
 from shared.failures import failures
+from shared.problems import on_floor
+from stickslip import Orthotropic, Simulation
 from stickslip.geometry.shape import Model
 from stickslip.solvers.metrics import mean_compliance, surface_compliance
 from stickslip.solvers.results.audit import Audit, Auditor
-from stickslip.solvers.scene.material import Orthotropic
 from stickslip.solvers.simulation.plan import make_plan, warnings
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.cases import orthotropic as case
 from stickslip.workflows.lab.verification.cases import orthotropic as exact
 from stickslip.workflows.lab.verification.cases.hertz import Touch
@@ -44,27 +44,17 @@ def test_round_bodies_are_of_hertz(nu: float, model: Model, order: Literal[1, 2]
 
 def block(nu: float, dim: int = 2, cells: str = "simplex", order: int = 1, h: float = 0.125, **body: Any) -> Simulation:
     """A block of 2 m by 1 m whose top is bonded to a plate that presses it on a plane, with friction."""
-    up, width = "xyz"[dim - 1], {"width": 1.0} if dim == 3 else {}
-    held = dict.fromkeys("xyz"[:dim], 0.0) | {up: -0.01}
-    return prepare(
-        from_dict(
-            {
-                "model": "plane strain" if dim == 2 else "3d",
-                "geometry": {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": h, "order": order}
-                | width | {"cells": cells},
-                "bodies": {"block": {"E": 1.0, "nu": nu} | body},
-                "obstacles": {"floor": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}},
-                "contacts": {
-                    "base": {
-                        "surface": "block.bottom", "against": "floor", "friction": {"law": "coulomb", "mu": 0.3}
-                    }
-                },
-                "supports": {"top": {"boundary": "block.top", "displacement": held}},
-                "probes": {"middle": {"point": [0.93] * (dim - 1) + [0.41]}},
-                "solver": {"tolerance": 1e-10},
-            }
-        )
-    )  # fmt: skip
+    held = dict.fromkeys("xyz"[:dim], 0.0) | {"xyz"[dim - 1]: -0.01}
+    tables = on_floor(
+        dim,
+        {"mesh_size": h, "order": order, "cells": cells},
+        {"nu": nu} | body,
+        {"friction": {"law": "coulomb", "mu": 0.3}},
+        supports={"top": {"boundary": "block.top", "displacement": held}},
+        probes={"middle": {"point": [0.93] * (dim - 1) + [0.41]}},
+        solver={"tolerance": 1e-10},
+    )
+    return prepare(from_dict(tables))
 
 
 def audited(simulation: Simulation) -> tuple[Any, Audit]:

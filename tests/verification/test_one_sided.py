@@ -13,10 +13,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 import stickslip
 from shared.audited import audit
 from shared.failures import failures
+from shared.problems import on_floor
+from stickslip import Quantity, Simulation, StepError, StepResult
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.results.step_result import Quantity, StepResult
-from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.verification.cases import springs as case
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
@@ -37,12 +36,6 @@ def solved(
 
 
 # --- closed forms
-
-
-@pytest.mark.parametrize("acts", ["tension", "compression"])
-@pytest.mark.parametrize("model", ["plane strain", "3d", "axisymmetric"])
-def test_second_spring_acts_once_its_gap_is_closed_and_then_in_one_way(model: str, acts: str) -> None:
-    assert not failures(case.one_way(model, acts, "condensed-newton"))
 
 
 @pytest.mark.parametrize("name", ["GAP", "K"])
@@ -89,18 +82,14 @@ def cluster(seed: int, count: int) -> Data:
         }
         for i, angle in enumerate(angles)
     }
-    return {
-        "model": "plane strain",
-        "geometry": {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.25},
-        "bodies": {"block": {"E": 1000.0, "nu": 0.3}},
+    more: Data = {
         "springs": some | {"base": {"at": "block.left", "stiffness": [30.0, 30.0]}},
-        "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
-        "contacts": {"base": {"surface": "block.bottom", "against": "floor", "friction": LAW}},
         "loads": {"push": {"boundary": "block.right", "force": {
             "x": [[1.0, 5.0], [2.0, -5.0], [3.0, 1.0]], "y": [[1.0, -4.0], [2.0, 6.0], [3.0, -9.0]],
         }}},
         "steps": {"end": 3.0, "count": 3},
     }  # fmt: skip
+    return on_floor(2, {"mesh_size": 0.25}, {"E": 1000.0}, {"friction": LAW}, **more)
 
 
 def law_of(data: Data, simulation: Simulation, step: StepResult) -> tuple[Array, Array]:
@@ -183,10 +172,6 @@ def test_a_body_that_nothing_but_slack_cables_could_hold_ends_the_run() -> None:
     data["loads"] = {"lift": {"boundary": "block.top", "force": [0.0, 4.0]}}
     with pytest.raises(StepError, match=r"springs\.cable: no slack was found .* nothing else holds the bodies there"):
         solved(data)
-
-
-def test_without_contact_the_matrix_free_form_has_no_surface_to_factorise() -> None:
-    assert not failures(case.one_way("3d", "tension", "surface-uzawa", surface="matrix-free"))
 
 
 # --- errors and audit

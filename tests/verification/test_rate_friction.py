@@ -9,12 +9,10 @@ from numpy.testing import assert_allclose
 
 import stickslip
 from shared.audited import record_of
-from stickslip.geometry.errors import SceneError
+from shared.problems import on_floor
+from stickslip import SLIP, STICK, Quantity, Scene, SceneError, Simulation
 from stickslip.solvers.results.audit import Auditor
-from stickslip.solvers.results.step_result import SLIP, STICK, Quantity
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -37,24 +35,16 @@ def scene(
         count: steps in each of two seconds.
         drag: motion of the top in time; None: no support at all.
     """
-    width = {"width": 1.0} if dim == 3 else {}
     friction = {"law": "rate_dependent", "mu": mu} | tables.pop("friction", {})
-    base = {"surface": "block.bottom", "against": "floor", "friction": friction} | tables.pop("base", {})
     top = {"boundary": "block.top", "displacement": {"x": drag} | ({"y": 0.0} if dim == 3 else {})}
-    return from_dict(
-        {
-            "model": "plane strain" if dim == 2 else "3d",
-            "geometry": {"builder": "block", "length": LENGTH, "height": 0.25, "mesh_size": 0.25} | width,
-            "bodies": {"block": {"E": E, "nu": 0.0}},
-            "obstacles": {"floor": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}},
-            "contacts": {"base": base},
-            "supports": {"top": top} if drag else {},
-            "loads": {"press": {"boundary": "block.top", "pressure": [[0.0, 0.0], [1.0, PRESS], [2.0, PRESS]]}},
-            "steps": {"end": 2.0, "count": 2 * count, "seconds": True},
-            "solver": {"tolerance": 1e-11},
-        }
-        | tables
-    )
+    whole = {
+        "supports": {"top": top} if drag else {},
+        "loads": {"press": {"boundary": "block.top", "pressure": [[0.0, 0.0], [1.0, PRESS], [2.0, PRESS]]}},
+        "steps": {"end": 2.0, "count": 2 * count, "seconds": True},
+        "solver": {"tolerance": 1e-11},
+    }
+    base, sizes = {"friction": friction} | tables.pop("base", {}), {"length": LENGTH, "height": 0.25, "mesh_size": 0.25}
+    return from_dict(on_floor(dim, sizes, {"E": E, "nu": 0.0}, base, **whole | tables))
 
 
 def drawn(speed: float) -> list[list[float]]:

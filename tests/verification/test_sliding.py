@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import every_nth
-from stickslip.solvers.results.step_result import Quantity, StepResult
-from stickslip.solvers.simulation.simulation import Simulation
+from shared.problems import on_floor
+from stickslip import Quantity, Simulation, StepResult
 from stickslip.solvers.simulation.simulation import prepare as estimating
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
@@ -123,31 +123,21 @@ COULOMB = {"law": "coulomb", "mu": MU_PULLED}
 
 def pulled(dim: int, geometry: dict[str, Any], m_n: float, friction: dict[str, Any]) -> Any:
     """Pressed down, then pulled by more than mu N; the pull tilts it, and a spring behind it takes the rest."""
-    sizes = {"length": 1.0, "height": 0.5, "mesh_size": 0.25} | ({"width": 1.0} if dim == 3 else {})
     away = {"y": 0.0} if dim == 2 else {"z": 0.0}
-    return from_dict(
-        {
-            "model": "plane strain" if dim == 2 else "3d",
-            "geometry": {"builder": "block"} | sizes | geometry,
-            "bodies": {"block": {"E": 1e7, "nu": 0.3}},
-            "obstacles": {"floor": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}},
-            "contacts": {
-                "base": {
-                    "surface": "block.bottom",
-                    "against": "floor",
-                    "normal": {"law": "compliance", "c_n": 1e7, "m_n": m_n},
-                    "friction": friction,
-                }
-            },
-            "loads": {
-                "press": {"boundary": "block.top", "pressure": [[0, 0], [1, N]]},
-                "pull": {"boundary": "block.top", "traction": {"x": [[1, 0], [2, 600]]} | away},
-            },
-            "springs": {"behind": {"at": "block.right", "stiffness": [1e4] + [0.0] * (dim - 1)}},
-            "probes": {"middle": {"point": [0.5] * dim}},
-            "steps": {"end": 2.0, "count": 4},
-        }
+    tables = on_floor(
+        dim,
+        {"length": 1.0, "height": 0.5, "mesh_size": 0.25} | geometry,
+        {"E": 1e7},
+        {"normal": {"law": "compliance", "c_n": 1e7, "m_n": m_n}, "friction": friction},
+        loads={
+            "press": {"boundary": "block.top", "pressure": [[0, 0], [1, N]]},
+            "pull": {"boundary": "block.top", "traction": {"x": [[1, 0], [2, 600]]} | away},
+        },
+        springs={"behind": {"at": "block.right", "stiffness": [1e4] + [0.0] * (dim - 1)}},
+        probes={"middle": {"point": [0.5] * dim}},
+        steps={"end": 2.0, "count": 4},
     )
+    return from_dict(tables)
 
 
 def last(simulation: Simulation) -> StepResult:

@@ -12,17 +12,13 @@ from shared.cases import slow
 from shared.command import READY_NAMES
 from shared.histories import PUSHED
 from shared.solved import coarse
-from stickslip.geometry.errors import SceneError
+from stickslip import Quantity, Scene, SceneError, Simulation, StepResult, Steps, read
 from stickslip.geometry.protocols import Vec
-from stickslip.solvers.results.step_result import Quantity, StepResult, quantities
+from stickslip.solvers.results.step_result import quantities
 from stickslip.solvers.scene.record import Value
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.simulation.simulation import prepare as plain
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.scene_file.read import read
 
 # methods that solve the laws only nearly: their own solution is what they iterate towards
 APPROXIMATE = ("perturbed-lagrangian", "regularised")

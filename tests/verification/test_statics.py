@@ -10,11 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import every_nth, slow
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Output
-from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip import Coulomb, NoEquilibriumError, Output, Scene, StepError, StepResult
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from shared.failures import failures
+from stickslip import FrictionLaw, SceneError, SolverError, prepare
 from stickslip.geometry.dolfinx_versions import CACHE
-from stickslip.geometry.errors import SceneError, SolverError
 from stickslip.solvers import effects as registry
-from stickslip.solvers.laws import FrictionLaw
 from stickslip.solvers.simulation.resolve import plan_rows
-from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.lab.verification import registry as module
 from stickslip.workflows.lab.verification.accuracy.judge import (
     MESH,

@@ -9,15 +9,16 @@ from numpy.testing import assert_allclose
 
 import stickslip
 from shared.failures import failures
-from stickslip.geometry.keys import Choice, Key, Noun
+from shared.problems import on_floor
+from stickslip import ContactState, Key, read
+from stickslip.geometry.keys import Choice, Noun
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.results.step_result import ContactState
 from stickslip.workflows.lab.verification.cases import units as units_case
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.units import Units, convert, in_millimetres
-from stickslip.workflows.scene_file.read import from_dict, read, to_dict
+from stickslip.workflows.scene_file.read import from_dict, to_dict
 
 MM = Units(length=1000.0, force=1.0, plane=False)
 
@@ -35,14 +36,8 @@ def test_surfaces_as_stiff_as_steel_are_the_same_in_millimetres() -> None:
     """A block that nothing but friction holds: the bound by its penetration is .3 of the pressure on it."""
     normal, friction = {"law": "compliance", "c_n": 1e13}, {"law": "compliance", "c_T": 3e17, "m_T": 2.0}
     pressed = {side: {"boundary": f"block.{side}", "pressure": p} for side, p in (("top", 1e8), ("left", 1e6))}
-    block = {
-        "model": "plane strain",
-        "geometry": {"builder": "block", "length": 0.1, "height": 0.05, "mesh_size": 0.025},
-        "bodies": {"block": {"E": 2.1e11, "nu": 0.3}},
-        "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
-        "contacts": {"base": {"surface": "block.bottom", "against": "floor", "normal": normal, "friction": friction}},
-        "loads": pressed,
-    }
+    sizes, laws = {"length": 0.1, "height": 0.05, "mesh_size": 0.025}, {"normal": normal, "friction": friction}
+    block = on_floor(2, sizes, {"E": 2.1e11}, laws, loads=pressed)
     assert not failures(units_case.in_both("block of steel", from_dict(block)))
 
 

@@ -1,1 +1,1 @@
-"""Timed runs: search, histories, prices of methods and of other programs, adaptive rounds, scaling, Siconos."""
+"""Timed runs: histories, prices of methods and of other programs, adaptive rounds, scaling, Siconos."""

@@ -23,20 +23,14 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import typer
 
-from stickslip.geometry.builders.builder import Builder
-from stickslip.geometry.errors import SolverError
-from stickslip.solvers.laws.friction import Coulomb
+from stickslip import Accuracy, Builder, Coulomb, Output, Scene, SolverError, Steps, Watch, prepare
 from stickslip.solvers.results.step_result import values
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Accuracy, Output, Steps
-from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.accuracy.rounds import Rounds
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.benchmarks.own_process import apart
 from stickslip.workflows.lab.verification.cases import cattaneo, hertz, punch, raous
 from stickslip.workflows.lab.verification.cases.raous import SIDE
 from stickslip.workflows.run.run import run
-from stickslip.workflows.run.watch import Watch
 
 METHOD = "condensed-newton"
 RATIO = 2**-0.5  # of the mesh sizes, from one mesh to the next

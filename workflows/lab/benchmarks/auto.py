@@ -19,20 +19,15 @@ import numpy as np
 import typer
 from mpi4py import MPI
 
-from stickslip.geometry.errors import SolverError
+from stickslip import Contact, Counters, HistoryRow, Scene, SolverError, Tied, read
 from stickslip.geometry.mesh.mesh import build_mesh
-from stickslip.solvers.laws.normal import Tied
-from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.stepping.choice import Choice, Size, Stage, choose
-from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain, Reached
 from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.system.system import System, assemble
 from stickslip.workflows.lab.benchmarks.own_process import apart
-from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.lab.verification.prepared import march
 
 STAGES = (
     Stage("condensed-newton", "condensed"),
@@ -170,22 +165,19 @@ def measure(system: System, stage: Stage, limit: float) -> Run:
     stepper = Stepper(system, MethodChain(system, Reached(Choice((stage,), ""), 0, ())))
     prepared = clock.process_time() - began
     began = clock.process_time()
-    state, marks, iterations, status = stepper.start(), [began], list[int](), "converged"
-    times = system.course.timeline.times
+    marks, iterations, status, count = [began], list[int](), "converged", len(system.course.timeline.times)
     try:
-        for time in times:
-            accepted = stepper.reach(state, time, watch)
-            state = accepted.state
+        for accepted in march(stepper, watch):
             iterations.append(accepted.iterations)
             marks.append(clock.process_time())
-            if time < times[-1]:
+            if len(iterations) < count:
                 watch()
     except LimitError:
         status = LONG
     except SolverError as error:
         status = str(error)
     linear = system.counters.linear_iterations
-    return Run(prepared, tuple(np.diff(marks)), tuple(iterations), linear, len(times), status)
+    return Run(prepared, tuple(np.diff(marks)), tuple(iterations), linear, count, status)
 
 
 def row(case: Case, count: int, limit: float) -> Row:

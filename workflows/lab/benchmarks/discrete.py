@@ -18,8 +18,8 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from stickslip import MachineError, StickslipError
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import MachineError, StickslipError
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem, residual
 from stickslip.solvers.stepping.discrete_chain import AUTO, refuse_unusable, solve
 from stickslip.workflows.cost.measure import ONE_THREAD

@@ -20,19 +20,14 @@ from unittest import mock
 import numpy as np
 import typer
 
-from stickslip.geometry.errors import SolverError
+from stickslip import Scene, Simulation, SolverError, StepResult, Watch, read
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoints
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.lab.benchmarks.own_process import silence
 from stickslip.workflows.run import run as running
 from stickslip.workflows.run.resume import LearntFiles
-from stickslip.workflows.run.watch import Watch
-from stickslip.workflows.scene_file.read import read
 from stickslip.workflows.writers.tables import TableWriter
 from stickslip.workflows.writers.xdmf import FieldFiles
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+from stickslip import Simulation, Watch, read
 from stickslip.geometry.memory import peak
 from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.simulation.memory import (
@@ -33,12 +34,9 @@ from stickslip.solvers.simulation.memory import (
     Demand,
     memory_of,
 )
-from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Choice, Size, Stage
 from stickslip.workflows.lab.benchmarks.own_process import apart
 from stickslip.workflows.run.run import run
-from stickslip.workflows.run.watch import Watch
-from stickslip.workflows.scene_file.read import read
 
 Run = Mapping[str, Any]  # what `measure` returns
 TANGENT = 'solver={ method = "tangent-cg", surface = "matrix-free" }'

@@ -14,6 +14,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,8 +27,9 @@ from rich.progress import Progress
 
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
-from stickslip.workflows.lab.benchmarks.peers.programs import OURS, PROGRAMS, child, measured
-from stickslip.workflows.lab.benchmarks.price_run import COUNTED, REFERENCE, Case
+from stickslip.workflows.lab.benchmarks.own_process import Run, child, kept
+from stickslip.workflows.lab.benchmarks.peers.programs import PROGRAMS, measured
+from stickslip.workflows.lab.benchmarks.price_run import COUNTED, OURS, PEERS, REFERENCE, Case
 
 PLANE = (16, 32, 64, 128, 256, 512)
 SPACE = (8, 12, 16, 24, 32, 48, 64)
@@ -40,7 +42,6 @@ METHODS = (  # last column: growth of the time with n in 2D and 3D, to predict w
     ("uzawa", "auto", 3.0, 4.5),
     ("regularised", "auto", 3.0, 6.0),
 )
-PEERS = "peers"
 ALL = ",".join([name for name, *_ in METHODS] + [PEERS])
 
 
@@ -56,7 +57,7 @@ def cases(plane: tuple[int, ...], space: tuple[int, ...], methods: tuple[str, ..
                             yield Case(dim, n, method, surface, tolerance, *kind)
 
 
-def expected(case: Case, known: list[dict[str, Any]]) -> float:
+def expected(case: Case, known: list[Run]) -> float:
     """Expected time of a case [s], from the largest measured one of its kind; 0 if there is none.
 
     >>> done = {"case": asdict(Case(2, 16)), "status": "converged", "two_steps": 1.0, "further": 0.5}
@@ -76,7 +77,7 @@ def expected(case: Case, known: list[dict[str, Any]]) -> float:
     return 0.0
 
 
-def run(case: Case, limit: float) -> dict[str, Any]:
+def run(case: Case, limit: float) -> Run:
     """Measure in a child process; the result of a run that fails or takes ten times the limit says why.
 
     The memory of the linear reference is that of another child, which knows the fastest solver and tries no other.
@@ -88,7 +89,7 @@ def run(case: Case, limit: float) -> dict[str, Any]:
     return found
 
 
-def _child(case: Case, limit: float, *solver: str) -> dict[str, Any]:
+def _child(case: Case, limit: float, *solver: str) -> Run:
     polls = {"OMPI_MCA_mpi_yield_when_idle": "0"}  # to yield at each of MUMPS' polls costs a fifth of a step in 2D
     command = [sys.executable, "-m", "stickslip.workflows.lab.benchmarks.price_run", json.dumps(asdict(case)), *solver]
     return {"case": asdict(case)} | child(command, limit, **polls)
@@ -102,7 +103,7 @@ def main(
     methods: Annotated[str, typer.Option(help=f"of {ALL}; {PEERS}: other programs")] = ALL,
 ) -> None:
     """Measure what is missing, then write the page."""
-    folder, known = output / "runs", list[dict[str, Any]]()
+    folder, known = output / "runs", list[Run]()
     folder.mkdir(parents=True, exist_ok=True)
     sizes = [tuple(int(n) for n in text.split(",") if n) for text in (plane, space)]
     chosen = tuple(methods.split(","))
@@ -112,14 +113,10 @@ def main(
         for case in todo:
             progress.update(task, description=case.name)
             path = folder / f"{case.name}.json"
-            if path.exists():
-                found = json.loads(path.read_text())
-            elif (seconds := expected(case, known)) > limit:
-                found = {"case": asdict(case), "status": f"not run: {seconds:.0f} s expected"}
+            if not path.exists() and (seconds := expected(case, known)) > limit:
+                known.append({"case": asdict(case), "status": f"not run: {seconds:.0f} s expected"})
             else:
-                found = run(case, limit)
-                write_aside(path, json.dumps(found, indent=1).encode())
-            known.append(found)
+                known.append(kept(path, partial(run, case, limit)))
             progress.advance(task)
     asked = zip((2, 3), sizes, strict=True) if PEERS in chosen else ()
     peers = [run for dim, ns in asked for run in measured(output, dim, ns, limit)]
@@ -128,7 +125,6 @@ def main(
 
 matplotlib.use("Agg")
 
-Run = dict[str, Any]
 COLOURS = {
     "auto": "black", "condensed-newton": "tab:blue", "surface-uzawa": "tab:red", "uzawa": "tab:orange",
     "regularised": "tab:green",
@@ -151,7 +147,7 @@ def write_page(folder: Path, runs: list[Run], peers: Sequence[Run] = ()) -> Path
     return folder / "price.html"
 
 
-def _section(dim: int, rows: list[Run], peers: Sequence[Run]) -> dict[str, Any]:
+def _section(dim: int, rows: list[Run], peers: Sequence[Run]) -> Run:
     """What is known of one dimension: growth of the counts, every run, and the other programs."""
     own, others = ([row for row in found if row["dim"] == dim] for found in (rows, peers))
     grown = growth([row for row in own if _plain(row)])

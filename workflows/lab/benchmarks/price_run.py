@@ -1,6 +1,7 @@
 """One measurement of the price: `python -m stickslip.workflows.lab.benchmarks.price_run CASE [SOLVER]`, CASE in JSON.
 
-With SOLVER only this solver is tried for the linear reference, so that the memory is that of the fastest one.
+With SOLVER only this solver is tried for the linear reference, so that the memory is that of the fastest one; with the
+word `peers` it is what is laid beside other programs. Prints one line of JSON.
 """
 
 from __future__ import annotations
@@ -10,29 +11,32 @@ import os
 import statistics
 import sys
 import time as clock
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from itertools import islice
 from typing import Any
 
 from mpi4py import MPI
 
-from stickslip.geometry.errors import StickslipError
+import stickslip
+from stickslip import Counters, Scene, Simulation, StickslipError, prepare, read
 from stickslip.geometry.memory import peak
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.linear.multigrid import HYPRE
-from stickslip.solvers.parallel.counters import Clock, Counters
+from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.results.linear_reference import linear_reference
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.stepping.method_chain import MethodChain
+from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.system.system import assemble
-from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.cost.measure import ONE_THREAD
+from stickslip.workflows.lab.verification.prepared import march, pressed
 
-for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[threads] = "1"  # before numpy starts them
-
+os.environ.update(ONE_THREAD)  # before the first operation that would start them
 
 COUNTED = "cg+boomeramg" if HYPRE else "cg+gamg"  # solver whose iterations are the unit of those of a method
 REFERENCE = "linear reference"  # the method that solves no contact at all
+OURS, PEERS = "stickslip", "peers"  # the name of this program among the others, and what asks for them
+EXACT = 1e-10  # tolerance of the forces that are the measure of the peers' errors
 GIGABYTE = 1e9  # bytes
 LEAST = 2.0  # [s] that repetitions may fill
 
@@ -59,27 +63,15 @@ class Case:
 
     def scene(self) -> Scene:
         """The ready scene `block`, `cube` or `two_blocks` with a third step."""
-        size = (2.0 if self.dim == 2 else 1.0) / self.n
-        tables = {
-            2: "{ x = [[0, 0], [1, 0], [2, 0.05], [3, 0.06]], y = [[0, 0], [1, -0.1]] }",
-            3: "{ x = [[0, 0], [1, 0], [2, 0.02], [3, 0.024]], y = [[0, 0], [1, 0], [2, 0.01], [3, 0.012]], "
-            "z = [[0, 0], [1, -0.05]] }",
-        }
         method = "auto" if self.method == REFERENCE else self.method
-        name, shape = ("block" if self.dim == 2 else "cube"), [f"geometry.mesh_size={size!r}"]
-        if self.dim == 2:
-            shape.append(f"geometry.contact_mesh_size={size!r}")
-        if self.bodies == 2:
-            name, shape = "two_blocks", cubes(self.n)
         settings = [
-            *shape,
+            *pressed(self.dim, self.n, further=True),
+            *(cubes(self.n) if self.bodies == 2 else []),
             f'geometry.cells="{self.cells}"',
-            f"supports.top.displacement={tables[self.dim]}",
-            "steps={ end = 3.0, count = 3 }",
             f'solver={{ method = "{method}", surface = "{self.surface}", tolerance = {self.tolerance!r} }}',
             "output.error=false",  # its own price is in docs/accuracy.md
         ]
-        return read(name, settings)
+        return read("two_blocks" if self.bodies == 2 else "block" if self.dim == 2 else "cube", settings)
 
 
 def cubes(n: int) -> list[str]:
@@ -129,7 +121,7 @@ def _solve(case: Case, only: str = "") -> dict[str, Any]:
     else:
         simulation = prepare(scene, counters=counters)
         system, prepared = simulation.system, simulation.seconds.prepare
-        steps, status = _march(simulation)
+        steps, status = _timed(simulation.stepper)
     memory = peak() / GIGABYTE  # before the reference
     reference = linear_reference(system, only, now=clock.process_time)
     own = (
@@ -151,33 +143,62 @@ def _solve(case: Case, only: str = "") -> dict[str, Any]:
     }
 
 
-def _march(simulation: Simulation) -> tuple[list[dict[str, Any]], str]:
+def _timed(stepper: Stepper) -> tuple[list[dict[str, Any]], str]:
     """CPU seconds of each step, and how the run ended; no results: the price is that of the solution alone."""
-    found: list[dict[str, Any]] = []
-    state, counters = simulation.stepper.start(), simulation.counters
-    for time in simulation.scene.requested_times():
-        began, linear = clock.process_time(), counters.linear_iterations
-        try:
-            accepted = simulation.stepper.reach(state, time, lambda row: None)
-        except StickslipError as error:
-            return found, str(error)
-        found.append(
-            {
-                "seconds": clock.process_time() - began,
-                "iterations": accepted.iterations,
-                "volume_solves": accepted.volume_solves,
-                "linear_iterations": counters.linear_iterations - linear,
-                "residual": accepted.residual,
-            }
-        )
-        state = accepted.state
+    found, counters = list[dict[str, Any]](), stepper.system.counters
+    began, linear = clock.process_time(), counters.linear_iterations
+    try:
+        for accepted in march(stepper):
+            found.append(
+                {key: getattr(accepted, key) for key in ("iterations", "volume_solves", "residual")}
+                | {"seconds": clock.process_time() - began, "linear_iterations": counters.linear_iterations - linear}
+            )
+            began, linear = clock.process_time(), counters.linear_iterations
+    except StickslipError as error:
+        return found, str(error)
     return found, "converged"
 
 
-def main() -> None:
+def beside_peers(case: Case) -> dict[str, Any]:
+    """Seconds, memory, unit of cost, and forces of the first two steps, as other programs are measured.
+
+    Seconds are of the processor, for assembly, preparation and both steps; the unit is by the same clock.
+    """
+    usual = prepare(case.scene())  # forms are compiled
+    seconds, memory = _whole_seconds(usual), peak() / GIGABYTE
+    fastest = linear_reference(usual.system).fastest
+    unit = linear_reference(usual.system, fastest, now=clock.process_time).seconds
+    keys = {"normal_force": "normal_force", "tangential_force": "tangential_force", "penetration": "max_penetration"}
+    exact = prepare(replace(case, tolerance=EXACT).scene()).steps()
+    steps = [
+        {"iterations": step.iterations} | {key: getattr(step.contacts["base"], own) for key, own in keys.items()}
+        for step in islice(exact, 2)
+    ]
+    return {
+        "program": OURS,
+        "version": stickslip.__version__,
+        "seconds": seconds,
+        "memory": memory,
+        "dofs": usual.system.constraints.free_total,
+        "unit": unit,
+        "steps": steps,
+    }
+
+
+def _whole_seconds(prepared: Simulation) -> float:
+    """Seconds of the processor for assembly, preparation and both steps, on the mesh of another simulation."""
+    began = clock.process_time()
+    system = assemble(prepared.problem, prepared.mesh, Counters())
+    _ = system.K_B  # assembled too
+    list(islice(march(Stepper(system, MethodChain(system, None, None))), 2))
+    return clock.process_time() - began
+
+
+def main(case: str, only: str = "") -> None:
     """Measure the case that the arguments describe, and print the result in JSON."""
-    print(json.dumps(measure(Case(**json.loads(sys.argv[1])), *sys.argv[2:])))
+    asked = Case(**json.loads(case))
+    print(json.dumps(beside_peers(asked) if only == PEERS else measure(asked, only)))
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

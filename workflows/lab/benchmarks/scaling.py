@@ -7,23 +7,21 @@ process of its own, and made twice: the smaller seconds count. Existing measurem
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 
-from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
+from stickslip.workflows.lab.benchmarks.own_process import child, kept
 from stickslip.workflows.lab.benchmarks.scaling_model import (
     EACH,
     ONCE,
@@ -32,7 +30,6 @@ from stickslip.workflows.lab.benchmarks.scaling_model import (
     Costs,
     Machine,
     Memory,
-    Prediction,
     Run,
     Size,
     Traffic,
@@ -45,7 +42,7 @@ from stickslip.workflows.lab.benchmarks.scaling_run import Case, build
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "scaling.md"
 REPEATS = 2
-LIMIT = 180.0  # of a run [s]
+LIMIT = 18.0  # of a run [s], a tenth of what ends it
 FITTED = (Case(24), Case(32), Case(38), Case(48), Case(48, 8), Case(64, 8), Case(96, 2), Case(128, 2))  # on one rank
 CHECKED = {  # ranks: cases
     2: (Case(24), Case(30), Case(32), Case(38), Case(48), Case(48, 8), Case(64, 8), Case(96, 2), Case(128, 2)),
@@ -90,14 +87,6 @@ def page(single: Sequence[Run], several: Sequence[Run], drawn: Sequence[Run]) ->
     slow = {name: 1 / min(mean, 1.0) for name, mean in means.items()}
     sizes = [Size(*LARGE, ranks) for ranks in RANKS]
     runs = [predicted(costs, traffic, size, machine) for size in sizes]
-    slower = [
-        Prediction(
-            {name: slow[name] * run.once[name] for name in ONCE},
-            slow["step"] * run.step,
-            {name: slow["iteration"] * value for name, value in run.iteration.items()},
-        )
-        for run in runs
-    ]
     few, many = runs[0], runs[-1]
     each = [sum(run.iteration.values()) for run in runs]
     shares = [memory.of_rank(size) for size in sizes]
@@ -144,7 +133,7 @@ def page(single: Sequence[Run], several: Sequence[Run], drawn: Sequence[Run]) ->
         many=many,
         each_iteration=each,
         totals=[run.total(STEPS, ITERATIONS) for run in runs],
-        slower=[run.total(STEPS, ITERATIONS) for run in slower],
+        slower=[run.total(STEPS, ITERATIONS, slow) for run in runs],
         shares=shares,
         whole=whole,
         sent=[traffic.bytes(size) for size in sizes],
@@ -193,7 +182,7 @@ def _at_the_contact(runs: Sequence[Run]) -> float:
     return seconds["surface"] + seconds["coordinates"]
 
 
-def run(case: Case, ranks: int, counter: Path | None) -> dict[str, Any]:
+def run(case: Case, ranks: int, counter: Path | None) -> Run:
     """Measure a case on so many ranks in processes of its own.
 
     Raises:
@@ -202,20 +191,13 @@ def run(case: Case, ranks: int, counter: Path | None) -> dict[str, Any]:
     module = "stickslip.workflows.lab.benchmarks.scaling_run"
     preloaded = ["-x", f"LD_PRELOAD={counter}"] if counter else []
     words = ["mpirun", "-n", str(ranks), "--oversubscribe", *preloaded, sys.executable, "-m", module]
-    words.append(json.dumps(asdict(case)))
-    try:
-        done = subprocess.run(
-            words, capture_output=True, text=True, env=os.environ | ONE_THREAD, timeout=LIMIT, check=False
-        )
-    except subprocess.TimeoutExpired as late:
-        raise RuntimeError(f"{case} on {ranks} ranks takes more than {LIMIT:g} s") from late
-    if done.returncode:
-        raise RuntimeError(f"{case} on {ranks} ranks: {done.stderr[-300:]}")
-    found: dict[str, Any] = json.loads(done.stdout)
+    found = child([*words, json.dumps(asdict(case))], LIMIT)
+    if found["status"] != "converged":
+        raise RuntimeError(f"{case} on {ranks} ranks: {found['status']}")
     return found
 
 
-def least(runs: list[dict[str, Any]]) -> dict[str, Any]:
+def least(runs: list[Run]) -> Run:
     """Return the least seconds of each phase of a run that is made several times, all else from the first."""
     first, *_ = runs
     found = dict(first)
@@ -225,16 +207,15 @@ def least(runs: list[dict[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def measured(case: Case, ranks: int, folder: Path, counter: Path | None) -> dict[str, Any]:
+def measured(case: Case, ranks: int, folder: Path, counter: Path | None) -> Run:
     """Return a case on so many ranks, from the folder if it is there."""
     n, _, layers = case.shape
-    file = folder / f"{ranks}_{n}_{layers}_{case.steps}.json"
-    if not file.exists():
-        runs = [run(case, ranks, counter) for _ in range(REPEATS)]
-        write_aside(file, json.dumps(least(runs)).encode())
+
+    def measure() -> Run:
         print(f"{case} on {ranks} ranks", flush=True)
-    found: dict[str, Any] = json.loads(file.read_text())
-    return found
+        return least([run(case, ranks, counter) for _ in range(REPEATS)])
+
+    return kept(folder / f"{ranks}_{n}_{layers}_{case.steps}.json", measure)
 
 
 def main(

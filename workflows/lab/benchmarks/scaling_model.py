@@ -253,9 +253,11 @@ class Prediction:
     step: float  # of one step, beside its iterations
     iteration: Mapping[str, float]  # of one iteration, by parts
 
-    def total(self, steps: int, iterations: int) -> float:
-        """Seconds of a run with so many steps, and iterations in all of them."""
-        return sum(self.once.values()) + steps * self.step + iterations * sum(self.iteration.values())
+    def total(self, steps: int, iterations: int, slower: Mapping[str, float] | None = None) -> float:
+        """Seconds of a run with so many steps, and iterations in all of them; some phases slower by a factor."""
+        by = dict.fromkeys((*self.once, "step", "iteration"), 1.0) | dict(slower or {})
+        once = sum(by[name] * seconds for name, seconds in self.once.items())
+        return once + by["step"] * steps * self.step + by["iteration"] * iterations * sum(self.iteration.values())
 
 
 def predicted(costs: Costs, traffic: Traffic | None, size: Size, machine: Machine) -> Prediction:

@@ -18,6 +18,7 @@ import subprocess
 import sys
 import time as clock
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
@@ -26,21 +27,21 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from stickslip import Counters, Scene, read
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.memory import peak
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.mesh.joints import find_parts
 from stickslip.geometry.mesh.mesh import build_mesh, mesh_shape
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.interface.prepare import prepare_surface
-from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.problem import Problem
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import planned
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.system.system import assemble, contact_rows
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
-from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.lab.verification.prepared import march, pressed
 
 SOURCE = """#include <mpi.h>
 long stickslip_counted[4];  /* messages, their bytes, collectives, their bytes */
@@ -99,33 +100,13 @@ def counted() -> dict[str, int]:
     return dict(zip(KEYS, values, strict=True))
 
 
-@dataclass(frozen=True)
-class Event:
-    """One event of PETSc so far on this rank, what it called included; two of them can be subtracted."""
-
-    calls: float
-    seconds: float  # wall time [s]
-    messages: float
-    bytes: float  # of the messages
-
-    def __sub__(self, earlier: Event) -> Event:
-        return Event(
-            self.calls - earlier.calls,
-            self.seconds - earlier.seconds,
-            self.messages - earlier.messages,
-            self.bytes - earlier.bytes,
-        )
+OF_EVENT = {"count": "calls", "time": "seconds", "numMessages": "messages", "messageLength": "bytes"}  # PETSc's: ours
 
 
-def begin_log() -> None:
-    """Start PETSc's log; events before this call are not in it."""
-    PETSc.Log.begin()
-
-
-def logged(name: str) -> Event:
-    """The event of that name, such as MatMult, in the current stage."""
+def logged(name: str) -> Array:
+    """An event of PETSc's log, such as MatMult, so far on this rank, what it called included; by `OF_EVENT`."""
     found = PETSc.Log.Event(name).getPerfInfo()
-    return Event(*(float(found[key]) for key in ("count", "time", "numMessages", "messageLength")))
+    return np.array([float(found[key]) for key in OF_EVENT])
 
 
 EVENTS = ("MatMult", "PCApply", "VecScatterBegin")
@@ -174,19 +155,8 @@ class Case:
     def scene(self) -> Scene:
         """The ready scene `cube` with such cells; displacements are those of a slab of its height."""
         x, _, z = self.shape
-        height = z / x
-        return read(
-            "cube",
-            [
-                f"geometry.mesh_size={1 / x!r}",
-                f"geometry.height={height!r}",
-                "supports.top.displacement={ "
-                f"x = [[0, 0], [1, 0], [2, {0.02 * height!r}]], y = [[0, 0], [1, 0], [2, {0.01 * height!r}]], "
-                f"z = [[0, 0], [1, {-0.05 * height!r}]] }}",
-                f'solver={{ method = "{self.method}", surface = "matrix-free", tolerance = {self.tolerance!r} }}',
-                "output.error=false",
-            ],
-        )
+        solver = f'solver={{ method = "{self.method}", surface = "matrix-free", tolerance = {self.tolerance!r} }}'
+        return read("cube", [*pressed(3, x, height=z / x), solver, "output.error=false"])
 
 
 def measure(case: Case) -> dict[str, Any]:
@@ -197,7 +167,7 @@ def measure(case: Case) -> dict[str, Any]:
     comm = MPI.COMM_WORLD
     seconds: dict[str, float] = {}
     memory: dict[str, float] = {}
-    begin_log()
+    PETSc.Log.begin()
     scene, counters = case.scene(), Counters()
     problem = planned(scene)
     memory["start"] = peak()
@@ -223,7 +193,7 @@ def measure(case: Case) -> dict[str, Any]:
     contact_rows(problem, mesh, system.space, system.nodes, system.constraints)
     done("surface")
     stepper = Stepper(system, MethodChain(system, None, None))
-    state = stepper.start()
+    stepper.start()
     done("prepare")
     ContactCoordinates.of(system, prepare_surface(system, stepper.chain.volume))
     done("coordinates")
@@ -233,12 +203,10 @@ def measure(case: Case) -> dict[str, Any]:
     before = [logged(name) for name in EVENTS]
     cycles, iterations = counters.linear_iterations, []
     profile.enable()
-    for time in scene.requested_times()[: case.steps]:
-        accepted = stepper.reach(state, time, lambda row: None)
-        state = accepted.state
+    for accepted in islice(march(stepper), case.steps):
         iterations.append(accepted.iterations)
     profile.disable()
-    found = [asdict(logged(name) - was) for name, was in zip(EVENTS, before, strict=True)]
+    found = [logged(name) - was for name, was in zip(EVENTS, before, strict=True)]
     own = {key: count - sent[key] for key, count in counted().items()}
     done("iterate")
     of_parts = parts(profile)
@@ -255,11 +223,11 @@ def measure(case: Case) -> dict[str, Any]:
         "calls": calls(profile),
         "sent": {key: reduced(value) for key, value in own.items()},
         "events": {
-            name: {key: reduced(value) for key, value in event.items()}
+            name: dict(zip(OF_EVENT.values(), map(reduced, event.tolist()), strict=True))
             for name, event in zip(EVENTS, found, strict=True)
         },
         "memory": comm.allgather(memory),
-        "objects": comm.allgather(size_of(stepper, state)),
+        "objects": comm.allgather(size_of(stepper, accepted.state)),
     }
 
 

@@ -17,14 +17,13 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from stickslip.geometry.errors import StickslipError
+from stickslip import Simulation, StickslipError, prepare, read
 from stickslip.solvers.results.linear_reference import linear_reference
-from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.benchmarks.price_run import cubes
-from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.lab.verification.prepared import march, pressed
 
 os.environ.update(ONE_THREAD)  # before the first operation that would start them
 
@@ -34,11 +33,7 @@ FRICTION = (0.05, 0.3, 1.0)
 TOLERANCES = (1e-4, 1e-8)
 SOLVER = "cg+boomeramg"  # the linear solve whose cycles are counted
 SMALL = 36  # cells a side, with more surface-uzawa is not measured
-PUSH = (
-    "supports.top.displacement={ x = [[0, 0], [1, 0], [2, 0.02], [3, 0.024]], "
-    "y = [[0, 0], [1, 0], [2, 0.01], [3, 0.012]], z = [[0, 0], [1, -0.05]] }",
-    "steps={ end = 3.0, count = 3 }",
-)
+COUNTED = 2.0  # [s] steps up to this time are counted; a further one tells what the next would take
 
 
 class Case(NamedTuple):
@@ -51,7 +46,7 @@ class Case(NamedTuple):
 
 
 OTHERS = (
-    Case("cube, order 2", "cube", (*PUSH, "geometry.order=2", "geometry.mesh_size=0.1")),
+    Case("cube, order 2", "cube", (*pressed(3, 10, further=True), "geometry.order=2")),
     Case("cube, 16 steps", "cube", ("geometry.mesh_size=0.05", "steps.count=16")),
     Case("half_ball", "half_ball", ("geometry.mesh_size=0.09",)),
     Case("spheres", "spheres"),
@@ -70,24 +65,21 @@ class Measured:
     solve: tuple[int, int, float]  # iterations of the linear solve, of that to the same tolerance, seconds
 
 
-def measure(simulation: Simulation, prepared: float, counted: int) -> Measured:
-    """Solve all steps, and count the first ones.
+def measure(simulation: Simulation) -> Measured:
+    """Solve all steps, and count those up to `COUNTED`.
 
     Raises:
         StepError: a step could not be solved.
     """
-    stepper, counters = simulation.stepper, simulation.counters
-    state, marks, iterations, cycles = stepper.start(), [clock.process_time()], list[int](), list[int]()
-    for time in simulation.scene.requested_times():
-        accepted = stepper.reach(state, time, lambda row: None)
-        state = accepted.state
+    prepared, marks, iterations, cycles = simulation.seconds.prepare, [clock.process_time()], list[int](), list[int]()
+    for accepted in march(simulation.stepper):
         iterations.append(accepted.iterations)
-        cycles.append(counters.linear_iterations)
+        cycles.append(simulation.counters.linear_iterations)
         marks.append(clock.process_time())
+    state, last = accepted.state, sum(time <= COUNTED for time in simulation.scene.requested_times())
     assert state.correction is not None
     reference = linear_reference(simulation.system)
     own = linear_reference(simulation.system, SOLVER, simulation.scene.solver.tolerance).solvers[SOLVER]
-    last = min(counted, len(cycles))
     return Measured(
         cycles=cycles[last - 1],
         iterations=tuple(iterations),
@@ -102,8 +94,7 @@ def run(scene: str, settings: tuple[str, ...], method: str, tolerance: float) ->
     """Prepare and solve a ready scene; the sentence of what went wrong."""
     solver = f'solver={{ method = "{method}", surface = "matrix-free", tolerance = {tolerance!r} }}'
     try:
-        simulation = prepare(read(scene, [*settings, solver, "output.error=false"]))
-        return measure(simulation, simulation.seconds.prepare, 2 if settings[: len(PUSH)] == PUSH else 1000)
+        return measure(prepare(read(scene, [*settings, solver, "output.error=false"])))
     except StickslipError as error:
         return str(error).split(";")[0]
 
@@ -127,11 +118,11 @@ def cases(sizes: Sequence[int]) -> Iterator[Case]:
     """Yield cubes with n cells a side."""
     tetrahedra = "geometry.cells=simplex"
     for n in sizes:
-        methods, size = METHODS[: 2 if n <= SMALL else 1], (*PUSH, f"geometry.mesh_size={1 / n!r}")
+        methods, size = METHODS[: 2 if n <= SMALL else 1], tuple(pressed(3, n, further=True))
         for mu in FRICTION:
             yield Case(f"n = {n}, μ = {mu:g}", "cube", (*size, f"contacts.base.friction.mu={mu}"), methods)
         yield Case(f"n = {n}, tetrahedra", "cube", (*size, tetrahedra), methods)
-        two = (*PUSH, *cubes(n))
+        two = (*size, *cubes(n))
         yield Case(f"n = {n}, two cubes", "two_blocks", (*two, "geometry.cells=tensor"), methods)
         yield Case(f"n = {n}, two cubes, tetrahedra", "two_blocks", (*two, tetrahedra), methods)
 

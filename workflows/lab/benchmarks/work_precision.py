@@ -17,15 +17,11 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from stickslip.geometry.builders.builder import Builder
-from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results.step_result import Quantity, total_errors, values
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import prepare
+from stickslip import Builder, Quantity, Scene, SceneError, prepare, read
+from stickslip.solvers.results.step_result import total_errors, values
 from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.cost.pictures import BAND, log_log
 from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, Sheet
-from stickslip.workflows.scene_file.read import read
 
 os.environ.update(ONE_THREAD)  # before the first operation that would start them
 

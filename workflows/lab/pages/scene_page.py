@@ -12,15 +12,12 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
+from stickslip import Box, Builder, Key, Output, Scene, UserFile
 from stickslip.geometry.amplitude import Amplitude
-from stickslip.geometry.builders import Builder
-from stickslip.geometry.keys import ByKeys, Choice, Components, Key, Noun
-from stickslip.geometry.user_files.user_file import Box, UserFile
+from stickslip.geometry.keys import ByKeys, Choice, Components, Noun
 from stickslip.solvers.effects import EFFECTS
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.methods.method import Applicability
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Output
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.scene_file.read import kinds_of_keys
 from stickslip.workflows.writers.writer import added_keys

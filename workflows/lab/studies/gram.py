@@ -16,22 +16,14 @@ from rich.console import Console
 from rich.table import Table
 from scipy import sparse
 
+from stickslip import Counters, Gram, Scene
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.mesh.mesh import build_mesh
-from stickslip.solvers.classical.gram_uzawa import (
-    Gram,
-    GramMetric,
-    contact_last,
-    drop_of,
-    incomplete_cholesky,
-    volume_gram,
-)
+from stickslip.solvers.classical.gram_uzawa import GramMetric, contact_last, drop_of, incomplete_cholesky, volume_gram
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.interface.schur_complement import CondensedSurface
-from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.system.system import System, assemble
 from stickslip.workflows.scene_file.read import from_dict

@@ -26,10 +26,12 @@ from stickslip.solvers.scene.loads import Direction
 from stickslip.solvers.scene.settings import Solver
 from stickslip.solvers.simulation import simulation
 from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.stepping.history import OnIteration
 from stickslip.solvers.stepping.method_chain import Reached
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 from stickslip.solvers.system.system import System, assemble
 
+PRESSED = {2: 0.1, 3: 0.05}  # [m] of the ready scenes `block` and `cube`, by dimension
 Move = Callable[[Array], Array]  # maps points (n, 3) [m] to their new places; a plane model's third coordinate stays 0
 
 
@@ -49,22 +51,51 @@ def system_of(scene: Scene, move: Move = lambda points: points) -> System:
 
 def accepted(system: System) -> Iterator[Accepted]:
     """Solve the requested times, one after the other."""
-    yield from _march(Stepper(system))
+    yield from march(Stepper(system))
 
 
 def observed(system: System) -> Iterator[StepResult]:
     """Results of the requested times."""
     stepper = Stepper(system)
     observe = Observer.of(stepper)
-    yield from map(observe, _march(stepper))
+    yield from map(observe, march(stepper))
 
 
-def _march(stepper: Stepper) -> Iterator[Accepted]:
+def march(stepper: Stepper, on_iteration: OnIteration = lambda row: None) -> Iterator[Accepted]:
+    """Solve the requested times, one after the other, without results for readers."""
     state = stepper.start()
     for time in stepper.system.problem.timeline.times:
-        step = stepper.reach(state, time, lambda row: None)
+        step = stepper.reach(state, time, on_iteration)
         state = step.state
         yield step
+
+
+def pressed(
+    dim: int, n: int, drag: float | None = None, height: float = 1.0, at_once: bool = False, further: bool = False
+) -> list[str]:
+    """Settings of the ready scene `block` (dim 2) or `cube` (dim 3): n cells over the height, pressed, then dragged.
+
+    Args:
+        drag: displacement of the top along x [m], in 3D half of it along y; None: the scene's own.
+        height: times the cube's: a slab of the same cells; its displacements are smaller by the same factor.
+        at_once: whether it is pressed and dragged in one step.
+        further: whether a third step drags it on by a fifth.
+    """
+    size, own = (2 / n, 0.05) if dim == 2 else (1 / n, 0.02)
+    moved = height * (own if drag is None else drag)
+    ends = [(1 if at_once else 2, moved), *([(3, 1.2 * moved)] if further else [])]
+    tables = {
+        axis: [[0, 0], *([] if at_once else [[1, 0]]), *([t, share * x] for t, x in ends)]
+        for axis, share in zip("xy"[: dim - 1], (1.0, 0.5), strict=False)
+    }
+    tables["xyz"[dim - 1]] = [[0, 0], [1, -PRESSED[dim] * height]]
+    shape = {"mesh_size": size} | ({"contact_mesh_size": size} if dim == 2 else {})
+    return [
+        *(f"geometry.{key}={value!r}" for key, value in shape.items()),
+        *([f"geometry.height={height!r}"] if height != 1 else []),
+        f"supports.top.displacement={{ {', '.join(f'{axis} = {table}' for axis, table in tables.items())} }}",
+        f"steps={{ end = {ends[-1][0]}.0, count = {ends[-1][0]} }}",
+    ]
 
 
 def solver(method: str, tolerance: float) -> Solver:

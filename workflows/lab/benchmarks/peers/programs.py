@@ -11,26 +11,24 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cache, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import meshio
 import numpy as np
 
+from stickslip import Coulomb, Material
 from stickslip.geometry.amplitude import Amplitude, value_at
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.mesh.mesh import write_msh
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.scene.material import Material
 from stickslip.workflows.cost.measure import ONE_THREAD
-from stickslip.workflows.formats.files import write_aside
-from stickslip.workflows.lab.benchmarks.price_run import Case
+from stickslip.workflows.lab.benchmarks.own_process import Run, child, kept
+from stickslip.workflows.lab.benchmarks.price_run import OURS, PEERS, Case
 
-OURS = "stickslip"
 HERE = Path(__file__).parent
 PYTHONS = (sys.executable, "/usr/bin/python3")  # Debian's packages are the second one's
-Run = dict[str, Any]
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 TIMES = (1.0, 2.0)  # [s] of pressing and shifting
 CELLS = {2: ("quad", "line"), 3: ("hexahedron", "quad")}
@@ -91,16 +89,26 @@ class Program:
     growth: tuple[float, float]  # of the time with n in 2D and 3D, to foresee what takes too long
     dims: tuple[int, ...] = (2, 3)
 
+    @cache  # noqa: B019  there are a few of them
     def command(self) -> list[str]:
-        """Command that runs it; empty if it is not installed."""
+        """Command that runs it, without arguments; empty if it is not installed."""
         if self.executable:
-            return [sys.executable, str(HERE / self.script), *self.arguments] if shutil.which(self.needs) else []
-        for python in PYTHONS:
-            if shutil.which(python) and not _quiet([python, "-c", f"import {self.needs}"]):
-                return [python, str(HERE / self.script), *self.arguments]
+            return [sys.executable, str(HERE / self.script)] if shutil.which(self.needs) else []
+        for python in filter(shutil.which, PYTHONS):
+            words = [python, "-c", f"import {self.needs}"]
+            if not subprocess.run(words, capture_output=True, env=os.environ | ONE_THREAD, check=False).returncode:
+                return [python, str(HERE / self.script)]
         return []
 
 
+OWN = Program(
+    name=OURS,
+    script="../price_run.py",
+    needs="stickslip",
+    install="is this program",
+    how="the default of this program",
+    growth=(0.0, 0.0),
+)
 PROGRAMS = (
     Program(
         name="dolfinx by hand, MUMPS",
@@ -148,47 +156,23 @@ def measured(folder: Path, dim: int, sizes: Sequence[int], limit: float) -> Iter
         folder: of the benchmark.
         dim: 2 or 3.
         sizes: cells over the height, ascending.
-        limit: seconds that a peer may be expected to take.
+        limit: seconds that a program may be expected to take.
     """
-    ours = [sys.executable, "-m", "stickslip.workflows.lab.benchmarks.peers.ours"]
-    commands = {program.name: program.command() for program in PROGRAMS if dim in program.dims}
-    growths = {program.name: program.growth[dim - 2] for program in PROGRAMS}
     last: dict[str, Run] = {}
     for n in sizes:
-        problem = write_problem(Case(dim, n), folder / "peers" / f"{dim}d_{n:03d}")
-        for name, command in ({OURS: ours} | commands).items():
-            arguments = [str(dim), str(n)] if name == OURS else command[2:]
-            whole = [*command, *arguments] if name == OURS else [*command[:2], str(problem), *arguments]
+        case = Case(dim, n)
+        problem = write_problem(case, folder / "peers" / f"{dim}d_{n:03d}")
+        for program in (program for program in (OWN, *PROGRAMS) if dim in program.dims):
+            name, before = program.name, last.get(program.name)
+            command = [*program.command(), *([json.dumps(asdict(case)), PEERS] if program is OWN else [str(problem)])]
             path = problem.parent / f"{name.replace(' ', '_').replace(',', '')}.json"
-            because = "" if command else "not installed: " + next(p.install for p in PROGRAMS if p.name == name)
-            if name in last and "seconds" in last[name]:
-                expected = last[name]["seconds"] * (n / last[name]["n"]) ** growths.get(name, 0.0)
-                because = because or (f"not run: {expected:.0f} s expected" if expected > limit else "")
-            elif name in last:
-                because = because or last[name]["status"]
-            if because:
-                found: Run = {"status": because}
-            elif path.exists():
-                found = json.loads(path.read_text())
+            if not program.command():
+                found: Run = {"status": f"not installed: {program.install}"}
+            elif before and "seconds" not in before:
+                found = {"status": before["status"]}
+            elif before and (expected := before["seconds"] * (n / before["n"]) ** program.growth[dim - 2]) > limit:
+                found = {"status": f"not run: {expected:.0f} s expected"}
             else:
-                found = child(whole, limit)
-                write_aside(path, json.dumps(found, indent=1).encode())
+                found = kept(path, partial(child, [*command, *program.arguments], limit))
             last[name] = {"dim": dim, "n": n, "name": name} | found
             yield last[name]
-
-
-def child(command: Sequence[str], limit: float, **environment: str) -> Run:
-    """The answer of a program on one thread, or why there is none; it is stopped after ten times the limit."""
-    whole = os.environ | ONE_THREAD | environment
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, env=whole, timeout=10 * limit, check=False)
-    except subprocess.TimeoutExpired:
-        return {"status": f"took more than {10 * limit:g} s"}
-    if done.returncode:
-        return {"status": (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]}
-    found: Run = json.loads(done.stdout.splitlines()[-1])
-    return {"status": "converged"} | found
-
-
-def _quiet(command: Sequence[str]) -> int:
-    return subprocess.run(command, capture_output=True, env=os.environ | ONE_THREAD, check=False).returncode

@@ -14,33 +14,21 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from types import FrameType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
+from stickslip import Compliance, Scene, Simulation, StepResult, StickslipError, prepare
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.cuboid import Block
-from stickslip.geometry.errors import StickslipError
-from stickslip.solvers.classical.gram_uzawa import Gram
-from stickslip.solvers.laws.friction import Coulomb, Stick
-from stickslip.solvers.laws.normal import Bilateral, Compliance
-from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.scene.settings import Steps
-from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.system.system import System
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.lab.studies.finding import Row
-from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.lab.studies.published.contact import scene
 
 Mesh = tuple[int, int]  # dimension, n
-Axis = Literal["x", "y", "z", "normal"]
-Table = tuple[tuple[float, float], ...]  # time, value
 TOLERANCE, EXACT = 1e-8, 1e-12  # of the methods, and of the reference
 HEIGHT = {2: 2.0, 3: 1.0}  # m, of the ready scenes `block` and `cube`; E = 1 Pa
-PRESSED: Mapping[int, Mapping[Axis, float]] = {2: {"y": -0.1}, 3: {"z": -0.05}}  # m
-DRAGGED: Mapping[int, Mapping[Axis, float]] = {2: {"x": 0.05}, 3: {"x": 0.02, "y": 0.01}}  # m
 REFERENCE, BLOCK, INEXACT = "condensed-newton", "block-uzawa", ", inexact"
 CONDENSED = (REFERENCE, "surface-uzawa", "gram-uzawa", "uzawa")
 FACTORS = ("complete", "drop", "ic0")
@@ -62,7 +50,7 @@ def solver_keys(method: str) -> dict[str, Any]:
     found: dict[str, Any] = {"method": BLOCK, "preconditioner": preconditioner.split(" ")[0]}
     found["inner_solves"] = "inexact" if rest else "exact"
     if preconditioner != "mass":
-        found["gram"] = Gram(factor=preconditioner.split(" ")[1])  # type: ignore[arg-type]
+        found["gram"] = {"factor": preconditioner.split(" ")[1]}
     return found
 
 
@@ -99,34 +87,17 @@ class Case:
         Args:
             lambda_1: largest eigenvalue that `part` refers to, where Q = W.
         """
-        ready = read("block" if self.dim == 2 else "cube")
-        size = HEIGHT[self.dim] / self.n
-        assert isinstance(ready.geometry, Block)
-        at_contact = size if self.dim == 2 else None
-        geometry = replace(ready.geometry, mesh_size=size, contact_mesh_size=at_contact, cells="tensor")
-        contact = replace(ready.contacts["base"], friction=Coulomb(mu=self.mu))
-        if self.c_n is not None:
-            contact = replace(contact, normal=Compliance(c_n=self.c_n / HEIGHT[self.dim]))
-        if self.sticks:
-            contact = replace(contact, normal=Bilateral(), friction=Stick())
-        last = float(self.steps)
-        start: Table = ((0.0, 0.0), (last - 1, 0.0)) if self.steps > 1 else ((0.0, 0.0),)
-        moved: dict[Axis, Table] = {axis: ((0.0, 0.0), (1.0, value)) for axis, value in PRESSED[self.dim].items()}
-        moved |= {axis: (*start, (last, value)) for axis, value in DRAGGED[self.dim].items()}
         keys = solver_keys(self.method) | {"tolerance": tolerance}
         if keys["method"] == BLOCK:
             keys |= {"inner_rule": self.rule, "inner_tolerance": self.share}
         if self.part is not None:
             keys |= {"alpha": self.part * 2 / lambda_1} if lambda_1 else {"relaxation": 2 * self.part}
-        return replace(
-            ready,
-            geometry=geometry,
-            contacts={"base": contact},
-            supports={"top": replace(ready.supports["top"], displacement={**moved})},
-            steps=Steps(end=last, count=self.steps),
-            solver=replace(ready.solver, **keys),
-            probes={},
-        )
+        law = "bilateral" if self.sticks else "unilateral"
+        laid = scene(self.dim, self.n, self.mu, law, sticks=self.sticks, at_once=self.steps == 1, **keys)
+        if self.c_n is None:
+            return laid
+        soft = replace(laid.contacts["base"], normal=Compliance(c_n=self.c_n / HEIGHT[self.dim]))
+        return replace(laid, contacts={"base": soft})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,32 +5,30 @@ The scenes are the ready ones, `block` and `cube`, with n cells over the height,
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from scipy.linalg import eigh
 
+from stickslip import Scene, Simulation, StickslipError, prepare, read
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.classical.perturbed_lagrangian import PerturbedLagrangian
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.metrics import surface_metric
 from stickslip.solvers.results.observe import law_error
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.workflows.lab.studies import gram
 from stickslip.workflows.lab.studies.finding import Row
 from stickslip.workflows.lab.studies.saddle_points import NODES, RULES, SOFTNESS, STEPS, Exact, factors, membrane
-from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.lab.verification.hard.tables import toml
+from stickslip.workflows.lab.verification.prepared import PRESSED, pressed
+from stickslip.workflows.lab.verification.prepared import march as accept
 
-PRESSED = {2: 0.1, 3: 0.05}  # m, in the first step
-DRAGGED = {2: 0.05, 3: 0.02}  # m, in the second
 PULL = 2.0  # shear over (mu times indentation) at which a part of the base slips, for any mu
+STIFF = {"compliance": {"c_n": 20.0, "m_n": 1.0}}  # [Pa/m]: twenty times as stiff as the body over its depth, or more
 
 
 def slipping(dim: int, mu: float) -> float:
@@ -46,39 +44,30 @@ def scene(
     drag: float | None = None,
     sticks: bool = False,
     given: float | None = None,
+    at_once: bool = False,
     **solver: Any,
 ) -> Scene:
-    """
+    """Describe the block or the cube.
+
     Args:
         sticks: without a bound of friction.
         given: that bound itself [Pa], whatever mu.
-        normal: "unilateral" or "compliance", of 20 Pa/m: twenty times as stiff as the body over its depth, or more.
+        normal: law of the contact.
         drag: m, absent as the ready scene has it.
+        at_once: whether it is pressed and dragged in one step.
         solver: keys of [solver].
     """
-    size, pressed, dragged = (2.0 if dim == 2 else 1.0) / n, PRESSED[dim], DRAGGED[dim] if drag is None else drag
-    across = f", y = [[0, 0], [1, 0], [2, {dragged / 2!r}]]" if dim == 3 else ""
-    down = f"{'xyz'[dim - 1]} = [[0, 0], [1, {-pressed!r}]]"
-    law = '{ law = "compliance", c_n = 20.0, m_n = 1.0 }' if normal == "compliance" else f'{{ law = "{normal}" }}'
-    keys = ", ".join(f"{key} = {_toml(value)}" for key, value in ({"tolerance": 1e-6} | solver).items())
-    friction = '{ law = "stick" }' if sticks else f'{{ law = "coulomb", mu = {mu!r} }}'
+    friction: dict[str, Any] = {"law": "stick"} if sticks else {"law": "coulomb", "mu": mu}
     if given is not None:
-        friction = f'{{ law = "tresca", bound = [[0, {given!r}]] }}'
-    settings = [
-        f"geometry.mesh_size={size!r}",
-        'geometry.cells="tensor"',
-        f"supports.top.displacement={{ x = [[0, 0], [1, 0], [2, {dragged!r}]]{across}, {down} }}",
-        f"contacts.base.friction={friction}",
-        f"contacts.base.normal={law}",
-        f"solver={{ {keys} }}",
-    ]
-    if dim == 2:
-        settings.append(f"geometry.contact_mesh_size={size!r}")
-    return read("block" if dim == 2 else "cube", settings)
-
-
-def _toml(value: Any) -> str:
-    return json.dumps(value)
+        friction = {"law": "tresca", "bound": [[0, given]]}
+    settings = {
+        "geometry.cells": "tensor",
+        "contacts.base.friction": friction,
+        "contacts.base.normal": {"law": normal} | STIFF.get(normal, {}),
+        "solver": {"tolerance": 1e-6} | solver,
+    }
+    words = [f"{key}={toml(value)}" for key, value in settings.items()]
+    return read("block" if dim == 2 else "cube", [*pressed(dim, n, drag, at_once=at_once), *words])
 
 
 PLAIN, LEARNING = "W (uzawa)", "boundary operator (surface-uzawa)"
@@ -130,13 +119,10 @@ TRIED = 3000  # iterations after which a step size has shown whether it converge
 def march(found: Scene) -> tuple[Simulation, list[Accepted], str]:
     """Solve all steps without results; how many were solved, and how the run ended."""
     simulation, accepted = prepare(found, MPI.COMM_SELF), list[Accepted]()
-    state = simulation.stepper.start()
-    for time in found.requested_times():
-        try:
-            accepted.append(simulation.stepper.reach(state, time, lambda row: None))
-        except StickslipError as error:
-            return simulation, accepted, str(error)
-        state = accepted[-1].state
+    try:
+        accepted.extend(accept(simulation.stepper))
+    except StickslipError as error:
+        return simulation, accepted, str(error)
     return simulation, accepted, "converged"
 
 

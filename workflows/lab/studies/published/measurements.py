@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from stickslip.solvers.method_registry import METHODS
-from stickslip.workflows.formats.files import write_aside
+from stickslip.workflows.lab.benchmarks.own_process import kept
 from stickslip.workflows.lab.studies.finding import Row
 from stickslip.workflows.lab.studies.published.contact import linear, slipping, solved, spectrum, springs, stepped
 from stickslip.workflows.lab.studies.published.tangent import tangent
@@ -78,12 +77,7 @@ class Measurement:
 
     def rows(self, folder: Path) -> list[Row]:
         """The rows: read if they were measured before, else measured."""
-        path = folder / f"{self.name}.json"
-        if not path.exists():
-            found = MEASURED[self.study](**self.keys)
-            write_aside(path, json.dumps(found, default=float, allow_nan=False).encode())
-        rows: list[Row] = json.loads(path.read_text())
-        return rows
+        return kept(folder / f"{self.name}.json", lambda: MEASURED[self.study](**self.keys))
 
 
 def measurements(sizes: Sizes) -> Iterator[Measurement]:

@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stickslip import ErrorParts, Quantity, Scene, Simulation, StepResult, prepare
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.accuracy.areas import areas_of_order_2
-from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, number_of, quantities
+from stickslip.solvers.results.step_result import Errors, number_of, quantities
 from stickslip.solvers.scene.record import STRESSES, Value
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation, prepare
 
 MESH, TIME, ITERATION, TOTAL = "mesh", "time_step", "iteration", "total"
 PARTS = {  # as they are judged, of the parts of `ErrorParts`: what no truth can tell apart is one

@@ -9,10 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from stickslip.geometry.builders.builder import Builder
-from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.normal import Unilateral
-from stickslip.solvers.scene.scene import Scene
+from stickslip import Builder, Coulomb, Scene, Unilateral, read
 from stickslip.workflows.lab.verification.cases import (
     cattaneo,
     circular_drive,
@@ -24,11 +21,8 @@ from stickslip.workflows.lab.verification.cases import (
     sheared_column,
     shrink_fit,
 )
-from stickslip.workflows.lab.verification.cases import circular_drive as circle
-from stickslip.workflows.lab.verification.cases import column as column_form
-from stickslip.workflows.lab.verification.cases import sheared_column as sheared
 from stickslip.workflows.lab.verification.cases.shrink_fit import JOINT
-from stickslip.workflows.scene_file.read import from_dict, read
+from stickslip.workflows.scene_file.read import from_dict
 
 MESHES = (2.25, 1.5, 1.0)  # times the mesh sizes of a problem's scene
 METHOD = "condensed-newton"
@@ -64,14 +58,18 @@ def _pressed() -> Scene:
 
 def _sheared() -> Scene:
     drawn = sheared_column.scene(
-        dim=2, method=METHOD, E=sheared_column.E, friction=Coulomb(mu=sheared_column.MU), path=sheared.TOP[:, None]
+        dim=2,
+        method=METHOD,
+        E=sheared_column.E,
+        friction=Coulomb(mu=sheared_column.MU),
+        path=sheared_column.TOP[:, None],
     )
     return replace(drawn, geometry=replace(drawn.geometry, mesh_size=0.2))
 
 
 def _circle() -> Scene:
     angles = 2 * pi * np.arange(17) / 16
-    path = circle.DRIVE.radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    path = circular_drive.DRIVE.radius * np.column_stack([np.cos(angles), np.sin(angles)])
     return sheared_column.scene(
         dim=3, method=METHOD, E=circular_drive.E, friction=Coulomb(mu=sheared_column.MU), path=path
     )
@@ -147,7 +145,7 @@ def _fit() -> Values:
 
 
 def _column() -> Values:
-    state = column_form.driven_by_displacement(M=column.M, U=0.01, g=column.GAP, c_n=column.C_N[2], m=2)
+    state = column.driven_by_displacement(M=column.M, U=0.01, g=column.GAP, c_n=column.C_N[2], m=2)
     return {
         "contacts.base.normal_force": state.pressure,
         "contacts.base.max_pressure": state.pressure,

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip import VERSION
-from stickslip.geometry.errors import SceneError, nearest, require
+from stickslip import VERSION, SceneError, read
+from stickslip.geometry.errors import nearest, require
 from stickslip.workflows.formats.files import disk_errors, make_folder
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.verification.accuracy.judge import (
@@ -42,7 +42,7 @@ from stickslip.workflows.lab.verification.accuracy.judge import (
 from stickslip.workflows.lab.verification.accuracy.problems import MESHES, PROBLEMS
 from stickslip.workflows.lab.verification.accuracy.suite import LOOSE, MORE, Study, studies
 from stickslip.workflows.lab.verification.hard.tables import overrides
-from stickslip.workflows.scene_file.read import READY, read, to_dict
+from stickslip.workflows.scene_file.read import READY, to_dict
 
 
 def accuracy(names: Sequence[str] = (), jobs: int = 1, folder: Path | None = None) -> bool:

@@ -8,21 +8,19 @@ the three meshes is farther from the fine mesh than a run of order 1 is, the lat
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import time as clock
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from typing import Literal
 
 import numpy as np
 
-from stickslip.geometry.errors import StickslipError
-from stickslip.solvers.method_registry import Solver
-from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.stepping.stepper import StepError
+from stickslip import Scene, Solver, StepError, StickslipError
+from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.lab.verification.accuracy.judge import (
     ITERATION,
     MESH,
@@ -57,10 +55,8 @@ class Study:
 
 def studies(names: Sequence[str], jobs: int) -> Iterator[Study]:
     """The problems in their order, each in a process of one core."""
-    for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ[key] = "1"
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, max_tasks_per_child=1) as processes:
+    os.environ.update(ONE_THREAD)
+    with ProcessPoolExecutor(jobs, get_context("spawn"), max_tasks_per_child=1) as processes:
         yield from processes.map(studied, names)
 
 

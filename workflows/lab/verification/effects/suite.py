@@ -23,11 +23,10 @@ from typing import Any
 import numpy as np
 
 import stickslip
+from stickslip import Scene, prepare, read
 from stickslip.solvers import effects
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.simulation import prepare
-from stickslip.workflows.scene_file.read import from_dict, read
+from stickslip.workflows.scene_file.read import from_dict
 
 Tables = dict[str, Any]
 COULOMB = {"law": "coulomb", "mu": 0.3}
@@ -89,17 +88,11 @@ TWO_BLOCKS = {
 SLIDING = TWO_BLOCKS | {"contacts": {"base": TWO_BLOCKS["contacts"]["base"] | {"sliding": True}}}
 EFFECTS: Mapping[str, Part] = {
     "contact": Part(base="held, 2D", calls=touching(2), serves=("solvers/contact/coupling.py",)),
-    "unilateral": Part(base="held, 2D", calls=touching(2), serves=()),
-    "compliance": Part(
-        base="tilted, 2D",
-        calls=touching(2, normal=SOFT),
-        serves=(),
-    ),
-    "bilateral": Part(
-        base="tilted, 2D", calls=touching(2, normal={"law": "bilateral"}), serves=()
-    ),
-    "tied": Part(base="tilted, 2D", calls=touching(2, normal={"law": "tied"}), serves=()),
-    "friction": Part(base="tilted, 3D", calls=touching(3, friction=COULOMB), serves=()),
+    "unilateral": Part(base="held, 2D", calls=touching(2)),
+    "compliance": Part(base="tilted, 2D", calls=touching(2, normal=SOFT)),
+    "bilateral": Part(base="tilted, 2D", calls=touching(2, normal={"law": "bilateral"})),
+    "tied": Part(base="tilted, 2D", calls=touching(2, normal={"law": "tied"})),
+    "friction": Part(base="tilted, 3D", calls=touching(3, friction=COULOMB)),
     "quasistatic": Part(base="held, 2D", calls=STEPS),
     "multibody": Part(calls=TWO_BLOCKS, serves=("solvers/contact/mortar.py", "solvers/contact/coupling.py")),
     "sliding": Part(calls=SLIDING, serves=("solvers/stepping/pairs.py",)),
@@ -112,16 +105,12 @@ EFFECTS: Mapping[str, Part] = {
         calls={"thermal": {"block": {"expansion": 1e-4, "temperature": "10*y"}}},
         serves=("solvers/system/applied_loads.py",),
     ),
-    "springs": Part(
-        calls={"springs": {"wall": {"at": "block.left", "stiffness": [100.0, 0.0]}}}, serves=(LINKS,)
-    ),
+    "springs": Part(calls={"springs": {"wall": {"at": "block.left", "stiffness": [100.0, 0.0]}}}, serves=(LINKS,)),
     "bolts": Part(
         calls={
-            "bolts": {
-                "bolt": {
-                    "head": "block.right", "nut": "block.left", "axis": [1.0, 0.0], "stiffness": 100.0, "force": 3.0
-                }
-            }
+            "bolts": {"bolt": {
+                "head": "block.right", "nut": "block.left", "axis": [1.0, 0.0], "stiffness": 100.0, "force": 3.0
+            }}
         },
         serves=(LINKS, "solvers/stepping/tightening.py"),
     ),
@@ -174,10 +163,7 @@ LAWS: Mapping[str, Part] = {
         ("slip_dependent", 2, {"mu": [[0.0, 0.3], [0.02, 0.2]]}, WEAKENS),
         ("rate_dependent", 2, {"mu": [[0.0, 0.2], [0.1, 0.3]]}, ("solvers/laws/rate_dependent.py",)),
         ("static_kinetic", 2, {"mu_s": 0.3, "mu_k": 0.2, "slip_length": 0.02}, WEAKENS),
-        (
-            "orthotropic_coulomb", 3, {"mu_1": 0.3, "mu_2": 0.1, "axis": [1.0, 0.0, 0.0]},
-            (),
-        ),
+        ("orthotropic_coulomb", 3, {"mu_1": 0.3, "mu_2": 0.1, "axis": [1.0, 0.0, 0.0]}, ()),
     )
 }  # fmt: skip
 

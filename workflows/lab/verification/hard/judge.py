@@ -10,20 +10,24 @@ from functools import cached_property
 
 import numpy as np
 
+from stickslip import (
+    GeometryError,
+    NoEquilibriumError,
+    Scene,
+    SceneError,
+    Simulation,
+    Solver,
+    Status,
+    StepResult,
+    StickslipError,
+)
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import GeometryError, SceneError, StickslipError
 from stickslip.solvers.interface.limit_analysis import Balance
-from stickslip.solvers.iteration import Status
-from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.results.audit import Audit, Auditor
-from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.results.stored_fields import Record
 from stickslip.solvers.results.verdict import passed
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import refusals
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.lab.verification.hard.variations import Scale
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.units import Units

@@ -17,8 +17,8 @@ from statistics import median
 
 import numpy as np
 
-from stickslip import VERSION
-from stickslip.geometry.errors import MachineError, SceneError, nearest, require
+from stickslip import VERSION, MachineError, SceneError
+from stickslip.geometry.errors import nearest, require
 from stickslip.workflows.formats.files import disk_errors, make_folder
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.verification.hard.judge import AGREES, DIFFERS, Outcome, Verdict

@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 import logging
-import multiprocessing
 import os
 import signal
 import time as clock
 import zlib
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count, product
-from multiprocessing.connection import Connection
+from multiprocessing import get_context
 from queue import SimpleQueue
 
 import numpy as np
 
-from stickslip.geometry.errors import GeometryError, MachineError, SceneError
+from stickslip import GeometryError, MachineError, SceneError, read
+from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.lab.verification.hard.judge import Outcome, Verdict, judge, supported
-from stickslip.workflows.lab.verification.hard.tables import overrides, ready, scene_of
+from stickslip.workflows.lab.verification.hard.tables import overrides, ready
 from stickslip.workflows.lab.verification.hard.variations import FIXED, variation, varied
-from stickslip.workflows.scene_file.read import READY, read, to_dict
+from stickslip.workflows.scene_file.read import READY, from_dict, to_dict
 
 LIMIT = 60.0  # [s] of a variation; no end until then counts as failed
 OPINION = 8.0  # [s] more, of its second opinion
-BEGUN = "begun"  # a process has loaded what it needs
 STARTS, START = 3, 60.0  # processes that may die before that, one after the other; [s] for each
 UNSOLVED = (Outcome.WRONG, Outcome.FAILED, Outcome.DOUBTFUL, Outcome.UNDECIDED)
 NAMES = tuple(sorted(path.stem for path in READY.glob("*.toml")))
@@ -75,7 +75,7 @@ def performed(task: Task) -> Iterator[Row | None]:
         twin = one.twin and one.twin(ready(task.scene), _random(task))
         words = tuple(overrides(original, found))
         row = Row(task.scene, one.kind, one.name, words, Verdict(outcome=Outcome.SOLVED))
-        for verdict in judge(scene_of(found), scene_of(twin) if twin else None, one.scale):
+        for verdict in judge(from_dict(found), from_dict(twin) if twin else None, one.scale):
             yield replace(row, verdict=verdict)
     except (SceneError, GeometryError) as error:  # no scene is made of it
         verdict = Verdict(outcome=Outcome.REFUSED, reason=str(error))
@@ -162,99 +162,78 @@ class Crew:
 
 
 class Worker:
-    """A process of one core that performs one task after the other."""
+    """A process of one core that performs one task after the other; it is replaced when it takes too long, or dies."""
 
     def __init__(self, opinion: float) -> None:
         self._opinion = opinion
-        self._process: multiprocessing.process.BaseProcess | None = None
-        self._pipe: Connection | None = None
+        self._process: ProcessPoolExecutor | None = None
 
     def perform(self, task: Task) -> Row | None:
         """The last row that came in time; failed if none did, or if what followed ended otherwise than by time."""
-        pipe, last = self._started(), None
-        began = clock.monotonic()
-        pipe.send(task)
-        limit = LIMIT
-        lost, late = "", False
+        process, began, last, late = self._started(), clock.monotonic(), None, False
         while True:
-            if not pipe.poll(max(0.0, limit - (clock.monotonic() - began))):
-                lost, late = f"no end after {limit:.0f} s", True
-                break
+            asked, limit = (task, LIMIT) if last is None else (None, self._opinion)
             try:
-                word: Row | str | None = pipe.recv()
-            except (EOFError, OSError):
+                word = process.submit(_next_row, asked).result(limit)
+            except TimeoutError:
+                lost, late = f"no end after {clock.monotonic() - began:.0f} s", True
+                break
+            except BrokenProcessPool:
                 lost = "the process died"
                 break
-            if word == "done":
+            if word is None:
                 return last
             if isinstance(word, str):
                 lost = word
                 break
             last = word
-            limit = clock.monotonic() - began + self._opinion
         self.end()
-        if last is not None:
-            verdict = replace(last.verdict, second=f"none: {lost}")
-            if not late and verdict.outcome in (Outcome.SOLVED, Outcome.BRANCH):
-                verdict = replace(verdict, outcome=Outcome.FAILED, reason=f"second opinion: {lost}")
-            return replace(last, verdict=verdict)
-        return _failed(task, lost, clock.monotonic() - began)
+        if last is None:
+            return _failed(task, lost, clock.monotonic() - began)
+        verdict = replace(last.verdict, second=f"none: {lost}")
+        if not late and verdict.outcome in (Outcome.SOLVED, Outcome.BRANCH):
+            verdict = replace(verdict, outcome=Outcome.FAILED, reason=f"second opinion: {lost}")
+        return replace(last, verdict=verdict)
 
-    def _started(self) -> Connection:
-        """The pipe to a process that waits for tasks.
+    def _started(self) -> ProcessPoolExecutor:
+        """A process that waits for tasks.
 
         Raises:
             MachineError: none can be started.
         """
-        if self._pipe is not None and self._process is not None and self._process.is_alive():
-            return self._pipe
+        os.environ.update(ONE_THREAD)
         for _ in range(STARTS):
+            self._process = self._process or ProcessPoolExecutor(1, get_context("spawn"), _begin)
+            with suppress(BrokenProcessPool, TimeoutError):
+                self._process.submit(int).result(START)  # it has loaded what it needs
+                return self._process
             self.end()
-            pipe = self._start()
-            with suppress(EOFError, OSError):  # it has died
-                if pipe.poll(START) and pipe.recv() == BEGUN:
-                    return pipe
         raise MachineError(f"{STARTS} processes one after the other died, or were not ready in {START:.0f} s")
-
-    def _start(self) -> Connection:
-        for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-            os.environ[key] = "1"
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_work, args=(theirs,), daemon=True)
-        self._process.start()
-        theirs.close()
-        return self._pipe
 
     def end(self) -> None:
         """End the process; the next task starts another one."""
         if self._process is not None:
-            self._process.kill()
-            self._process.join()
+            for process in self._process._processes.values():
+                process.kill()
+            self._process.shutdown()
             self._process = None
-        if self._pipe is not None:
-            self._pipe.close()
-            self._pipe = None
 
 
-def _work(pipe: Connection) -> None:
-    """Say that tasks can come, and perform them until the pipe is closed."""
+def _begin() -> None:
+    """Load what tasks need, in a process of their own."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.getLogger().addHandler(logging.NullHandler())  # FFCx would set up the root logger, and lines be printed
     from mpi4py import MPI  # noqa: F401  may end the process, where no task is to blame
 
-    pipe.send(BEGUN)
-    while True:
-        try:
-            task = pipe.recv()
-        except EOFError:
-            return
-        try:
-            for row in performed(task):
-                pipe.send(row)
-            pipe.send("done")
-        except Exception as error:  # a defect, whatever it is: the variation has failed
-            pipe.send(f"{type(error).__name__}: {error}")
+
+def _next_row(task: Task | None, left: list[Iterator[Row | None]] = []) -> Row | str | None:  # noqa: B006  lives on
+    """The first row of a task, or the next one of the last task; None if there is none, or what went wrong."""
+    if task is not None:
+        left[:] = [performed(task)]
+    try:
+        return next(left[0], None)
+    except Exception as error:  # a defect, whatever it is: the variation has failed
+        return f"{type(error).__name__}: {error}"
 
 
 def _failed(task: Task, reason: str, seconds: float) -> Row:
@@ -262,6 +241,6 @@ def _failed(task: Task, reason: str, seconds: float) -> Row:
     one, found = variation(task.name), ready(task.scene)
     if one.kind != "as it is":
         found = varied(found, one.change, _random(task)) or found
-    held = supported(scene_of(found))
+    held = supported(from_dict(found))
     verdict = Verdict(outcome=Outcome.FAILED, reason=reason, held=held, seconds=seconds)
     return Row(task.scene, one.kind, task.name, tuple(overrides(to_dict(read(task.scene)), found)), verdict)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping
-from copy import deepcopy
 from typing import Any
 
 import numpy as np
 
+from stickslip import read
 from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
-from stickslip.solvers.scene.scene import Scene, over
+from stickslip.solvers.scene.scene import over
 from stickslip.solvers.scene.timeline import Place
-from stickslip.workflows.scene_file.read import from_dict, read, to_dict
+from stickslip.workflows.scene_file.read import from_dict, to_dict
 
 Tables = dict[str, Any]  # of a scene file, every default filled in
 SIZES = ("mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size", "edge_mesh_size")
@@ -37,15 +37,6 @@ def ready(name: str) -> Tables:
     return tables
 
 
-def scene_of(tables: Tables) -> Scene:
-    """The scene that the tables describe.
-
-    Raises:
-        SceneError, GeometryError: they do not describe one.
-    """
-    return from_dict(tables)
-
-
 def sizes(tables: Tables) -> list[str]:
     """Keys of [geometry] that are mesh sizes."""
     return [key for key in SIZES if key in tables["geometry"]]
@@ -53,7 +44,7 @@ def sizes(tables: Tables) -> list[str]:
 
 def corners(tables: Tables) -> list[float]:
     """Times that tables list, and the end [s], increasing; t = 0 is left out."""
-    scene = scene_of(tables)
+    scene = from_dict(tables)
     listed = {t for amplitude in scene.drives().values() for t in listed_times(amplitude)}
     return sorted({t for t in listed if 0 < t < scene.steps.end} | {scene.steps.end})
 
@@ -61,13 +52,8 @@ def corners(tables: Tables) -> list[float]:
 def over_drives(tables: Tables, change: Callable[[Place, Amplitude], Amplitude], bounds: bool = False) -> Tables:
     """Change every value in time; friction bounds only if `bounds`."""
     return to_dict(
-        over(scene_of(tables), lambda place, a: a if place.table == "contacts" and not bounds else change(place, a))
+        over(from_dict(tables), lambda place, a: a if place.table == "contacts" and not bounds else change(place, a))
     )
-
-
-def over_motions_and_loads(tables: Tables, factor: float) -> Tables:
-    """Every prescribed motion and load times a factor."""
-    return over_drives(tables, lambda _, a: scaled(a, factor))
 
 
 def scaled(amplitude: Amplitude, factor: float) -> Amplitude:
@@ -87,7 +73,7 @@ def resolved(amplitude: Amplitude, end: float, times: list[float]) -> tuple[tupl
 
 def extent(tables: Tables) -> float:
     """Largest size of the bodies' box [m]."""
-    scene = scene_of(tables)
+    scene = from_dict(tables)
     return float(np.ptp(scene.geometry.box(scene.dim), axis=0).max())
 
 
@@ -105,7 +91,7 @@ def stiffen(body: Tables, factor: float) -> None:
 
 def travel(tables: Tables) -> float:
     """Largest prescribed displacement [m], or a thousandth of the extent where only forces act."""
-    scene = scene_of(tables)
+    scene = from_dict(tables)
     moved = [
         abs(value_at(a, time, scene.steps.end))
         for place, a in scene.drives().items()
@@ -164,8 +150,3 @@ def toml(value: Any) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(toml, value))}]"
     return json.dumps(value)
-
-
-def copied(tables: Tables) -> Tables:
-    """A deep copy."""
-    return deepcopy(tables)

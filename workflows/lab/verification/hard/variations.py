@@ -9,28 +9,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from stickslip import NoEquilibriumError, StickslipError
 from stickslip.geometry.amplitude import Amplitude, value_at
-from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.lab.verification.hard.tables import (
     Tables,
-    copied,
     corners,
     extent,
     frictions,
     over_drives,
-    over_motions_and_loads,
     resolved,
     scaled,
-    scene_of,
     sizes,
     softest,
     stiffen,
@@ -39,20 +36,21 @@ from stickslip.workflows.lab.verification.hard.tables import (
 )
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.units import Units, convert
-from stickslip.workflows.scene_file.read import to_dict
+from stickslip.workflows.scene_file.read import from_dict, to_dict
 
+Random = np.random.Generator
 BOXES = ("block", "strip", "stack", "two_blocks")
 OTHER = {"left": "right", "right": "left"}
 
 
-def mirrored(tables: Tables) -> Tables | None:
+def mirrored(tables: Tables, random: Random) -> Tables | None:
     """The mirror image, meshed by a grid, for only a grid is its own image; None if the shape is not its own image."""
     shape = tables["geometry"]
     if shape.get("builder") not in BOXES or shape.get("offset", 0.0) != 0.0:
         return None
     if "body_force" in tables or any("moment" in point for point in tables.get("remote_points", {}).values()):
         return None  # may be an expression; turns with the axes
-    scene = scene_of(tables)
+    scene = from_dict(tables)
     ends = np.asarray(scene.geometry.box(scene.dim))[:, 0]
     middle = float(ends.min() + ends.max())
     found = over_drives(tables, _turned)
@@ -101,7 +99,7 @@ STEEPEST = 2.0  # of the vertical component; bodies that rest even there have no
 HALVINGS = 14  # of the bracket
 
 
-def sideways(share: float, tables: Tables) -> Tables | None:
+def sideways(share: float, tables: Tables, random: Random) -> Tables | None:
     """After its end, gravity also grows sideways, to this share of its vertical component; None without gravity."""
     if "gravity" not in tables:
         return None
@@ -112,18 +110,18 @@ def sideways(share: float, tables: Tables) -> Tables | None:
     return tables
 
 
-def near_limit(factor: float, tables: Tables) -> Tables | None:
+def near_limit(factor: float, tables: Tables, random: Random) -> Tables | None:
     """`sideways` to this factor of its limit, which is bracketed by limit analysis; None if there is none."""
-    steepest = sideways(STEEPEST, copied(tables))
-    if steepest is None or not resolve(scene_of(tables)).rigid_modes.shape[1] or not _falls(steepest):
+    steepest = sideways(STEEPEST, deepcopy(tables), random)
+    if steepest is None or not resolve(from_dict(tables)).rigid_modes.shape[1] or not _falls(steepest):
         return None
     low, high = 0.0, STEEPEST
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        trial = sideways(middle, copied(tables))
+        trial = sideways(middle, deepcopy(tables), random)
         assert trial is not None
         low, high = (low, middle) if _falls(trial) else (middle, high)
-    return sideways(factor * (low if factor < 1 else high), tables)
+    return sideways(factor * (low if factor < 1 else high), tables, random)
 
 
 def _falls(tables: Tables) -> bool:
@@ -132,7 +130,7 @@ def _falls(tables: Tables) -> bool:
     end = tables["steps"]["end"]
     tables["gravity"]["acceleration"] = [value_at(_tuple(a), end, end) for a in gravity]
     tables["steps"] = {"end": end, "count": 1}
-    scene = scene_of(tables)
+    scene = from_dict(tables)
     try:
         list(prepare(replace(scene, solver=replace(scene.solver, max_iterations=1))).steps())
     except NoEquilibriumError:
@@ -146,7 +144,6 @@ def _tuple(value: float | list[list[float]]) -> float | tuple[tuple[float, float
     return float(value) if np.isscalar(value) else tuple((t, v) for t, v in value)  # type: ignore[union-attr,arg-type]
 
 
-Random = np.random.Generator
 Change = Callable[[Tables, Random], Tables | None]  # None: does not apply; it may work on the tables it is given
 
 
@@ -171,7 +168,7 @@ class Variation:
 
 def varied(tables: Tables, change: Change, random: Random) -> Tables | None:
     """The changed scene; None if the change does not apply or changes nothing."""
-    found = change(copied(tables), random)
+    found = change(deepcopy(tables), random)
     return None if found is None or found == tables else found
 
 
@@ -335,8 +332,9 @@ def contact_key(key: str, value: object, tables: Tables, random: Random) -> Tabl
 # loads and time
 
 
-def times_loads(factor: float, tables: Tables, random: Random) -> Tables | None:
-    return over_motions_and_loads(tables, factor)
+def times_loads(factor: float, tables: Tables, random: Random) -> Tables:
+    """Every prescribed motion and load times a factor."""
+    return over_drives(tables, lambda _, a: scaled(a, factor))
 
 
 def one_step(tables: Tables, random: Random) -> Tables | None:
@@ -401,7 +399,7 @@ def method(name: str, surface: str, tables: Tables, random: Random) -> Tables | 
 
 def in_units(length: float, force: float, tables: Tables, random: Random) -> Tables | None:
     """The same bodies and loads in other units, those of gravity and of a length of thickness included."""
-    scene = scene_of(tables)
+    scene = from_dict(tables)
     if "file" in tables["geometry"]:
         return None
     return to_dict(convert(scene, Units(length=length, force=force, plane=scene.model.startswith("plane"))))
@@ -415,7 +413,7 @@ def units(name: str, length: float, force: float) -> Variation:
 
 
 def _of_laws_and_bodies() -> Iterator[Variation]:
-    yield Variation("as it is", "as it is", lambda tables, random: tables)
+    yield Variation("as it is", "as it is", same)
     for factor in (0.001, 0.01, 0.1, 0.5, 2, 10, 100, 1000):
         yield Variation("mu", f"mu x {factor:g}", partial(times_mu, factor))
     for law in ("none", "stick", "tresca", "capped"):
@@ -454,9 +452,9 @@ def _of_meshes_and_loads() -> Iterator[Variation]:
     yield Variation("steps", "reversed", partial(goes_on, 1.0))
     yield Variation("steps", "everything back", all_back)
     for share in (0.2, 0.5):
-        yield Variation("limit", f"gravity sideways {share:g}", partial(_sideways, share))
+        yield Variation("limit", f"gravity sideways {share:g}", partial(sideways, share))
     for factor in (0.999, 1.001):
-        yield Variation("limit", f"{factor:g} of the limit sideways", partial(_near_limit, factor))
+        yield Variation("limit", f"{factor:g} of the limit sideways", partial(near_limit, factor))
 
 
 def _of_methods_and_units() -> Iterator[Variation]:
@@ -472,15 +470,7 @@ def _of_methods_and_units() -> Iterator[Variation]:
         yield units(f"length x 1e{power}", 10.0**power, 1.0)
         yield units(f"force x 1e{power}", 1.0, 10.0**power)
     yield Variation("symmetry", "time x 1000", partial(slower, 1000.0), same)
-    yield Variation("symmetry", "mirrored", lambda tables, random: mirrored(tables), _by_a_grid)
-
-
-def _sideways(share: float, tables: Tables, random: Random) -> Tables | None:
-    return sideways(share, tables)
-
-
-def _near_limit(factor: float, tables: Tables, random: Random) -> Tables | None:
-    return near_limit(factor, tables)
+    yield Variation("symmetry", "mirrored", mirrored, _by_a_grid)
 
 
 def _node_by_node(tables: Tables, random: Random) -> Tables | None:
@@ -533,4 +523,4 @@ def _other_numbers(tables: Tables, random: Random) -> Tables:
         stiffen(body, float(10.0 ** random.uniform(-1.5, 1.5)))
         if "nu" in body:
             body["nu"] = float(random.uniform(0.0, 0.48))
-    return over_motions_and_loads(tables, float(10.0 ** random.uniform(-1.0, 0.5)))
+    return times_loads(float(10.0 ** random.uniform(-1.0, 0.5)), tables, random)
