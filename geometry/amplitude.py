@@ -109,13 +109,14 @@ def _number(row: list[str], place: int, name: str, where: str) -> float:
 
 def _text(path: Path) -> str:
     try:
-        require(path.is_file(), "csv", path, "no such file")
+        require(path.is_file(), "csv", path, "is a folder" if path.is_dir() else "no such file")
         with path.open(encoding="utf-8-sig", newline="") as file:
             text = file.read(LONGEST + 1)
     except UnicodeDecodeError:
         raise SceneError(f"csv = {shortened(path)}: is not a text file in UTF-8") from None
     except OSError as error:
         raise SceneError(f"csv = {shortened(path)}: cannot be read: {error.strerror}") from None
+    require(bool(text.strip()), "csv", path, "is empty; expected a line with the names of columns, and rows below")
     require(len(text) <= LONGEST, "csv", path, f"is longer than {LONGEST // 2**20} million characters")
     return text
 

@@ -45,12 +45,13 @@ class Ended:
     full: bool  # whether it had taken nearly all memory that it may take
 
 
-def run_child(module: str, words: Sequence[str], folder: Path | None, seconds: float) -> Ended:
+def run_child(module: str, words: Sequence[str], folder: Path | None, seconds: float, **variables: str) -> Ended:
     """Run `python -m MODULE WORDS PARENT`, PARENT being the number of this process; see `end_with`.
 
     Args:
         folder: its working folder; None: that of this process.
         seconds: after which it is ended.
+        variables: of its environment, beside those of this process.
 
     Raises:
         KeyboardInterrupt: a signal came that this process handles.
@@ -61,7 +62,7 @@ def run_child(module: str, words: Sequence[str], folder: Path | None, seconds: f
         _noted_signals() as came,
         subprocess.Popen(
             command,
-            env=child_environment(),
+            env=child_environment() | variables,
             cwd=folder,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from stickslip.geometry.errors import require, require_known
-from stickslip.geometry.keys import Key, Noun
+from stickslip.geometry.keys import Key, Keys, Noun
 from stickslip.geometry.shape import Model
 from stickslip.solvers.scene.loads import check_point
 
@@ -113,9 +113,11 @@ class Solver(Noun):
 class Output(Noun):
     """Which results are written.
 
-    Writers may add their own keys to this table. A scene file has them in [output] like all others (`vtu = true`);
-    this class has those that differ from their default in `writers` (`Output(writers={"vtu": True})`).
+    Writers may add their own keys to this table, which are given and replaced like all others (`Output(vtu=True)`);
+    those that differ from their default are kept in `writers`.
     """
+
+    of_writers: ClassVar[Callable[[], Mapping[str, tuple[Any, Any]]]] = dict  # type and default of each added key
 
     every: Annotated[int, Key("-", "keep the fields of every n-th reported step, and of the last")] = 1
     step_files: Annotated[
@@ -132,6 +134,18 @@ class Output(Noun):
     error: Annotated[bool, Key("-", "estimate the errors of mesh and time steps, see docs; false: at no cost")] = True
     linear_reference: Annotated[bool, Key("-", "after the run, time one linear solve of the same mesh")] = False
     writers: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def added(cls) -> Keys:
+        return {key: kind for key, (kind, _) in cls.of_writers().items()}
+
+    @classmethod
+    def gathered(cls, values: Keys) -> Keys:
+        known = cls.of_writers()
+        given = {key: value for key, value in values.items() if key in known}
+        kept = {key: value for key, value in values.get("writers", {}).items() if key not in given}
+        kept |= {key: value for key, value in given.items() if value not in (None, known[key][1])}
+        return {key: value for key, value in values.items() if key not in given} | {"writers": kept}
 
     def stores(self, index: int) -> bool:
         """Whether the fields of step `index` (from 1 on) are stored, were it not the last one."""

@@ -55,19 +55,6 @@ def environment() -> dict[str, str]:
 
 
 @pytest.fixture
-def spawn(folder: Path, command: list[str], environment: dict[str, str]) -> Callable[..., Spoken]:
-    """Run `stickslip WORDS` as a process."""
-
-    def act(*words: str) -> Spoken:
-        done = subprocess.run(
-            [*command, *words], cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False
-        )
-        return done.returncode, done.stdout, done.stderr
-
-    return act
-
-
-@pytest.fixture
 def start(folder: Path, command: list[str], environment: dict[str, str]) -> Start:
     """Run `stickslip WORDS` as a process, with other variables and streams."""
 
@@ -77,6 +64,17 @@ def start(folder: Path, command: list[str], environment: dict[str, str]) -> Star
         return subprocess.run(
             [*command, *words], **{"cwd": folder, "env": found, "text": True, "timeout": LIMIT, **streams}, check=False
         )
+
+    return act
+
+
+@pytest.fixture
+def spawn(start: Start) -> Callable[..., Spoken]:
+    """Run `stickslip WORDS` as a process."""
+
+    def act(*words: str) -> Spoken:
+        done = start(*words)
+        return done.returncode, done.stdout, done.stderr
 
     return act
 

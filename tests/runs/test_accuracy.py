@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator
 
 from shared.cases import slow
 from shared.command import COARSE as COARSER
-from shared.command import Call, assert_one_line, result, table
+from shared.command import Call, assert_one_line, assert_said, ended, output_of, result, table
 from shared.histories import Stop
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import write_msh
@@ -184,8 +184,7 @@ def test_files_of_geometries_begin_at_the_scene_file(call: Call, folder: Path) -
     for name in ("a.geo", "b.geo"):
         (folder / "sub" / name).write_text(SQUARE)
     (folder / "sub" / "part.toml").write_text(PART)
-    code, _, err = call("sweep", "sub/part.toml", 'geometry.file=["a.geo", "b.geo"]', "-q", "-o", "out")
-    assert (code, err) == (0, "")
+    output_of(call("sweep", "sub/part.toml", 'geometry.file=["a.geo", "b.geo"]', "-q", "-o", "out"))
     assert sorted(path.name for path in (folder / "out").iterdir()) == ["file=a.geo", "file=b.geo", "sweep.csv"]
 
 
@@ -210,10 +209,11 @@ def test_wrong_sweep_is_refused_before_anything_is_solved(over: dict[str, Any], 
 def test_goals_of_accuracy_are_refused_before_anything_is_solved(call: Call, folder: Path) -> None:
     """Each member is solved once: they would be ignored."""
     goals = '--set=accuracy.goals={"base.normal_force" = 0.1}'
-    code, out, err = call("sweep", "block", *COARSER, goals, f"{MU}=[0.2, 0.4]", "-o", "out")
-    assert (code, out) == (2, "")
-    assert "accuracy.goals: each member is solved once" in err
-    assert_one_line(err)
+    assert_said(
+        call("sweep", "block", *COARSER, goals, f"{MU}=[0.2, 0.4]", "-o", "out"),
+        2,
+        "accuracy.goals: each member is solved once",
+    )
     assert not list(folder.iterdir())
 
 
@@ -221,10 +221,11 @@ def test_goals_of_accuracy_are_refused_before_anything_is_solved(call: Call, fol
 def test_table_that_no_sweep_has_written_is_refused_and_stays(text: str, call: Call, folder: Path) -> None:
     (folder / "out").mkdir()
     (folder / "out" / "sweep.csv").write_text(text)
-    code, out, err = call("sweep", "block", *COARSER, f"{MU}=[0.2]", "-o", "out")
-    assert (code, out) == (2, "")
-    assert "out/sweep.csv: is not the table of a sweep; move it away" in err
-    assert_one_line(err)
+    assert_said(
+        call("sweep", "block", *COARSER, f"{MU}=[0.2]", "-o", "out"),
+        2,
+        "out/sweep.csv: is not the table of a sweep; move it away",
+    )
     assert [path.name for path in (folder / "out").iterdir()] == ["sweep.csv"]
     assert (folder / "out" / "sweep.csv").read_text() == text
 
@@ -247,8 +248,7 @@ def test_command_tells_each_member_and_solves_only_what_is_missing(
 ) -> None:
     monkeypatch.setattr(module, "PARTS", 1)  # one process for both members
     words = ["sweep", "block", *COARSER, "-o", "out"]
-    code, out, err = call(*words, f"{MU}=[0.2, 0.4]")
-    assert (code, err) == (0, "")
+    out = output_of(call(*words, f"{MU}=[0.2, 0.4]"))
     assert [line.split()[:2] for line in out.splitlines()][:2] == [["1/2", "mu=0.2:"], ["2/2", "mu=0.4:"]]
     assert re.search(r"mu +┃ contact ┃ +normal force \[N/m\]", out)
     assert re.search(r"│ 0\.4 │ base    │ +0\.2", out)
@@ -261,16 +261,13 @@ def test_command_tells_each_member_and_solves_only_what_is_missing(
     assert [float(row[MU]) for row in table(folder / "out" / "sweep.csv")] == [0.2, 0.3, 0.4]
     assert call(*words, f"{MU}=[0.2, 0.4]", "-q")[1] == ""
     for wrong in (["mu"], [f"{MU}=0.2"], [f"{MU}=[0.2"], [f"{MU}=[0.2]", f"{MU}=[0.3]"], [f"{MU}=[0.2]", "--jobs=0"]):
-        code, _, err = call(*words, *wrong)
-        assert code == 2
-        assert_one_line(err)
+        assert_said(call(*words, *wrong), 2)
 
 
 @pytest.mark.usefixtures("here")
 def test_member_that_fails_does_not_take_the_others_with_it(call: Call, folder: Path) -> None:
     words = ["sweep", "block", *COARSER, "solver.max_iterations=[1, 10000]", "--set=solver.method=uzawa", "-o", "out"]
-    code, out, err = call(*words)
-    assert code == 3
+    out, err = ended(call(*words), 3)
     assert "1 of 2 members are not solved, or doubtful: max_iterations=1" in err
     assert "max_iterations=1: not converged" in out
     assert [row["status"] for row in table(folder / "out" / "sweep.csv")] == ["not_converged", "converged"]
@@ -279,8 +276,7 @@ def test_member_that_fails_does_not_take_the_others_with_it(call: Call, folder: 
 def test_members_that_are_all_refused_have_their_table(call: Call, folder: Path) -> None:
     """Nothing else makes the folder."""
     sets = ["--set=supports.top.displacement={x=0.1}", "--set=solver.method=uzawa"]
-    code, out, err = call("sweep", "block", *COARSER, *sets, 'solver.surface=["condensed"]', "-o", "sub/out")
-    assert code == 3
+    out, err = ended(call("sweep", "block", *COARSER, *sets, 'solver.surface=["condensed"]', "-o", "sub/out"), 3)
     assert "1 of 1 members are not solved, or doubtful: surface=condensed" in err
     assert_one_line(err)
     assert "surface=condensed: failed" in out

@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import stickslip
-from shared.command import Call, result
+from shared.command import Call, ended, result
 from shared.histories import SMALL, Stop, leaves, rows
 from stickslip.geometry.errors import FolderError, MachineError
 from stickslip.solvers.parallel.counters import PHASES
@@ -218,37 +218,37 @@ def test_a_run_that_is_stopped_stores_its_last_step(tmp_path: Path, whole: Path)
     assert_same_numbers(tmp_path / "out", whole)
 
 
-def test_a_run_that_is_killed_goes_on_from_the_last_step_with_fields(tmp_path: Path, whole: Path) -> None:
-    done = list[float]()
+class Kill:
+    """Ends a run as a crash does, in its n-th step."""
 
-    def kill(step: StepResult) -> None:
-        done.append(step.time)
-        if len(done) == 5:
+    def __init__(self, step: int) -> None:
+        self.step, self.done = step, list[float]()
+
+    def __call__(self, step: StepResult) -> None:
+        self.done.append(step.time)
+        if len(self.done) == self.step:
             raise ZeroDivisionError
 
+
+def test_a_run_that_is_killed_goes_on_from_the_last_step_with_fields(tmp_path: Path, whole: Path) -> None:
+    kill = Kill(5)
     with pytest.raises(ZeroDivisionError):
         run(scene(*LIGHT), tmp_path / "out", Watch(on_step=kill))
     assert files(work_of(tmp_path / "out")) == ([4], [1, 2, 3, 5])
     resumed, seen = list[tuple[int, float]](), list[float]()
     watch = Watch(on_resume=lambda count, time: resumed.append((count, time)), on_step=lambda s: seen.append(s.time))
     outcome, _ = run(scene("output.every=4"), tmp_path / "out", watch, resume=True)  # all are stored from here on
-    assert (outcome.status, resumed) == ("converged", [(4, done[3])])
-    assert seen[0] == done[4]
+    assert (outcome.status, resumed) == ("converged", [(4, kill.done[3])])
+    assert seen[0] == kill.done[4]
     assert files(tmp_path / "out") == ([4, 5, 6], [1, 2, 3])
     assert_same_numbers(tmp_path / "out", whole)
 
 
 @pytest.mark.parametrize(("last", "said"), [(2, "none has its fields"), (5, "go on with --resume")])
 def test_steps_without_fields_are_not_overwritten_without_a_word(last: int, said: str, folder: Path) -> None:
-    done, place = list[float](), Path("out")
-
-    def kill(step: StepResult) -> None:
-        done.append(step.time)
-        if len(done) == last:
-            raise ZeroDivisionError
-
+    place = Path("out")
     with pytest.raises(ZeroDivisionError):
-        run(scene(*LIGHT), place, Watch(on_step=kill))
+        run(scene(*LIGHT), place, Watch(on_step=Kill(last)))
     before = files(work_of(place))
     with pytest.raises(FolderError, match=f"has left {last} steps in .out.running; {said}"):
         run(scene(*LIGHT), place)
@@ -286,7 +286,6 @@ def test_a_step_that_fails_leaves_the_last_good_one(tmp_path: Path) -> None:
 
 
 def test_another_word_is_refused(call: Call) -> None:
-    code, _, err = call("run", "block", "--set=output.step_files=some")
-    assert code == 2
+    _, err = ended(call("run", "block", "--set=output.step_files=some"), 2)
     assert len(err.splitlines()) == 1
     assert "output.step_files" in err

@@ -13,7 +13,7 @@ import pytest
 import stickslip.solvers.simulation.simulation as simulation
 import stickslip.workflows.cost.command
 import stickslip.workflows.cost.study_folder
-from shared.command import Call, result, table
+from shared.command import Call, assert_said, ended, output_of, result, table
 from shared.processes import children, running, wait_for, words_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
@@ -33,7 +33,7 @@ def content(folder: Path) -> dict[str, Any]:
     return found
 
 
-def quick(scene: Scene, rung: Rung, seconds: float, stop: Any) -> Run:
+def quick(scene: Scene, rung: Rung, seconds: float) -> Run:
     """A solver of a known price: h^-2, h^order."""
     price = 0.5 * rung.order * rung.factor**-2
     force = 3.0 * (1 + 0.05 * rung.factor**rung.order)
@@ -102,8 +102,7 @@ def test_ctrl_c_keeps_the_finished_runs_and_resume_makes_none_of_them_again(
     assert sorted(path.name for path in folder.iterdir()) == ["out"]
     spent = before["spent"]
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
-    code, _, err = call(*words[:-2], f"{spent + 90}", "--resume", words[-1])
-    assert code == 0, err
+    ended(call(*words[:-2], f"{spent + 90}", "--resume", words[-1]))
     after = content(folder / "out")
     kept = {run["name"]: run["spent"] for run in after["runs"]}
     assert {run["name"]: run["spent"] for run in before["runs"]}.items() < kept.items()
@@ -121,8 +120,7 @@ def test_resume_after_any_stop_gives_the_same_table(call: Call, folder: Path, mo
             return quick(*arguments) if next(left, None) is not None else None
 
         monkeypatch.setattr(stickslip.workflows.cost.command, "measure", pause)
-        code, _, err = call(*SMALL, *words)
-        assert (code, err.count("\n")) == (130, 1)
+        assert_said(call(*SMALL, *words), 130, alone=False)
         assert len(content(folder / "out")["runs"]) == stop
         monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
         assert call(*SMALL, *words, "--resume")[0] == 0
@@ -143,9 +141,11 @@ def test_a_killed_study_is_taken_up_where_it_was(call: Call, folder: Path, monke
         call(*PLAIN, "-q")
     assert not (folder / "out").exists()
     before = sorted(str(path) for path in folder.rglob("*"))
-    code, out, err = call(*PLAIN, "-q")
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "out: a study that was killed has left 3 finished runs in .out.running; go on with --resume" in err
+    assert_said(
+        call(*PLAIN, "-q"),
+        2,
+        "out: a study that was killed has left 3 finished runs in .out.running; go on with --resume",
+    )
     assert call("run", "block", "-q", "-o", "out")[0] == 2
     assert sorted(str(path) for path in folder.rglob("*")) == before
     made: list[Rung] = []
@@ -185,9 +185,11 @@ def test_a_study_killed_while_taken_up_loses_no_run(call: Call, folder: Path, mo
 def test_a_changed_scene_is_not_resumed(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
     assert call(*PLAIN, "--budget", "20", "-q")[0] == 0
-    code, out, err = call(*PLAIN, "--budget", "30", "-q", "--resume", "--set=contacts.base.friction.mu=0.4")
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "contacts.base.friction.mu was 0.3 in out, and is 0.4" in err
+    assert_said(
+        call(*PLAIN, "--budget", "30", "-q", "--resume", "--set=contacts.base.friction.mu=0.4"),
+        2,
+        "contacts.base.friction.mu was 0.3 in out, and is 0.4",
+    )
     assert sorted(path.name for path in folder.iterdir()) == ["out"]
 
 
@@ -200,8 +202,7 @@ def test_methods_are_laid_side_by_side(call: Call, folder: Path, monkeypatch: py
         return replace(run, phases=phases, spent=slow * run.spent, volume_solves=100 * slow)
 
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", solver)
-    code, out, err = call(*SMALL, "--methods", "block-uzawa, uzawa", "--budget", "90")
-    assert code == 0, err
+    out, err = ended(call(*SMALL, "--methods", "block-uzawa, uzawa", "--budget", "90"))
     done = content(folder / "out")
     assert {run["rung"]["method"] for run in done["runs"]} == {"block-uzawa", "uzawa"}
     both = [line for line in done["side_by_side"] if all(line["methods"].values())]
@@ -235,18 +236,14 @@ def test_methods_are_laid_side_by_side(call: Call, folder: Path, monkeypatch: py
     ],
 )
 def test_what_is_wrong_is_refused_with_one_line(words: list[str], message: str, call: Call, folder: Path) -> None:
-    code, out, err = call(*SMALL, *words)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert message in err
+    assert_said(call(*SMALL, *words), 2, message)
     assert not list(folder.iterdir())
 
 
 def test_a_foreign_folder_is_left_alone(call: Call, folder: Path) -> None:
     (folder / "out").mkdir()
     (folder / "out" / "thesis.txt").write_text("years of work")
-    code, _, err = call(*SMALL)
-    assert (code, err.count("\n")) == (2, 1)
-    assert "not the result of a run" in err
+    assert_said(call(*SMALL), 2, "not the result of a run")
     assert (folder / "out" / "thesis.txt").read_text() == "years of work"
 
 
@@ -258,9 +255,7 @@ def test_a_budget_for_nothing_is_said(call: Call, folder: Path) -> None:
 
 def test_one_mesh_is_no_comparison(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
-    code, _, err = call(*SMALL, "--budget", "3", "-q")
-    assert (code, err.count("\n")) == (3, 1)
-    assert "fewer than 2 meshes" in err
+    assert_said(call(*SMALL, "--budget", "3", "-q"), 3, "fewer than 2 meshes", alone=False)
     assert {run["rung"]["level"] for run in content(folder / "out")["runs"]} == {-4}
 
 
@@ -273,9 +268,7 @@ def test_a_run_that_fails_is_a_row_and_not_the_end(call: Call, folder: Path, mon
 
     monkeypatch.setattr(stickslip.workflows.cost.command, "measure", here)
     words = ["--set=solver.method=uzawa", "--set=solver.max_iterations=1", "--set=output.pictures=false"]
-    code, _, err = call(*SMALL, *words, "--budget", "600", "-q")
-    assert (code, err.count("\n")) == (3, 1)
-    assert "no run converged" in err
+    assert_said(call(*SMALL, *words, "--budget", "600", "-q"), 3, "no run converged", alone=False)
     rows = table(folder / "out" / "cost.csv")
     assert {row["status"] for row in rows} == {"not_converged"}
     assert len(rows) == 4  # two of each order
@@ -309,8 +302,7 @@ def swollen(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
 
 
 def test_plan_tells_the_memory_of_each_part(call: Call) -> None:
-    code, out, err = call("plan", "block", "--mesh", *COARSE)
-    assert (code, err) == (0, "")
+    out = output_of(call("plan", "block", "--mesh", *COARSE))
     for said in ("memory of", "stiffness", "error estimate", "bytes an unknown", "peak while", "GB are free"):
         assert said in out
     memory = json.loads(call("plan", "block", "--mesh", "--json", *COARSE)[1])["memory"]
@@ -348,7 +340,5 @@ def test_a_run_that_does_not_fit_ends_with_4_and_says_what_to_set(
     call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     swollen(monkeypatch, "stiffness")
-    code, out, err = call("run", "block", "-q", "-o", "out", *COARSE)
-    assert (code, out, err.count("\n")) == (4, "", 1)
-    assert "use a larger mesh_size, or more machines" in err
+    assert_said(call("run", "block", "-q", "-o", "out", *COARSE), 4, "use a larger mesh_size, or more machines")
     assert not (folder / "out").exists()

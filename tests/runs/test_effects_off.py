@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from shared.assemblies import bolted, stacked, write_assembly
 from shared.cases import often, slow
-from shared.command import COARSE, Call, assert_one_line, result
+from shared.command import COARSE, Call, assert_one_line, assert_said, ended, output_of, result
 from shared.drawn import draw, scene_data
 from shared.histories import FOUR, SMALL
 from shared.solved import ZERO, Solved, coarse, solve
@@ -334,8 +334,7 @@ def texts(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 def test_tables_and_sentences_say_the_units_of_the_scene_and_leave_the_numbers(call: Call, folder: Path) -> None:
     _, in_metres, _ = call("run", "block", "-o", "si", *COARSE)
-    code, out, err = call("run", "block", "-o", "mm", MM, *COARSE)
-    assert code == 0
+    out, err = ended(call("run", "block", "-o", "mm", MM, *COARSE))
     assert all(unit in out for unit in ("[N/mm]", "[mm]", "[MPa]", "mJ/mm"))
     assert "mm, no overlap" in err
     assert not OF_SI.search(out + err)
@@ -360,8 +359,7 @@ def test_mesh_plan_and_sweep_too(call: Call, folder: Path) -> None:
         ("plan", "block", "--mesh"),
         ("sweep", "block", "contacts.base.friction.mu=[0.2]"),
     ):
-        code, out, _ = call(*words, MM, *COARSE)
-        assert code == 0
+        out, _ = ended(call(*words, MM, *COARSE))
         assert "[mm]" in out
         assert not OF_SI.search(out)
     _, out, _ = call("plan", "stick_slip", MM)
@@ -502,12 +500,10 @@ def test_a_bolted_step_file_in_metres_and_in_millimetres(call: Call, folder: Pat
     write_assembly(folder / "joint.step", bolted)
     found = {}
     for name, words, size in (("si", (), 1e-3), ("mm", ("--units", "mm-N-MPa"), 1.0)):
-        code, _, err = call("new", f"{name}.toml", "--from", "joint.step", *words)
-        assert (code, err) == (0, "")
+        output_of(call("new", f"{name}.toml", "--from", "joint.step", *words))
         sizes = (f"--set=geometry.mesh_size={16 * size}", f"--set=geometry.contact_mesh_size={8 * size}")
         still = ("--set=output.pictures=false", "--set=output.error=false")
-        code, _, err = call("run", f"{name}.toml", "-q", "-o", name, *sizes, *still)
-        assert code == 0, err
+        ended(call("run", f"{name}.toml", "-q", "-o", name, *sizes, *still))
         found[name] = result(folder / name)
     text = (folder / "mm.toml").read_text()
     for line in ('units = "mm-N-MPa"', "E = 210000, nu = 0.3, density = 7.85e-09", "acceleration = [0, 0, -9810]"):
@@ -525,8 +521,7 @@ def test_a_bolted_step_file_in_metres_and_in_millimetres(call: Call, folder: Pat
 
 def test_contacts_and_new_take_units(call: Call, folder: Path) -> None:
     write_assembly(folder / "stack.brep", stacked)
-    code, out, _ = call("contacts", "stack.brep", "--units", "mm-N-MPa")
-    assert code == 0
+    out, _ = ended(call("contacts", "stack.brep", "--units", "mm-N-MPa"))
     assert "area [mm²]" in out
     assert "gap [mm]" in out
     assert call("new", "--from", "stack.brep", "--units", "mm-N-MPa")[0] == 0
@@ -537,9 +532,7 @@ def test_contacts_and_new_take_units(call: Call, folder: Path) -> None:
         (("new", "block", "--units", "SI"), "belong to --from"),
         (("new", "mine.toml", "--from", "stack.brep", "--units", "rod-stone-slab"), "--units: rod is not a unit"),
     ):
-        code, _, err = call(*words)
-        assert_one_line(err)
-        assert (code, says in err) == (2, True), err
+        assert_said(call(*words), 2, says)
     assert not (folder / "mine.toml").exists()
     _, out, _ = call("mesh", "stack.toml", "--list")
     assert "centre [mm]" in out

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from shared.command import COARSE, Call, assert_refused, table
+from shared.command import COARSE, Call, assert_refused, output_of, table
 
 QUICK = [*COARSE, "--set=output.audit=false", "-q"]
 PLACES = {  # a corner, a node inside that several cells share, and points within a cell and on a curved face
@@ -23,8 +23,7 @@ def test_a_point_tells_what_a_probe_tells(name: str, call: Call, folder: Path) -
     probes = [f"--set=probes.p{k}.point={list(x)}" for k, x in enumerate(points)]
     assert call("run", name, *QUICK, *(f"--set={word}" for word in settings), *probes, "-o", "out")[0] == 0
     asked = [word for x in points for word in ("--point", ",".join(map(str, x)))]
-    code, out, err = call("extract", "out", *asked)
-    assert (code, err) == (0, "")
+    out = output_of(call("extract", "out", *asked))
     found = list(csv.DictReader(out.splitlines()))
     told = [row for row in table(folder / "out/probes.csv") if row["probe"] in {f"p{k}" for k in range(len(points))}]
     assert len(found) == len(told) >= len(points)
@@ -34,8 +33,8 @@ def test_a_point_tells_what_a_probe_tells(name: str, call: Call, folder: Path) -
         assert row.keys() == probe.keys()
         assert [float(row[key]) for key in row] == pytest.approx([float(probe[key]) for key in row], rel=1e-12)
 
-    assert call("extract", "out", *asked, "-o", "points.csv") == (0, "wrote points.csv\n", "")
-    assert (folder / "points.csv").read_text() == out
+    assert call("extract", "out", *asked, "-o", "new/points.csv") == (0, "wrote new/points.csv\n", "")
+    assert (folder / "new/points.csv").read_text() == out
 
 
 def test_only_steps_with_fields_are_told(call: Call) -> None:
@@ -44,6 +43,14 @@ def test_only_steps_with_fields_are_told(call: Call) -> None:
     assert call("run", "block", *QUICK, *light, "-o", "out")[0] == 0
     _, out, _ = call("extract", "out", "--point=0.5,0.5")
     assert [row["time"] for row in csv.DictReader(out.splitlines())] == ["0.8", "1.2", "2.0"]
+
+
+def test_steps_whose_files_are_lost_are_said(call: Call, folder: Path) -> None:
+    assert call("run", "block", *QUICK, "-o", "out")[0] == 0
+    (folder / "out/steps/000001.h5").unlink()
+    code, out, err = call("extract", "out", "--point=0.5,0.5")
+    assert (code, [row["time"] for row in csv.DictReader(out.splitlines())]) == (0, ["2.0"])
+    assert err == "stickslip: out: files of 1 of 2 steps are lost; not told\n"
 
 
 def test_what_cannot_be_told_is_refused_with_one_line(call: Call, folder: Path) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from shared.cases import every_nth, slow
-from shared.command import COARSE, LIMIT, Call, Start, assert_one_line, result
+from shared.command import COARSE, LIMIT, Call, Start, assert_one_line, assert_said, result
 from shared.disks import Disk, killed_at, make_read_only
 from shared.drawn import write_long
 from shared.histories import FOUR, LEARNS, RUN_FOUR, SMALL, Stop, assert_same, names_in
@@ -35,27 +35,19 @@ ODD = ["ü ²", "a\nb", os.fsdecode(b"\xff"), "-v", "%s{}", "'\""]
 # where nothing can be written
 
 
+SILENT = ({"HOME": ""}, {"XDG_CONFIG_HOME": "/dev/null"}, {"HOME": "/dev/null", "XDG_CACHE_HOME": "relative"})
+
+
 @pytest.mark.parametrize(
     "variables",
-    [
-        {"HOME": "/proc/1/nohome"},
-        pytest.param({"HOME": "/dev/null"}, marks=pytest.mark.slow),
-        pytest.param({"HOME": ""}, marks=pytest.mark.slow),
-        pytest.param({"XDG_CACHE_HOME": "/dev/null"}, marks=pytest.mark.slow),
-        pytest.param({"XDG_CONFIG_HOME": "/dev/null"}, marks=pytest.mark.slow),
-        pytest.param({"HOME": "/dev/null", "XDG_CACHE_HOME": "relative"}, marks=pytest.mark.slow),
-    ],
+    [{"HOME": "/proc/1/nohome"}, *slow({"HOME": "/dev/null"}, {"XDG_CACHE_HOME": "/dev/null"}, *SILENT)],
 )
 def test_home_that_is_not_writable_is_no_obstacle(variables: dict[str, str | None], start: Start, folder: Path) -> None:
     kept = {"TMPDIR": str(folder), "XDG_CACHE_HOME": None, "MPLCONFIGDIR": None}
     few_forms = ("--set=output.error=false", "--set=output.audit=false")  # all are compiled again
     done = start("run", "block", "-q", "-o", "out", *COARSE[:2], *few_forms, variables=kept | variables)
     assert done.returncode == 0, done.stderr
-    if variables not in (
-        {"XDG_CONFIG_HOME": "/dev/null"},
-        {"HOME": ""},
-        {"HOME": "/dev/null", "XDG_CACHE_HOME": "relative"},
-    ):
+    if variables not in SILENT:
         assert "stickslip: compiled forms are kept in" in done.stderr
         assert "compiled forms are kept in" in (folder / "out" / "run.log").read_text()
 
@@ -64,15 +56,8 @@ def test_no_place_for_compiled_forms_ends_with_4(folder: Path) -> None:
     nowhere = {"HOME": "/dev/null", "XDG_CACHE_HOME": "/dev/null"}
     broken = "import tempfile, sys; tempfile.gettempdir = lambda: '/dev/null'; import runpy; sys.argv = sys.argv[1:]; "
     program = broken + "runpy.run_module('stickslip.workflows.commands.start', run_name='__main__', alter_sys=False)"
-    done = subprocess.run(
-        [sys.executable, "-c", program, "stickslip", *SPEAKS],
-        cwd=folder,
-        env={**os.environ, **nowhere},
-        capture_output=True,
-        text=True,
-        timeout=LIMIT,
-        check=False,
-    )
+    words, variables = [sys.executable, "-c", program, "stickslip", *SPEAKS], {**os.environ, **nowhere}
+    done = subprocess.run(words, cwd=folder, env=variables, capture_output=True, text=True, timeout=LIMIT, check=False)
     assert done.returncode == 4, done.stderr
     assert_one_line(done.stderr)
     assert "compiled forms can be kept nowhere" in done.stderr
@@ -150,11 +135,7 @@ def test_odd_names_and_plain_terminals(locale: dict[str, str | None], name: str,
 
 @pytest.mark.parametrize("name", ["x" * 250, "x" * 5000, "y/" * 3000])
 def test_names_that_no_disk_has_are_refused(name: str, call: Call) -> None:
-    code, _, err = call("run", "block", "-q", "-o", name, *COARSE)
-    assert code == 2
-    assert_one_line(err)
-    assert "-o" in err
-    assert "File name too long" in err
+    assert_said(call("run", "block", "-q", "-o", name, *COARSE), 2, "-o", "File name too long")
 
 
 # signals
@@ -210,15 +191,7 @@ def test_ctrl_c_that_is_ignored_is_not_heard_but_other_signals_are(
     assert "stopped by SIGTERM" in err
 
 
-@pytest.mark.parametrize(
-    ("doing", "number"),
-    [
-        pytest.param("reading", signal.SIGINT, marks=pytest.mark.slow),
-        ("meshing", signal.SIGTERM),
-        pytest.param("reading", signal.SIGTERM, marks=pytest.mark.slow),
-        pytest.param("meshing", signal.SIGINT, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("doing", "number"), every_nth(3, ["meshing", "reading"], [signal.SIGTERM, signal.SIGINT]))
 def test_signal_while_gmsh_works_ends_both_at_once(
     doing: str, number: signal.Signals, folder: Path, command: list[str], environment: dict[str, str]
 ) -> None:
@@ -403,20 +376,6 @@ def pace_of(process: int, folder: Path) -> float:
     first, last = (reached(step, folder, process) for step in (1, BY_TIME - 1))
     assert exit_code(process) == 0
     return (last - first) / (BY_TIME - 2)
-
-
-def test_killed_at_any_time_it_goes_on(tmp_path: Path) -> None:
-    def start(place: Path) -> int:
-        return forked(lambda: run(read("block", LONGER), place))
-
-    alone = tmp_path / "alone"
-    pace = pace_of(start(alone), alone)
-    for number, lot in enumerate(map(Lot, _moments(1))):
-        folder = tmp_path / f"{number}" / "out"
-        lot.kill(start(folder), folder, pace)
-        run(read("block", LONGER), folder, resume=True)
-        lot.check(folder)
-        assert_same(folder, alone)
 
 
 @pytest.mark.slow

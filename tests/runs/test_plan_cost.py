@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import pytest
 
 import stickslip.workflows.cost.foresee
-from shared.command import Call
+from shared.command import Call, assert_said, ended
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.foresee import ASKED, Coarse, Price, Row
 from stickslip.workflows.cost.progress import print_prices
@@ -27,14 +27,12 @@ def one_second(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_prices_are_told(call: Call) -> None:
-    code, out, err = call("plan", "block", *SMALL, "--cost")
-    assert code == 0, err
+    out, _ = ended(call("plan", "block", *SMALL, "--cost"))
     assert "base.dissipation_total" in out
     assert "base.max_pressure: grows without end" in out
     assert "by the trend of coarse versions" in out
     assert "0.1 %: the time to an error so small" in out.splitlines()[-1]
-    code, out, err = call("plan", "block", *SMALL, "--cost", "--json")
-    assert code == 0, err
+    out, _ = ended(call("plan", "block", *SMALL, "--cost", "--json"))
     rows = {row["name"]: row for row in json.loads(out)["cost"]}
     first, *_, last = rows["base.normal_force"]["prices"]
     assert (first["asked"], last["asked"]) == (0.1, 0.001)
@@ -53,12 +51,9 @@ def test_days_are_not_counted(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_ranks_are_refused(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
-    code, _, err = call("plan", "block", *SMALL, "--cost")
-    assert code == 2
+    _, err = ended(call("plan", "block", *SMALL, "--cost"), 2)
     assert "start it without mpirun" in err
 
 
 def test_a_scene_without_a_mesh_size_is_refused(call: Call) -> None:
-    code, _, err = call("plan", "block", "--cost", "--set=contacts={}")
-    assert code == 2
-    assert err.count("\n") == 1
+    assert_said(call("plan", "block", "--cost", "--set=contacts={}"), 2, alone=False)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shared.command import Call, assert_one_line, result
+from shared.command import Call, assert_said, ended, output_of, result
 from shared.histories import SMALL
 from stickslip.workflows.formats.plus_minus import plus_minus
 from stickslip.workflows.formats.results import read_results
@@ -174,8 +174,7 @@ def test_what_is_not_there_is_left_out(copied: Path) -> None:
 def test_a_run_that_was_killed_has_a_page(copied: Path, call: Call, folder: Path) -> None:
     (copied / "result.json").unlink()
     copied.rename(work_of(folder / "out"))
-    code, out, err = call("report", "out", "-o", "page.html")
-    assert (code, err) == (0, "")
+    out = output_of(call("report", "out", "-o", "page.html"))
     assert "page.html" in out
     text = (folder / "page.html").read_text()
     assert "not ended" in text
@@ -231,27 +230,20 @@ def test_results_of_another_version_are_refused(copied: Path, call: Call, edit: 
     content = result(copied)
     edit(content)
     (copied / "result.json").write_text(json.dumps(content))
-    code, _, err = call("report", str(copied))
-    assert code == 2
-    assert_one_line(err)
-    assert said in err
+    assert_said(call("report", str(copied)), 2, said)
 
 
 def test_a_folder_without_results_is_refused(folder: Path, call: Call, done: Path) -> None:
     (folder / "empty").mkdir()
     (folder / "file").touch()
     for words in (["missing"], ["empty"], ["file"], [str(done), "-o", "empty"]):
-        code, _, err = call("report", *words)
-        assert code == 2
-        assert_one_line(err)
-        assert words[-1] in err
+        assert_said(call("report", *words), 2, words[-1])
 
 
 def test_two_runs_are_laid_side_by_side(done: Path, call: Call, folder: Path) -> None:
     changed = ["contacts.joint.friction.mu=0.9", "steps.count=2"]
     run(read("two_blocks", [*SMALL, f"title={json.dumps(HOSTILE)}", *changed]), folder / "other")
-    code, out, err = call("compare", str(done), "other", "-o", "both.html")
-    assert (code, err) == (0, "")
+    out = output_of(call("compare", str(done), "other", "-o", "both.html"))
     text = (folder / "both.html").read_text()
     Page(text)
     assert "<script>alert" not in text
@@ -269,8 +261,7 @@ def test_two_runs_are_laid_side_by_side(done: Path, call: Call, folder: Path) ->
 
 
 def test_a_run_beside_itself_differs_in_nothing(done: Path, call: Call) -> None:
-    code, out, _ = call("compare", str(done), str(done))
-    assert code == 0
+    out, _ = ended(call("compare", str(done), str(done)))
     assert "Asked differently" not in out
     assert " no " not in out
 
@@ -278,8 +269,7 @@ def test_a_run_beside_itself_differs_in_nothing(done: Path, call: Call) -> None:
 def test_newtons_are_not_compared_with_newtons_per_metre(done: Path, call: Call, folder: Path) -> None:
     words = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5", "output.pictures=false"]
     run(read("cube", words), folder / "solid")
-    code, out, _ = call("compare", str(done), "solid")
-    assert code == 0
+    out, _ = ended(call("compare", str(done), "solid"))
     cells = [[cell.strip() for cell in row.split("│")] for row in out.splitlines() if "│" in row]
     rows = {name: others for _, name, *others, _ in cells}
     assert rows["elastic energy [J/m or J]"][2:] == ["–"] * 3
@@ -288,9 +278,7 @@ def test_newtons_are_not_compared_with_newtons_per_metre(done: Path, call: Call,
 def test_what_cannot_be_compared_is_refused(copied: Path, done: Path, call: Call) -> None:
     (copied / "result.json").write_text(json.dumps(result(copied) | {"steps": []}))
     for words in ([str(done), "missing"], [str(done), str(copied)], [str(done), str(done), "-o", str(done)]):
-        code, _, err = call("compare", *words)
-        assert code == 2
-        assert_one_line(err)
+        assert_said(call("compare", *words), 2, alone=False)
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 import stickslip
-from shared.command import Call, result
-from shared.histories import LEARNS, PUSHED, SMALL, Stop, assert_same, names_in, rows
+from shared.command import Call, assert_said, result
+from shared.histories import LEARNS, PUSHED, SMALL, Stop, assert_same, names_in, rows, unchanged
 from stickslip.geometry.errors import FolderError, SceneError
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution
@@ -207,9 +207,8 @@ def test_stopped_run_spends_no_time_on_audit_and_pictures(tmp_path: Path, monkey
     def fail(*arguments: object) -> None:
         raise AssertionError(arguments)
 
-    asks, asks_not = (
-        learning(f"output.pictures={word}", f"output.linear_reference={word}") for word in ("true", "false")
-    )
+    words = ("true", "false")
+    asks, asks_not = (learning(f"output.pictures={word}", f"output.linear_reference={word}") for word in words)
     with monkeypatch.context() as patched:
         for place in ("run.run.audit_steps", "run.run.linear_reference", "pictures.draw.draw"):
             patched.setattr(f"stickslip.workflows.{place}", fail)
@@ -229,11 +228,8 @@ def test_resume_without_anything_there_begins_at_the_start_and_says_so(call: Cal
 
 def test_finished_run_is_left_as_it_is(call: Call, whole: Path, folder: Path) -> None:
     (folder / "out").symlink_to(whole)
-    before = {name: (whole / name).read_bytes() for name in names_in(whole)}
-    code, _, err = call(*WORDS, "--resume")
-    assert (code, err.count("\n")) == (0, 1)
-    assert "the run is finished; nothing was changed" in err
-    assert {name: (whole / name).read_bytes() for name in names_in(whole)} == before
+    with unchanged(whole):
+        assert_said(call(*WORDS, "--resume"), 0, "the run is finished; nothing was changed")
 
 
 @pytest.mark.parametrize(
@@ -247,11 +243,8 @@ def test_finished_run_is_left_as_it_is(call: Call, whole: Path, folder: Path) ->
     ],
 )
 def test_changed_scene_is_refused_and_the_difference_named(change: str, said: str, call: Call, stopped: Path) -> None:
-    before = {name: (stopped / name).read_bytes() for name in names_in(stopped)}
-    code, _, err = call(*WORDS, f"--set={change}", "--resume")
-    assert (code, err.count("\n")) == (2, 1)
-    assert said in err
-    assert {name: (stopped / name).read_bytes() for name in names_in(stopped)} == before
+    with unchanged(stopped):
+        assert_said(call(*WORDS, f"--set={change}", "--resume"), 2, said)
 
 
 def test_what_is_only_shown_may_change(call: Call, stopped: Path) -> None:
@@ -271,10 +264,7 @@ def damage(path: Path, part: float = 0.5) -> None:
 @pytest.mark.parametrize("part", [0.0, 0.9])
 def test_damaged_last_step_is_solved_again_to_its_bits(part: float, call: Call, whole: Path, stopped: Path) -> None:
     damage(stopped / step_name(3), part)
-    code, _, err = call(*WORDS, "--resume")
-    assert (code, err.count("\n")) == (0, 1)
-    assert "steps/000003.h5: damaged" in err
-    assert "solved again" in err
+    assert_said(call(*WORDS, "--resume"), 0, "steps/000003.h5: damaged", "solved again")
     assert_same(stopped, whole)
 
 
@@ -282,29 +272,21 @@ def test_damaged_last_step_is_solved_again_to_its_bits(part: float, call: Call, 
 def test_damaged_or_missing_earlier_step_is_named_and_not_touched(missing: bool, call: Call, stopped: Path) -> None:
     path = stopped / step_name(2)
     path.unlink() if missing else damage(path)
-    before = {name: (stopped / name).read_bytes() for name in names_in(stopped)}
-    code, _, err = call(*WORDS, "--resume")
-    assert (code, err.count("\n")) == (4, 1)
-    assert "steps/000002.h5: " in err
-    assert {name: (stopped / name).read_bytes() for name in names_in(stopped)} == before
+    with unchanged(stopped):
+        assert_said(call(*WORDS, "--resume"), 4, "steps/000002.h5: ")
 
 
 def test_another_mesh_is_refused(call: Call, stopped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As another version of gmsh may make of the same scene."""
     monkeypatch.setattr("stickslip.workflows.run.run.mesh_checksum", lambda mesh: "0" * 64)
-    before = {name: (stopped / name).read_bytes() for name in names_in(stopped)}
-    code, _, err = call(*WORDS, "--resume")
-    assert (code, err.count("\n")) == (4, 1)
-    assert "gmsh meshes this scene differently now" in err
-    assert {name: (stopped / name).read_bytes() for name in names_in(stopped)} == before
+    with unchanged(stopped):
+        assert_said(call(*WORDS, "--resume"), 4, "gmsh meshes this scene differently now")
 
 
 def test_without_what_was_learnt_the_answer_is_that_to_tolerance(call: Call, whole: Path, stopped: Path) -> None:
     for path in (stopped / "learnt").iterdir():
         damage(path)
-    code, _, err = call(*WORDS, "--resume")
-    assert (code, err.count("\n")) == (0, 1)
-    assert "learnt is lost" in err
+    assert_said(call(*WORDS, "--resume"), 0, "learnt is lost")
     ours, theirs = (result(f)["steps"][-1]["contacts"]["base"] for f in (stopped, whole))
     assert ours["tangential_force"] != theirs["tangential_force"]  # else nothing had been learnt
     for key in ("normal_force", "tangential_force"):
@@ -348,11 +330,10 @@ def content_of(folder: Path) -> dict[str, bytes]:
 
 def assert_refused(code: int, said: str, folder: Path, call: Call) -> None:
     """In one line, and nothing is changed."""
-    before = content_of(folder)
-    found, _, err = call(*WORDS, "--resume")
-    assert (found, err.count("\n")) == (code, 1), err
-    assert said in err
-    assert content_of(folder) == before
+    with unchanged(folder):
+        found, _, err = call(*WORDS, "--resume")
+        assert (found, err.count("\n")) == (code, 1), err
+        assert said in err
 
 
 @pytest.mark.parametrize(
@@ -396,21 +377,13 @@ def test_another_version_is_refused(name: str, call: Call, stopped: Path) -> Non
     assert_refused(2, f"out was begun with {name} 0.0.1, this is {name} {VERSIONS[name]}", stopped, call)
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"scene": 1, "mesh": ""}'])
+ENDLESS = ["[" * 100_000, '{"a":' * 100_000, "1" * 10_000, '{"scene": ' + "[" * 5000]
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"scene": 1, "mesh": ""}', *ENDLESS])
 def test_beginning_that_cannot_be_known_is_said(content: str, call: Call, stopped: Path) -> None:
     (stopped / BEGUN).write_text(content)
     assert_refused(4, f"{BEGUN}: ", stopped, call)
-
-
-def test_files_of_the_user_are_left_alone(call: Call, whole: Path, stopped: Path) -> None:
-    own = {"steps/000012 copy.h5": "a copy", "contact_mine.csv": "time,remark\n9,late\nsoon,none\n"}
-    for name, text in own.items():
-        (stopped / name).write_text(text)
-    assert call(*WORDS, "--resume") == (0, "", "")
-    for name, text in own.items():
-        assert (stopped / name).read_text() == text
-        (stopped / name).unlink()
-    assert_same(stopped, whole)
 
 
 def test_tables_that_were_damaged_or_lost_are_written_again(call: Call, stopped: Path, whole: Path) -> None:
@@ -439,10 +412,10 @@ def test_disk_without_locks_is_told_and_used(number: int, tmp_path: Path, monkey
 def test_results_of_a_stopped_run_are_not_replaced_unasked(call: Call, whole: Path, stopped: Path) -> None:
     before = content_of(stopped)
     for _ in range(2):  # the second would have deleted what the first moved aside
-        code, _, err = call(*WORDS)
-        assert (code, err.count("\n")) == (2, 1)
-        assert (
-            "has left 3 steps in out; go on with --resume, or remove that folder, or choose another one with -o" in err
+        assert_said(
+            call(*WORDS),
+            2,
+            "has left 3 steps in out; go on with --resume, or remove that folder, or choose another one with -o",
         )
         assert content_of(stopped) == before
     assert [path.name for path in stopped.parent.iterdir()] == ["out"]
@@ -454,9 +427,7 @@ def test_two_runs_do_not_write_the_same_results(call: Call, folder: Path) -> Non
     other = ResultsFolder(folder / "out")
     other.start()
     for words in (WORDS, [*WORDS, "--resume"]):
-        code, _, err = call(*words)
-        assert (code, err.count("\n")) == (2, 1)
-        assert "process is writing it" in err
+        assert_said(call(*words), 2, "process is writing it")
     assert names_in(folder) == {".out.running/run.log", f".out.running/{MARKER}"}
     other.release()
     assert call(*WORDS)[0] == 0
@@ -464,11 +435,8 @@ def test_two_runs_do_not_write_the_same_results(call: Call, folder: Path) -> Non
 
 def test_what_a_killed_run_left_is_not_replaced_unasked(call: Call, whole: Path, stopped: Path) -> None:
     work = stopped.rename(stopped.with_name(".out.running"))  # so it stands after SIGKILL
-    before = names_in(work)
-    code, _, err = call(*WORDS)
-    assert (code, err.count("\n")) == (2, 1)
-    assert "has left 3 steps in .out.running; go on with --resume" in err
-    assert names_in(work) == before
+    with unchanged(work):
+        assert_said(call(*WORDS), 2, "has left 3 steps in .out.running; go on with --resume")
     assert call(*WORDS, "--resume")[0] == 0
     assert_same(stopped, whole)
 

@@ -134,15 +134,10 @@ def test_what_every_script_calls_is_public() -> None:
 
 def test_first_use_outside_the_main_thread(tmp_path: Path) -> None:
     program = (
-        "import threading, stickslip\n"
-        "def act():\n"
-        f"    found.append(stickslip.run(stickslip.read('block', {FOUR!r}), 'out')[0].status)\n"
-        "found = []\n"
-        "thread = threading.Thread(target=act)\n"
-        "thread.start()\n"
-        "thread.join()\n"
-        "assert found == ['converged'], found\n"
-        f"stickslip.prepare(stickslip.read('block', {FOUR!r}))\n"  # and then in the main one
+        f"import threading, stickslip; found, scene = [], lambda: stickslip.read('block', {FOUR!r})\n"
+        "thread = threading.Thread(target=lambda: found.append(stickslip.run(scene(), 'out')[0].status))\n"
+        "thread.start(); thread.join(); assert found == ['converged'], found\n"
+        "stickslip.prepare(scene())\n"  # and then in the main one
     )
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT, check=False
@@ -364,18 +359,9 @@ def test_a_step_hits_the_times_that_the_scene_lists_on_the_way() -> None:
     for key in ("substeps", "iterations", "volume_solves"):
         assert getattr(step, key) == sum(getattr(theirs, key) for theirs in expected)
     assert [row[0] for row in step.history] == seen
-    leap = (
-        stickslip.prepare(
-            replace(
-                scene,
-                supports={
-                    "top": replace(ready.supports["top"], displacement={"x": ((4.0, -0.02),), "y": ((4.0, -0.1),)})
-                },
-            )
-        )
-        .script()
-        .step(to=4.0)
-    )
+    short: dict[Any, Any] = {"x": ((4.0, -0.02),), "y": ((4.0, -0.1),)}
+    jump = replace(scene, supports={"top": replace(ready.supports["top"], displacement=short)})
+    leap = stickslip.prepare(jump).script().step(to=4.0)
     assert abs(leap.contacts["base"].force[0] - base.force[0]) > 0.05 * abs(base.force[0])  # the way matters
     again = list(stickslip.steps(script.scene))
     assert_same(replace(again[-1], iterations=step.iterations), step)
@@ -403,20 +389,18 @@ def test_listed_times_are_those_of_the_scene_file_bit_by_bit(named: dict[str, fl
         assert_same(one, other)
 
 
+def pushed(pressed_at: float, hand: Amplitude) -> stickslip.Scene:
+    """The block under a lid, which presses by .1 Pa on 4 m: friction bears .12 N against a hand."""
+    loads = {
+        "lid": stickslip.Load(boundary="block.top", pressure=((pressed_at, 0.1),)),
+        "hand": stickslip.Load(boundary="block.left", force=(hand, 0.0)),
+    }
+    return replace(stickslip.read("block", COARSE), supports={}, loads=loads, probes={})
+
+
 def test_a_step_that_fails_on_the_way_leaves_all_as_it_was() -> None:
-    """Friction bears 0.12 N; the scene's hand pushes harder at t = 2, and less at t = 3."""
-    ready = stickslip.read("block", COARSE)
-    hand = ((1.0, 0.1), (2.0, 0.13), (3.0, 0.05))
-    scene = replace(
-        ready,
-        supports={},
-        loads={
-            "lid": stickslip.Load(boundary="block.top", pressure=((0.5, 0.1),)),
-            "hand": stickslip.Load(boundary="block.left", force=(hand, 0.0)),
-        },
-        probes={},
-    )
-    script = stickslip.prepare(scene).script()
+    """The scene's hand pushes harder than friction bears at t = 2, and less at t = 3."""
+    script = stickslip.prepare(pushed(0.5, ((1.0, 0.1), (2.0, 0.13), (3.0, 0.05)))).script()
     with pytest.raises(StepError, match="cannot balance the loads"):
         script.step(to=3.0)
     assert script.time == 0.0
@@ -429,16 +413,7 @@ def test_a_step_that_fails_on_the_way_leaves_all_as_it_was() -> None:
 
 def test_a_step_that_fails_leaves_all_as_it_was() -> None:
     """Pushed harder than friction can bear: no equilibrium; the script tries less, as if nothing had happened."""
-    scene = replace(
-        stickslip.read("block", COARSE),
-        supports={},
-        loads={
-            "lid": stickslip.Load(boundary="block.top", pressure=((1.0, 0.1),)),
-            "hand": stickslip.Load(boundary="block.left", force=(((1.0, 0.0),), 0.0)),
-        },
-        probes={},
-    )
-    holds, moves = 0.11, 0.13  # [N]; mu times 0.1 Pa on 4 m is 0.12 N
+    scene, holds, moves = pushed(1.0, ((1.0, 0.0),)), 0.11, 0.13  # [N]
     simulation = stickslip.prepare(scene)
     script = simulation.script()
     script.step(to=1.0)
@@ -572,11 +547,8 @@ def test_after_a_drop_of_friction_the_force_is_that_of_the_new_coefficient() -> 
     assert simulation.counters.factorisations == 1
     with pytest.raises(stickslip.SceneError, match="parameters of contacts have changed"):
         script.scene  # noqa: B018
-    again = simulation.script()  # the scene's own laws
-    assert (
-        again.step(to=2.0).contacts["base"].tangential_force
-        == [*simulation.steps()][-1].contacts["base"].tangential_force
-    )
+    again, (*_, last) = simulation.script().step(to=2.0), simulation.steps()  # the scene's own laws
+    assert again.contacts["base"].tangential_force == last.contacts["base"].tangential_force
 
 
 def test_bound_in_time_is_that_of_a_scene_that_lists_it() -> None:

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from shared.cases import slow
-from shared.command import Call, assert_one_line, result
+from shared.command import Call, assert_said, result
 from shared.disks import killed_at
-from shared.histories import FOUR, SMALL, Stop, assert_same, names_in
+from shared.histories import FOUR, SMALL, Stop, assert_same, names_in, unchanged
 from stickslip.geometry.errors import FolderError, MachineError
 from stickslip.workflows.formats.marker import HEAD, MARKER, PART, declare, foreign, mark, marker_of
 from stickslip.workflows.formats.steps import step_name
@@ -38,6 +38,7 @@ OWN = {  # of the user
     "vtu/mine.vtu": "mine",
     "thoughts/on/friction.md": "mine",
     ".hidden.part": "mine",
+    "contact_mine.csv": "time,remark\n9,late\nsoon,none\n",
 }
 
 
@@ -135,9 +136,7 @@ def test_links_in_the_way_of_results_are_named(linked: str, call: Call, folder: 
 def test_a_mounted_disk_is_refused(at: str, call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / at).mkdir()
     monkeypatch.setattr("os.path.ismount", lambda path: Path(path).name == at)
-    code, _, err = call(*WORDS)
-    assert (code, err.count("\n")) == (2, 1)
-    assert f"-o out: a disk is mounted at {at}, and no rename replaces it; name a folder in it" in err
+    assert_said(call(*WORDS), 2, f"-o out: a disk is mounted at {at}, and no rename replaces it; name a folder in it")
 
 
 def test_former_results_stay_until_the_new_ones_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,8 +161,11 @@ def test_former_results_stay_until_the_new_ones_stand(tmp_path: Path, monkeypatc
 
 
 def test_results_are_not_gone_on_with_where_another_run_is_at_work(tmp_path: Path) -> None:
+    """Nor are they replaced."""
     finished(tmp_path / "out", "old")
     other = working(tmp_path / "out", "new")
+    with pytest.raises(FolderError, match="process is writing it"):
+        ResultsFolder(tmp_path / "out").start()
     resumed = ResultsFolder(tmp_path / "out")
     with pytest.raises(FolderError, match="process is writing it"):
         resumed.take_up(resumed.place)
@@ -187,6 +189,7 @@ def test_foreign_folders_are_refused_and_left_alone(name: str, log: bool, call: 
     code, _, err = call(*WORDS)
     assert (code, err.count("\n"), len(err) < 300) == (2, 1, True)
     assert ("earlier version of stickslip" if log else "is not the result of a run") in err
+    assert ("and former results of out would be kept there" in err) == (name == "out.1" and not log)
     assert names_in(folder) == {f"{name}/{'run.log' if log else 'data'}"}
 
 
@@ -195,10 +198,12 @@ def test_results_of_an_earlier_version_are_not_touched(words: list[str], call: C
     """They have no list of files: what to do is said."""
     (done / MARKER).unlink()
     before = {name: (done / name).read_bytes() for name in names_in(done)}
-    code, _, err = call(*WORDS, *words)
-    assert (code, err.count("\n")) == (2, 1)
-    assert "an earlier version of stickslip made it" in err
-    assert "move it away, or choose another folder with -o" in err
+    assert_said(
+        call(*WORDS, *words),
+        2,
+        "an earlier version of stickslip made it",
+        "move it away, or choose another folder with -o",
+    )
     assert {name: (done / name).read_bytes() for name in names_in(done)} == before
 
 
@@ -206,11 +211,8 @@ def test_results_of_an_earlier_version_are_not_touched(words: list[str], call: C
 def test_link_in_place_of_a_file_of_the_run_is_named(name: str, call: Call, done: Path, folder: Path) -> None:
     shutil.move(done / name, folder / "elsewhere")
     (done / name).symlink_to(folder / "elsewhere")
-    before = names_in(folder)
-    code, _, err = call(*WORDS)
-    assert (code, err.count("\n")) == (2, 1)
-    assert f"out/{name}: is a link, or no file or folder, where a run has made one" in err
-    assert names_in(folder) == before
+    with unchanged(folder):
+        assert_said(call(*WORDS), 2, f"out/{name}: is a link, or no file or folder, where a run has made one")
 
 
 def test_file_of_the_user_in_the_way_is_named_when_a_stopped_run_goes_on(folder: Path) -> None:
@@ -240,9 +242,8 @@ def test_list_that_was_changed_names_nothing_outside(name: Any, call: Call, done
 @pytest.mark.parametrize("content", [HEAD[:20], "", "mine\n", "\0" * 100])
 def test_folder_whose_mark_is_not_ours_is_foreign(content: str, call: Call, done: Path) -> None:
     (done / MARKER).write_text(content)
-    before = names_in(done)
-    assert call(*WORDS)[0] == 2
-    assert names_in(done) == before
+    with unchanged(done):
+        assert call(*WORDS)[0] == 2
 
 
 @pytest.mark.parametrize("said", ["", "{", "[]", '{"names": 3}', '{"names": [], "sha256": {}, "former": 3}'])
@@ -267,13 +268,6 @@ def test_results_that_cannot_be_moved_are_put_in_their_place_by_resume(
     assert call(*WORDS, "--resume")[0] == 0
     assert_kept(done.with_name("out.1"))
     assert_same(done, whole)
-
-
-def test_two_runs_are_told_apart_while_files_move(folder: Path) -> None:
-    first = working(folder / "out", "old")
-    with pytest.raises(FolderError, match="process is writing it"):
-        ResultsFolder(folder / "out").start()
-    first.finish()
 
 
 def test_what_is_made_is_declared_before_it_is_there(folder: Path) -> None:
@@ -332,10 +326,11 @@ def test_results_of_another_run_are_refused_before_anything_is_solved(stopped: b
     if stopped:
         working(folder / "mu0", "zero again").release()
     finished(folder / "mu0.1", "a tenth")
-    code, out, err = call("run", "block", "-q", "-o", "mu0", *["--resume"] * stopped)
-    assert (code, out) == (2, "")
-    assert "mu0.1: is not known to hold former results of mu0; move it away, " in err
-    assert_one_line(err)
+    assert_said(
+        call("run", "block", "-q", "-o", "mu0", *["--resume"] * stopped),
+        2,
+        "mu0.1: is not known to hold former results of mu0; move it away, ",
+    )
     assert (said(folder / "mu0"), said(folder / "mu0.1")) == ("zero", "a tenth")
     assert sorted(path.name for path in folder.iterdir()) == [".mu0.running"] * stopped + ["mu0", "mu0.1"]
 

@@ -34,6 +34,26 @@ def assert_refused(spoken: Spoken, pattern: str, folder: Path, before: list[str]
     assert sorted(str(path.relative_to(folder)) for path in folder.rglob("*")) == before
 
 
+def assert_said(spoken: Spoken, code: int, *said: str, alone: bool = True) -> None:
+    """This exit code, and one line on stderr that says all this, alone unless stdout may have lines."""
+    found, out, err = spoken
+    assert (found, out if alone else "") == (code, ""), (out, err)
+    assert_one_line(err)
+    assert all(words in err for words in said), err
+
+
+def ended(spoken: Spoken, code: int = 0) -> tuple[str, str]:
+    """Standard output and error of a command that ends with this exit code."""
+    assert spoken[0] == code, spoken[2]
+    return spoken[1:]
+
+
+def output_of(spoken: Spoken) -> str:
+    """Standard output of a command that is content."""
+    assert spoken[::2] == (0, "")
+    return spoken[1]
+
+
 def result(folder: Path) -> dict[str, Any]:
     """result.json, which must hold no NaN and no Infinity."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,18 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 def names_in(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+@contextmanager
+def unchanged(folder: Path) -> Iterator[None]:
+    """Context in which all files of a folder stay what they are."""
+
+    def content() -> dict[str, bytes]:
+        return {name: (folder / name).read_bytes() for name in names_in(folder)}
+
+    before = content()
+    yield
+    assert content() == before
 
 
 def assert_same(found: Path, expected: Path) -> None:

@@ -82,7 +82,7 @@ def test_a_column_of_a_csv_file_is_the_table_written_out(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("text", "name", "said"),
     [
-        ("", "p", "time = t: p.csv has no such column"),
+        ("", "p", "csv = .*p.csv: is empty; expected a line with the names of columns"),
         ("t,p\n", "p", "has no rows"),
         ("t,p\n0,1\n", "P", r"column = P: p.csv has no such column; did you mean p\?"),
         ("t,p,p\n0,1,2\n", "p", "several columns of this name"),
@@ -107,7 +107,8 @@ def test_what_is_no_csv_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_bytes(b"t,p\n\xff\xfe")
     for keys, said in (
         ({"csv": tmp_path / "p.csv"}, "not a text file in UTF-8"),
-        ({"csv": tmp_path}, "no such file"),
+        ({"csv": tmp_path}, "is a folder"),
+        ({"csv": tmp_path / "q.csv"}, "no such file"),
         ({"csv": "p" * 300}, "csv = pp.*: cannot be read: File name too long"),
         ({"csv": 3}, "expected a text"),
         ({"csv": "p.csv", "colum": "p"}, r"colum: unknown key; did you mean column\?"),

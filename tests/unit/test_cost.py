@@ -1,6 +1,6 @@
 """The cost of an accuracy: runs climb meshes, their errors are extrapolated, the cheapest is named."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -402,7 +402,7 @@ def test_a_run_that_was_cut_off_is_tried_again_only_with_more_time() -> None:
 
 def test_a_run_survives_its_file() -> None:
     run = converging(2)[0]
-    assert from_plain(run.plain()) == run
+    assert from_plain(asdict(run)) == run
 
 
 # --- what is asked of a scene

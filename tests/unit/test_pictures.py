@@ -361,7 +361,7 @@ def test_a_small_contact_is_shown_larger_and_to_scale(tmp_path: Path) -> None:
 @pytest.mark.parametrize("shape", ["tetrahedron", "hexahedron"])
 def test_only_sharp_edges_are_outlined_even_of_mirrored_cells(shape: str) -> None:
     mesh = block(shape)  # half of these tetrahedra are mirror images
-    outline = outline_of(surface_of(grid_of(mesh.points, mesh.cells, mesh.shape)), solid=True)
+    outline = outline_of(surface_of(grid_of(mesh.points, mesh.cells, mesh.shape)))
     assert outline.compute_cell_sizes()["Length"].sum() == pytest.approx(4 * (2 + 1 + 1))
 
 

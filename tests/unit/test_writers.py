@@ -170,8 +170,10 @@ def test_a_writer_adds_keys_to_the_table_of_output(tmp_path: Path) -> None:
     assert from_dict(to_dict(asks)) == asks
     run(plain, tmp_path / "plain")
     assert not (tmp_path / "plain" / "note.txt").exists()
-    in_python = replace(plain, output=stickslip.Output(pictures=False, writers={"note": "tick", "times": 2}))
-    assert in_python == asks
+    for keys in ({"writers": {"note": "tick", "times": 2}}, {"note": "tick", "times": 2}):
+        output = stickslip.Output(pictures=False, **keys)
+        assert replace(plain, output=output) == asks
+        assert replace(output, note="", times=1) == plain.output
 
 
 def test_a_scene_that_asks_for_nothing_new_stays_the_same(request: pytest.FixtureRequest) -> None:
@@ -203,6 +205,10 @@ def test_wrong_keys_are_refused_like_all_others(word: str, said: str) -> None:
 @pytest.mark.usefixtures("note")
 def test_a_script_that_asks_for_what_nobody_writes_is_told_before_anything_is_solved(tmp_path: Path) -> None:
     scene = replace(read("block", TWO), output=stickslip.Output(writers={"nite": "tick"}))
+    with pytest.raises(SceneError, match=r"nite: unknown key; did you mean note\?"):
+        stickslip.Output(nite="tick")
+    with pytest.raises(SceneError, match=r"note = 3: expected a text, in quotes"):
+        stickslip.Output(note=3)
     with pytest.raises(SceneError, match=r"output\.nite = tick: no writer has this key; did you mean note\?"):
         run(scene, tmp_path / "out")
     assert not list(tmp_path.iterdir())

@@ -9,17 +9,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import ROUNDING, SLIGHT
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results.step_result import (
-    PARTS,
-    ErrorParts,
-    Errors,
-    Quantity,
-    StepResult,
-    names_of,
-    number_of,
-    quantities,
-    values,
-)
+from stickslip.solvers.results import step_result
 from stickslip.solvers.scene.record import Value
 
 
@@ -56,15 +46,15 @@ def percent(share: float) -> str:
     return f"{100 * share:.2g} %"
 
 
-def standings(goals: Mapping[str, float], step: StepResult, errors: Errors) -> list[Standing]:
+def standings(goals: Mapping[str, float], step: step_result.StepResult, errors: step_result.Errors) -> list[Standing]:
     """All goals at a step.
 
     Raises:
         SceneError: the error of one is not known, or it has none, or it is 0 or next to nothing.
     """
-    known = quantities(step)
-    flat = {name: (key, axis) for key, value in known.items() for name, axis in names_of(key, value)}
-    numbers = values(step)
+    known = step_result.quantities(step)
+    flat = {name: (key, axis) for key, value in known.items() for name, axis in step_result.names_of(key, value)}
+    numbers = step_result.values(step)
     found = []
     for name, asked in goals.items():
         if name not in flat:
@@ -83,20 +73,22 @@ def standings(goals: Mapping[str, float], step: StepResult, errors: Errors) -> l
         if abs(value) <= least:
             near = f" ({value:.2g}; up to {least:.2g} counts as that)" if value else ""
             raise SceneError(f"accuracy.goals.{name}: is 0 at the end{near}, so a relative error says nothing of it")
-        share = {part: _at(getattr(parts, part), axis) / abs(value) for part in PARTS}
+        share = {part: _at(getattr(parts, part), axis) / abs(value) for part in step_result.PARTS}
         rest = share["law"] + share["iteration"] + share["linear_solver"]
         found.append(Standing(name, asked, value, share["mesh"] + share["geometry"], share["time_step"], rest))
     return found
 
 
-def _least(key: Quantity, known: Mapping[Quantity, Value]) -> float:
+def _least(key: step_result.Quantity, known: Mapping[step_result.Quantity, Value]) -> float:
     """Return the size up to which a number is what rounding, or a mesh without symmetry, leaves of 0.
 
     What can cancel out is compared with its vector, friction with the force of its contact. Areas, pressures, works and
     the like are small only where little happens: beside rounding.
     """
-    unit = number_of(key).unit
-    largest = max(float(np.abs(value).max()) for other, value in known.items() if number_of(other).unit == unit)
+    unit = step_result.number_of(key).unit
+    largest = max(
+        float(np.abs(value).max()) for other, value in known.items() if step_result.number_of(other).unit == unit
+    )
     whole = known[key._replace(quantity="force")] if key.quantity == "tangential_force" else known[key]
     cancels = np.ndim(whole) == 1
     # of its vector: a smaller component is not what a relative error is asked of, it may as well be 0
@@ -104,7 +96,7 @@ def _least(key: Quantity, known: Mapping[Quantity, Value]) -> float:
     return max(ROUNDING * largest, SLIGHT * float(np.linalg.norm(whole)) if cancels else 0.0)
 
 
-def _missing(parts: ErrorParts) -> str:
+def _missing(parts: step_result.ErrorParts) -> str:
     """Parts that are not computed, in words."""
     words = {"mesh": "the mesh", "time_step": "the time steps", "law": "the contact law", "iteration": "the iteration"}
     return ", ".join(word for part, word in words.items() if getattr(parts, part) is None)

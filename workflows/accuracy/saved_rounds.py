@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-import io
-import json
-import zipfile
-from dataclasses import asdict, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from stickslip.geometry.errors import FolderError, MachineError
-from stickslip.geometry.mesh_sizes import SizeField
+from stickslip.solvers.parallel.serialise import deserialise, serialise
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.accuracy.goals import Standing
 from stickslip.workflows.accuracy.level import Level, Round
-from stickslip.workflows.formats.files import disk_errors, read_json, read_regular, write_aside
+from stickslip.workflows.formats.files import disk_errors, read_json
+from stickslip.workflows.formats.hdf5 import read_arrays, write_arrays
 from stickslip.workflows.formats.marker import is_marked, remove_own
+from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
 from stickslip.workflows.run.folder import BEGUN, ResultsFolder, place_of
 from stickslip.workflows.run.resume import VERSIONS, run_of
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 
-ABOUT = "stickslip_rounds"  # array of the file that holds all but the sizes, as JSON; it tells the file from others
+
+@dataclass(frozen=True, kw_only=True)
+class Saved:
+    """All that is known after a round."""
+
+    scene: dict[str, Any]  # see `identity`
+    versions: dict[str, str]
+    finished: str  # name of the run that was the last round, see `run_of`
+    complete: bool  # whether its results stay, for the budget is spent: then they may be replaced
+    level: Level  # of the next round
+    done: list[Round]  # without their sizes
 
 
 class SavedRounds:
@@ -39,16 +45,16 @@ class SavedRounds:
         place = place_of(target)
         self._target, self._scene = target, identity(scene, DECIDES_NOTHING)
         self.path = place.with_name(f".{place.name}.rounds")
-        self._about = self._read() if self.path.exists() else None
+        self._saved = self._read() if self.path.exists() else None
 
     def refuse_to_lose(self) -> None:
         """
         Raises:
             FolderError: there are rounds, and nobody asks to go on with them.
         """
-        if self._about is not None and not self._about["complete"]:
+        if self._saved is not None and not self._saved.complete:
             raise FolderError(
-                f"{self._target}: rounds that were stopped have left {len(self._about['done'])} finished ones in "
+                f"{self._target}: rounds that were stopped have left {len(self._saved.done)} finished ones in "
                 f"{self.path}; go on with --resume, or remove that file, or choose another folder with -o"
             )
 
@@ -59,54 +65,36 @@ class SavedRounds:
             SceneError: they are of another scene.
             FolderError: they are of another version.
         """
-        if self._about is None:
+        if self._saved is None:
             return None
-        refuse_changes(self._about["scene"], self._scene, self._target)
+        refuse_changes(self._saved.scene, self._scene, self._target)
         for name, now in VERSIONS.items():
-            if self._about["versions"].get(name) != now:
+            if self._saved.versions.get(name) != now:
                 raise FolderError(f"--resume: {self._target} was begun with another version of {name}; this is {now}")
-        self._clear(self._about["finished"])
-        level = Level(**self._about["level"])
-        with np.load(io.BytesIO(read_regular(self.path)), allow_pickle=False) as arrays:
-            if "sizes" in arrays:
-                level = replace(level, sizes=SizeField(arrays["points"], arrays["cells"], arrays["sizes"]))
-        return [_round(one) for one in self._about["done"]], level
+        self._clear(self._saved.finished)
+        return self._saved.done, self._saved.level
 
     def keep(self, done: list[Round], level: Level, finished: str, complete: bool) -> None:
-        """Write all that is known after a round, before its results are thrown away.
-
-        Args:
-            level: of the next round.
-            finished: name of the run that was the last round, see `run_of`.
-            complete: whether its results stay instead, for the budget is spent: then they may be replaced.
+        """Write all that is known after a round, before its results are thrown away; see `Saved`.
 
         Raises:
             MachineError: it cannot be written.
         """
-        about: dict[str, Any] = {
-            "scene": self._scene,
-            "versions": VERSIONS,
-            "finished": finished,
-            "level": _plain(level),
-        }
-        about["complete"] = complete
-        about["done"] = [asdict(replace(one, level=replace(one.level, sizes=None))) for one in done]
-        arrays = {} if level.sizes is None else vars(level.sizes)
-        file = io.BytesIO()
-        np.savez(file, **{ABOUT: np.array(json.dumps(about))}, **arrays)
-        write_aside(self.path, file.getvalue())
+        rounds = [replace(one, level=replace(one.level, sizes=None)) for one in done]
+        about: dict[str, Any] = {"finished": finished, "complete": complete, "level": level, "done": rounds}
+        saved = Saved(scene=self._scene, versions=VERSIONS, **about)
+        write_arrays(self.path, to_arrays(serialise(saved), {}), {})
 
     def remove(self) -> None:
         """Nothing is left to go on with."""
         with disk_errors(self.path):
             self.path.unlink(missing_ok=True)
 
-    def _read(self) -> dict[str, Any]:
+    def _read(self) -> Saved:
         try:
-            with np.load(io.BytesIO(read_regular(self.path)), allow_pickle=False) as arrays:
-                found: dict[str, Any] = json.loads(str(arrays[ABOUT]))
-                return found
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+            arrays, _ = read_arrays(self.path)
+            return deserialise(Saved, from_arrays(arrays[TEXT], arrays[BYTES], {}))
+        except (MachineError, KeyError, TypeError, ValueError):
             raise FolderError(
                 f"{self.path}: cannot be read, or holds no rounds; move it away, or choose another folder with -o"
             ) from None
@@ -124,12 +112,3 @@ class SavedRounds:
                 results.release()
                 raise
         results.release()
-
-
-def _plain(level: Level) -> dict[str, Any]:
-    """All but the sizes."""
-    return {key: value for key, value in vars(level).items() if key != "sizes"}
-
-
-def _round(plain: dict[str, Any]) -> Round:
-    return Round(**{**plain, "level": Level(**plain["level"]), "goals": [Standing(**one) for one in plain["goals"]]})

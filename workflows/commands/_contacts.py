@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from rich.table import Table
 
 from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.errors import FolderError, SceneError
@@ -18,18 +17,11 @@ from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.parts import FACET_WORD
 from stickslip.geometry.user_files.touching import joined
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.workflows.formats.files import disk_errors, write_aside
+from stickslip.workflows.formats.files import disk_errors, write_output
 from stickslip.workflows.formats.marker import declare, is_marked, mark, marker_of
 from stickslip.workflows.run.ranks import raise_together
-from stickslip.workflows.run.terminal import console, print_table
-from stickslip.workflows.scene_file.proposal import (
-    Assembly,
-    assembly,
-    from_geometry,
-    proposed_law,
-    scene_text,
-    side_names,
-)
+from stickslip.workflows.run.terminal import console, print_table, table_of
+from stickslip.workflows.scene_file import proposal
 from stickslip.workflows.scene_file.read import find, named, read_geometry
 
 PICTURE = re.compile(r"\d+_\w+\.png")
@@ -63,13 +55,13 @@ def stem(path: Path) -> str:
     return Path(path.name.removesuffix(".gz")).stem
 
 
-def found_in(source: str, unit: str | None, units: str | None, within: float | None) -> Assembly:
+def found_in(source: str, unit: str | None, units: str | None, within: float | None) -> proposal.Assembly:
     """The pairs of a geometry file, or of a scene's file."""
     if within is not None and not 0 <= within < np.inf:
         raise SceneError(f"--within {within}: must be a number that is not negative")
     path = Path(source)
     if kind_of(path) is not None:
-        return assembly(path, unit, within, units or "SI")
+        return proposal.assembly(path, unit, within, units or "SI")
     if unit is not None:
         raise SceneError(f"--unit {unit}: a scene has its own, geometry.length_unit")
     if units is not None:
@@ -80,7 +72,7 @@ def found_in(source: str, unit: str | None, units: str | None, within: float | N
             f"{source}: a builder's bodies touch at the sides that the docs name; expected a geometry file"
         )
     with named(source):
-        return from_geometry(find(source), geometry, model, of, within)
+        return proposal.from_geometry(find(source), geometry, model, of, within)
 
 
 def _list(source: str, unit: str | None, units: str | None, within: float | None, folder: Path | None) -> None:
@@ -89,16 +81,13 @@ def _list(source: str, unit: str | None, units: str | None, within: float | None
     if folder.exists() and not (is_marked(folder) and listed and all(map(PICTURE.fullmatch, listed))):
         raise FolderError(f"{folder}: exists already, and not from here; choose another folder with -o")
     found, out = found_in(source, unit, units, within), console(160)
-    names, word = side_names(found), FACET_WORD[found.dim]
+    names, word = proposal.side_names(found), FACET_WORD[found.dim]
     out.print(f"{len(found.outline.bodies)} bodies, {len(found.pairs)} pairs of sides that touch or nearly do")
     for (one, other), faces in joined(found.outline).items():
         out.print(f"{one} and {other} are joined at {word} {', '.join(map(str, faces))}: no contact can open there")
-    table = Table()
-    for head in ("pair", "kind", "side", f"{word}s", "against", f"{word}s"):
-        table.add_column(head)
-    for head in ("area [m²]" if found.dim == 3 else "length [m]", "gap [m]", "overlap [m]"):
-        table.add_column(found.units.label(head), justify="right")
-    table.add_column("proposed")
+    words = ("pair", "kind", "side", f"{word}s", "against", f"{word}s")
+    sizes = map(found.units.label, ("area [m²]" if found.dim == 3 else "length [m]", "gap [m]", "overlap [m]"))
+    table = table_of((*words, *sizes, "proposed"), (), (*words, "proposed"))
     for k, pair in enumerate(found.pairs, start=1):
         row = [str(k), pair.kind]
         for side in (pair.one, pair.other):
@@ -108,22 +97,22 @@ def _list(source: str, unit: str | None, units: str | None, within: float | None
         # accuracy of a gap relative to it, from which on it is said
         if not pair.exact and pair.accuracy > SLIGHT * max(-low, high):
             gap += f" ± {pair.accuracy:.1g}"
-        table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposed_law(pair, found)[0])
+        table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposal.proposed_law(pair, found)[0])
     if found.pairs:
         print_table(table, out)
         _draw(found, folder)
         out.print(f"drawn in {folder}/")
 
 
-def _draw(found: Assembly, folder: Path) -> None:
+def _draw(found: proposal.Assembly, folder: Path) -> None:
     """Draw each pair, and put the pictures in place of earlier ones when all are there; only here VTK is imported."""
     from stickslip.workflows.pictures.sides import draw_pair
 
-    names = side_names(found)
+    names = proposal.side_names(found)
     aside = folder.with_name(f".{folder.name}.part")
     with disk_errors(folder):
         shutil.rmtree(aside, ignore_errors=True)  # of a run that was killed
-        aside.mkdir()
+        aside.mkdir(parents=True)
         try:
             for k, pair in enumerate(found.pairs, start=1):
                 sides = names[pair.one], names[pair.other]
@@ -149,7 +138,7 @@ def _write(path: Path, unit: str | None, units: str | None, within: float | None
     if target.exists():
         raise SceneError(f"{target}: exists already; choose another name")
     found = found_in(str(path), unit, units, within)
-    text = scene_text(found, target, units or "SI")
+    text = proposal.scene_text(found, target, units or "SI")
     write_new(target, text)
     out = console(160)
     out.print(f"wrote {target}: {len(found.outline.bodies)} bodies, {len(found.pairs)} contacts")
@@ -170,10 +159,9 @@ def write_new(path: Path, text: str) -> None:
     """Write a scene file that is not there yet.
 
     Raises:
-        SceneError: it is there, or its folder is not.
+        SceneError: it is there.
         MachineError: disk full, no permission.
     """
-    for wrong, error in ((os.path.lexists(path), errno.EEXIST), (not path.parent.exists(), errno.ENOENT)):
-        if wrong:
-            raise SceneError(f"{path}: cannot be written: {os.strerror(error)}")
-    write_aside(path, text.encode())
+    if os.path.lexists(path):
+        raise SceneError(f"{path}: cannot be written: {os.strerror(errno.EEXIST)}")
+    write_output(path, text.encode())

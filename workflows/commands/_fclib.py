@@ -16,7 +16,7 @@ from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.discrete import discrete_problem, rank
 from stickslip.solvers.stepping.discrete_chain import AUTO, refuse_unusable, solve, usable
 from stickslip.workflows.formats.fclib import LocalProblem, read_problem, write_solved
-from stickslip.workflows.formats.files import write_json
+from stickslip.workflows.formats.files import write_json, write_output
 from stickslip.workflows.pictures.performance_profile import FACTORS, draw_profile, shares
 from stickslip.workflows.run.folder import ResultsFolder
 from stickslip.workflows.run.ranks import refuse_mpirun
@@ -97,7 +97,7 @@ def solve_all(files: Sequence[Path], output: Path, asked: Sequence[str], toleran
         content = _content(entries, tolerance, found)
         write_json(folder.work / "fclib.json", content)
     if report is not None:
-        write_json(report, content)
+        write_json(report, content, write_output)
     every = all(any(result.solved for result in entry.results) for entry in entries)
     return 0 if every else 3
 

@@ -9,7 +9,6 @@ from typing import Any
 
 from mpi4py import MPI
 from rich.console import Console
-from rich.table import Table
 
 from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.geometry.mesh.mesh import write_msh
@@ -22,16 +21,14 @@ from stickslip.geometry.user_files.window import open_window
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.run.mesh_report import look
 from stickslip.workflows.run.ranks import raise_together
-from stickslip.workflows.run.terminal import console, print_mesh, print_table
-
-ANNOUNCED = 10.0  # [s] of gmsh
+from stickslip.workflows.run.terminal import console, print_mesh, print_table, table_of
 
 
 def announce(scene: Scene) -> None:
-    """Say on stderr how long gmsh takes, if that is long."""
+    """Say on stderr how long gmsh takes, if that is more than ten seconds."""
     request = scene.request()
     seconds = scene.geometry.meshing_time(request)
-    if seconds > ANNOUNCED:
+    if seconds > 10:
         count = scene.geometry.cell_count(request)
         print(f"gmsh makes about {count:.1g} cells, in up to {seconds / 60:.1f} minutes ...", file=sys.stderr)
 
@@ -84,15 +81,14 @@ def _list(geometry: Shape, dim: int, units: Units, picture: Path, out: Console) 
         for side, partner in ((pair.one, pair.other), (pair.other, pair.one)):
             for number in side.numbers:
                 meets.setdefault(number, []).append(partner.body)
-    table = Table()
-    size = "area [m²]" if dim == 3 else "length [m]"
-    for head in (word, "body", "side", "touches", "name in the file", size, "centre [m]", "box [m]"):
-        table.add_column(units.label(head))
+    size, rows = "area [m²]" if dim == 3 else "length [m]", []
     for facets in outline.entities:
         number, partners = facets.number, dict.fromkeys(meets.get(facets.number, ["-"]))
         words = (", ".join(facets.bodies) or "-", outline.side_of.get(number, "-"), ", ".join(partners))
-        table.add_row(str(number), *words, facets.name or "-", *_measures(facets))
-    print_table(table, out)
+        rows.append((str(number), *words, facets.name or "-", *_measures(facets)))
+    heads = (word, "body", "side", "touches", "name in the file", size, "centre [m]", "box [m]")
+    labels = [*map(units.label, heads)]
+    print_table(table_of(labels, rows, labels), out)
     draw_picture(picture, outline.entities, Path(geometry.file).name, units)
     out.print(f"drawn in {picture}")
 

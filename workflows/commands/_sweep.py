@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import typer
-from rich.table import Table
 
 from stickslip.geometry.errors import SceneError, shortened
 from stickslip.solvers.scene.scene import Scene
@@ -15,11 +14,10 @@ from stickslip.workflows.commands.process import speaks
 from stickslip.workflows.formats.files import read_json
 from stickslip.workflows.run.folder import RESULT, place_of
 from stickslip.workflows.run.resume import FINISHED
-from stickslip.workflows.run.terminal import console, contact_cells, contact_numbers, print_table
+from stickslip.workflows.run.terminal import console, contact_cells, contact_numbers, print_table, table_of
 from stickslip.workflows.scene_file.read import value_of
 from stickslip.workflows.sweep.sweep import Solved, Sweep, said, short, sweep
 
-WIDEST = 24  # letters of a value in the table
 PROBLEM = {"doubtful": 1}  # exit codes, other than 3
 
 
@@ -56,18 +54,16 @@ def _print(done: Sweep, scene: Scene) -> None:
     """The keys that are swept, and the main numbers of each contact in the last step of what is solved."""
     if not done.solved:  # other ranks
         return
-    table, numbers = Table(), contact_numbers(scene.model, scene.labels)
+    numbers, rows = contact_numbers(scene.model, scene.labels), []
     del numbers["max_penetration"]
     keys = short(list(done.solved[0].member.values))
-    for head in (*keys.values(), "contact", *numbers.values()):
-        table.add_column(head, justify="left" if head == "contact" else "right")
     for one in done.solved:
         content = read_json(place_of(one.folder) / RESULT) if one.status in FINISHED else {}
         steps = content.get("steps") or [{}]
-        values = [shortened(said(value), WIDEST) for value in one.member.values.values()]
+        values = [shortened(said(value), 24) for value in one.member.values.values()]
         for name, contact in (steps[-1].get("contacts") or {"-": None}).items():
-            table.add_row(*values, name, *contact_cells(contact, numbers))
-    print_table(table, console(160))
+            rows.append((*values, name, *contact_cells(contact, numbers)))
+    print_table(table_of((*keys.values(), "contact", *numbers.values()), rows, ("contact",)), console(160))
 
 
 def _parsed(words: Sequence[str]) -> dict[str, Any]:

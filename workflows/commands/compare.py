@@ -7,10 +7,7 @@ from typing import Annotated
 
 import typer
 
-from stickslip.geometry.errors import SceneError
 from stickslip.workflows.commands.process import speaks
-
-WIDE = 160  # letters
 
 
 def compare(
@@ -21,33 +18,26 @@ def compare(
     ] = None,
 ) -> None:
     """Lay the results of two runs side by side: what was asked differently, numbers with ±, prices."""
-    from rich.table import Table
-
-    from stickslip.workflows.formats.files import write_aside
-    from stickslip.workflows.formats.marker import refuse_own
+    from stickslip.workflows.formats.files import write_output
+    from stickslip.workflows.formats.marker import refuse_place
     from stickslip.workflows.pictures import report_compare
     from stickslip.workflows.run.stored_results import found
-    from stickslip.workflows.run.terminal import console, print_table
+    from stickslip.workflows.run.terminal import console, print_table, table_of
 
-    if output is not None and output.is_dir():
-        raise SceneError(f"{output}: is a folder; name a file for the page with -o")
     if output is not None:
-        refuse_own(output)
+        refuse_place(output, "page")
     first, second = found(a), found(b)
-    out = console(WIDE, quiet=not speaks())
+    out = console(160, quiet=not speaks())
     out.print(f"A: {a}, {first.title}\nB: {b}, {second.title}")
     if said := report_compare.unlike(first, second):
         out.print(said, soft_wrap=True)
     for one in report_compare.compare(first, second):
-        table = Table(title=one.title, title_justify="left")
-        for place, name in enumerate(one.head):
-            table.add_column(name, justify="right" if place and len(one.head) > 3 else "left")
-        for row in one.rows:
-            table.add_row(*row)
+        table = table_of(one.head, one.rows, one.head[: one.words])
+        table.title, table.title_justify = one.title, "left"
         if len(one.head) > 3:
             print_table(table, out)
         else:
             out.print(table)  # words are folded
     if output is not None and speaks():
-        write_aside(output, report_compare.compare_page(first, second).encode())
+        write_output(output, report_compare.compare_page(first, second).encode())
         out.print(f"wrote {output}")

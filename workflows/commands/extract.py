@@ -24,14 +24,12 @@ def extract(
     from stickslip.geometry.dolfinx_versions import cells_at
     from stickslip.solvers.scene.record import STRESSES
     from stickslip.workflows.formats.csv_tables import csv_text
-    from stickslip.workflows.formats.files import write_aside
-    from stickslip.workflows.formats.marker import refuse_own
+    from stickslip.workflows.formats.files import write_output
+    from stickslip.workflows.formats.marker import refuse_place
     from stickslip.workflows.run.stored_results import load
 
-    if output is not None and output.is_dir():
-        raise SceneError(f"{output}: is a folder; name a file for the table with -o")
     if output is not None:
-        refuse_own(output)
+        refuse_place(output, "table")
     results = load(folder)
     mesh = results.mesh
     axes = "xyz"[: mesh.points.shape[1]]
@@ -54,10 +52,12 @@ def extract(
             rows.append([step.time, *x, *(basis @ step.displacement[mesh.cells[cell]]), *stress])
     if not rows:
         raise FolderError(f"{folder}: holds no step with its fields")
+    if lost := len(results.times) - len(results.steps):
+        typer.echo(f"stickslip: {folder}: files of {lost} of {len(results.times)} steps are lost; not told", err=True)
     header = ["time", *axes, *(f"displacement_{axis}" for axis in axes), *(f"stress_{ij}" for ij in STRESSES)]
     text = csv_text([header, *([float(number) for number in row] for row in rows)])
     if speaks() and output is not None:
-        write_aside(output, text.encode())
+        write_output(output, text.encode())
         typer.echo(f"wrote {output}")
     elif speaks():
         typer.echo(text, nl=False)

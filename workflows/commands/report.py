@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from stickslip.geometry.errors import SceneError
 from stickslip.workflows.commands.process import speaks
 
 
@@ -18,14 +17,12 @@ def report(
     ] = None,
 ) -> None:
     """Make a page of a run's results: numbers, pictures, cost, audit, the bodies in 3D; it opens without a network."""
-    from stickslip.workflows.formats.marker import refuse_own
+    from stickslip.workflows.formats.marker import refuse_place
     from stickslip.workflows.pictures.report_page import NAME, write_report
     from stickslip.workflows.run.stored_results import found
 
     results = found(folder)  # that of a run without an end is found as well
-    if (page := output or results.folder / NAME).is_dir():
-        raise SceneError(f"{page}: is a folder; name a file for the page with -o")
-    if page != results.folder / NAME:
-        refuse_own(page)
+    if (page := output or results.folder / NAME) != results.folder / NAME or page.is_dir():
+        refuse_place(page, "page")
     if speaks():
         typer.echo(f"wrote {write_report(results, output)}")

@@ -48,17 +48,11 @@ def run(
         reporter.table(content)
         reporter.files(outcome)
     if outcome.sentence and speaks():
-        again = [
-            "stickslip",
-            "run",
-            scene,
-            "-o",
-            str(folder),
-            *(f"--set={word}" for word in override or ()),
+        again = ["stickslip", "run", scene, "-o", str(folder), *(f"--set={word}" for word in override or ())]
+        again += [
             *(f"--accuracy={word}" for word in accuracy or ()),
-            *([f"--budget={budget:g}"] if budget is not None else []),
-            "--resume",
+            *([] if budget is None else [f"--budget={budget:g}"]),
         ]
-        how = f"; go on with: {shlex.join(again)}" if outcome.status == "interrupted" else ""
+        how = f"; go on with: {shlex.join([*again, '--resume'])}" if outcome.status == "interrupted" else ""
         typer.echo(f"stickslip: {outcome.status.replace('_', ' ')}: {outcome.sentence}{how}", err=True)
     sys.exit(outcome.exit_code)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,10 +20,6 @@ from stickslip.workflows.cost.study_folder import StudyFolder
 from stickslip.workflows.cost.tables import Line, comparison, headline, lines, plain, sentence, summary, write_csv
 from stickslip.workflows.formats.files import write_json
 from stickslip.workflows.run.ranks import Interrupt, refuse_mpirun
-
-BUSY = 0.9  # share of a core below which seconds are not those of the runs alone
-OF_MEMORY = 0.8  # of the available memory, for one run
-MESHES = 2  # fewest runs of one order and method that a comparison needs
 
 
 @dataclass(frozen=True)
@@ -58,22 +55,24 @@ def cost(
     refuse_mpirun("cost: measures runs on one core")
     check(asked, scene)
     ladder, notes = ladder_of(scene, named)
-    kept, limits = StudyFolder(target, scene, resume), Budget(budget, OF_MEMORY * available(), scene.dim)
+    kept, limits = StudyFolder(target, scene, resume), Budget(budget, 0.8 * available(), scene.dim)
     runs = retry(kept.runs, limits)
     with Interrupt() as interrupt, teller:
 
         def solve(rung: Rung, seconds: float) -> Run | None:
             what = f"order {rung.order}, {rung.method}, cells x {rung.factor:.3g}"
             teller.next(what, budget - limits.left(runs), len(runs))
-            return measure(scene, rung, seconds, lambda: interrupt.pressed)
+            with suppress(KeyboardInterrupt):
+                return None if interrupt.pressed else measure(scene, rung, seconds)
+            return None
 
         def keep(run: Run) -> None:
             kept.keep(run)
             teller.done(run)
 
-        teller.note(*[f"{len(runs)} finished runs are taken over"] * bool(runs), *notes)
+        teller.line(*[f"{len(runs)} finished runs are taken over"] * bool(runs), *notes)
         whole, left_out = climb(ladder, runs, limits, solve, keep)
-        teller.note(*left_out)
+        teller.line(*left_out)
         if not runs:
             kept.abandon()
             if not whole:
@@ -82,22 +81,22 @@ def cost(
         studies = judge(scene, runs, asked, ladder.tolerance)
         beside = lines(runs, ladder.methods, ladder.tolerance) if named else []
         compared = comparison(beside, ladder.methods)
-        kept.declare(studies)
-        write_csv(kept.path / "cost.csv", runs, studies)
+        kept.declare(["cost.csv", "cost.json", "cost_methods.png", *(study.picture for study in studies)])
+        write_csv(kept.work / "cost.csv", runs, studies)
         status = "complete" if whole else "interrupted"
         content = summary(scene, runs, studies, status, budget, [*notes, *left_out])
         if named:
             content |= {"side_by_side": plain(beside, ladder.methods), "comparison": compared}
-        write_json(kept.path / "cost.json", content)
+        write_json(kept.work / "cost.json", content)
         if scene.output.pictures:
-            _draw(kept.path, scene, studies, beside, ladder.methods, compared)
+            _draw(kept.work, scene, studies, beside, ladder.methods, compared)
         place = kept.finish()
-    teller.note(*_warnings(runs, studies))
+    teller.line(*_warnings(runs, studies))
     teller.table(studies)
     teller.methods(beside, ladder.methods)
     if compared:
-        teller.note(compared)
-    teller.note(f"results in {place}: cost.csv, cost.json, a picture of each quantity")
+        teller.line(compared)
+    teller.line(f"results in {place}: cost.csv, cost.json, a picture of each quantity")
     return _ending(whole, runs, "\n".join(map(sentence, studies)) if asked and studies else headline(studies))
 
 
@@ -123,16 +122,16 @@ def _ending(whole: bool, runs: Sequence[Run], said: str) -> Answer:
             meshes.setdefault(run.rung.chain, set()).add(run.rung.level)
     if not whole:
         return Answer(130, said, "interrupted; the finished runs are kept, go on with --resume")
-    if max((len(levels) for levels in meshes.values()), default=0) < MESHES:
+    if max((len(levels) for levels in meshes.values()), default=0) < 2:
         if not meshes and runs:
             return Answer(3, said, f"no run converged; the first one: {runs[0].sentence}")
-        return Answer(3, said, f"fewer than {MESHES} meshes of one method were solved; give it a larger --budget")
+        return Answer(3, said, "fewer than 2 meshes of one method were solved; give it a larger --budget")
     return Answer(0, said)
 
 
 def _warnings(runs: Sequence[Run], studies: Sequence[Study]) -> Iterator[str]:
     """Yield what makes the seconds or a reference value doubtful."""
-    if (share := core_share(runs)) < BUSY:
+    if (share := core_share(runs)) < 0.9:
         yield f"warning: the machine was busy, the runs got {100 * share:.0f} % of a core: read seconds with care"
     yield from (study.truth.warning for study in studies if study.truth.warning)
 

@@ -12,8 +12,6 @@ from stickslip.geometry.arrays import EXACT, Array
 
 WINDOW = 4  # finest meshes used: coarser ones do not follow the power yet; fewer cannot show divergence
 SLOWEST, FASTEST = 0.25, 6.0  # powers
-SETTLED = 0.01  # relative spread of a sequence that is as good as constant
-STRAY = 100.0  # median distances from the median
 SAFETY = 1.5  # on the uncertainty, for the power may still change
 TRUSTED = 0.2  # share of the step from the finest mesh to the limit that two powers at once can get wrong
 
@@ -61,7 +59,7 @@ def limit(h: Sequence[float], q: Sequence[float], floor: float = 0.0) -> Limit:
             rate < 1
             and len(x) >= WINDOW
             and len(set(np.sign(np.diff(y)))) == 1
-            and float(np.ptp(y)) > SETTLED * abs(y[-1])
+            and float(np.ptp(y)) > 0.01 * abs(y[-1])  # else it is as good as constant
         )
         if grows:
             return Limit(float(y[-1]), float("inf"), rate, converges=False)
@@ -82,7 +80,7 @@ def rate_of(h: Sequence[float], error: Sequence[float]) -> float | None:
 
 
 def _without_strays(x: Array, y: Array, floor: float) -> tuple[Array, Array]:
-    """Drop outliers: meshes whose value is farther from the median than any power of h explains.
+    """Drop outliers: meshes whose value is a hundred median distances from the median: no power of h explains that.
 
     Never the finest mesh; and none where most values are equal, for then distances from the median have no scale.
     """
@@ -90,7 +88,7 @@ def _without_strays(x: Array, y: Array, floor: float) -> tuple[Array, Array]:
     typical = float(np.median(off))
     if len(x) <= 3 or typical <= floor:
         return x, y
-    keep = (off <= STRAY * typical) | (x == x.min())
+    keep = (off <= 100 * typical) | (x == x.min())
     return x[keep], y[keep]
 
 

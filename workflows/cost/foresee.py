@@ -32,12 +32,6 @@ ASKED = (0.1, 0.01, 0.001)
 NUMBERS = (
     "normal_force", "tangential_force", "max_pressure", "contact_area", "stick_area", "slip_area", "dissipation_total",
 )  # fmt: skip
-ALLOWED = 10.0  # [s] for all coarse versions
-OVERHEAD = 0.9  # of the seconds of the fastest version are those of a mesh without cells
-FAR = 100.0  # two decades
-USUAL = 1.3  # power of the cells' size with which errors fall at order 1, between corners and smooth solutions
-SURE = 0.64  # how much that counts beside what is observed: (scatter of log errors .4 over that of powers .5)²
-HIGHEST = 60  # levels above the coarsest one that are looked at
 SPLITS = [2**doublings for doublings in range(13)]  # steps for each of the scene that are looked at
 
 
@@ -94,9 +88,7 @@ class Row:
     why_not: str = ""
 
 
-def foresee(
-    scene: Scene, seconds: float = ALLOWED, on_coarse: Callable[[Coarse], None] = lambda one: None
-) -> list[Row]:
+def foresee(scene: Scene, seconds: float = 10.0, on_coarse: Callable[[Coarse], None] = lambda one: None) -> list[Row]:
     """Solve coarse versions within some seconds, and tell the prices of the numbers of the contacts.
 
     Args:
@@ -191,7 +183,7 @@ def price(found: Sequence[Coarse], name: str, asked: float, dim: int) -> Price |
     last = found[-1]
     known = last.numbers[name]
     best: tuple[float, float, int] | None = None
-    for up in np.arange(0, HIGHEST, 0.5):
+    for up in np.arange(0, 60, 0.5):
         level = found[0].level + float(up)
         error = mesh_error(found, name, level)
         splits = next((n for n in SPLITS if error + known.time_step / n <= asked), None)
@@ -204,23 +196,31 @@ def price(found: Sequence[Coarse], name: str, asked: float, dim: int) -> Price |
             best = seconds, level, splits
     if best is None:
         return None
-    far = best[0] > FAR * last.seconds or known.error > FAR * asked
+    far = best[0] > 100 * last.seconds or known.error > 100 * asked
     return Price(asked, best[0], RATIO ** -best[1], best[2], far)
 
 
 def mesh_error(found: Sequence[Coarse], name: str, level: float) -> float:
-    """The error of a number by the mesh at a level, by the trend of the finest versions."""
+    """The error of a number by the mesh at a level, by the trend of the finest versions.
+
+    At order 1 errors fall with the power 1.3 of the cells' size, between corners and smooth solutions; beside what is
+    observed that counts by (scatter of log errors .4 over that of powers .5)².
+    """
     errors = {one.level: one.numbers[name].mesh for one in found if name in one.numbers}
     envelope = {at: max(error for other, error in errors.items() if other >= at) for at in errors}
     if not all(envelope.values()):
         return 0.0
     x, y = np.array(list(envelope)) * np.log(RATIO), np.log(list(envelope.values()))
     off = x - x.mean()
-    power = (off @ y - SURE * USUAL) / (off @ off + SURE)
+    sure = 0.64
+    power = (off @ y - sure * 1.3) / (off @ off + sure)
     return float(np.exp(y.mean() + power * (level * np.log(RATIO) - x.mean())))
 
 
 def _law(found: Sequence[Coarse], number: Callable[[Coarse], float], level: float, dim: int) -> float:
-    """Seconds at a level: what every version takes, and what grows with the cells, at most as solving does."""
-    all_take = OVERHEAD * min(number(one) for one in found)
+    """Seconds at a level: what every version takes, and what grows with the cells, at most as solving does.
+
+    Of the seconds of the fastest version 90 % are those of a mesh without cells.
+    """
+    all_take = 0.9 * min(number(one) for one in found)
     return all_take + power_law({one.level: number(one) - all_take for one in found}, level, dim, SOLVING * dim)

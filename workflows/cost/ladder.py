@@ -22,10 +22,7 @@ from stickslip.workflows.scene_file.read import with_method
 COARSEST, FINEST = -4, 12  # levels: four times as coarse as the scene, 64 times as fine
 ORDERS: tuple[Literal[1, 2], ...] = (1, 2)
 LOOSE = (1e-2, 1e-4)  # tolerances besides the scene's own
-WORTH = 0.2  # share of the iteration in the total time above which a looser tolerance can save time
-FAILURES = 2  # in a row, after which a chain ends
 MORE = 1.1  # factor on a time limit that was too short, for another try
-WINDOW = 3  # of the finest runs, which tell what the next one takes
 UNTRIED = 1.0  # seconds of the first run of all
 START = 2.0  # seconds in which a process starts and compiles nothing
 ANOTHER = 1.5  # assumed factor on the time of the same mesh with another method or a lower order
@@ -131,8 +128,8 @@ def _stride(run: Run, start: float) -> int:
 
 
 def _worth(run: Run) -> bool:
-    """Whether a looser tolerance can save time."""
-    return run.converged and run.rung.level >= 0 and run.phases["iterate"] >= WORTH * run.seconds
+    """Whether a looser tolerance can save time: where the iteration takes a fifth of it and more."""
+    return run.converged and run.rung.level >= 0 and run.phases["iterate"] >= run.seconds / 5
 
 
 def _in_vain(runs: Sequence[Run], tight: float) -> bool:
@@ -142,11 +139,11 @@ def _in_vain(runs: Sequence[Run], tight: float) -> bool:
 
 
 def _ended(tight: Sequence[Run]) -> bool:
-    """Time or memory ran out, or the last runs gave no answer; a mesh too coarse to be made does not count."""
+    """Time or memory ran out, or the last two runs gave no answer; a mesh too coarse to be made does not count."""
     if tight and tight[-1].status in ("out_of_time", "out_of_memory"):
         return True
     counted = [run for run in tight if run.rung.level >= 0 or run.status != "refused"]
-    return len(counted) >= FAILURES and not any(run.converged for run in counted[-FAILURES:])
+    return len(counted) >= 2 and not any(run.converged for run in counted[-2:])
 
 
 @dataclass(frozen=True)
@@ -205,7 +202,7 @@ def _left_out(rung: Rung, cost: float, left: float, small: bool) -> str:
 
 
 def power_law(values: Mapping[int, float], at: float, least: float, most: float) -> float:
-    """The value at a level, by a power of the cell size between `least` and `most` through the finest of all.
+    """The value at a level, by a power of the cell size between `least` and `most` through the finest three.
 
     A single value gives no power: the least one is taken, because the coarsest mesh is all overhead.
 
@@ -214,7 +211,7 @@ def power_law(values: Mapping[int, float], at: float, least: float, most: float)
     >>> round(power_law({0: 1.0}, 2, 3.0, 9.0), 9)
     8.0
     """
-    levels = sorted(values)[-WINDOW:]
+    levels = sorted(values)[-3:]
     x, y = np.array(levels) * np.log(RATIO), np.log([values[level] for level in levels])
     power = np.polyfit(x, y, 1)[0] if len(levels) > 1 else least
     return float(np.exp(y[-1] + np.clip(power, least, most) * (at * np.log(RATIO) - x[-1])))

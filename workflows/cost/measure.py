@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
+import re
 import signal
-import subprocess
 import sys
 import tempfile
 import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,89 +18,59 @@ import numpy as np
 from stickslip.geometry.dolfinx_versions import CACHE
 from stickslip.geometry.errors import GeometryError, MachineError, SceneError, SolverError
 from stickslip.geometry.memory import peak
-from stickslip.geometry.user_files.child_process import LOOK, end_with
+from stickslip.geometry.user_files.child_process import Ended, end_with, run_child
 from stickslip.solvers.results.step_result import StepResult, names_of, values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.cost.run_record import Run, Rung, mesh_size
-from stickslip.workflows.formats.files import write_aside
+from stickslip.workflows.formats.files import read_json, write_aside, write_json
 from stickslip.workflows.scene_file.read import from_dict, to_dict
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-Stop = Callable[[], bool]
 
 
-def measure(scene: Scene, rung: Rung, seconds: float, stop: Stop) -> Run | None:
-    """Solve the rung, a second time if the first one compiled forms; None if `stop` asked for the end.
+def measure(scene: Scene, rung: Rung, seconds: float) -> Run:
+    """Solve the rung, a second time if the first one compiled forms.
 
     Args:
         seconds: time limit [s], after which the process is ended.
-        stop: called repeatedly; True ends the process.
+
+    Raises:
+        KeyboardInterrupt: a signal came that this process handles.
     """
-    run = _once(scene, rung, seconds, stop)
-    if run is None or not run.compiled or not run.converged or run.spent >= seconds:
+    run = _once(scene, rung, seconds)
+    if not run.compiled or not run.converged or run.spent >= seconds:
         return run
-    again = _once(scene, rung, seconds - run.spent, stop)
-    if again is None or not again.converged:  # a time that includes compilation is better than no time
-        return again and replace(run, spent=run.spent + again.spent)
-    return replace(again, spent=run.spent + again.spent)
+    again = _once(scene, rung, seconds - run.spent)
+    # a time that includes compilation is better than no time
+    return replace(again if again.converged else run, spent=run.spent + again.spent)
 
 
-def _once(scene: Scene, rung: Rung, seconds: float, stop: Stop) -> Run | None:
+def _once(scene: Scene, rung: Rung, seconds: float) -> Run:
     began = clock.perf_counter()
     try:
         mine = rung.scene(scene)
     except SceneError as error:
         return Run(rung=rung, status="refused", sentence=str(error))
     with tempfile.TemporaryDirectory(prefix="stickslip_") as place:
-        task, answer, errors = (Path(place) / name for name in ("scene.json", "answer.json", "errors"))
-        task.write_text(json.dumps(to_dict(mine)), encoding="utf-8")
-        words = [
-            sys.executable,
-            "-P",
-            "-m",
-            "stickslip.workflows.cost.measure",
-            str(task),
-            str(answer),
-            str(os.getpid()),
-        ]
-        if rung.level <= 0 and rung.tolerance == scene.solver.tolerance:  # they depend little on the mesh
-            words.append("time-steps")
-        with errors.open("wb") as said:  # a new session, so that only the parent receives Ctrl-C
-            process = subprocess.Popen(
-                words, env={**os.environ, **ONE_THREAD}, stdout=said, stderr=said, start_new_session=True
-            )
-            try:
-                ended = _wait(process, began + seconds, stop)
-            finally:
-                process.kill()
-                process.wait()
+        task, answer = (Path(place) / name for name in ("scene.json", "answer.json"))
+        write_json(task, to_dict(mine))
+        # errors of time steps depend little on the mesh
+        more = ["time-steps"] if rung.level <= 0 and rung.tolerance == scene.solver.tolerance else []
+        ended = run_child(
+            "stickslip.workflows.cost.measure", [str(task), str(answer), *more], None, seconds, **ONE_THREAD
+        )
         common: dict[str, Any] = {"rung": rung, "h": mesh_size(mine), "spent": clock.perf_counter() - began}
-        if ended == "stopped":
-            return None
-        if ended == "late":
+        if ended.code is None:
             return Run(**common, status="out_of_time", sentence=f"stopped after {seconds:.0f} s")
-        if answer.exists():
-            return Run(**common, **json.loads(answer.read_text(encoding="utf-8")))
-        return Run(**common, **_broken(process.returncode, errors.read_text(errors="replace")))
+        return Run(**common, **(read_json(answer) or _broken(ended)))
 
 
-def _wait(process: subprocess.Popen[bytes], until: float, stop: Stop) -> str:
-    """`ended`, `late` or `stopped`."""
-    while process.poll() is None:
-        if stop():
-            return "stopped"
-        if clock.perf_counter() > until:
-            return "late"
-        clock.sleep(LOOK)
-    return "ended"
-
-
-def _broken(code: int, said: str) -> dict[str, Any]:
+def _broken(ended: Ended) -> dict[str, Any]:
     """Say how a process without an answer ended."""
-    lines = said.strip().splitlines() or [f"ended with code {code}"]
-    memory = code == -signal.SIGKILL or "MemoryError" in said or "Out of memory" in said
+    lines = ended.printed.splitlines() or [f"ended with code {ended.code}"]
+    memory = ended.full or ended.code == -signal.SIGKILL or re.search("MemoryError|Out of memory", ended.printed)
     return {"status": "out_of_memory" if memory else "failed", "sentence": lines[-1]}
 
 
@@ -166,11 +135,11 @@ def forms() -> int:
 
 
 def main() -> None:
-    """`python -m stickslip.workflows.cost.measure SCENE.json ANSWER.json PROCESS [time-steps]`; PROCESS: the parent."""
-    end_with(int(sys.argv[3]))
-    task, answer = map(Path, sys.argv[1:3])
-    found = solve(from_dict(json.loads(task.read_text(encoding="utf-8"))), "time-steps" in sys.argv[4:])
-    write_aside(answer, json.dumps(found).encode())
+    """`python -m stickslip.workflows.cost.measure SCENE.json ANSWER.json [time-steps] PROCESS`; PROCESS: the parent."""
+    task, answer, *more, parent = sys.argv[1:]
+    end_with(int(parent))
+    found = solve(from_dict(read_json(Path(task))), "time-steps" in more)
+    write_aside(Path(answer), json.dumps(found).encode())
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,7 @@ from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, Sheet
 
 MARKERS = {1: "^", 2: "s"}  # by order
 BAND = "#ececec"
-LETTERS = 118  # of nine points, bold, that fit into a line
-DECADES = 100.0  # from the least error to the largest, up to which 2 and 5 are labelled too
-WIDE, APART = 1.8, 1.7  # triangle of the observed power: its width, and how far from the points, as factors
 LINES: dict[int, Any] = {1: (0, (4, 2)), 2: "-"}
-ROOM = 1.6  # factor beyond the smallest and the largest value
 Number = Callable[[Run], float]
 KINDS: tuple[tuple[str, Number], ...] = (
     ("seconds on one core, all phases", lambda run: run.seconds),
@@ -38,8 +34,7 @@ def draw(folder: Path, title: str, study: Study, units: Units = SI) -> Path:
     """
     sheet = Sheet(10.0, 5.0, units=units)
     work, mesh = sheet.axes(0.85, 1.15, 4.9, 3.05), sheet.axes(6.85, 1.15, 2.95, 3.05)
-    methods = list(dict.fromkeys(run.rung.method for run in study.runs))
-    colours = dict(zip(methods, CURVES * len(methods), strict=False))
+    colours = _colours(run.rung.method for run in study.runs)
     shown = study.runs if study.truth.converges else ()
     for axes in (work, mesh):
         log_log(axes)
@@ -55,12 +50,35 @@ def draw(folder: Path, title: str, study: Study, units: Units = SI) -> Path:
     work.set_ylabel(f"relative error of {study.truth.name}", fontsize=9, color=INK)
     mesh.set_xlabel("edge length of cells at the contact [m]", fontsize=9, color=INK)
     mesh.invert_xaxis()
-    _legend(sheet, work, study, methods, colours)
+    more = [Line2D([], [], color=INK, linewidth=3.5, alpha=0.25, label="Pareto front")]
+    if any(run.rung.tolerance != study.tolerance for run in study.runs):
+        look: dict[str, Any] = {"color": PALE, "marker": "o", "markerfacecolor": "white", "linestyle": "none"}
+        more.insert(0, Line2D([], [], label="loose tolerance", **look))
     source = f"{study.truth.name} = {study.truth.value:.6g} ({study.truth.source})"
     sheet.head(title or study.truth.name, source, 0.85)
-    said = sentence(study)
-    sheet.write(0.85, 0.16, said, fontsize=min(9.0, 9.0 * LETTERS / len(said)), fontweight="bold")
+    _foot(sheet, colours, {run.rung.order for run in study.runs}, more, sentence(study))
     return sheet.save(folder / study.picture)
+
+
+def _colours(methods: Iterable[str]) -> dict[str, str]:
+    """A colour for each method."""
+    names = dict.fromkeys(methods)
+    return dict(zip(names, CURVES * len(names), strict=False))
+
+
+def _foot(sheet: Sheet, colours: Mapping[str, str], orders: Collection[int], more: Sequence[Line2D], said: str) -> None:
+    """Legend of methods and orders below the axes, and a sentence below that."""
+    handles = [Line2D([], [], color=c, marker="o", markersize=5, linewidth=1.2, label=m) for m, c in colours.items()]
+    for order in sorted(orders):
+        look: dict[str, Any] = {"marker": MARKERS[order], "markersize": 5.5, "linestyle": LINES[order]}
+        handles.append(Line2D([], [], color=PALE, label=f"order {order}", **look))
+    handles += more
+    sheet.figure.legend(
+        handles=handles, loc="lower left", bbox_to_anchor=(0.85 / sheet.width, 0.36 / sheet.height),
+        ncols=len(handles), fontsize=8, frameon=False, borderpad=0, columnspacing=1.4,
+    )  # fmt: skip
+    if said:  # 118 bold letters of nine points fit into a line
+        sheet.write(0.85, 0.16, said, fontsize=min(9.0, 9.0 * 118 / len(said)), fontweight="bold")
 
 
 def log_log(axes: Any) -> None:
@@ -105,7 +123,10 @@ def _front(axes: Any, study: Study) -> None:
 
 
 def _slopes(axes: Any, study: Study) -> None:
-    """A triangle with the observed power of h beside the finest runs of each order, clear of the others."""
+    """A triangle with the observed power of h beside the finest runs of each order, clear of the others.
+
+    As factors it is 1.8 wide, and 1.7 from the points.
+    """
     finest: dict[int, tuple[Run, float]] = {}
     for chain, rate in study.rates.items():
         known = [r for r in study.runs if study.known(r.rung)]
@@ -116,8 +137,8 @@ def _slopes(axes: Any, study: Study) -> None:
     for order, (run, rate) in finest.items():
         other = [study.errors[r.rung] / r.h for o, (r, _) in finest.items() if o != order]
         above = any(study.errors[run.rung] / run.h > each for each in other)
-        h, wide, rise = run.h, WIDE * run.h, WIDE**rate
-        level = study.errors[run.rung] * (rise * APART if above else 1 / APART)
+        h, wide, rise = run.h, 1.8 * run.h, 1.8**rate
+        level = study.errors[run.rung] * (rise * 1.7 if above else 1 / 1.7)
         x, y = ([h, wide, h, h], [level, level, level / rise, level]) if above else (
             [h, wide, wide, h], [level, level, level * rise, level])  # fmt: skip
         axes.plot(x, y, color=PALE, linewidth=0.8, zorder=1)
@@ -133,13 +154,8 @@ def _limits(work: Any, mesh: Any, study: Study, shown: Sequence[Run]) -> None:
         work.text(0.5, 0.5, "does not settle", transform=work.transAxes, ha="center", fontsize=9, color=PALE)
         return
     sure = study.truth.uncertainty
-    low = min(errors) / 8
     for axes in (work, mesh):
-        axes.set_ylim(low, 2.5 * max(errors))
-        if max(errors) < DECADES * min(errors):
-            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-            axes.yaxis.set_minor_formatter(NullFormatter())
+        low = _y_axis(axes, errors, 8, 2.5)
         if sure > low:
             axes.axhspan(low, sure, color=BAND, zorder=0)
     if sure > low:
@@ -149,23 +165,15 @@ def _limits(work: Any, mesh: Any, study: Study, shown: Sequence[Run]) -> None:
     work.set_xlim(min(x) / 1.5, max(x) * 1.8)
 
 
-def _legend(sheet: Sheet, axes: Any, study: Study, methods: Sequence[str], colours: dict[str, str]) -> None:
-    orders = sorted({run.rung.order for run in study.runs})
-    loose = any(run.rung.tolerance != study.tolerance for run in study.runs)
-    handles = [Line2D([], [], color=colours[m], marker="o", markersize=5, linewidth=1.2, label=m) for m in methods]
-    handles += [
-        Line2D([], [], color=PALE, marker=MARKERS[o], markersize=5.5, linestyle=LINES[o], label=f"order {o}")
-        for o in orders
-    ]
-    if loose:
-        handles.append(
-            Line2D([], [], color=PALE, marker="o", markerfacecolor="white", linestyle="none", label="loose tolerance")
-        )
-    handles.append(Line2D([], [], color=INK, linewidth=3.5, alpha=0.25, label="Pareto front"))
-    axes.figure.legend(
-        handles=handles, loc="lower left", bbox_to_anchor=(0.85 / sheet.width, 0.36 / sheet.height),
-        ncols=len(handles), fontsize=8, frameon=False, borderpad=0, columnspacing=1.4,
-    )  # fmt: skip
+def _y_axis(axes: Any, values: Sequence[float], below: float, above: float) -> float:
+    """Limits around the values, by factors; labels are plain numbers where these span two decades at most."""
+    low, high = min(values), max(values)
+    axes.set_ylim(low / below, high * above)
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    if high < 100 * low:
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    return low / below
 
 
 def draw_methods(
@@ -180,41 +188,23 @@ def draw_methods(
         MachineError: the disk is full.
     """
     sheet = Sheet(10.0, 5.0, units=units)
-    colours = dict(zip(methods, CURVES * len(methods), strict=False))
-    orders = sorted({line.order for line in found})
+    colours, orders = _colours(methods), {line.order for line in found}
     for left, (name, number) in zip((0.85, 5.75), KINDS, strict=True):
         axes = sheet.axes(left, 1.15, 4.0, 3.05)
         log_log(axes)
         for k, method in enumerate(methods):
-            for order in orders:
+            for order in sorted(orders):
                 runs = [run for line in found if line.order == order and (run := line.runs[k]) and run.converged]
                 axes.plot(
                     [run.h for run in runs], [number(run) or None for run in runs], color=colours[method],
                     linestyle=LINES[order], linewidth=1.0, marker=MARKERS[order], markersize=5.5,
                 )  # fmt: skip
-        _y_axis(axes, [number(run) for line in found for run in line.runs if run and run.converged])
+        known = [x for line in found for run in line.runs if run and run.converged and (x := number(run)) > 0]
+        if known:
+            _y_axis(axes, known, 1.6, 1.6)
         axes.set_xlabel("edge length of cells at the contact [m]", fontsize=9, color=INK)
         axes.set_ylabel(name, fontsize=9, color=INK)
         axes.invert_xaxis()
-    handles = [Line2D([], [], color=colours[m], marker="o", markersize=5, linewidth=1.2, label=m) for m in methods]
-    handles += [Line2D([], [], color=PALE, marker=MARKERS[o], linestyle=LINES[o], label=f"order {o}") for o in orders]
-    sheet.figure.legend(
-        handles=handles, loc="lower left", bbox_to_anchor=(0.85 / sheet.width, 0.36 / sheet.height),
-        ncols=len(handles), fontsize=8, frameon=False, borderpad=0, columnspacing=1.4,
-    )  # fmt: skip
     sheet.head(title or "Methods side by side", "methods side by side on the same meshes", 0.85)
-    if said:
-        sheet.write(0.85, 0.16, said, fontsize=min(9.0, 9.0 * LETTERS / len(said)), fontweight="bold")
+    _foot(sheet, colours, orders, (), said)
     return sheet.save(folder / "cost_methods.png")
-
-
-def _y_axis(axes: Any, values: Sequence[float]) -> None:
-    """Limits around the values, and labels that are plain numbers where these span few decades."""
-    known = [value for value in values if value > 0]
-    if not known:
-        return
-    axes.set_ylim(min(known) / ROOM, max(known) * ROOM)
-    axes.yaxis.set_minor_formatter(NullFormatter())
-    if max(known) < DECADES * min(known):
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")

@@ -3,49 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import TracebackType
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
-from rich.table import Table
+from rich.progress import TextColumn
 
 from stickslip.workflows.cost.foresee import ASKED, Price, Row
 from stickslip.workflows.cost.run_record import Run
 from stickslip.workflows.cost.study import Study
 from stickslip.workflows.cost.tables import Line, duration, percent, seconds
-from stickslip.workflows.run.terminal import console, print_table
+from stickslip.workflows.run.terminal import Speaker, console, print_table, table_of
 
-DAY = 86400.0  # [s]
+PRICES = ("1 % [s]", ".1 % [s]", ".01 % [s]")
 
 
-class Teller:
-    """A progress bar of the budget on a terminal, one line for each run elsewhere; silent if quiet."""
+class Teller(Speaker):
+    """Speaks of a study: its bar is the budget."""
 
     def __init__(self, budget: float, quiet: bool) -> None:
-        self.budget, self.quiet = budget, quiet
-        self.console = Console(stderr=True, highlight=False, markup=False)
-        self.progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[left]} left"),
-            console=self.console,
-            disable=quiet or not self.console.is_terminal,
-        )
+        super().__init__(quiet, TextColumn("{task.fields[left]} left"))
+        self.budget = budget
         self.task = self.progress.add_task("starting", total=budget, left=seconds(budget))
-
-    def __enter__(self) -> Teller:
-        self.progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.progress.stop()
-
-    def note(self, *lines: str) -> None:
-        """Print lines that stay."""
-        for line in () if self.quiet else lines:
-            self.console.print(line, soft_wrap=True)
 
     def next(self, what: str, spent: float, runs: int) -> None:
         """Show what is being solved and how much of the budget is used."""
@@ -59,45 +35,30 @@ class Teller:
         took = f"{seconds(run.seconds)}, {seconds(run.spent)} with the start of its process"
         how = f"{run.dofs} unknowns, {took}" if run.converged else f"{run.status}: {run.sentence}"
         if not run.converged or not self.console.is_terminal:
-            self.note(f"{what}: {' '.join(how.split())}")
+            self.line(f"{what}: {' '.join(how.split())}")
 
     def table(self, studies: Sequence[Study]) -> None:
         """One row for each quantity."""
         if self.quiet or not studies:
             return
-        table = Table()
-        for name in (
-            "quantity",
-            "value",
-            "sure to",
-            "because",
-            "time steps",
-            "orders",
-            "1 % [s]",
-            ".1 % [s]",
-            ".01 % [s]",
-            "best",
-        ):
-            table.add_column(name, justify="left" if name in ("quantity", "because", "orders") else "right")
+        rows, words = [], ("quantity", "because", "orders")
         for study in studies:
             truth, best = study.truth, study.most_exact
             costs = [study.cheapest(level) for level in (1e-2, 1e-3, 1e-4)]
             shown = [f"{run.seconds:.2g}" if run else "-" for run in costs]
             sure = percent(truth.uncertainty) if truth.converges else "-"
             because = truth.source if truth.converges else "one mesh only" if truth.meshes < 2 else "does not settle"
-            table.add_row(
-                truth.name, f"{truth.value:.6g}", sure, because, _of_steps(study), _orders(study), *shown,
-                percent(study.sure[best.rung]) if best else "-",
-            )  # fmt: skip
-        print_table(table, console(160))
+            exact = percent(study.sure[best.rung]) if best else "-"
+            about = (truth.name, f"{truth.value:.6g}", sure, because, _of_steps(study), _orders(study))
+            rows.append((*about, *shown, exact))
+        heads = ("quantity", "value", "sure to", "because", "time steps", "orders", *PRICES, "best")
+        print_table(table_of(heads, rows, words), console(160))
 
     def methods(self, found: Sequence[Line], methods: Sequence[str]) -> None:
         """Seconds and volume solves of methods that are laid side by side: one row for each mesh and method."""
         if self.quiet or not found:
             return
-        table = Table()
-        for name in ("order", "h", "method", "seconds", "volume solves"):
-            table.add_column(name, justify="left" if name == "method" else "right")
+        table = table_of(("order", "h", "method", "seconds", "volume solves"), (), ("method",))
         for line in found:
             for k, (method, run) in enumerate(zip(methods, line.runs, strict=True)):
                 mesh = ("", "") if k else (str(line.order), f"{line.h:.3g}")
@@ -107,13 +68,12 @@ class Teller:
 
 def print_prices(rows: Sequence[Row]) -> None:
     """About how long accuracies of numbers will take."""
-    out, table = console(120), Table()
-    for name in ("number", "about", "±, coarse", *(f"{100 * asked:g} %" for asked in ASKED)):
-        table.add_column(name, justify="left" if name == "number" else "right")
-    for row in rows:
-        prices = [_price(each) for each in row.prices]
-        table.add_row(row.name, f"{row.value:.4g}", "-" if row.why_not else percent(row.error), *prices)
-    print_table(table, out)
+    out, heads = console(120), ("number", "about", "±, coarse", *(f"{100 * asked:g} %" for asked in ASKED))
+    cells = (
+        (row.name, f"{row.value:.4g}", "-" if row.why_not else percent(row.error), *map(_price, row.prices))
+        for row in rows
+    )
+    print_table(table_of(heads, cells, ("number",)), out)
     for row in rows:
         if row.why_not:
             out.print(f"{row.name}: {row.why_not}", soft_wrap=True)
@@ -130,7 +90,7 @@ def _price(found: Price | None) -> str:
     """Of an accuracy; an extrapolation over days tells no number."""
     if found is None:
         return "-"
-    return f"{duration(found.seconds) if found.seconds < DAY else 'more than a day'}{'*' if found.far else ''}"
+    return f"{duration(found.seconds) if found.seconds < 86400.0 else 'more than a day'}{'*' if found.far else ''}"
 
 
 def _work(run: Run | None) -> tuple[str, str]:

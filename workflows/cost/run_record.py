@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from math import sqrt
 from typing import Any, Literal
 from urllib.parse import quote
@@ -98,11 +98,7 @@ class Run:
         """Wall time of all phases [s]."""
         return sum(self.phases.values())
 
-    def plain(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
-        return asdict(self)
-
 
 def from_plain(content: Mapping[str, Any]) -> Run:
-    """The run that `plain` has written."""
+    """The run that `asdict` has made plain."""
     return Run(**{**content, "rung": Rung(**content["rung"])})

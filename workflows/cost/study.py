@@ -16,7 +16,6 @@ from stickslip.workflows.cost.run_record import RATIO, Run, Rung
 SEQUENCE = 3  # meshes of one order that say more than two of another
 NOISE = 10.0  # times the tolerance: differences that the iteration alone can leave
 USUAL = ("max_pressure", "normal_force", "tangential_force")
-SPAN = 2  # levels: the error of a mesh that is still coarser says nothing of the trend
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[int]:
@@ -177,13 +176,13 @@ class Study:
         """Largest error of a run and of all finer or tighter ones of its chain, not below the trend of coarser ones.
 
         An error that changes its sign is small by luck on some mesh. Finer ones show that; for the finest it is that
-        from the next coarser meshes no error falls faster than with the power 2 order.
+        from the next two coarser meshes no error falls faster than with the power 2 order.
         """
         return {
             a: max(
                 error * _at_best(a, b)
                 for b, error in self.errors.items()
-                if b.chain == a.chain and b.tolerance <= a.tolerance and b.level >= a.level - SPAN
+                if b.chain == a.chain and b.tolerance <= a.tolerance and b.level >= a.level - 2
             )
             for a in self.errors
         }

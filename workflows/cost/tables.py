@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,11 +13,11 @@ from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.run_record import PHASES, Run
 from stickslip.workflows.cost.study import Study
+from stickslip.workflows.formats.csv_tables import csv_text
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.run.result import scene_hash
 from stickslip.workflows.scene_file.read import to_dict
 
-FIRST = 1e-2  # first relative error; each next digit divides it by ten
 COUNTS = ("dofs", "contact_points", "volume_solves", "linear_iterations")
 
 
@@ -38,13 +36,13 @@ def sentence(study: Study) -> str:
         return f"{name}: one mesh only, there is nothing to measure its error by; give it a larger --budget."
     if not study.truth.converges:
         return f"{name} does not settle on these meshes, too coarse yet or close to a singular corner: it has no price."
-    run, best = study.cheapest(FIRST), study.most_exact
+    run, best = study.cheapest(0.01), study.most_exact
     if best is None:
         return f"{name}: no run came to an end."
     if run is None:
         return f"1 % of {name} was not reached: {_least(study, best)}{unknown}."
     said = f"1 % of {name} costs {seconds(run.seconds)} with {choice(run, study)}"
-    following = study.cheapest(FIRST / 10)
+    following = study.cheapest(0.01 / 10)
     if following is run:
         return f"{said}, and the next digit comes with it{unknown}."
     if following is not None:
@@ -179,11 +177,8 @@ def write_csv(path: Path, runs: Sequence[Run], studies: Sequence[Study]) -> None
     for study in studies:
         name = study.truth.name
         head += [name, f"{name}:error", f"{name}:error_is_known", f"{name}:on_front"]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows([*_row(run), *(cell for study in studies for cell in _judged(run, study))] for run in runs)
-    write_aside(path, text.getvalue().encode())
+    rows = ([*_row(run), *(cell for study in studies for cell in _judged(run, study))] for run in runs)
+    write_aside(path, csv_text([head, *rows]).encode())
 
 
 def summary(
@@ -201,7 +196,7 @@ def summary(
         "spent": sum(run.spent for run in runs),
         "quantities": {study.truth.name: _quantity(study) for study in studies},
         "runs": [
-            run.plain()
+            asdict(run)
             | {"name": run.rung.name, "seconds": run.seconds}
             | {"errors": {study.truth.name: study.errors.get(run.rung) for study in studies}}
             for run in runs
@@ -214,17 +209,8 @@ def _row(run: Run) -> list[object]:
     rung, solved = run.rung, bool(run.phases)
     numbers: list[object] = [run.seconds if solved else "", *(run.phases[p] if solved else "" for p in PHASES)]
     numbers += [run.cpu or "", run.spent, run.memory or "", *(getattr(run, key) if solved else "" for key in COUNTS)]
-    return [
-        rung.order,
-        rung.method,
-        run.h or "",
-        rung.factor,
-        rung.tolerance,
-        run.status,
-        *numbers,
-        run.residual,
-        int(run.compiled),
-    ]
+    about = [rung.order, rung.method, run.h or "", rung.factor, rung.tolerance, run.status]
+    return [*about, *numbers, run.residual, int(run.compiled)]
 
 
 def _judged(run: Run, study: Study) -> list[object]:

@@ -7,7 +7,7 @@ import json
 import math
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,13 @@ def write_aside(path: Path, *content: bytes | memoryview) -> None:
             aside.unlink(missing_ok=True)
             raise
         sync_folder(path.parent)
+
+
+def write_output(path: Path, content: bytes) -> None:
+    """Write a file that the user names, in a folder that is made where it is missing; see `write_aside`."""
+    if not path.parent.exists():
+        make_folder(path.parent)
+    write_aside(path, content)
 
 
 def make_folder(folder: Path) -> None:
@@ -102,9 +109,9 @@ def read_json(path: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def write_json(path: Path, content: dict[str, Any]) -> None:
+def write_json(path: Path, content: dict[str, Any], write: Callable[[Path, bytes], None] = write_aside) -> None:
     """Write a JSON file whole; see `write_aside`."""
-    write_aside(path, f"{json_text(content)}\n".encode())
+    write(path, f"{json_text(content)}\n".encode())
 
 
 def json_text(content: dict[str, Any], indent: int | None = 1) -> str:

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from stickslip.geometry.errors import FolderError
+from stickslip.geometry.errors import FolderError, SceneError
 from stickslip.workflows.formats.files import parse_json, read_regular, write_aside
 
 MARKER, PART = ".stickslip", "..stickslip.part"  # and the marker before it is whole
@@ -92,12 +92,17 @@ def declare(folder: Path, names: Iterable[str]) -> None:
         mark(folder, names=(*marker.names, *new))
 
 
-def refuse_own(path: Path) -> None:
-    """Refuse a file of a run as the place of another output.
+def refuse_place(path: Path, what: str) -> None:
+    """Refuse a folder, or a file of a run, as the place of another output.
+
+    Args:
+        what: that is written, in a word.
 
     Raises:
-        FolderError: it is one.
+        SceneError: it is one.
     """
+    if path.is_dir():
+        raise SceneError(f"{path}: is a folder; name a file for the {what} with -o")
     if is_marked(path.parent) and marker_of(path.parent).owns(path.name):
         raise FolderError(f"{path}: is a file of that run; choose another name with -o")
 

@@ -6,7 +6,7 @@ whose fields are not asked for is a light file, steps/000012.light.h5: its `Step
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -129,21 +129,22 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
     }
     for name, contact in result.contacts.items():
         arrays |= {f"contacts/{name}/{key}": value for key, value in _columns(contact).items()}
-    plain = {"result": to_plain(result), "going": going}
-    arrays |= {f"{CHECKPOINT}/{name}": array for name, array in to_arrays(plain, arrays).items()}
-    path = folder / step_name(index)
-    make_folder(path.parent)
-    write_arrays(path, arrays, {"index": int(index), **{name: float(getattr(result, name)) for name in NUMBERS}})
-    return path
+    return _write(folder / step_name(index), index, result, going, arrays, NUMBERS)
 
 
 def write_light(folder: Path, index: int, result: StepResult, going: Plain = None) -> Path:
     """Write a step without its fields, and return the path of the file; see `write_step`."""
-    plain = {"result": to_plain(result.without_fields()), "going": going}
-    arrays = {f"{CHECKPOINT}/{name}": array for name, array in to_arrays(plain, {}).items()}
-    path = folder / light_name(index)
+    return _write(folder / light_name(index), index, result.without_fields(), going, {}, ("time",))
+
+
+def _write(
+    path: Path, index: int, result: StepResult, going: Plain, arrays: dict[str, AnyArray], numbers: Iterable[str]
+) -> Path:
+    plain = {"result": to_plain(result), "going": going}
+    checkpoint = {f"{CHECKPOINT}/{name}": array for name, array in to_arrays(plain, arrays).items()}
     make_folder(path.parent)
-    write_arrays(path, arrays, {"index": int(index), "time": float(result.time)})
+    told = {"index": int(index), **{name: float(getattr(result, name)) for name in numbers}}
+    write_arrays(path, arrays | checkpoint, told)
     return path
 
 

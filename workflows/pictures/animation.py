@@ -10,29 +10,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyvista as pv
 from matplotlib import colormaps
+from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize, to_rgb
 from numpy.typing import NDArray
 from PIL import Image as Pillow
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.units import Units
 from stickslip.solvers.results.step_result import OPEN, MeshData
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.steps import light_files, read_step, step_name, three
-from stickslip.workflows.pictures.body_picture import displacement_scale, plain
+from stickslip.workflows.pictures.body_picture import PlaneBodies, displacement_scale, plain
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
-from stickslip.workflows.pictures.render import body_on_stage, render
+from stickslip.workflows.pictures.render import SolidBodies, render
 from stickslip.workflows.pictures.sheet import COLOURS, STATUS_COLOURS, Sheet, show_image, span
 from stickslip.workflows.pictures.view import Image, View, close_up
 
 FRAMES = 100  # at most
-SECONDS, SLOWEST, LAST = 8.0, 0.5, 1.5  # longest duration [s] of the whole and of a frame; duration of the last frame
-DPI = 110
-LINE = 9.0  # pixels
-GREYS = 40  # of the 256 colours of a GIF
 Statuses = Mapping[str, NDArray[np.int8]]
 
 
@@ -53,7 +49,7 @@ class Course:
     norm: Normalize  # of von Mises stress
     scale: float  # factor on displacements
     view: View
-    touching: Array  # (k, 3) [m] points, as drawn, that are in contact at any time
+    beside: View | None  # of contacts that are hard to see: of a solid, or of a part of a plane body that is small
 
 
 def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
@@ -67,13 +63,14 @@ def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
     chosen = np.unique(np.linspace(0, len(there) - 1, min(len(there), FRAMES)).round().astype(int))
     indices = [there[place] for place in chosen]
     course = survey(folder, mesh, indices)
-    drawn = _Film(mesh, course, " ".join(scene.title.split()), scene.labels)
-    pictures = [Pillow.fromarray(drawn(frame)) for frame in frames(folder, mesh, indices)]
-    each = min(SLOWEST, SECONDS / len(pictures))
+    title = " ".join(scene.title.split())
+    drawn = (_drawn(mesh, course, frame, title, scene.labels) for frame in frames(folder, mesh, indices))
+    pictures = [*map(Pillow.fromarray, drawn)]
+    each = min(500, 8000 / len(pictures))  # [ms] of a frame, of 8 s at most; the last one stays longer
     content = io.BytesIO()
     colours = palette(mesh.points.shape[1] == 3)
     first, *others = [p.quantize(palette=colours, dither=Pillow.Dither.NONE) for p in pictures]
-    durations = [round(1000 * each)] * len(others) + [round(1000 * LAST)]
+    durations = [round(each)] * len(others) + [1500]
     first.save(content, "GIF", save_all=True, append_images=others, duration=durations, loop=0)
     path = folder / "animation.gif"
     write_aside(path, content.getvalue())
@@ -115,124 +112,83 @@ def survey(folder: Path, mesh: MeshData, indices: list[int]) -> Course:
     window = View.around(corners @ across.T, view.right, view.up)
     # a solid's contacts are shown on a map, where they were at the start
     touching = np.concatenate(places) + (0.0 if solid else scale) * np.concatenate(moves)
-    return Course(span(np.array([highest])), scale, window, touching)
+    beside = None if solid else close_up(window, touching)
+    if solid and mesh.surfaces:
+        whole, _ = view_of(np.concatenate([points for points, *_ in mesh.surfaces.values()]))
+        beside = close_up(whole, touching) or whole
+    return Course(span(np.array([highest])), scale, window, beside)
 
 
-class _Film:
-    """A sheet on which all frames are drawn: the bodies, and next to them contacts that are hard to see."""
+def _drawn(mesh: MeshData, course: Course, frame: Frame, title: str, units: Units) -> Image:
+    """A frame: the bodies, and next to them contacts that are hard to see."""
+    view, beside, scale, solid = course.view, course.beside, course.scale, mesh.points.shape[1] == 3
+    width, height = (5.2, 5.2 / view.aspect) if view.aspect > 1.3 else (4.0 * view.aspect, 4.0)
+    left, foot, room = (0.3, 0.3, 0.3) if solid else (0.8, 0.55, 0.75)
+    wide = min(3.2, 0.75 * max(height, 2.5) * beside.aspect) if beside else -room
+    high = wide / beside.aspect if beside else 0.0
+    sheet = Sheet(max(5.0, left + width + 1.55 + room + wide), foot + max(height, high) + 1.0, 110, units)
+    moved = frame.displacement[:, : mesh.points.shape[1]]
+    bodies = (SolidBodies if solid else PlaneBodies)(mesh, moved, (), scale)
+    lines = [] if solid else [_line(mesh, name, scale * moved, status) for name, status in frame.status.items()]
 
-    def __init__(self, mesh: MeshData, course: Course, title: str, units: Units) -> None:
-        self.mesh, self.course = mesh, course
-        self.solid = mesh.points.shape[1] == 3
-        self.beside = self._view_beside()
-        view, plain_axes = course.view, None if self.solid else ("x", "y")
-        width, height = (5.2, 5.2 / view.aspect) if view.aspect > 1.3 else (4.0 * view.aspect, 4.0)
-        left, foot = (0.3, 0.3) if self.solid else (0.8, 0.55)
-        wide = min(3.2, 0.75 * max(height, 2.5) * self.beside.aspect) if self.beside else 0.0
-        room = (0.3 if self.solid else 0.75) if self.beside else 0.0
-        high = wide / self.beside.aspect if self.beside else 0.0
-        size = max(5.0, left + width + 1.35 + room + wide + 0.2), foot + max(height, high) + 1.0
-        self.sheet = Sheet(*size, DPI, units)
-        axes, self.shown = self._picture(view, (left, foot, width, height), plain_axes)
-        tall = max(0.8 * height, 1.1)
-        bar = self.sheet.axes(left + width + 0.2, foot + (height - tall) / 2, 0.13, tall)
-        self.sheet.colour_bar(bar, course.norm, "von Mises stress [Pa]", orientation="vertical")
-        if self.beside:
-            place = (left + width + 1.35 + room, foot, wide, high)
-            close, self.shown_beside = self._picture(self.beside, place, plain_axes)
-            close.set_title("contact", fontsize=9, loc="left")
-        if mesh.surfaces:
-            self.sheet.status_legend(
-                axes, loc="lower left", bbox_to_anchor=(-0.01, 1.0), borderpad=0, handletextpad=0.5
-            )
-        drawn = "true displacement" if course.scale == 1 else f"displacement × {plain(course.scale)}"
-        self.sheet.head(title, f"{drawn}; grey: undeformed", left)
-        self.clock = self.sheet.write(self.sheet.width - 0.2, self.sheet.height - 0.48, "", fontsize=10, ha="right")
+    def show(view: View, *place: float) -> Any:
+        axes = sheet.axes(*place)
+        bodies.show(axes, view, round(place[2] * sheet.dpi), scale, frame.von_mises, course.norm)
+        for segments, colours in lines:  # in front of the bodies
+            axes.add_collection(LineCollection(segments, colors=colours, linewidths=6.0, zorder=3))
+        return axes
 
-    def __call__(self, frame: Frame) -> Image:
-        moved = three(self.mesh.points) + self.course.scale * frame.displacement
-        bodies = body_on_stage(self.mesh, moved, frame.von_mises, self.course.norm)
-        lines = [] if self.solid else [self._line(name, moved, status) for name, status in frame.status.items()]
-
-        def add(stage: Any) -> None:
-            bodies(stage)
-            for line in lines:
-                stage.add_mesh(line, scalars="colour", rgb=True, lighting=False, line_width=LINE)
-
-        self._show(self.shown, self.course.view, add)
-        if self.beside:
-            self._show(self.shown_beside, self.beside, self._map(frame.status) if self.solid else add)
-        self.clock.set_text(f"t = {frame.time:.4g} s")
-        return self.sheet.pixels()
-
-    def _view_beside(self) -> View | None:
-        """The second view: for solids a map of the contacts, for plane bodies the contact region if it is small."""
-        if not self.solid:
-            return close_up(self.course.view, self.course.touching)
-        if not self.mesh.surfaces:
-            return None
-        whole, _ = view_of(np.concatenate([points for points, *_ in self.mesh.surfaces.values()]))
-        return close_up(whole, self.course.touching) or whole
-
-    def _picture(self, view: View, place: tuple[float, ...], labels: tuple[str, str] | None) -> tuple[Any, Any]:
-        """Axes at a place (left, bottom, width, height) [inch], and the image in them."""
-        left, bottom, width, height = place
-        axes = self.sheet.axes(left, bottom, width, height)
-        show_image(axes, view, np.full((2, 2, 3), 255, np.uint8), labels)
-        return axes, axes.images[0]
-
-    def _show(self, image: Any, view: View, add: Callable[[Any], None]) -> None:
-        image.set_data(render(view, round(float(image.axes.get_window_extent().width)), add))
-
-    def _map(self, statuses: Statuses) -> Callable[[Any], None]:
-        """Draws the contact surfaces alone, the dual cell of each node in the colour of its status."""
-
-        def add(stage: Any) -> None:
-            for name, surface in self.mesh.surfaces.items():
-                cells, owners = dual_cells(*surface)
-                cells.cell_data["colour"] = _colours(statuses[name])[owners]
-                stage.add_mesh(cells, scalars="colour", rgb=True, lighting=False)
-
-        return add
-
-    def _line(self, name: str, moved: Array, status: NDArray[np.int8]) -> pv.PolyData:
-        """The deformed contact line, each half of a facet in the colour of the node at its end."""
-        size = float(np.ptp(self.mesh.points, axis=0).max())
-        points = moved[self.mesh.slaves[name]] + np.array([0.0, 0.0, 1e-2 * size])  # in front of the bodies
-        pairs = np.concatenate(
-            [np.stack(pair, axis=1) for pair in pairwise(_along(self.mesh.surfaces[name][1]))]
-        )  # neighbours along the facets
-        middle = points[pairs].mean(axis=1)
-        ends = np.concatenate([np.stack([points[pairs[:, k]], middle], axis=1) for k in (0, 1)]).reshape(-1, 3)
-        count = 2 * len(pairs)
-        cells = np.column_stack([np.full(count, 2), np.arange(2 * count).reshape(-1, 2)])
-        line = pv.PolyData(ends, lines=cells.ravel())
-        line.cell_data["colour"] = _colours(status)[np.concatenate([pairs[:, 0], pairs[:, 1]])]
-        return line
+    axes = show(view, left, foot, width, height)
+    tall = max(0.8 * height, 1.1)
+    bar = sheet.axes(left + width + 0.2, foot + (height - tall) / 2, 0.13, tall)
+    sheet.colour_bar(bar, course.norm, "von Mises stress [Pa]", orientation="vertical")
+    if beside:
+        place = (left + width + 1.35 + room, foot, wide, high)
+        close = sheet.axes(*place) if solid else show(beside, *place)
+        if solid:
+            show_image(close, beside, render(beside, round(wide * sheet.dpi), _map(mesh, frame.status)), None)
+        close.set_title("contact", fontsize=9, loc="left")
+    if mesh.surfaces:
+        sheet.status_legend(axes, loc="lower left", bbox_to_anchor=(-0.01, 1.0), borderpad=0, handletextpad=0.5)
+    drawn = "true displacement" if scale == 1 else f"displacement × {plain(scale)}"
+    sheet.head(title, f"{drawn}; grey: undeformed", left)
+    sheet.write(sheet.width - 0.2, sheet.height - 0.48, f"t = {frame.time:.4g} s", fontsize=10, ha="right")
+    return sheet.pixels()
 
 
-def _along(facets: Ints) -> tuple[Ints, ...]:
-    """Nodes of line facets in the order along the line: dolfinx numbers middle nodes last."""
-    return (facets[:, 0], *facets[:, 2:].T, facets[:, 1])
+def _map(mesh: MeshData, statuses: Statuses) -> Callable[[Any], None]:
+    """Draws the contact surfaces alone, the dual cell of each node in the colour of its status."""
+
+    def add(stage: Any) -> None:
+        for name, surface in mesh.surfaces.items():
+            cells, owners = dual_cells(*surface)
+            colours = [np.round(255 * np.array(to_rgb(STATUS_COLOURS[int(s)]))) for s in statuses[name][owners]]
+            cells.cell_data["colour"] = np.array(colours, np.uint8)
+            stage.add_mesh(cells, scalars="colour", rgb=True, lighting=False)
+
+    return add
 
 
-def _colours(status: NDArray[np.int8]) -> NDArray[np.uint8]:
-    table = np.zeros((max(STATUS_COLOURS) + 1, 3), np.uint8)
-    for s, colour in STATUS_COLOURS.items():
-        table[s] = np.round(255 * np.array(to_rgb(colour)))
-    return table[status]
+def _line(mesh: MeshData, name: str, motion: Array, status: NDArray[np.int8]) -> tuple[list[Array], list[str]]:
+    """The deformed contact line, each half of a facet (2, 2) [m] in the colour of the node at its end."""
+    points, facets = (mesh.points + motion)[mesh.slaves[name]], mesh.surfaces[name][1]
+    along = (facets[:, 0], *facets[:, 2:].T, facets[:, 1])  # dolfinx numbers middle nodes last
+    pairs = np.concatenate([np.stack(pair, axis=1) for pair in pairwise(along)])
+    middle = points[pairs].mean(axis=1)
+    ends = [np.stack([points[pairs[:, k]], middle], axis=1) for k in (0, 1)]
+    return [*np.concatenate(ends)], [STATUS_COLOURS[int(s)] for s in status[pairs].T.ravel()]
 
 
 def palette(solid: bool) -> Pillow.Image:
-    """256 fixed colours for all frames; a choice by frequency would lose rare colours of the stress scale.
+    """256 fixed colours for all frames, 40 of them grey; by frequency, rare ones of the stress scale would be lost.
 
     Solids need each colour in darker shades, for sides that face away from the lights.
     """
     shades = (1.0, 0.88, 0.76) if solid else (1.0,)
     status = [to_rgb(colour) for colour in STATUS_COLOURS.values()]
-    levels = (256 - GREYS - len(status)) // len(shades)
+    levels = (216 - len(status)) // len(shades)
     stress = colormaps[COLOURS](np.linspace(0.0, 1.0, levels))[:, :3]
-    greys = np.repeat(np.linspace(0.0, 1.0, GREYS)[:, None], 3, axis=1)
+    greys = np.repeat(np.linspace(0.0, 1.0, 40)[:, None], 3, axis=1)
     colours = np.concatenate([greys, status, *(shade * stress for shade in shades)])
     found = Pillow.new("P", (1, 1))
     found.putpalette(np.round(255 * colours).astype(np.uint8).tobytes())

@@ -20,15 +20,9 @@ from stickslip.workflows.formats.mesh_file import corner_cells
 from stickslip.workflows.formats.steps import StoredStep, three
 from stickslip.workflows.pictures.rigid import Rigid, shade
 from stickslip.workflows.pictures.sheet import COLOURS, DPI, LINE, Sheet, decades, show_image, span
-from stickslip.workflows.pictures.view import Image, View, close_up
+from stickslip.workflows.pictures.view import FEW_CELLS, Image, View, close_up
 
-VISIBLE = 0.02  # relative to the size of the bodies: displacements from there on are drawn to scale
-DRAWN = 0.08  # smaller ones are scaled so that the largest is about this fraction of the size
-APART = 0.005  # relative to the size: largest gap or overlap with which touching bodies are drawn
-MOST, ABOVE = 0.99, 1.5  # share of the cells that the colours tell apart, if the largest value is so many times higher
-CLOSE_UP = 4.0  # largest side of the second view, of the contact alone [inch]
 FINER = 2  # an image is the mean of so many pixels in both directions
-FEW_CELLS = 6000  # largest number of cells whose edges are drawn
 EDGES: dict[str, Any] = {"colors": "#222222", "linewidths": 0.7}
 GHOST: dict[str, Any] = {"colors": "#8c8c8c", "linewidths": 0.5}
 GRID: dict[str, Any] = {"colors": "#333333", "linewidths": 0.36, "alpha": 0.18}
@@ -67,8 +61,8 @@ class BodyPictures:
         """Draw deformed.png: von Mises stress, the obstacles, and the outline of the undeformed bodies in grey."""
         values = self._result.von_mises
         norm, peak = span(values), float(values.max(initial=0.0))
-        most = float(np.quantile(values, MOST)) if len(values) else peak
-        if 0 < most < peak / ABOVE:  # a corner would leave one colour for all else
+        most = float(np.quantile(values, 0.99)) if len(values) else peak
+        if 0 < most < peak / 1.5:  # a corner would leave one colour for all else
             norm = Normalize(norm.vmin, most)
         return self._draw(folder / "deformed.png", values, norm, f"von Mises stress [Pa], largest {peak:.3g}")
 
@@ -86,7 +80,7 @@ class BodyPictures:
         beside = view.aspect <= 1.6
         left = 0.25 if solid else 0.8
         foot = (0.2 if solid else 0.55) + (0.0 if beside else 0.75)
-        side = min(height, CLOSE_UP)
+        side = min(height, 4.0)
         wide = max(4.5, left + width + (1.3 if beside else 0.4))
         sheet = Sheet(
             wide + (side + 1.0 if close else 0.0), foot + height + 0.75 + LINE * bool(more), units=self._units
@@ -115,20 +109,24 @@ def _touching(mesh: MeshData, result: StepResult) -> Array:
 def displacement_scale(mesh: MeshData, result: StepResult | StoredStep) -> float:
     """A round factor (1, 2 or 5 times a power of ten) that makes displacements visible; 1 if they already are.
 
-    A rigid motion of all nodes counts like any other displacement, and none is made smaller. The factor is limited
-    where what touches had an initial gap or interference, because only the true displacement closes it.
+    They are from 2 % of the bodies' size on; smaller ones become up to 8 % of it. A rigid motion of all nodes counts
+    like any other displacement, and none is made smaller. The factor is limited where what touches had an initial gap
+    or interference, because only the true displacement closes it: by half a per cent of the size.
     """
     largest = float(np.abs(result.displacement).max(initial=0.0))
     size = float(np.ptp(mesh.points, axis=0).max())
-    if not 0 < largest < math.inf or largest >= VISIBLE * size:
+    if not 0 < largest < math.inf or largest >= 0.02 * size:
         return 1.0
     closed = max(
         (np.abs(gap[result.contacts[name].status != OPEN]).max(initial=0.0) for name, gap in mesh.gaps.items()),
         default=0.0,
     )
-    wanted = DRAWN * size / largest
-    if wanted * closed > APART * size:
-        wanted = min(wanted, 1 + APART * size / closed)
+    wanted = 0.08 * size / largest
+    return round_below(min(wanted, 1 + 0.005 * size / closed) if closed else wanted)
+
+
+def round_below(wanted: float) -> float:
+    """The largest of 1, 2, 5 times powers of ten that is not above."""
     decade = 10.0 ** math.floor(math.log10(wanted))
     return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= wanted * (1 + EXACT))
 

@@ -16,12 +16,8 @@ from stickslip.solvers.results.step_result import OPEN, ContactState
 from stickslip.workflows.formats.mesh_file import corner_cells
 from stickslip.workflows.pictures.render import SHADED, grid_of, render
 from stickslip.workflows.pictures.sheet import COLOURS, DPI, LINE, STATUS_COLOURS, Sheet, show_image, span
-from stickslip.workflows.pictures.view import View, focus
+from stickslip.workflows.pictures.view import FEW_CELLS, View, focus
 
-ARROWS = 250  # approximate largest number of arrows
-LONGEST = 0.12  # length of the longest arrow, relative to the size of the surface
-NEARLY_FLAT = 0.25  # largest depth of a surface, relative to its size, with which it is viewed along an axis
-FEW_FACETS = 3000  # largest number of facets whose edges are drawn
 Facets = Ints
 Surface = tuple[Array, Facets, str]  # nodes, facets, their shape
 
@@ -42,7 +38,7 @@ def draw_surface(
     ).astype(np.uint8)
     flat = labels is not None
     lit: dict[str, Any] = {"lighting": False} if flat else SHADED
-    edges = grid.extract_all_edges() if len(facets) <= FEW_FACETS else None
+    edges = grid.extract_all_edges() if len(facets) <= FEW_CELLS // 2 else None
 
     def add_edges(stage: Any) -> None:
         if edges is not None:
@@ -86,7 +82,7 @@ def view_of(points: Array) -> tuple[View, tuple[str, str] | None]:
     """
     spread = np.ptp(points, axis=0)
     thin = int(np.argmin(spread))
-    if spread[thin] > NEARLY_FLAT * spread.max():
+    if spread[thin] > spread.max() / 4:
         return View.isometric(points), None
     across, up = (i for i in range(3) if i != thin)
     return View.facing(points, across, up), ("xyz"[across], "xyz"[up])
@@ -116,7 +112,7 @@ def _arrows(points: Array, contact: ContactState, view: View) -> tuple[Any, floa
     """Arrows of sigma_T at some of the nodes, moved slightly towards the viewer, and the largest |sigma_T| [Pa]."""
     size = np.linalg.norm(contact.traction, axis=1)
     longest = float(size.max(initial=0.0))
-    chosen = _spread(points, ARROWS)
+    chosen = _spread(points, 250)
     chosen = chosen[size[chosen] > SLIGHT * longest]
     if longest == 0.0 or not len(chosen):
         return None, 0.0
@@ -125,7 +121,7 @@ def _arrows(points: Array, contact: ContactState, view: View) -> tuple[Any, floa
     cloud = pv.PolyData(points[chosen] + towards)
     cloud.point_data["traction"] = contact.traction[chosen] / longest
     shape = pv.Arrow(tip_length=0.35, tip_radius=0.12, shaft_radius=0.035)
-    return cloud.glyph(orient="traction", scale="traction", factor=LONGEST * extent, geom=shape), longest
+    return cloud.glyph(orient="traction", scale="traction", factor=0.12 * extent, geom=shape), longest
 
 
 def _spread(points: Array, count: int) -> Ints:

@@ -25,7 +25,6 @@ from stickslip.workflows.pictures.rigid import Rigid
 from stickslip.workflows.pictures.sheet import LINE, PALE, STATUS_COLOURS, Sheet, frame
 from stickslip.workflows.pictures.view import focus
 
-HISTORY = 3  # smallest number of steps for pictures over time
 PRESSURE, TANGENTIAL = "#1b1b1b", "#b2182b"
 
 
@@ -81,13 +80,13 @@ def draw(
 
 
 def draw_course(folder: Path, scene: Scene) -> list[Path]:
-    """Draw history.png and force_displacement.png from steps.csv, if there are enough steps. Rank 0 only.
+    """Draw history.png and force_displacement.png from steps.csv, if there are at least three steps. Rank 0 only.
 
     Raises:
         MachineError: the disk is full, or steps.csv cannot be read.
     """
     columns, title = read_steps_table(folder), " ".join(scene.title.split())
-    if len(columns["time"]) < HISTORY:
+    if len(columns["time"]) < 3:
         return []
     loops = draw_loops(folder, scene, columns, title)
     return [draw_history(folder, scene, columns, title), *([loops] if loops else [])]

@@ -18,9 +18,6 @@ from stickslip.workflows.pictures.sheet import COLOURS, INK, PALE, Sheet, frame
 
 MOST = 3  # largest number of panels in a row
 FEW = 80  # largest number of steps with a mark for each
-WIDE, HIGH, LEFT, GAP = 2.45, 2.2, 0.95, 1.0  # of a panel [inch]
-STRAIGHT = 0.9  # smallest |resultant| of a flat contact, relative to the sums of its pressure and friction
-HEAD, FOOT = 1.1, 0.6  # above and below the panels [inch]
 Columns = Mapping[str, Array]
 
 
@@ -59,18 +56,16 @@ def draw_loops(folder: Path, scene: Scene, columns: Columns, title: str) -> Path
     rows = [row for row in rows if row]
     if not rows:
         return None
-    across = max(map(len, rows))
-    sheet = Sheet(LEFT + across * (WIDE + GAP) + 0.45, HEAD + len(rows) * (HIGH + GAP) - GAP + FOOT, units=scene.labels)
-    time = steps["time"]
+    across, time = max(map(len, rows)), steps["time"]
+    left, pitch, high = 0.95, 3.45, 3.2 * len(rows) - 1.0  # [inch] of panels of 2.45 by 2.2
+    sheet = Sheet(left + across * pitch + 0.45, high + 1.7, units=scene.labels)
     norm = Normalize(0.0, float(time[-1]))
     for i, row in enumerate(rows):
         for k, panel in enumerate(row):
-            bottom = sheet.height - HEAD - (i + 1) * HIGH - i * GAP
-            _draw(sheet.axes(LEFT + k * (WIDE + GAP), bottom, WIDE, HIGH), panel, time, norm)
-    high = len(rows) * HIGH + (len(rows) - 1) * GAP
-    bar = sheet.axes(LEFT + across * (WIDE + GAP) - 0.55, FOOT, 0.13, high)
+            _draw(sheet.axes(left + k * pitch, sheet.height - 3.3 - 3.2 * i, 2.45, 2.2), panel, time, norm)
+    bar = sheet.axes(left + across * pitch - 0.55, 0.6, 0.13, high)
     sheet.colour_bar(bar, norm, "time [s]", orientation="vertical")
-    sheet.head(title, "force against motion; a loop's area is work", LEFT)
+    sheet.head(title, "force against motion; a loop's area is work", left)
     return sheet.save(folder / "force_displacement.png")
 
 
@@ -143,11 +138,11 @@ def _motion(contact: str, steps: Columns) -> float:
 
 
 def _is_flat(contact: str, scene: Scene, steps: Columns) -> bool:
-    """Whether a contact is so flat that its resultant is nearly the sum of the forces at its points."""
+    """Whether a contact is so flat that its resultant is 90 % and more of the sum of the forces at its points."""
     normal, tangential = (steps[f"{contact}.{key}_force"] for key in ("normal", "tangential"))
     resultant = np.linalg.norm([steps[f"{contact}.force.{axis}"] for axis in "xyz"[: scene.dim]], axis=0)
     k = int(np.argmax(normal))
-    return bool(resultant[k] >= STRAIGHT * np.hypot(normal[k], tangential[k]) > 0)
+    return bool(resultant[k] >= 0.9 * np.hypot(normal[k], tangential[k]) > 0)
 
 
 def _draw(axes: Any, panel: Panel, time: Array, norm: Normalize) -> None:

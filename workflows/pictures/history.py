@@ -22,7 +22,7 @@ from stickslip.workflows.pictures.force_displacement import FEW, Columns, from_r
 from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, STATUS_COLOURS, STATUS_WORDS, Sheet, frame
 
 MOST = 6  # largest number of curves in a panel
-WIDE, HIGH, LEFT, GAP, BESIDE = 5.2, 1.4, 0.85, 0.22, 2.0  # of a panel and its legend [inch]
+LEFT, HIGH, PITCH = 0.85, 1.4, 1.62  # of a panel [inch]
 PANELS = {  # by what is prescribed
     "displacement": "motion [m]",
     "rotation": "rotation [rad]",
@@ -38,7 +38,6 @@ ENERGIES = {  # by label
     # the difference between dissipated energy and contact work shows whether the steps are small enough
     "dissipated (end of step)": "dissipated",
 }
-BAND = 0.25  # opacity
 Curves = dict[str, Array]
 
 
@@ -57,8 +56,8 @@ def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Pa
     panels = [(label, most(curves)) for label, curves in everything]
     panels = [(label, curves) for label, curves in panels if curves]
     count = len(panels) + bool(scene.contacts)
-    sheet = Sheet(LEFT + WIDE + BESIDE, 0.75 + count * (HIGH + GAP) + 0.4, units=scene.labels)
-    place = (sheet.height - 0.75 - HIGH - k * (HIGH + GAP) for k in range(count))
+    sheet = Sheet(8.05, 1.15 + count * PITCH, units=scene.labels)
+    place = (sheet.height - 0.75 - HIGH - k * PITCH for k in range(count))
     drawn: list[Any] = []
     for label, curves in panels:
         axes = _below(sheet, next(place), drawn, label)
@@ -67,7 +66,7 @@ def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Pa
         for (name, values), colour in zip(curves.items(), CURVES, strict=False):
             axes.plot(steps["time"], values, color=colour, linewidth=1.3, label=name, **marked)
             if (error := errors.get((label, name))) is not None:
-                axes.fill_between(steps["time"], values - error, values + error, color=colour, alpha=BAND, linewidth=0)
+                axes.fill_between(steps["time"], values - error, values + error, color=colour, alpha=0.25, linewidth=0)
         _legend(axes)
     if scene.contacts:
         _areas(_below(sheet, next(place), drawn, f"contact area [{area(scene)}]"), scene, steps)
@@ -167,7 +166,7 @@ def _areas(axes: Any, scene: Scene, steps: Columns) -> None:
 
 
 def _below(sheet: Sheet, bottom: float, drawn: list[Any], label: str) -> Any:
-    axes = sheet.axes(LEFT, bottom, WIDE, HIGH)
+    axes = sheet.axes(LEFT, bottom, 5.2, HIGH)
     axes.set_ylabel(label, fontsize=9, color=INK)
     drawn.append(axes)
     return axes

@@ -20,11 +20,10 @@ from stickslip.workflows.formats.mesh_file import corner_cells
 from stickslip.workflows.formats.steps import three
 from stickslip.workflows.pictures.rigid import Rigid, stand, surfaces
 from stickslip.workflows.pictures.sheet import COLOURS, show_image
-from stickslip.workflows.pictures.view import Image, View
+from stickslip.workflows.pictures.view import FEW_CELLS, Image, View
 
 SHADED: dict[str, Any] = {"lighting": True, "ambient": 0.6, "diffuse": 0.45}  # edges show, colours stay near the bar's
 OFF_SCREEN = ("libEGL.so.1", "libOSMesa.so.8")  # VTK crashes where it finds none of them
-FEW_CELLS = 6000  # largest number of cells whose edges are drawn
 EDGES: dict[str, Any] = {"color": "#222222", "line_width": 2.5}
 GHOST: dict[str, Any] = {"color": "#8c8c8c", "line_width": 2.0}
 
@@ -124,62 +123,32 @@ class SolidBodies:
         self.view = View.isometric(np.vstack([both, *(surface.points for surface in self._obstacles)]))
 
     def show(self, axes: Any, view: View, width: int, scale: float, values: Array, norm: Normalize) -> None:
-        """Draw them in axes of so many pixels; see `PlaneBodies.show`."""
-        bodies = body_on_stage(self._mesh, self._mesh.points + scale * self._displacement, values, norm)
+        """Draw them in axes of so many pixels, with grey outlines of the undeformed ones; see `PlaneBodies.show`."""
+        cells = grid_of(self._mesh.points, self._mesh.cells, self._mesh.shape)
+        cells.cell_data["values"] = np.maximum(values, float(norm.vmin or 0.0)) if isinstance(norm, LogNorm) else values
+        cells.point_data["moved"] = self._mesh.points + scale * self._displacement
+        before = surface_of(cells)  # only the surface is visible
+        after = before.copy()
+        after.points = after.point_data["moved"]
+        edges: dict[str, Any] = {"edge_color": "#333333", "edge_opacity": 0.25}
+        edges["show_edges"] = len(self._mesh.cells) <= FEW_CELLS
+        colours = {"cmap": COLOURS, "clim": (norm.vmin, norm.vmax), "log_scale": isinstance(norm, LogNorm)}
 
         def add(stage: Any) -> None:
-            bodies(stage)
+            stage.add_mesh(after, scalars="values", **colours, **SHADED, **edges, show_scalar_bar=False)
+            for grid, look in ((after, EDGES), (before, GHOST)):
+                outline = outline_of(grid)
+                if outline.n_cells:
+                    stage.add_mesh(outline, lighting=False, **look)
             for surface in self._obstacles:
                 stand(stage, surface)
 
         show_image(axes, view, render(view, width, add), None)
 
 
-def body_on_stage(mesh: MeshData, moved: Array, values: Array, norm: Normalize) -> Callable[[Any], None]:
-    """A function that adds the bodies to a stage, deformed, with grey outlines of the undeformed bodies.
-
-    Args:
-        moved: places of the nodes as drawn (n, 3) [m].
-        values: (cells,) [Pa].
-        norm: range of the colours [Pa].
-    """
-    solid = mesh.points.shape[1] == 3
-    cells = grid_of(mesh.points, mesh.cells, mesh.shape)
-    cells.cell_data["values"] = np.maximum(values, float(norm.vmin or 0.0)) if isinstance(norm, LogNorm) else values
-    cells.point_data["moved"] = moved
-    before = surface_of(cells) if solid else cells  # only the surface is visible
-    after = before.copy()
-    after.points = after.point_data["moved"]
-
-    def add(stage: Any) -> None:
-        stage.add_mesh(
-            after,
-            scalars="values",
-            cmap=COLOURS,
-            clim=(norm.vmin, norm.vmax),
-            log_scale=isinstance(norm, LogNorm),
-            **(SHADED if solid else {"lighting": False}),
-            show_edges=len(mesh.cells) <= FEW_CELLS,
-            edge_color="#333333",
-            edge_opacity=0.25,
-            show_scalar_bar=False,
-        )
-        for grid, look in ((after, EDGES), (before, GHOST)):
-            outline = outline_of(grid, solid)
-            if outline.n_cells:
-                stage.add_mesh(outline, lighting=False, **look)
-
-    return add
-
-
-def outline_of(grid: Any, solid: bool) -> Any:
-    """Border of a plane body, or sharp edges of a solid."""
-    if solid:  # cells may be mirror images: normals are made consistent before angles are measured
-        grid = grid.compute_normals(point_normals=False, consistent_normals=True)
-    return grid.extract_feature_edges(
-        feature_angle=30.0,
-        boundary_edges=not solid,
-        feature_edges=solid,
-        manifold_edges=False,
-        non_manifold_edges=False,
-    )
+def outline_of(grid: Any) -> Any:
+    """Sharp edges of a solid."""
+    # cells may be mirror images: normals are made consistent before angles are measured
+    grid = grid.compute_normals(point_normals=False, consistent_normals=True)
+    only: dict[str, bool] = {"boundary_edges": False, "manifold_edges": False, "non_manifold_edges": False}
+    return grid.extract_feature_edges(feature_angle=30.0, feature_edges=True, **only)

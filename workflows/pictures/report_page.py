@@ -23,18 +23,16 @@ from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import SI
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of, singular
-from stickslip.workflows.formats.files import write_aside
+from stickslip.workflows.formats.files import write_output
 from stickslip.workflows.formats.marker import declare, is_marked
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
 from stickslip.workflows.formats.results import HEAD, Results, profile_rows
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.pictures.report_view import model
-from stickslip.workflows.pictures.sheet import COLOURS, CURVES, STATUS_COLOURS, STATUS_WORDS
+from stickslip.workflows.pictures.sheet import COLOURS, CURVES, RAISED, STATUS_COLOURS, STATUS_WORDS, ticks
 
 NAME = "report.html"
 PARTS = files("stickslip.workflows.pictures") / "report"
-BESIDE = 3  # contacts
-SHADES = 33  # of the colour scale
 NUMBERS = tuple((key, number.words, number.unit) for key, number in numbers_of(ContactNumbers).items() if number.words)
 ENERGIES = tuple((number.words, key) for key, number in numbers_of(Energy).items() if number.words)
 ASKED = ("geometry", "bodies", "obstacles", "contacts", "supports", "loads", "probes", "steps")  # first, in this order
@@ -42,11 +40,6 @@ DOUBT = ("doubtful", "inaccurate", "interrupted", "not ended")
 LATER = ("title", "model", "units", "solver", "output", "exact", "accuracy", "hash")
 PHASES = ("imports", "mesh", "assemble", "prepare", "iterate", "error", "audit", "output", "other")
 Told = Mapping[str, Any]
-WIDTH, HEIGHT = 460, 190  # of the drawing
-LEFT, RIGHT, TOP, BOTTOM = 58, 12, 8, 24  # margins
-FEW = 30  # points: so many are marked
-SLIGHT = 0.02  # of the height: so little on the other side of zero needs no axis there
-MOST = len(CURVES)  # curves in a panel
 
 
 def write_report(results: Results, path: Path | None = None) -> Path:
@@ -64,7 +57,7 @@ def write_report(results: Results, path: Path | None = None) -> Path:
         path = results.folder / NAME
         if is_marked(results.folder) and not os.path.lexists(path):  # a page that is there may be the user's
             declare(results.folder, [NAME])
-    write_aside(path, content.encode())
+    write_output(path, content.encode())
     return path
 
 
@@ -148,7 +141,7 @@ def _last(results: Results) -> dict[str, Any]:
         if any(c.get(key) is not None for c in contacts.values())
     ]
     head, *rows = [("contact", *contacts), *rows]
-    if len(contacts) > BESIDE:  # then below each other
+    if len(contacts) > 3:  # then below each other
         head, *rows = [*zip(head, *rows, strict=True)]
     lacking = {
         part for c in contacts.values() for told in (c.get("error") or {}).values() for part in missing(parts_of(told))
@@ -165,7 +158,7 @@ def _view(data: Told | None) -> dict[str, Markup | str]:
     """The data, the library as one object THREE, and the program of the view."""
     if data is None:
         return {"model": ""}
-    shades = [[int(255 * part) for part in colormaps[COLOURS](place)[:3]] for place in np.linspace(0, 1, SHADES)]
+    shades = [[int(255 * part) for part in colormaps[COLOURS](place)[:3]] for place in np.linspace(0, 1, 33)]
     statuses = {str(status): [STATUS_WORDS[status], colour] for status, colour in STATUS_COLOURS.items()}
     told = {**data, "shades": shades, "statuses": statuses}
     text = json.dumps(told, ensure_ascii=False).replace("<", "\\u003c")
@@ -389,31 +382,33 @@ class Panel:
     levels: list[tuple[float, str]]
     times: list[tuple[float, str]]
     curves: list[Drawn]
-    width: int = WIDTH
-    height: int = HEIGHT
-    left: int = LEFT
-    right: int = WIDTH - RIGHT
+    width: int = 460  # of the drawing; then where its axes lie
+    height: int = 190
+    left: int = 58
+    right: int = 448
+    top: int = 8
+    bottom: int = 166
 
 
 def panel(name: str, times: Array, curves: Sequence[Curve]) -> Panel | None:
     """Draw these curves, those that stay zero left out; None if none is left, or there is one step alone."""
     size = max((_largest(curve) for curve in curves), default=0.0)
-    shown = [curve for curve in curves if _largest(curve) > ROUNDING * size][:MOST]
+    shown = [curve for curve in curves if _largest(curve) > ROUNDING * size][: len(CURVES)]
     if len(times) < 2 or not shown:
         return None
     reach = [c.values + sign * np.nan_to_num(c.error) for c in shown for sign in (-1, 1)]
     low, high = float(min(0.0, np.nanmin(reach))), float(max(0.0, np.nanmax(reach)))
-    low, high = (0.0 if abs(end) < SLIGHT * (high - low) else end for end in (low, high))
-    ticks, power = _ticks(low, high)
-    low, high = ticks[0], ticks[-1]
+    low, high = (0.0 if abs(end) < 0.02 * (high - low) else end for end in (low, high))  # so little needs no axis
+    levels, power = _ticks(low, high)
+    low, high = levels[0], levels[-1]
     end = float(times[-1])
     along = [tick for tick in _ticks(0.0, end)[0] if tick <= end * (1 + ROUNDING)]
 
     def x(time: Array) -> Array:
-        return LEFT + (WIDTH - LEFT - RIGHT) * time / end
+        return Panel.left + (Panel.right - Panel.left) * time / end
 
     def y(values: Array) -> Array:
-        return TOP + (HEIGHT - TOP - BOTTOM) * (high - values) / (high - low)
+        return Panel.top + (Panel.bottom - Panel.top) * (high - values) / (high - low)
 
     def points(values: Array, known: Bools) -> list[tuple[float, float]]:
         return [*zip(x(times)[known].tolist(), y(values)[known].tolist(), strict=True)]
@@ -424,12 +419,12 @@ def panel(name: str, times: Array, curves: Sequence[Curve]) -> Panel | None:
         sure = known & np.isfinite(curve.error)
         line = points(curve.values, known)
         band = points(curve.values + curve.error, sure) + points(curve.values - curve.error, sure)[::-1]
-        marks = line if len(times) <= FEW else []
+        marks = line if len(times) <= 30 else []
         drawn.append(Drawn(name=curve.name, colour=colour, band=band, line=line, marks=marks))
     return Panel(
         name=name,
-        label=name.replace("[", f"[10{_raised(power)} ") if power else name,
-        levels=[(float(y(np.array(tick))), f"{tick / 10**power:.4g}") for tick in ticks],
+        label=name.replace("[", f"[10{str(power).translate(RAISED)} ") if power else name,
+        levels=[(float(y(np.array(tick))), f"{tick / 10**power:.4g}") for tick in levels],
         times=[(float(x(np.array(tick))), f"{tick:.4g}") for tick in along],
         curves=drawn,
     )
@@ -445,19 +440,6 @@ def _ticks(low: float, high: float) -> tuple[list[float], int]:
     >>> _ticks(0.0, 0.0243)
     ([0.0, 0.005, 0.01, 0.015, 0.02, 0.025], -3)
     """
-    width = high - low or 1.0
-    decade = 10.0 ** math.floor(math.log10(width / 5))
-    step = next(factor * decade for factor in (1, 2, 2.5, 5, 10) if factor * decade >= width / 6)
-    first, last = math.floor(low / step + ROUNDING), math.ceil(high / step - ROUNDING)
-    ticks = [float(f"{k * step:.12g}") for k in range(first, last + 1)]
     exponent = math.floor(math.log10(max(abs(low), abs(high)) or 1.0))
-    power = 0 if -2 < exponent < 4 else 3 * math.floor(exponent / 3)
-    return ticks, power
-
-
-def _raised(power: int) -> str:
-    """
-    >>> _raised(-3)
-    '⁻³'
-    """
-    return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    found = ticks(6).tick_values(low, high if high > low else low + 1.0)
+    return [float(f"{x:.12g}") for x in found], 0 if -2 < exponent < 4 else 3 * math.floor(exponent / 3)

@@ -18,9 +18,6 @@ from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.workflows.formats.results import Results
 from stickslip.workflows.formats.steps import StoredStep, read_step, three
 
-BUDGET = 3_000_000  # bytes of the steps; of a longer history, evenly chosen ones are shown
-VISIBLE, DRAWN = 0.02, 0.05  # of the size: a displacement that can be seen; what a smaller one is scaled to
-TALLEST, LEVELS = 32767, 65535  # of quantised displacements and stresses
 # corners of faces by the number of corners of a cell, in VTK's order
 FACES = {
     4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
@@ -56,7 +53,7 @@ def model(results: Results) -> dict[str, Any] | None:
     local[shown] = np.arange(len(shown))
     each = 6 * len(shown) + 2 * len(faces) + sum(5 * len(nodes) for nodes in places.values())
     indices = np.array(sorted(results.steps))
-    few = max(2, BUDGET // each)
+    few = max(2, 3_000_000 // each)  # bytes; of a longer history, evenly chosen steps are shown
     if len(indices) > few:
         indices = indices[np.unique(np.linspace(0, len(indices) - 1, few).round().astype(int))]
     steps = [read_step(results.steps[int(index)]) for index in indices]
@@ -69,8 +66,8 @@ def model(results: Results) -> dict[str, Any] | None:
         return {
             "time": step.time,
             "index": step.index,
-            "displacement": _packed(step.displacement[shown], "int16", length / TALLEST),
-            "stress": _packed(step.von_mises[owners], "uint16", stress / LEVELS),
+            "displacement": _packed(step.displacement[shown], "int16", length / 32767),
+            "stress": _packed(step.von_mises[owners], "uint16", stress / 65535),
             "contacts": {
                 name: {"pressure": _packed(c.pressure, "float32"), "status": _packed(c.status, "int8")}
                 for name, c in step.contacts.items()
@@ -170,7 +167,7 @@ def factors(size: float, largest: float) -> dict[str, Any]:
     >>> factors(1.0, 1e-3)
     {'values': [0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0], 'start': 6}
     """
-    wanted = 1.0 if largest >= VISIBLE * size else DRAWN * size / largest
+    wanted = 1.0 if largest >= 0.02 * size else 0.05 * size / largest  # from 2 % on it is seen
     rounds = [step * 10.0**decade for decade in range(15) for step in (1.0, 2.0, 5.0)]
     start = max(k for k, factor in enumerate(rounds) if factor <= wanted * (1 + EXACT))
     return {"values": [0.0, *rounds[: start + 4]], "start": start + 1}

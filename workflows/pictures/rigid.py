@@ -16,7 +16,6 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.pictures.view import View
 
 FINE = {2: 600, 3: 60}  # samples along the longer side, by dimension
-ROOM = 0.06  # around solid bodies in which obstacles are drawn, relative to their longest side
 GREY, EDGE = "#b8b8b8", "#555555"
 
 
@@ -66,7 +65,8 @@ def surfaces(points: Array, each: Sequence[Rigid], scale: float) -> list[Any]:
 
     plane = not np.ptp(points[:, 2])
     low, high = points.min(axis=0), points.max(axis=0)
-    room = ROOM * float((high - low).max()) * np.array([1.0, 1.0, float(not plane)])
+    # around solid bodies in which obstacles are drawn
+    room = 0.06 * float((high - low).max()) * np.array([1.0, 1.0, float(not plane)])
     size = high - low + 2 * room
     counts = np.maximum(1 if plane else 3, (FINE[3 - plane] * size / size.max()).astype(int))
     spacing = np.divide(size, counts - 1, out=np.ones(3), where=counts > 1)

@@ -24,11 +24,7 @@ from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.pictures.view import Image, View
 
 DPI = 200
-COMPRESSED = 3  # of 9; with 6 a picture takes half as long again, and is a twelfth smaller
-TITLE = (11.0, 8.0)  # font size [pt] of a title of one line, and of two lines
 LINE = 0.15  # from one line of a caption to the next [inch]
-DECADES = 3  # of a logarithmic range of colours, at most
-LETTERS = 17  # letters per inch in a title that is shrunk to fit
 INK, PALE = "#222222", "#666666"
 COLOURS = "viridis"
 RAISED = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
@@ -62,8 +58,8 @@ class Sheet:
     def head(self, title: str, caption: str, left: float) -> None:
         """Title in one line, or smaller in two lines, and lines of a caption below it; left: margin [inch]."""
         room = self.width - left - 0.1
-        lines = wrap(title, int(room * LETTERS), max_lines=2, placeholder="…")
-        place, size = (0.34, TITLE[1]) if len(lines) > 1 else (0.28, TITLE[0])
+        lines = wrap(title, int(room * 17), max_lines=2, placeholder="…")
+        place, size = (0.34, 8.0) if len(lines) > 1 else (0.28, 11.0)
         look = {"fontsize": size, "fontweight": "bold", "linespacing": 1.15}
         self._titles.append(self.write(left, self.height - place, "\n".join(lines), **look))
         self._shrink(self._titles[-1], room)
@@ -88,7 +84,7 @@ class Sheet:
         bar.outline.set_linewidth(0.5)
         bar.ax.tick_params(which="minor", color=PALE)
         if not logarithmic:
-            bar.locator = _ticks(5)
+            bar.locator = ticks(5)
             bar.update_ticks()
         bar.set_label(label, fontsize=9, color=INK)
 
@@ -116,7 +112,8 @@ class Sheet:
         """
         self._label()
         content = io.BytesIO()
-        Pillow.fromarray(self.pixels()).save(content, "PNG", dpi=(self.dpi, self.dpi), compress_level=COMPRESSED)
+        # compressed by 6 of 9 a picture takes half as long again, and is a twelfth smaller
+        Pillow.fromarray(self.pixels()).save(content, "PNG", dpi=(self.dpi, self.dpi), compress_level=3)
         write_aside(path, content.getvalue())
         return path
 
@@ -148,7 +145,7 @@ def frame(axes: Any, *hidden: str) -> None:
         spine.set_visible(name not in hidden)
     inches = axes.get_window_extent().size / axes.figure.dpi
     for axis, length in ((axes.xaxis, inches[0]), (axes.yaxis, inches[1])):
-        axis.set_major_locator(_ticks(int(np.clip(length * 2.8, 2, 8))))
+        axis.set_major_locator(ticks(int(np.clip(length * 2.8, 2, 8))))
         axis.set_major_formatter(Numbers())
         axis.get_offset_text().set_fontsize(8)
 
@@ -175,7 +172,8 @@ class Numbers(ScalarFormatter):
         return f"×10{power.translate(RAISED)}" if e else found
 
 
-def _ticks(count: int) -> MaxNLocator:
+def ticks(count: int) -> MaxNLocator:
+    """Place so many round numbers on an axis, at most."""
     return MaxNLocator(count, steps=[1, 2, 2.5, 5, 10])
 
 
@@ -199,7 +197,7 @@ def _triad(axes: Any, view: View) -> None:
 
 
 def decades(values: Array) -> LogNorm:
-    """Range of colours from the smallest value to the largest, one to `DECADES` powers of ten; up to 1 if all are 0."""
+    """Range of colours from the smallest value to the largest, one to three powers of ten; up to 1 if all are 0."""
     high = float(values.max(initial=0.0)) or 1.0
-    low = float(np.clip(values.min(initial=high), high / 10**DECADES, high / 10))
+    low = float(np.clip(values.min(initial=high), high / 1000, high / 10))
     return LogNorm(low, high)

@@ -10,11 +10,7 @@ from numpy.typing import NDArray
 from stickslip.geometry.arrays import Array, Bools
 
 Image = NDArray[np.uint8]  # (rows, columns, 3)
-MARGIN = 0.04  # relative to the longer side of the view
-FLATTEST = 6.0  # largest ratio of the view's sides; slimmer bodies get empty space around them
-SMALL = 0.5  # a touching part smaller than this, relative to the whole, is enlarged
-TINY = 0.25  # relative to a view: a contact region smaller than this is also shown enlarged
-ROOM = 0.5  # margin on every side, relative to the size of the touching part
+FEW_CELLS = 6000  # largest number of cells whose edges are drawn
 
 
 @dataclass(frozen=True)
@@ -59,14 +55,16 @@ class View:
         seen = points @ np.column_stack([right, up])
         low, high = seen.min(axis=0), seen.max(axis=0)
         longer = float((high - low).max()) or 1.0
-        half = (high - low) / 2 + MARGIN * longer
-        half = np.maximum(half, half.max() / FLATTEST)
+        half = (high - low) / 2 + 0.04 * longer
+        half = np.maximum(half, half.max() / 6)  # slimmer bodies get empty space around them
         centre = (low + high) / 2
         return View(right, up, centre - half, centre + half)
 
 
 def focus(points: Array, touching: Bools) -> Bools:
-    """Which of the points (n, d) to show: all, unless the touching ones (n,) fill a small part of the whole.
+    """Which of the points (n, d) to show: all, unless the touching ones (n,) fill less than half of the whole.
+
+    Then it is these, with half their size on every side.
 
     >>> line = np.arange(10.0)[:, None]
     >>> focus(line, (line[:, 0] > 2) & (line[:, 0] < 6)).nonzero()[0]
@@ -77,16 +75,16 @@ def focus(points: Array, touching: Bools) -> Bools:
         return everything
     low, high = points[touching].min(axis=0), points[touching].max(axis=0)
     size = float((high - low).max())
-    if size == 0 or size >= SMALL * float(np.ptp(points, axis=0).max()):
+    if size == 0 or size >= float(np.ptp(points, axis=0).max()) / 2:
         return everything
-    return np.asarray(np.all((points >= low - ROOM * size) & (points <= high + ROOM * size), axis=1))
+    return np.asarray(np.all((points >= low - size / 2) & (points <= high + size / 2), axis=1))
 
 
 def close_up(view: View, touching: Array) -> View | None:
-    """A square window on the contact points (k, 3) [m], if they fill a small part of the view; else None."""
+    """A square window on the contact points (k, 3) [m], if they fill less than a quarter of the view; else None."""
     seen = touching @ np.column_stack([view.right, view.up])
     size = float(np.ptp(seen, axis=0).max()) if len(seen) else 0.0
-    if not 0 < size < TINY * float(view.size.max()):
+    if not 0 < size < float(view.size.max()) / 4:
         return None
     centre = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    return View(view.right, view.up, centre - (0.5 + ROOM) * size, centre + (0.5 + ROOM) * size)
+    return View(view.right, view.up, centre - size, centre + size)

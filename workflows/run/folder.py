@@ -19,21 +19,8 @@ from itertools import count
 from pathlib import Path
 
 from stickslip.geometry.errors import FolderError, MachineError
+from stickslip.workflows.formats import marker
 from stickslip.workflows.formats.files import disk_errors, read_json, read_regular, sync_folder
-from stickslip.workflows.formats.marker import (
-    LOG,
-    PART,
-    certify,
-    declare,
-    foreign,
-    is_certified,
-    is_marked,
-    mark,
-    marker_of,
-    own_files,
-    remove_own,
-    strange,
-)
 from stickslip.workflows.formats.steps import light_files, step_files
 
 log = logging.getLogger(__name__)
@@ -91,7 +78,7 @@ class ResultsFolder:
                 if os.path.ismount(folder):
                     why = f"a disk is mounted at {folder}, and no rename replaces it"
                     raise FolderError(f"-o {target}: {why}; name a folder in it")
-                _refuse_foreign(folder)
+                _refuse_foreign(folder, self.place if folder == self._old else None)
         except OSError as error:
             raise FolderError(f"-o {target}: {error.strerror}") from None
 
@@ -109,7 +96,7 @@ class ResultsFolder:
         """
         if read_json(self.place / RESULT).get("status") == "interrupted":
             self._refuse(self.place)
-        if is_marked(self.work):
+        if marker.is_marked(self.work):
             self.lock(self.work)
             self._refuse(self.work)
         self.refuse_to_replace()
@@ -120,9 +107,13 @@ class ResultsFolder:
         Raises:
             FolderError: `TARGET.1` is not known to hold former results of the target.
         """
-        if own_files(self.place) and own_files(self._old) and marker_of(self._old).former != self.place.name:
+        if (
+            marker.own_files(self.place)
+            and marker.own_files(self._old)
+            and marker.marker_of(self._old).former != self.place.name
+        ):
             self.release()
-            solved = is_certified(self.work / RESULT)
+            solved = marker.is_certified(self.work / RESULT)
             raise FolderError(
                 f"{self._old}: is not known to hold former results of {self.place.name}; move it away, "
                 + ("and go on with --resume" if solved else "or choose another folder with -o")
@@ -161,12 +152,12 @@ class ResultsFolder:
         self.refuse_to_lose()
         with disk_errors(self.work):
             self.work.mkdir(parents=True, exist_ok=True)
-            if not is_marked(self.work):
-                mark(self.work)
+            if not marker.is_marked(self.work):
+                marker.mark(self.work)
             self.lock(self.work)
-            remove_own(self.work, but=LOG)
-            mark(self.work, names=FILES, sha256={}, former="")
-            os.truncate(self.work / LOG, 0)
+            marker.remove_own(self.work, but=marker.LOG)
+            marker.mark(self.work, names=FILES, sha256={}, former="")
+            os.truncate(self.work / marker.LOG, 0)
         return self.work
 
     def take_up(self, folder: Path) -> Path:
@@ -178,18 +169,18 @@ class ResultsFolder:
         self.lock(folder)
         if folder != self.work:
             with disk_errors(folder), ExitStack() as held:
-                if is_marked(self.work):
+                if marker.is_marked(self.work):
                     held.callback(os.close, self._locked(self.work))
                 self._clear(self.work)
                 folder.rename(self.work)
-                mark(self.work, former="")
+                marker.mark(self.work, former="")
                 sync_folder(self.work.parent)
         return self.work
 
     def declare(self, names: Iterable[str]) -> None:
         """Say which files the run will make in the working folder, see `marker.declare`."""
         with disk_errors(self.work):
-            declare(self.work, names)
+            marker.declare(self.work, names)
 
     def lock(self, folder: Path) -> None:
         """Lock a folder against other processes until `release`; the system releases the lock of a killed process.
@@ -226,7 +217,7 @@ class ResultsFolder:
     def certify(self) -> None:
         """Note that result.json is complete: what is left of the run is to move the results to their place."""
         with disk_errors(self.target):
-            certify(self.work / RESULT)
+            marker.certify(self.work / RESULT)
 
     def finish(self) -> Path:
         """Put the results in their place, and release the lock; earlier ones are kept as `TARGET.1`.
@@ -237,9 +228,9 @@ class ResultsFolder:
         self.refuse_to_replace()
         with disk_errors(self.target):
             self._clear(self._gone)  # if a run was killed here
-            if own_files(self.place):
+            if marker.own_files(self.place):
                 try:
-                    mark(self.place, former=self.place.name)
+                    marker.mark(self.place, former=self.place.name)
                 except MachineError as error:  # results that may only be read are kept all the same
                     if getattr(error.__cause__, "errno", None) not in READ_ONLY:
                         raise
@@ -259,9 +250,9 @@ class ResultsFolder:
 
     def _clear(self, folder: Path) -> None:
         """Remove a folder of results, or give it the next name that is free if it holds files of the user."""
-        if next(foreign(folder), None) is None:
+        if next(marker.foreign(folder), None) is None:
             if folder.exists():
-                remove_own(folder)
+                marker.remove_own(folder)
             return
         names = (self.place.with_name(f"{self._old.name[:-1]}{number}") for number in count(2))
         free = next(name for name in names if not os.path.lexists(name))
@@ -271,7 +262,7 @@ class ResultsFolder:
     def abandon(self) -> None:
         """Remove the files of a run without results, and release the lock."""
         with suppress(OSError):
-            remove_own(self.work)
+            marker.remove_own(self.work)
         self.release()
 
 
@@ -282,14 +273,14 @@ def at_work() -> str:
 
 def _who(folder: Path) -> str:
     """The process that writes a folder, from its run.log."""
-    text = read_regular(folder / LOG).decode(errors="replace")
+    text = read_regular(folder / marker.LOG).decode(errors="replace")
     said = re.findall(AT_WORK.format(pid=r"\d+", host=r"\S+"), text)
     return said[-1] if said else "another process"
 
 
 def _open_log(folder: Path) -> int:
     """Descriptor of a folder's run.log, which is made if it is not there; of read-only results it can be locked too."""
-    path, options = folder / LOG, os.O_APPEND | os.O_NONBLOCK
+    path, options = folder / marker.LOG, os.O_APPEND | os.O_NONBLOCK
     if path.is_symlink() or (path.exists() and not path.is_file()):
         raise OSError(errno.EINVAL, "not a regular file")
     try:
@@ -300,23 +291,27 @@ def _open_log(folder: Path) -> int:
         return os.open(path, os.O_RDONLY | options)
 
 
-def _refuse_foreign(folder: Path) -> None:
+def _refuse_foreign(folder: Path, former_of: Path | None) -> None:
     """
+    Args:
+        former_of: where the results stand whose former ones would be kept there.
+
     Raises:
         FolderError: the folder is there, not empty, and no run has made it; or a link stands for a file of the run.
     """
-    if not folder.exists() or (folder.is_dir() and all(path.name == PART for path in folder.iterdir())):
+    if not folder.exists() or (folder.is_dir() and all(path.name == marker.PART for path in folder.iterdir())):
         return  # empty, or a crash came before it was marked
-    if folder.is_dir() and is_marked(folder):
-        if found := strange(folder):
+    if folder.is_dir() and marker.is_marked(folder):
+        if found := marker.strange(folder):
             raise FolderError(
                 f"{found}: is a link, or no file or folder, where a run has made one; move it away, or choose another "
                 "folder with -o"
             )
         return
-    if folder.is_dir() and (folder / LOG).is_file():
+    if folder.is_dir() and (folder / marker.LOG).is_file():
         raise FolderError(
             f"{folder}: an earlier version of stickslip made it, whose files cannot be told from yours; move it away, "
             "or choose another folder with -o"
         )
-    raise FolderError(f"{folder}: is not the result of a run and not empty; choose another folder with -o")
+    why = f", and former results of {former_of.name} would be kept there" if former_of else ""
+    raise FolderError(f"{folder}: is not the result of a run and not empty{why}; choose another folder with -o")

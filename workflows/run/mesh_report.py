@@ -29,9 +29,6 @@ from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.stepping.choice import Choice, Size, chosen
 from stickslip.solvers.system.system import contact_rows, displacement_space
 
-FEWEST = 4  # smallest number of contact points for a useful answer
-POOR = 0.1  # cells of lower quality cause errors around them
-INDENTED = 0.01  # largest indentation under loads with small strains, relative to the size of the bodies
 CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4}
 EDGES = {"triangle": [(0, 1), (1, 2), (2, 0)], "quadrilateral": [(0, 1), (0, 2), (1, 3), (2, 3)]}
 
@@ -95,8 +92,8 @@ class MeshReport:
 
     def warnings(self) -> Iterator[str]:
         """Warnings, one line each."""
-        if self.worst_quality < POOR:
-            yield f"worst cell quality {self.worst_quality:.2g} is below {POOR:g}; change mesh_size or the geometry"
+        if self.worst_quality < 0.1:
+            yield f"worst cell quality {self.worst_quality:.2g} is below 0.1; change mesh_size or the geometry"
         for name, pairs in self.seams.items():
             yield (
                 f"body {name} is in pieces: {pairs} pairs of nodes lie at the same place and do not hold; "
@@ -106,9 +103,9 @@ class MeshReport:
             if not c.points_that_can_touch:
                 gap = f"{c.smallest_gap:.4g} {self.length_unit}"
                 yield f"contacts.{name}: never touches: the gap is {gap}, and nothing closes it"
-            elif c.points_that_can_touch < FEWEST:
+            elif c.points_that_can_touch < 4:
                 yield (
-                    f"contacts.{name}: only {c.points_that_can_touch} points can touch, fewer than {FEWEST}; refine "
+                    f"contacts.{name}: only {c.points_that_can_touch} points can touch, fewer than 4; refine "
                     "contact_mesh_size, or check the gap"
                 )
 
@@ -179,7 +176,7 @@ def can_touch(scene: Scene, gap: Any, size: float) -> Any:
     forced = bool(scene.loads) or any(effect.acts and effect.because(scene) for effect in EFFECTS)
     forced = forced or any(_largest(a, end) > 0 for place, a in scene.drives().items() if _pushes(place))
     if forced:
-        gap, reach = gap - max(0.0, float(np.min(gap))), reach + INDENTED * size
+        gap, reach = gap - max(0.0, float(np.min(gap))), reach + 0.01 * size
     return gap <= reach + ROUNDING * size
 
 

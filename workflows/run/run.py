@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from stickslip.solvers.results.step_result import Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoints
 from stickslip.solvers.simulation.simulation import Bodies, Simulation, prepare
-from stickslip.solvers.stepping.history import HistoryRow, HistoryTuple
+from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
 from stickslip.workflows.formats.files import write_json
@@ -29,23 +30,12 @@ from stickslip.workflows.formats.marker import LOG, is_marked
 from stickslip.workflows.formats.mesh_file import mesh_checksum
 from stickslip.workflows.formats.results import profile_lines
 from stickslip.workflows.formats.steps import step_files, write_light, write_step
+from stickslip.workflows.run import resume as resuming
 from stickslip.workflows.run.audit import Audited, audit_steps
 from stickslip.workflows.run.folder import BEGUN, FORMER, ResultsFolder, work_of
 from stickslip.workflows.run.mesh_report import report_mesh
 from stickslip.workflows.run.ranks import Interrupt, all_act, raise_together
 from stickslip.workflows.run.result import Outcome, summary, write_result
-from stickslip.workflows.run.resume import (
-    FINISHED,
-    VERSIONS,
-    EarlierRun,
-    LearntFiles,
-    RunCheckpoint,
-    find_earlier_run,
-    remove_learnt,
-    remove_light,
-    remove_surplus,
-    run_of,
-)
 from stickslip.workflows.run.warnings import Fields, Seen, doubts
 from stickslip.workflows.run.watch import RunLog, Watch, foreseen, tell
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
@@ -73,27 +63,8 @@ class Outputs:
         """Names of the files that the writers will make, see `Writer.names`."""
         return [name for writer in self._writers for name in writer.names()]
 
-    def begin(self) -> None:
-        """The run begins in an empty folder."""
-        self._each(lambda writer: writer.begin())
-
-    def resume(self, steps: Sequence[StepResult]) -> None:
-        """The run goes on after these steps."""
-        self._each(lambda writer: writer.resume(steps))
-
-    def step(self, index: int, result: StepResult, turns: Sequence[Turn]) -> None:
-        """A step was solved: those whose turn it is write it."""
-        self._each(lambda writer: writer.step(index, result), turns)
-
-    def failed(self, index: int, history: Sequence[HistoryTuple]) -> None:
-        """A step could not be solved; these iterations belong to no step that was written."""
-        self._each(lambda writer: writer.failed(index, history))
-
-    def finish(self, ended: Ended, turns: Sequence[Turn]) -> None:
-        """The run ends: those whose turn it is finish their files."""
-        self._each(lambda writer: writer.finish(ended), turns)
-
-    def _each(self, act: Callable[[Writer], None], turns: Sequence[Turn] = tuple(Turn)) -> None:
+    def __call__(self, act: Callable[[Writer], None], turns: Sequence[Turn] = tuple(Turn)) -> None:
+        """Have those whose turn it is act."""
         for writer in self._writers:
             if writer.turn in turns:
                 with self._clock.phase("output", part_of(writer)):
@@ -119,7 +90,7 @@ class Run:
         outputs: Outputs,
         place: Path,
         name: str,
-        earlier: EarlierRun,
+        earlier: resuming.EarlierRun,
         interrupt: Interrupt,
     ) -> None:
         """Collective.
@@ -132,10 +103,10 @@ class Run:
         self._place, self._name = place, name
         self._simulation, self._outputs, self._folder, self._interrupt = simulation, outputs, folder, interrupt
         self._checkpoints = Checkpoints(simulation.stepper)
-        self._learnt = LearntFiles(
+        self._learnt = resuming.LearntFiles(
             folder, simulation.mesh.comm, earlier.learnt_before, earlier.last.learnt if earlier.last else ""
         )
-        self._light: RunCheckpoint | None = None  # of the last step, if its file is a light one
+        self._light: resuming.RunCheckpoint | None = None  # of the last step, if its file is a light one
         self._state: State | None = None  # that the last step has left
         self.steps = list(earlier.steps)  # the last one with its fields on rank 0, the others without
         self._errors: tuple[Errors, ...] | None = None  # of the numbers of each step; None: not estimated
@@ -161,7 +132,7 @@ class Run:
         comm = self._simulation.mesh.comm
 
         def on_iteration(row: HistoryRow) -> None:
-            self._on_rank_0(lambda: watch.on_iteration(row))
+            self._on_rank_0(partial(watch.on_iteration, row))
             self._interrupt.check(comm)
 
         try:
@@ -170,7 +141,7 @@ class Run:
                 with self._simulation.clock.phase("output"):
                     self._write(index, step)
                     self.steps = [*self.steps[:-1], *(s.without_fields() for s in self.steps[-1:]), step]
-                    self._outputs.step(index, step, AFTER)
+                    self._outputs(methodcaller("step", index, step), AFTER)
                     self._on_rank_0(partial(watch.on_step, step))
             if self._simulation.scene.output.error:
                 self._on_rank_0(watch.on_estimate)
@@ -179,7 +150,8 @@ class Run:
             log.error("%s", error)
             written = len(error.last_good.history) if error.last_good else 0  # with the last good substep
             attempts = [row.as_tuple() for row in error.history[written:]]
-            self._outputs.failed(len(self.steps) + (not written), attempts)
+            failed = len(self.steps) + (not written)
+            self._outputs(methodcaller("failed", failed, attempts))
             return "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged", str(error)
         except KeyboardInterrupt:
             count, by = len(self._simulation.scene.requested_times()), self._interrupt.by or "the user"
@@ -199,10 +171,10 @@ class Run:
         with self._simulation.clock.part("step files"):
             checkpoint = self._checkpoints.take(accepted)
             learnt = self._learnt.write(index, self._checkpoints.learnt()) if stored else ""
-        self._outputs.step(index, step, BEFORE)
+        self._outputs(methodcaller("step", index, step), BEFORE)
         with self._simulation.clock.part("step files"):
             self._on_rank_0(lambda: self._fields.see(step))
-            last = RunCheckpoint(
+            last = resuming.RunCheckpoint(
                 checkpoint=checkpoint,
                 spent=self._simulation.clock.rows(),
                 seen=self._fields.seen if self._simulation.mesh.comm.rank == 0 else Seen(),
@@ -215,13 +187,13 @@ class Run:
             else:
                 self._on_rank_0(lambda: write_light(self._folder, index, step, {"run": self._name}))
 
-    def _store(self, index: int, step: StepResult, last: RunCheckpoint) -> None:
+    def _store(self, index: int, step: StepResult, last: resuming.RunCheckpoint) -> None:
         """Write the step with its fields and all that a run needs to go on."""
 
         def write() -> None:
             write_step(self._folder, index, step, serialise(last))
             self._learnt.forget()
-            remove_light(self._folder, index)
+            resuming.remove_light(self._folder, index)
 
         self._on_rank_0(write)
 
@@ -263,9 +235,9 @@ class Run:
         for line in (*warnings, *[sentence] * (status == "doubtful")):
             log.warning("%s", line)
         with simulation.clock.phase("output"):
-            self._outputs.finish(ended, BEFORE)
+            self._outputs(methodcaller("finish", ended), BEFORE)
             self._on_rank_0(lambda: write_result(self._folder, content()))
-            self._outputs.finish(ended, AFTER)
+            self._outputs(methodcaller("finish", ended), AFTER)
         if simulation.scene.output.linear_reference and not ended.in_haste:
             reference = linear_reference(simulation.system)
         final = content()
@@ -297,26 +269,10 @@ def run(
     began: float | None = None,
     former: str = FORMER,
 ) -> tuple[Outcome, dict[str, Any]]:
-    """Run a scene and leave its results in `folder`; collective.
+    """Run a scene once, as `accuracy.rounds.run` tells of its arguments; collective.
 
     Args:
-        scene: what to solve.
-        folder: where the results stand at the end; former ones are kept beside it.
-        watch: what is told while the run works; absent: nobody.
-        resume: go on where an earlier run of the same scene was stopped there, if there is one.
-        keep: asked once all steps are solved, on every rank, with the errors of their numbers: whether the results are
-            kept. None: they are.
-        sizes: mesh sizes instead of those of the scene, on rank 0.
-        bodies: of an earlier simulation, see `prepare`.
-        began: `time.perf_counter()` when the program began, whose imports count too; None: it begins here.
         former: how the name of the folder ends in which former results are kept.
-
-    Returns:
-        How it ended, and the content of result.json; that is empty, and the status "abandoned", if they are not kept.
-
-    Raises:
-        SceneError, GeometryError: known before solving; nothing is written.
-        MachineError: the results cannot be written, or a step to resume from is damaged.
     """
     from mpi4py import MPI
 
@@ -325,14 +281,14 @@ def run(
         imports = clock.perf_counter() - began
         counters.clock.add([Row(phase="imports", part="", seconds=imports, calls=1, volume_solves=0)])
     wanted(scene)  # refuses keys that no writer has
-    place, earlier = Path(folder), EarlierRun()
+    place, earlier = Path(folder), resuming.EarlierRun()
     results: list[ResultsFolder] = []  # on rank 0
     raise_together(comm, lambda: results.append(ResultsFolder(place, former)))
 
     def look() -> None:
         nonlocal earlier
         if resume:
-            earlier = find_earlier_run(results[0], scene)
+            earlier = resuming.find_earlier_run(results[0], scene)
         else:
             results[0].refuse_to_lose()
 
@@ -353,7 +309,7 @@ def _solve(
     scene: Scene,
     place: Path,
     results: list[ResultsFolder],
-    earlier: EarlierRun,
+    earlier: resuming.EarlierRun,
     watch: Watch,
     counters: Counters,
     keep: Keep | None,
@@ -378,12 +334,12 @@ def _solve(
             outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm, simulation=simulation))
         raise_together(comm, lambda: _open(results[0], begun, earlier, outputs.names))
         with counters.clock.phase("output"):
-            outputs.begin() if earlier.folder is None else outputs.resume(earlier.steps)
+            outputs(lambda writer: writer.begin() if earlier.folder is None else writer.resume(earlier.steps))
         with ExitStack() as stack:
             raise_together(comm, lambda: stack.enter_context(RunLog(work / LOG)))
             notes = results[0].notes if results else ()
             raise_together(comm, lambda: tell(simulation, report, replace(earlier, notes=notes + earlier.notes), watch))
-            working = Run(simulation, outputs, place, run_of(begun), earlier, interrupt)
+            working = Run(simulation, outputs, place, resuming.run_of(begun), earlier, interrupt)
             try:
                 status, sentence = working.march(watch)
                 if keep is not None and status == "converged":
@@ -408,18 +364,18 @@ def _solve(
 def _close(results: ResultsFolder, status: str) -> None:
     """Certify the results, then put them in their place: a run that is killed in between is not solved again."""
     results.certify()
-    if status in FINISHED:
-        remove_learnt(results.work)
+    if status in resuming.FINISHED:
+        resuming.remove_learnt(results.work)
     results.finish()
 
 
 def begun_with(simulation: Simulation) -> dict[str, Any]:
     """Return scene, mesh and versions that a run is begun with; the mesh is on rank 0 alone."""
     scene, mesh = identity(simulation.scene, DECIDES_NOTHING), mesh_checksum(simulation.data)
-    return {"scene": scene, "mesh": mesh, "units": simulation.scene.units} | VERSIONS
+    return {"scene": scene, "mesh": mesh, "units": simulation.scene.units} | resuming.VERSIONS
 
 
-def _open(results: ResultsFolder, begun: dict[str, Any], earlier: EarlierRun, names: Sequence[str]) -> None:
+def _open(results: ResultsFolder, begun: dict[str, Any], earlier: resuming.EarlierRun, names: Sequence[str]) -> None:
     """The working folder: a new one that says what scene it is for, or the one to go on in."""
     if earlier.folder is None:
         work = results.start()
@@ -432,4 +388,4 @@ def _open(results: ResultsFolder, begun: dict[str, Any], earlier: EarlierRun, na
     else:
         folder = results.take_up(earlier.folder)
         results.declare(names)
-        remove_surplus(folder, len(earlier.steps))
+        resuming.remove_surplus(folder, len(earlier.steps))

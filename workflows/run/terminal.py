@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import sys
 import time as clock
-from collections.abc import Iterable
-from types import TracebackType
-from typing import Any
+from collections.abc import Container, Iterable
+from typing import Any, Self
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 from stickslip.geometry.arrays import EXACT
@@ -28,28 +35,43 @@ from stickslip.workflows.writers.writer import registered
 Content = dict[str, Any]
 
 
-class Reporter:
-    """Speaks on rank 0 unless quiet; a bar on a terminal, plain lines elsewhere."""
+class Speaker:
+    """Context with a bar on a terminal, plain lines elsewhere; silent if quiet."""
 
-    def __init__(self, quiet: bool, verbose: bool) -> None:
-        self.quiet, self.verbose = quiet, verbose
-        self.console = Console(stderr=True, highlight=False, markup=False)
-        clocks = (TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn())
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *clocks)
-        self.progress = Progress(*columns, console=self.console, disable=quiet or not self.console.is_terminal)
-        self.task = self.progress.add_task("meshing and preparing", total=None)
-        self.began, self.done, self.count = clock.monotonic(), 0, 0  # of solving; steps of this process; of them all
+    def __init__(self, quiet: bool, *columns: ProgressColumn) -> None:
+        """
+        Args:
+            columns: of the bar, behind what is done.
+        """
+        self.quiet, self.console = quiet, Console(stderr=True, highlight=False, markup=False)
+        shown = (TextColumn("{task.description}"), BarColumn(), *columns)
+        self.progress = Progress(*shown, console=self.console, disable=quiet or not self.console.is_terminal)
 
-    def __enter__(self) -> Reporter:
+    def __enter__(self) -> Self:
         self.progress.start()
-        if not self.console.is_terminal:
-            self.line("meshing and preparing ...")
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.progress.stop()
+
+    def line(self, *lines: str) -> None:
+        """Print lines that stay, unless it is to be quiet."""
+        for text in () if self.quiet else lines:
+            self.console.print(text, soft_wrap=True)
+
+
+class Reporter(Speaker):
+    """Speaks of a run on rank 0."""
+
+    def __init__(self, quiet: bool, verbose: bool) -> None:
+        super().__init__(quiet, MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn())
+        self.verbose, self.task = verbose, self.progress.add_task("meshing and preparing", total=None)
+        self.began, self.done, self.count = clock.monotonic(), 0, 0  # of solving; steps of this process; of them all
+
+    def __enter__(self) -> Self:
+        if not self.console.is_terminal:
+            self.line("meshing and preparing ...")
+        return super().__enter__()
 
     def watch(self) -> Watch:
         """Callbacks for the run."""
@@ -65,10 +87,7 @@ class Reporter:
         )
 
     def _meshed(self, report: MeshReport) -> None:
-        for line in report.lines():
-            self.line(line)
-        for line in report.warnings():
-            self.line(f"warning: {line}")
+        self.line(*report.lines(), *(f"warning: {line}" for line in report.warnings()))
 
     def _prepared(self, simulation: Simulation) -> None:
         times = simulation.scene.requested_times()
@@ -76,8 +95,7 @@ class Reporter:
         self.progress.update(self.task, total=len(times), description="solving")
         free, points = simulation.system.constraints.free_total, simulation.stepper.cone.size
         self.line(f"{free} unknown displacements, {points} contact unknowns, {len(times)} steps")
-        for warning in warnings(simulation.scene):
-            self.line(f"warning: {warning}")
+        self.line(*(f"warning: {warning}" for warning in warnings(simulation.scene)))
 
     def _iteration(self, row: HistoryRow) -> None:
         if self.verbose:
@@ -103,11 +121,6 @@ class Reporter:
 
     def _note(self, line: str) -> None:
         self.console.print(f"stickslip: {line}", soft_wrap=True)  # also where it is to be quiet
-
-    def line(self, text: str) -> None:
-        """Print a line, unless it is to be quiet."""
-        if not self.quiet:
-            self.console.print(text, soft_wrap=True)
 
     def table(self, content: Content) -> None:
         """Contacts by step, then cost and accuracy."""
@@ -145,8 +158,7 @@ class Reporter:
 
     def files(self, outcome: Outcome) -> None:
         """Print what to doubt, and which files to open."""
-        for warning in outcome.warnings:
-            self.line(f"warning: {warning}")
+        self.line(*(f"warning: {warning}" for warning in outcome.warnings))
         if self.quiet:
             return
         folder, by_reader = outcome.folder, {"ParaView": list[str](), "scripts": ["result.json"]}
@@ -188,6 +200,16 @@ def console(width: int, quiet: bool = False) -> Console:
     return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else width, quiet=quiet)
 
 
+def table_of(heads: Iterable[str], rows: Iterable[Iterable[str]], words: Container[str]) -> Table:
+    """A table; columns with heads of `words` hold words, all others numbers."""
+    table = Table()
+    for head in heads:
+        table.add_column(head, justify="left" if head in words else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
 def print_table(table: Table, out: Console) -> None:
     """Print the table; a narrow terminal folds its heads and leaves out its last columns, for a cut number misleads."""
     free = out.options.update(max_width=10_000)
@@ -204,15 +226,13 @@ def print_table(table: Table, out: Console) -> None:
 
 
 def _contacts(content: Content) -> Table:
-    numbers, table = contact_numbers(content["scene"]["model"], Units.of(content["scene"].get("units", "SI"))), Table()
-    for name in ("t", "contact", *numbers.values(), "iterations", "volume solves"):
-        table.add_column(name, justify="left" if name == "contact" else "right")
+    numbers, rows = contact_numbers(content["scene"]["model"], Units.of(content["scene"].get("units", "SI"))), []
     for step in content["steps"]:
         cost = (str(step["iterations"]), str(step["volume_solves"]))
         moved = max((body["max_displacement"] for body in (step.get("bodies") or {}).values()), default=0.0)
         for name, contact in (step["contacts"] or {"-": None}).items():
-            table.add_row(f"{step['time']:g}", name, *contact_cells(contact, numbers, moved), *cost)
-    return table
+            rows.append((f"{step['time']:g}", name, *contact_cells(contact, numbers, moved), *cost))
+    return table_of(("t", "contact", *numbers.values(), "iterations", "volume solves"), rows, ("contact",))
 
 
 def contact_numbers(model: str, units: Units) -> dict[str, str]:
@@ -263,12 +283,9 @@ def print_plan(content: Content) -> None:
     """Effects, reasons, and counts where the scene was meshed."""
     out = console(120)
     out.print(content["title"])
-    table = Table()
-    for name in ("effect", "on", "because", "adds"):
-        table.add_column(name)
-    for row in content["effects"]:
-        table.add_row(row["effect"], "yes" if row["on"] else "-", row["because"], row["adds"])
-    out.print(table)
+    heads = ("effect", "on", "because", "adds")
+    effects = ((row["effect"], "yes" if row["on"] else "-", row["because"], row["adds"]) for row in content["effects"])
+    out.print(table_of(heads, effects, heads))
     times = content["times"]
     shown = ", ".join(f"{t:g}" for t in times[:8]) + (", ..." if len(times) > 8 else "")
     units = "" if content["units"] == "SI" else f", units {content['units']}"
@@ -295,13 +312,11 @@ def print_plan(content: Content) -> None:
 
 def print_memory(memory: Content, out: Console) -> None:
     """The memory that a run will take, by part, beside what is free; memory: see `Demand.plain`."""
-    table = Table()
-    for name in ("memory of", "bytes an unknown", "rank 0 [GB]", "machine [GB]", "while"):
-        table.add_column(name, justify="left" if name in ("memory of", "while") else "right")
+    heads, rows = ("memory of", "bytes an unknown", "rank 0 [GB]", "machine [GB]", "while"), []
     for part in memory["parts"]:
         sizes = (f"{part[key] / 1e9:.3f}" for key in ("rank", "machine"))
-        table.add_row(part["part"], f"{part['per_unknown']:.0f}", *sizes, ", ".join(part["stages"]))
-    print_table(table, out)
+        rows.append((part["part"], f"{part['per_unknown']:.0f}", *sizes, ", ".join(part["stages"])))
+    print_table(table_of(heads, rows, ("memory of", "while")), out)
     stage, free = max(memory["stages"], key=memory["stages"].get), memory["free"]
     known = "no limit is known" if free >= 2.0**62 else f"{free / 1e9:.3g} GB are free"
     peak = f"{memory['peak'] / 1e9:.2g} GB of rank 0, {memory['machine'] / 1e9:.2g} GB of the machine"
@@ -311,17 +326,15 @@ def print_memory(memory: Content, out: Console) -> None:
 def print_mesh(report: MeshReport, out: Console) -> None:
     """The mesh in a table, its contacts in another, warnings below."""
     out.print(f"{report.cells} cells, {report.nodes} nodes, worst quality {report.worst_quality:.2f} (1 is best)")
-    table, (area, unit), length = Table(), report.area_unit, report.length_unit
-    heads = ("contact", "normal points", "tangential", f"{area} [{unit}]", "elements across", "other side")
-    of_gaps = f"smallest gap [{length}]", f"largest gap [{length}]"
-    for name in (*heads, *of_gaps, "overlapping points", f"overlap [{unit}]", "can touch"):
-        table.add_column(name, justify="left" if name == "contact" else "right")
+    rows, (area, unit), length = list[tuple[str, ...]](), report.area_unit, report.length_unit
+    heads = ["contact", "normal points", "tangential", f"{area} [{unit}]", "elements across", "other side"]
+    heads += [f"smallest gap [{length}]", f"largest gap [{length}]", "overlapping points", f"overlap [{unit}]"]
     for name, c in report.contacts.items():
         gaps = (f"{c.smallest_gap:.4g}", f"{c.largest_gap:.4g}", str(c.overlapping_points), f"{c.overlap_area:.4g}")
         other = "" if c.other_elements_across is None else f"{c.other_elements_across} (× {c.other_size:.3g})"
         points = (str(c.normal_points), str(c.tangential_points), f"{c.area:.4g}", str(c.elements_across), other)
-        table.add_row(name, *points, *gaps, str(c.points_that_can_touch))
-    if report.contacts:
-        print_table(table, out)
+        rows.append((name, *points, *gaps, str(c.points_that_can_touch)))
+    if rows:
+        print_table(table_of([*heads, "can touch"], rows, ("contact",)), out)
     for line in report.warnings():
         out.print(f"warning: {line}", soft_wrap=True)

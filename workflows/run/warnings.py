@@ -16,22 +16,14 @@ from stickslip.solvers.results.step_result import OPEN, ContactState, Errors, Me
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.simulation.simulation import Simulation
 
-AT_POINT = 0.01  # of the largest force: what a support at a point carries beside rounding and a lack of symmetry
-LARGE_SPREAD = 0.1  # of the bodies' size: strains or rotations of this order change the answer by as much
-LARGE_TURN = 0.05  # [rad]; linear elasticity makes a strain of half its square, and turns no load or normal
-LARGE_LEAN = 0.1  # turn of the normals by mu; friction is off by about as large a part
-NO_TURN = 0.01  # spread of displacements of the size of a body below which no large part of it turns so far
+LARGE = 0.05  # part of an answer that is doubtful, from which on it is said; of a turn [rad], for it turns no load
+GROSS = 0.1  # the same of what changes the answer less, and a peak above the mean around it, as measured on balls
+SMALL = 0.01  # part that counts for nothing: of a force at a point beside rounding, of a spread beside a turn
 PART = 0.95  # of a body's volume turns by less than what counts: a corner's singularity is no rotation of the body
-LARGE_TIME_ERROR = 0.05  # relative; more steps are then asked for
-MINOR = 0.1  # of all dissipation; a contact with less is not judged
 SOFT = 0.4  # Poisson's ratio up to which no mesh locks
-LARGE_JUMP = 0.25  # of the equivalent stress: the maximum pressure is then 15 % off and more, as measured
 FEWEST = {2: 4, 3: 9}  # closed facets (in 3D of four corners) for a maximum pressure within 10 %, by dimension
 ACROSS = {2: 4.0, 3: 3.0}  # elements of the other side across the part that touches, for the same
-LARGE_PEAK = 0.1  # a peak higher by that than the mean of its neighbours is noise of the mesh, as measured on balls
-LARGE_SAGITTA = 0.05  # of the motion that the contact's pressure causes
 CREASE = 30.0  # [degrees]; where facets meet at a larger angle the side has a corner, and is no curve
-LARGE_MISS = 0.05  # of the same motion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +63,7 @@ class Fields:
         """A shift of a body as a whole does not count."""
         for name, inside, cells, own, size in self._bodies:
             spread = float(np.linalg.norm(np.ptp(step.displacement[inside], axis=0))) / size
-            turn = _turn(self._mesh, cells, step.displacement) if spread > NO_TURN else 0.0
+            turn = _turn(self._mesh, cells, step.displacement) if spread > SMALL else 0.0
             soft = self._problem.bodies[name].near_incompressible > SOFT and self._problem.model != "plane stress"
             jump = _jump(cells, step.stress[own], step.von_mises[own]) if soft else 0.0
             self.seen = Seen(
@@ -86,24 +78,24 @@ class Fields:
 
     def warnings(self) -> Iterator[str]:
         """One for each value that is too large."""
-        if self.seen.spread > LARGE_SPREAD:
+        if self.seen.spread > GROSS:
             yield (
                 f"displacements differ by up to {self.seen.spread:.2g} of a body's size, and are taken to be small: "
                 "the answer is that of the linear problem; check the units of E, loads and lengths"
             )
-        if self.seen.turn > LARGE_TURN:
+        if self.seen.turn > LARGE:
             yield (
                 f"bodies turn by up to {self.seen.turn:.2g} rad, and rotations are taken to be small: forces may be "
                 f"wrong by as large a part; apply less load or motion"
             )
         lean, name = self.seen.lean
-        if lean > LARGE_LEAN:
+        if lean > GROSS:
             yield (
                 f"contacts.{name}: its sides turn by {lean:.0%} of mu, while pressure and friction keep the directions "
                 f"of the start: forces along the side are off by as large a part of the friction; set "
                 f"contacts.{name}.sliding = true"
             )
-        if self.seen.jump > LARGE_JUMP:
+        if self.seen.jump > 0.25:  # the maximum pressure is then 15 % off and more, as measured
             yield (
                 f"the mean stress jumps between cells by {self.seen.jump:.2g} of the equivalent stress: elements "
                 "lock where nu is near 0.5, and pressures are wrong; set geometry.order = 2, or refine the mesh"
@@ -207,7 +199,7 @@ def _carried_at_points(problem: Problem, steps: Sequence[StepResult]) -> Iterato
         for name in points:
             share[name] = max(share[name], sizes.get(name, 0.0) / largest if largest else 0.0)
     name = max(share, key=share.__getitem__, default="")
-    if name and share[name] > AT_POINT:
+    if name and share[name] > SMALL:
         yield (
             f"supports.{name}: a point carries {share[name]:.0%} of the largest force, and gives way the more, the "
             "finer the mesh is: numbers that depend on it have no limit, and stated errors are too small; hold a side"
@@ -254,16 +246,16 @@ def large_time_errors(problem: Problem, steps: Sequence[StepResult], errors: Seq
         for name, contact in step.contacts.items():
             numbers = {f"{area} area": (f"{area}_area", touching[name]) for area in ("contact", "stick", "slip")}
             # of the work and energy; what friction dissipated is less where nothing slips
-            if step is steps[-1] and contact.dissipation_total > max(MINOR * step.energy.dissipated, ROUNDING * work):
+            if step is steps[-1] and contact.dissipation_total > max(GROSS * step.energy.dissipated, ROUNDING * work):
                 numbers["dissipation"] = "dissipation_total", contact.dissipation_total
             for what, (key, scale) in numbers.items():
                 off = its[Quantity("contacts", name, key)].time_step
                 if off is not None and scale > 0:
                     found.append((float(off) / scale, f"the {what} of contacts.{name}"))
     share, where = max(found)
-    if share > LARGE_TIME_ERROR:
+    if share > LARGE:
         longest = max(np.diff([step.time for step in steps], prepend=0.0))
-        count = share / LARGE_TIME_ERROR * problem.timeline.end / longest  # the error is of first order
+        count = share / LARGE * problem.timeline.end / longest  # the error is of first order
         digits = 10 ** max(int(np.log10(count)) - 1, 0)
         yield (
             f"the time steps leave an error of about {share:.0%} in {where}; use steps.count = "
@@ -296,7 +288,7 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
         miss = float(np.abs(off[touching]).max()) / _motion(rows, problem, state)
         if miss > missed:
             missed, worst = miss, state.max_slip
-    if missed > LARGE_MISS:
+    if missed > LARGE:
         yield (
             f"contacts.{rows.name}: slips by up to {worst:.3g} {length} on a curved obstacle, while each point keeps "
             f"the normal it began with; set contacts.{rows.name}.sliding = true"
@@ -327,7 +319,7 @@ def _few_points(rows: ContactRows, problem: Problem, state: ContactState) -> Ite
             f"contacts.{rows.name}: the part that touches has only {other:.2g} elements of {pair.master} across, too "
             f"few for the maximum pressure; {_refine(problem, str(pair.master))}"
         )
-    elif peak > LARGE_PEAK:
+    elif peak > GROSS:
         yield (
             f"contacts.{rows.name}: the maximum pressure stands {peak:.0%} above that of the points around it, where "
             f"{int(closed.sum())} touch: it is the mesh's; {advice}"
@@ -350,7 +342,7 @@ def _cut_corners(rows: ContactRows, problem: Problem, state: ContactState) -> It
         facing = rows.relative[np.flatnonzero(closed), len(closed) :]
         cut = max(cut, _sagitta(rows.master, np.isin(np.arange(len(rows.master.points)), facing.indices)))
     share = cut / _motion(rows, problem, state)
-    if share > LARGE_SAGITTA:
+    if share > LARGE:
         yield (
             f"contacts.{rows.name}: flat facets cut up to {cut:.2g} {problem.labels.length} off a curved side, "
             f"{share:.0%} of the motion that the pressure causes; set geometry.order = 2, or refine contact_mesh_size"

@@ -24,17 +24,11 @@ from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.workflows.formats.templates import render
 
 THREADED = ("nut", "mutter", "din934", "iso4032")  # ends of words in names of bodies that have a thread
-STOUT = 2.5  # outer radius of a nut relative to its bore's, at most
-SHANK = 0.5  # of the grip, in its middle, is shortened: there nothing but tension acts on the bolt
-CLAMPED, SNUG = 100e6, 10e6  # [Pa] tension of a bolt with a head, and of one between two nuts
 BONDED = ("weld", "glue", "adhesive", "bond", "solder")
 ENDS = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}
-LARGE = 0.3  # of the assembly's diagonal: bodies whose ends get names
 ASIDE = 0.7  # largest cosine of the angle between an axis and a cylinder's
-GRAVITY = 9.81  # [m/s²]
 STEEL, STEEL_SI = ((210e9, "Pa"), (7850.0, "kg/m³")), ("210e9", "7850.0")  # E and density
 POINTS = {2: 100, 3: 600}  # of contact
-ACROSS = 2  # cells across the smallest pair, at least
 LONGEST = 3  # bodies in the name of a side
 
 
@@ -97,7 +91,10 @@ def proposed_law(pair: Pair, found: Assembly) -> tuple[str, str]:
 
 
 def _is_nut(pair: Pair, found: Assembly) -> bool:
-    """Whether the body around is a small one, without a gap on the shaft, that is pressed by planes alone."""
+    """Whether the body around is a small one, without a gap on the shaft, that is pressed by planes alone.
+
+    Its outer radius is at most 2.5 times that of its bore.
+    """
     bore = min((pair.one, pair.other), key=lambda side: side.form.radius)
     shaft = pair.other if bore is pair.one else pair.one
     others = [
@@ -109,7 +106,7 @@ def _is_nut(pair: Pair, found: Assembly) -> bool:
         return False
     corners = np.concatenate([f.corners.reshape(-1, 3) for f in found.outline.entities if f.bodies == (bore.body,)])
     outer = np.linalg.norm(np.cross(corners - bore.form.point, bore.form.axis), axis=1).max()
-    return bool(outer <= -STOUT * bore.form.radius)
+    return bool(outer <= -2.5 * bore.form.radius)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +140,8 @@ def bolts(found: Assembly) -> list[Bolt]:
         levels = [level for _, level in pressed]
         if not levels or max(levels) == min(levels):
             continue
-        middle, half = (max(levels) + min(levels)) / 2, SHANK * (max(levels) - min(levels)) / 2
+        # half of the grip, in its middle, is shortened: there nothing but tension acts on the bolt
+        middle, half = (max(levels) + min(levels)) / 2, (max(levels) - min(levels)) / 4
         headed = any(body == shank.body for body, _ in pressed)
         area = np.pi * shank.form.radius**2
         listed.append(
@@ -151,7 +149,7 @@ def bolts(found: Assembly) -> list[Bolt]:
                 body=shank.body,
                 nuts=tuple(own),
                 ends=(_rounded(at + (middle - half) * axis, size), _rounded(at + (middle + half) * axis, size)),
-                force=float(area * found.units.amount(CLAMPED if headed else SNUG, "Pa", "--units")),
+                force=float(area * found.units.amount(100e6 if headed else 10e6, "Pa", "--units")),
                 why="head and nut" if headed else "between nuts",
             )
         )
@@ -272,7 +270,10 @@ def slaves(pairs: Sequence[Pair]) -> list[Side | None]:
 
 
 def sizes(found: Assembly) -> tuple[float | None, float | None]:
-    """Edge lengths [m] of cells, and of those where bodies meet; None where the file has its own mesh or sizes."""
+    """Edge lengths [m] of cells, and of those where bodies meet, two at least across a pair.
+
+    None where the file has its own mesh or sizes.
+    """
     size, dim = found.geometry.size(found.dim), found.dim
     if size is None or not found.pairs:
         return size, None
@@ -280,7 +281,7 @@ def sizes(found: Assembly) -> tuple[float | None, float | None]:
     if not areas:
         return size, None
     area, smallest = sum(areas), min(areas)
-    fine = min((area / POINTS[dim]) ** (1 / (dim - 1)), smallest ** (1 / (dim - 1)) / ACROSS)
+    fine = min((area / POINTS[dim]) ** (1 / (dim - 1)), smallest ** (1 / (dim - 1)) / 2)
     return size, fine if fine < size else None
 
 
@@ -297,7 +298,7 @@ def _ends(found: Assembly) -> dict[Side, str]:
             continue
         boxes = np.array([face.box for face in faces])
         low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
-        if np.linalg.norm(high - low) < LARGE * whole:
+        if np.linalg.norm(high - low) < 0.3 * whole:
             continue
         for number, word in enumerate(ENDS[dim]):
             axis, upper = divmod(number, 2)
@@ -334,7 +335,7 @@ def _held(found: Assembly, ends: Sequence[Side]) -> tuple[Side | None, Array, st
 
     choices = [(way, side) for way in ways for side in ends]
     (down, _), held = max(choices, key=lambda choice: fits(*choice)) if choices else (ways[0], None)
-    return held, np.asarray((found.units.amount(GRAVITY, "m/s²", "--units") * down).round(6) + 0.0), why
+    return held, np.asarray((found.units.amount(9.81, "m/s²", "--units") * down).round(6) + 0.0), why
 
 
 def _relative(path: Path, target: Path) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import io
 import json
 import math
 import os
@@ -23,12 +22,13 @@ from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from typing import Any
 
-from stickslip.geometry.errors import FolderError, SceneError
+from stickslip.geometry.errors import FolderError, MachineError, SceneError
 from stickslip.geometry.keys import plain
 from stickslip.geometry.protocols import DataFrame
 from stickslip.geometry.user_files.child_process import run_child
 from stickslip.solvers.results.step_result import data_frame
 from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.formats.csv_tables import csv_text, read_steps_table
 from stickslip.workflows.formats.files import disk_errors, read_json, read_regular, write_aside
 from stickslip.workflows.formats.marker import is_certified
 from stickslip.workflows.run.folder import BEGUN, RESULT, place_of
@@ -38,14 +38,11 @@ from stickslip.workflows.run.resume import FINISHED
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
 from stickslip.workflows.scene_file.read import to_dict, with_keys
 
-MOST = 10_000  # members
-LONGEST = 80  # letters of a folder's name
 UNSAFE = re.compile(r"[^A-Za-z0-9.+=-]+")
 TABLE = "sweep.csv"
 OWN = ("status", "folder")  # columns of the table, behind those of the keys
 NOTHING_NEW = ("failed", "killed")  # statuses of members that have left no results
 PARTS = 4  # tasks for each process: members of one task share their bodies, and are told of together
-LONGEST_HEAD = 100_000  # bytes of a table in which its head is looked for
 OF_MPIRUN = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "ORTE_", "HYDI_", "MPI_LOCAL")  # variables that make a child a rank
 ROOT_MAY = "OMPI_ALLOW_RUN_AS_ROOT"
 Task = Sequence[Mapping[str, Any]]
@@ -84,8 +81,8 @@ def members(scene: Scene, over: Mapping[str, Sequence[Any]], files: Path | None 
     found, names, count = list[Member](), short(list(over)), 1
     for values in over.values():
         count *= len(values)
-    if count > MOST:
-        raise SceneError(f"sweep: {count} members; at most {MOST}")
+    if count > 10_000:
+        raise SceneError(f"sweep: {count} members; at most 10000")
     for combination in product(*over.values()):
         chosen = {key: plain(value) for key, value in zip(over, combination, strict=True)}
         name = _safe(",".join(f"{names[key]}={said(value)}" for key, value in chosen.items()))
@@ -116,11 +113,11 @@ def said(value: Any) -> str:
 
 
 def _safe(name: str) -> str:
-    """A name for a folder, and a short hash where letters are lost."""
+    """A name of at most 80 letters for a folder, and a short hash where letters are lost."""
     safe = UNSAFE.sub("_", name.replace(",", "+").replace(" ", ""))
-    if safe == name.replace(",", "+") and len(safe) <= LONGEST:
+    if safe == name.replace(",", "+") and len(safe) <= 80:
         return safe
-    return f"{safe[: LONGEST - 9]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+    return f"{safe[:71]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
 @dataclass(frozen=True)
@@ -161,7 +158,7 @@ class Sweep:
         for one in self.solved:
             place = place_of(one.folder)
             own = dict(one.member.values) | dict(zip(OWN, (one.status, str(one.folder)), strict=True))
-            found.append(own | (_last_row(place / "steps.csv") if _is_of(place, one) else {}))
+            found.append(own | (_last_row(place) if _is_of(place, one) else {}))
         return found
 
     def to_pandas(self) -> DataFrame:
@@ -244,12 +241,8 @@ def solve_task(task: Task) -> list[tuple[str, dict[str, Any]]]:
             code, before = ended.code or 0, sum(answer["seconds"] for answer in told)
             why = f"its process was ended by signal {-code}" if code < 0 else f"its process ended: {last}"
             why += "; memory was full" if ended.full else ""
-            found.append(
-                (
-                    names[len(told)],
-                    {"status": "killed", "sentence": why, "seconds": clock.perf_counter() - began - before},
-                )
-            )
+            spent = clock.perf_counter() - began - before
+            found.append((names[len(told)], {"status": "killed", "sentence": why, "seconds": spent}))
             left = left[1:]
     return found
 
@@ -311,7 +304,7 @@ def _refuse_foreign(path: Path) -> None:
     if not os.path.lexists(path):
         return
     try:
-        first = read_regular(path, LONGEST_HEAD).decode(errors="replace").splitlines()[:1]
+        first = read_regular(path, 100_000).decode(errors="replace").splitlines()[:1]
     except OSError:
         first = []
     names = next(csv.reader(first), [])
@@ -342,28 +335,18 @@ def _already(member: Member, folder: Path) -> Solved | None:
     return Solved(member, folder, found["status"], str(found.get("sentence") or ""), None)
 
 
-def _last_row(path: Path) -> dict[str, Any]:
-    """Numbers of the last step, by column; empty if there is none."""
+def _last_row(folder: Path) -> dict[str, Any]:
+    """Numbers of the last step, by column; nothing if there is none."""
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = [*csv.DictReader(file)]
-    except OSError:
+        columns = read_steps_table(folder)
+    except MachineError:
         return {}
-    return {key: _number(text) for key, text in rows[-1].items()} if rows else {}
-
-
-def _number(text: str) -> Any:
-    try:
-        return float(text)
-    except ValueError:
-        return text
+    last = {key: float(values[-1]) for key, values in columns.items() if len(values)}
+    return {key: "" if math.isnan(value) else value for key, value in last.items()}
 
 
 def _write(done: Sweep) -> None:
     """Write sweep.csv."""
-    rows, text = done.rows, io.StringIO()
-    table = csv.DictWriter(text, dict.fromkeys(key for row in rows for key in row), lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    with disk_errors(done.path):
-        write_aside(done.path, text.getvalue().encode())
+    rows = done.rows
+    head = [*dict.fromkeys(key for row in rows for key in row)]
+    write_aside(done.path, csv_text([head, *([row.get(key) for key in head] for row in rows)]).encode())

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -18,11 +18,35 @@ from stickslip.workflows.writers.writer import Ended, Keys, Turn, Writer, keys_o
 log = logging.getLogger(__name__)
 
 
-class Pictures(Writer):
+class AtTheEnd(Writer):
+    """Base of the writers that draw at the end, from files of the results and the whole history."""
+
+    turn = Turn.LAST  # reads steps.csv, shows pictures
+    reader = "viewers"
+
+    @abstractmethod
+    def draw(self, ended: Ended) -> None:
+        """Draw what a run with steps has left."""
+
+    def resume(self, steps: Sequence[StepResult]) -> None:
+        """Nothing is there that goes on."""
+
+    def finish(self, ended: Ended) -> None:
+        """A machine that cannot draw is told so; its results stand."""
+        if ended.in_haste or not ended.steps:
+            return
+        try:
+            self.draw(ended)
+        except (ImportError, RuntimeError) as error:
+            what = type(self).__name__.lower()
+            log.warning("no %s: %s", what, error)
+            print(f"stickslip: no {what} could be drawn: {error}", file=sys.stderr)
+
+
+class Pictures(AtTheEnd):
     """PNG: the deformed bodies, each contact, and what changes from step to step."""
 
-    turn = Turn.LAST  # reads steps.csv
-    reader, files = "viewers", ("*.png",)
+    files = ("*.png",)
 
     @classmethod
     def wanted(cls, scene: Scene) -> bool:
@@ -32,59 +56,38 @@ class Pictures(Writer):
         contacts = (f"contact_{name}.png" for name in self.job.scene.contacts)
         return ["deformed.png", "stress_error.png", "history.png", "force_displacement.png", *contacts]
 
-    def resume(self, steps: Sequence[StepResult]) -> None:
-        """Nothing: they are drawn from the whole history."""
+    def draw(self, ended: Ended) -> None:
+        from stickslip.workflows.pictures.draw import draw, draw_course
+        from stickslip.workflows.pictures.rigid import rigids
 
-    def finish(self, ended: Ended) -> None:
-        if not ended.in_haste and ended.steps:
-            with _drawing("pictures"):
-                from stickslip.workflows.pictures.draw import draw, draw_course
-                from stickslip.workflows.pictures.rigid import rigids
-
-                scene, errors = self.job.scene, ended.errors[-1] if ended.errors else None
-                draw(
-                    self.job.folder,
-                    self.job.mesh,
-                    ended.steps[-1],
-                    scene.title,
-                    errors=errors,
-                    per_metre=scene.model.startswith("plane"),
-                    part=modelled(vars(scene.geometry), scene.model),
-                    obstacles=rigids(scene, ended.steps[-1]),
-                    units=scene.labels,
-                )
-                draw_course(self.job.folder, self.job.scene)
+        scene, errors = self.job.scene, ended.errors[-1] if ended.errors else None
+        draw(
+            self.job.folder,
+            self.job.mesh,
+            ended.steps[-1],
+            scene.title,
+            errors=errors,
+            per_metre=scene.model.startswith("plane"),
+            part=modelled(vars(scene.geometry), scene.model),
+            obstacles=rigids(scene, ended.steps[-1]),
+            units=scene.labels,
+        )
+        draw_course(self.job.folder, scene)
 
 
-class Animation(Writer):
+class Animation(AtTheEnd):
     """animation.gif: the bodies and contacts from step to step."""
 
-    turn = Turn.LAST
-    reader, files = "viewers", ("animation.gif",)
+    files = ("animation.gif",)
 
     @classmethod
     def wanted(cls, scene: Scene) -> bool:
         return scene.output.animation == "gif"
 
-    def resume(self, steps: Sequence[StepResult]) -> None:
-        """Nothing: it is drawn from the whole history."""
+    def draw(self, ended: Ended) -> None:
+        from stickslip.workflows.pictures.animation import animate
 
-    def finish(self, ended: Ended) -> None:
-        if not ended.in_haste and ended.steps:
-            with _drawing("animation"):
-                from stickslip.workflows.pictures.animation import animate
-
-                animate(self.job.folder, self.job.scene, self.job.mesh, len(ended.steps))
-
-
-@contextmanager
-def _drawing(what: str) -> Iterator[None]:
-    """A machine that cannot draw is told so; its results stand."""
-    try:
-        yield
-    except (ImportError, RuntimeError) as error:
-        log.warning("no %s: %s", what, error)
-        print(f"stickslip: no {what} could be drawn: {error}", file=sys.stderr)
+        animate(self.job.folder, self.job.scene, self.job.mesh, len(ended.steps))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,10 +97,9 @@ class ReportKeys(Keys):
     report: Annotated[bool, Key("-", "make report.html, see also `stickslip report FOLDER`")] = False
 
 
-class Report(Writer):
-    """One page, with the pictures that stand there."""
+class Report(AtTheEnd):
+    """One page, with the pictures that stand there; also of a run without steps."""
 
-    turn = Turn.LAST  # shows the pictures
     keys = ReportKeys
     reader, files = "a browser", ("report.html",)
 
@@ -105,12 +107,12 @@ class Report(Writer):
     def wanted(cls, scene: Scene) -> bool:
         return keys_of(ReportKeys, scene.output).report
 
-    def resume(self, steps: Sequence[StepResult]) -> None:
-        """Nothing: it is made of the whole history."""
+    def draw(self, ended: Ended) -> None:
+        from stickslip.workflows.formats.results import read_results
+        from stickslip.workflows.pictures.report_page import write_report
+
+        write_report(read_results(self.job.folder))
 
     def finish(self, ended: Ended) -> None:
         if not ended.in_haste:
-            from stickslip.workflows.formats.results import read_results
-            from stickslip.workflows.pictures.report_page import write_report
-
-            write_report(read_results(self.job.folder))
+            self.draw(ended)

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
-from xml.etree import ElementTree as ET  # it writes only
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from stickslip.workflows.formats.files import disk_errors, make_folder, write_as
 from stickslip.workflows.formats.marker import OF_STEP
 from stickslip.workflows.formats.mesh_file import shape_of
 from stickslip.workflows.formats.steps import StoredStep, read_step, shown_as, step_name, three
+from stickslip.workflows.formats.templates import render
 from stickslip.workflows.writers import paraview_view
 from stickslip.workflows.writers.writer import Keys, keys_of
 from stickslip.workflows.writers.xdmf import SeriesWriter
@@ -117,15 +117,13 @@ class VtuFiles(SeriesWriter):
         """The step's blocks, then the file that names them."""
         step, folder = read_step(self.job.folder / step_name(index)), self.job.folder / FOLDER
         make_folder(folder)
-        root, kind = _root("vtkMultiBlockDataSet", "1.0")
-        groups = (("bodies", "body", self._bodies(step)), ("contacts", "contact", self._contacts(step)))
-        for number, (group, word, blocks) in enumerate(groups):
-            listed = ET.SubElement(kind, "Block", index=str(number), name=group)
-            for place, (name, content) in enumerate(blocks):
-                file = f"{index:06d}_{word}_{name}.vtu"
-                write_aside(folder / file, content)
-                ET.SubElement(listed, "DataSet", index=str(place), name=name, file=file)
-        write_aside(folder / f"{index:06d}.vtm", _text(root))
+        groups: dict[str, dict[str, str]] = {"bodies": {}, "contacts": {}}
+        parts = zip(groups.values(), ("body", "contact"), (self._bodies(step), self._contacts(step)), strict=True)
+        for files, word, blocks in parts:
+            for name, content in blocks:
+                files[name] = f"{index:06d}_{word}_{name}.vtu"
+                write_aside(folder / files[name], content)
+        write_aside(folder / f"{index:06d}.vtm", render("writers/templates/blocks.vtm", groups=groups).encode())
 
     def write_index(self, steps: Sequence[tuple[int, float]]) -> None:
         """The file that names the steps, and the one that shows them; none without a step."""
@@ -137,11 +135,8 @@ class VtuFiles(SeriesWriter):
             return
         if not view.exists():
             write_aside(view, VIEW.read_bytes())
-        root, kind = _root("Collection", "0.1")
-        for index, time in steps:
-            about = {"timestep": repr(float(time)), "part": "0", "file": f"{FOLDER}/{index:06d}.vtm"}
-            ET.SubElement(kind, "DataSet", about)
-        write_aside(path, _text(root))
+        listed = [(repr(float(time)), f"{FOLDER}/{index:06d}.vtm") for index, time in steps]
+        write_aside(path, render("writers/templates/series.pvd", steps=listed).encode())
 
     def _bodies(self, step: StoredStep) -> Iterator[tuple[str, bytes]]:
         """Name and file of each; nodes and cells in the order of the mesh."""
@@ -178,15 +173,3 @@ def means_at_nodes(cells: Ints, values: Array, count: int) -> Array:
     sums = [np.bincount(at, np.repeat(part, width), count) for part in values.reshape(len(cells), 9).T]
     with np.errstate(invalid="ignore"):
         return np.asarray((np.array(sums) / np.bincount(at, minlength=count)).T.reshape(count, 3, 3))
-
-
-def _root(kind: str, version: str) -> tuple[ET.Element, ET.Element]:
-    """The outermost element of a file of VTK, and the one inside that holds all else."""
-    root = ET.Element("VTKFile", type=kind, version=version, byte_order="LittleEndian")
-    return root, ET.SubElement(root, kind)
-
-
-def _text(root: ET.Element) -> bytes:
-    ET.indent(root)
-    text = ET.tostring(root, encoding="unicode")
-    return f"<?xml version='1.0' encoding='utf-8'?>\n{text}\n".encode()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from inspect import isabstract
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar, get_type_hints
 
 from stickslip.geometry.errors import nearest, require
 from stickslip.geometry.keys import Noun
@@ -159,6 +159,16 @@ def added_keys() -> dict[str, type[Keys]]:
             if field.name in own or added.setdefault(field.name, kind.keys) is not kind.keys:
                 raise TypeError(f"{kind.__name__} adds output.{field.name}, which is there already")
     return added
+
+
+def _types_and_defaults() -> dict[str, tuple[Any, Any]]:
+    """Type and default of each key that a writer adds."""
+    added = added_keys()
+    hints = {kind: get_type_hints(kind, include_extras=True) for kind in added.values()}
+    return {key: (hints[kind][key], getattr(kind(), key)) for key, kind in added.items()}
+
+
+Output.of_writers = staticmethod(_types_and_defaults)
 
 
 def wanted(scene: Scene) -> list[type[Writer]]:

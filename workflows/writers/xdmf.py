@@ -8,8 +8,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
-from xml.etree import ElementTree as ET  # it writes only
+from pathlib import Path
 
 import numpy as np
 
@@ -17,22 +16,10 @@ from stickslip.geometry.arrays import Array, Ints
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.formats.files import make_folder, write_aside
 from stickslip.workflows.formats.hdf5 import checksum, stored_checksum, write_arrays
-from stickslip.workflows.formats.mesh_file import MESH_FILE, Shape, mesh_arrays, shape_of
+from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_arrays, shape_of
 from stickslip.workflows.formats.steps import shown_as, step_files, step_name
+from stickslip.workflows.formats.templates import render
 from stickslip.workflows.writers.writer import Ended, Job, Writer
-
-GROWTH = 1.125  # the index is written again once so many times the steps are there
-HEAD = """<?xml version='1.0' encoding='utf-8'?>
-<Xdmf Version="3.0">
-  <Domain>
-    <Grid Name="time" GridType="Collection" CollectionType="Temporal">
-"""
-TAIL = """    </Grid>
-  </Domain>
-</Xdmf>
-"""
-FLOAT, INT64, INT8 = ("Float", "8"), ("Int", "8"), ("Int", "1")
-WIDTH = {"Scalar": 1, "Vector": 3, "Tensor": 9}
 
 
 class SeriesWriter(Writer):
@@ -78,7 +65,7 @@ class SeriesWriter(Writer):
         self._last = index, result.time
         if index % self.job.scene.output.every == 0:
             self._show(self._last)
-        if len(self.shown) >= max(1, GROWTH * self._written) or index == 1:
+        if len(self.shown) >= max(1, 1.125 * self._written) or index == 1:
             self._write_index()
 
     def finish(self, ended: Ended) -> None:
@@ -104,26 +91,15 @@ class Field:
     kind: str  # Scalar, Vector or Tensor
     centre: str  # Node or Cell
     place: str
-    number: tuple[str, str] = FLOAT
-
-
-@dataclass(frozen=True)
-class Grid:
-    """A mesh stored in fields.h5 below `place`."""
-
-    name: str
-    place: str
-    nodes: int
-    cells: int
-    width: int  # nodes a cell
-    shape: Shape
+    number: str = "Float"
+    bytes: int = 8
 
 
 BODY_FIELDS = (
     Field("displacement", "Vector", "Node", "{step}:/displacement"),
     Field("von_mises", "Scalar", "Cell", "{step}:/von_mises"),
     Field("stress", "Tensor", "Cell", "{step}:/stress"),
-    Field("body", "Scalar", "Cell", f"{MESH_FILE}:/mesh/body", INT64),
+    Field("body", "Scalar", "Cell", f"{MESH_FILE}:/mesh/body", "Int"),
 )
 ERROR = Field("stress_error", "Scalar", "Cell", "{step}:/stress_error")
 
@@ -163,67 +139,38 @@ class FieldFiles(SeriesWriter):
             return
         # a step without it would be shown with that of another one: VTK's reader keeps fields that it has read first
         fields = (*BODY_FIELDS, ERROR) if self._with_error else BODY_FIELDS
-        body = _grid("mesh", "bodies", mesh.points, mesh.cells, mesh.shape)
-        write_aside(folder / "fields.xdmf", _series(body, fields, steps))
+        _write(folder / "fields.xdmf", "mesh", "bodies", (mesh.points, mesh.cells, mesh.shape), fields, steps)
         for name, surface in mesh.surfaces.items():
-            grid = _grid(f"contacts/{name}", name, *surface)
-            write_aside(folder / f"contact_{name}.xdmf", _series(grid, contact_fields(name), steps))
+            _write(folder / f"contact_{name}.xdmf", f"contacts/{name}", name, surface, contact_fields(name), steps)
 
 
 def contact_fields(name: str) -> tuple[Field, ...]:
     """Fields at the nodes of a contact surface."""
 
-    def field(key: str, kind: str, number: tuple[str, str] = FLOAT) -> Field:
-        return Field(shown_as(key), kind, "Node", f"{{step}}:/contacts/{name}/{key}", number)
+    kinds = {"pressure": "Scalar", "traction": "Vector", "slip": "Vector", "slip_increment": "Vector", "gap": "Scalar"}
+    place = f"{{step}}:/contacts/{name}/"
+    fields = (Field(shown_as(key), kind, "Node", place + key) for key, kind in (kinds | {"lam": "Vector"}).items())
+    return (*fields, Field("status", "Scalar", "Node", f"{place}status", "Int", 1))
 
-    return (
-        field("pressure", "Scalar"),
-        field("traction", "Vector"),
-        field("slip", "Vector"),
-        field("slip_increment", "Vector"),
-        field("gap", "Scalar"),
-        field("lam", "Vector"),
-        field("status", "Scalar", INT8),
+
+def _write(
+    path: Path,
+    place: str,
+    name: str,
+    surface: tuple[Array, Ints, str],
+    fields: Sequence[Field],
+    steps: Sequence[tuple[int, float]],
+) -> None:
+    """Write a temporal collection of a mesh that is stored in fields.h5 below `place`."""
+    points, cells, shape = surface
+    text = render(
+        "writers/templates/series.xdmf",
+        name=name,
+        place=f"{MESH_FILE}:/{place}",
+        shape=shape_of(shape, cells).xdmf,
+        nodes=len(points),
+        cells=cells.shape,
+        fields=fields,
+        steps=[(step_name(index), repr(float(time))) for index, time in steps],
     )
-
-
-def _grid(place: str, name: str, points: Array, cells: Ints, shape: str) -> Grid:
-    return Grid(name, place, len(points), len(cells), cells.shape[1], shape_of(shape, cells))
-
-
-def _series(grid: Grid, fields: Sequence[Field], steps: Sequence[tuple[int, float]]) -> bytes:
-    """The XML of a temporal collection; a step's text is made once and then repeated."""
-    any_step = _any_step(grid, fields)
-    ET.indent(any_step, level=3)
-    text = f"      {ET.tostring(any_step, encoding='unicode')}\n"
-    shown = [text.replace("{step}", step_name(index)).replace("{time}", repr(float(time))) for index, time in steps]
-    return "".join([HEAD, *shown, TAIL]).encode()
-
-
-def _any_step(grid: Grid, fields: Sequence[Field]) -> ET.Element:
-    """One step, of `{step}` and `{time}`."""
-    step = ET.Element("Grid", Name=grid.name, GridType="Uniform")
-    ET.SubElement(step, "Time", Value="{time}")
-    cells = {"TopologyType": grid.shape.xdmf, "NumberOfElements": str(grid.cells)}
-    if grid.shape.xdmf == "Polyline":
-        cells["NodesPerElement"] = str(grid.width)
-    topology = ET.SubElement(step, "Topology", cells)
-    _data(topology, f"{MESH_FILE}:/{grid.place}/cells", (grid.cells, grid.width), INT64)
-    geometry = ET.SubElement(step, "Geometry", GeometryType="XYZ")
-    _data(geometry, f"{MESH_FILE}:/{grid.place}/points", (grid.nodes, 3), FLOAT)
-    for field in fields:
-        about = {"Name": field.name, "AttributeType": field.kind, "Center": field.centre}
-        count, width = grid.nodes if field.centre == "Node" else grid.cells, WIDTH[field.kind]
-        _data(
-            ET.SubElement(step, "Attribute", about),
-            field.place,
-            (count,) if width == 1 else (count, width),
-            field.number,
-        )
-    return step
-
-
-def _data(parent: Any, place: str, size: tuple[int, ...], number: tuple[str, str]) -> None:
-    kind, precision = number
-    about = {"Format": "HDF", "NumberType": kind, "Precision": precision, "Dimensions": " ".join(map(str, size))}
-    ET.SubElement(parent, "DataItem", about).text = place
+    write_aside(path, text.encode())
