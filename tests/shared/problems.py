@@ -10,8 +10,13 @@ import numpy as np
 from stickslip import Scene, Simulation
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Mat
+from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.flexibility import Load
+from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.solvers.system.system import System, whole_stiffness
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -44,8 +49,15 @@ def plane(dim: int = 2) -> dict[str, Any]:
     return {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
 
 
-def scene_of(dim: int = 2, geometry: dict[str, Any] | None = None, **tables: Any) -> Scene:
-    """A block on the foundation y = 0 (z = 0 in 3D), E = 1 Pa, nu = 0.3; keywords replace or add whole tables."""
+def scene_of(dim: int = 2, geometry: Any = None, base: Any = None, top: Any = None, **tables: Any) -> Scene:
+    """A block on the foundation y = 0 (z = 0 in 3D), E = 1 Pa, nu = 0.3; keywords replace or add whole tables.
+
+    `base` is what is said of a contact of its bottom besides the two sides, `top` a displacement of its top.
+    """
+    if base is not None:
+        tables["contacts"] = {"base": {"surface": "block.bottom", "against": "foundation"} | base}
+    if top is not None:
+        tables["supports"] = {"top": {"boundary": "block.top", "displacement": top}}
     width = {"width": 1.0} if dim == 3 else {}
     shape = {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.25 if dim == 2 else 0.5} | width
     data = {
@@ -112,8 +124,23 @@ def on_floor(dim: int, geometry: Tables, body: Tables, base: Tables, **more: Any
 
 def surface_problem(simulation: Simulation) -> SurfaceProblem:
     """As it is solved at t = 1."""
-    stepper = simulation.stepper
-    return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+    return march(simulation, 1.0)[0].problem
+
+
+def march(simulation: Simulation, *times: float) -> list[Accepted]:
+    """Steps to these times, or to all that the scene requests, with all that the stepper knows of them."""
+    reached: list[Accepted] = []
+    for time in times or simulation.scene.requested_times():
+        before = reached[-1].state if reached else simulation.stepper.start()
+        reached.append(simulation.stepper.reach(before, time, lambda row: None))
+    return reached
+
+
+def condensed_surface(system: System) -> CondensedSurface:
+    """The bodies condensed onto their contact dofs, with counters of their own."""
+    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
+    assert isinstance(surface, CondensedSurface)
+    return surface
 
 
 def times(load: Load, factor: float) -> Load:

@@ -431,15 +431,16 @@ def test_a_ball_on_a_plate_is_of_another_kind() -> None:
     assert np.linalg.norm(pair.points[:, :2], axis=1).max() < 0.5
 
 
+def ball_on_a_plate(occ: Any, gap: float = 0.0, turn: float = 0.0) -> None:
+    """Radius 5 m; the pole of its parametrisation is turned."""
+    occ.addBox(-10, -10, -4, 20, 20, 4)
+    occ.rotate([(3, occ.addSphere(0, 0, 5 + gap, 5))], 0, 0, 5 + gap, 1, 0.5, 0, turn)
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.7])
 def test_a_ball_that_touches_a_plate_is_found_wherever_its_nodes_lie(turn: float) -> None:
     """Reach is 3 % of the distance from the pole to the next node; a cap of that height has an area of 2 pi R h."""
-
-    def ball(occ: Any) -> None:
-        occ.addBox(-10, -10, -4, 20, 20, 4)
-        occ.rotate([(3, occ.addSphere(0, 0, 5, 5))], 0, 0, 5, 1, 0.5, 0, turn)
-
-    outline = outline_of(ball)
+    outline = outline_of(lambda occ: ball_on_a_plate(occ, 0.0, turn))
     (pair,) = touching(outline, 3)
     reach = 1e-3 * np.linalg.norm([20, 20, 14])
     assert (pair.one.body, pair.kind, pair.exact) == ("part_2", "other", False)
@@ -453,11 +454,7 @@ def test_a_ball_that_touches_a_plate_is_found_wherever_its_nodes_lie(turn: float
 
 @pytest.mark.parametrize("gap", [0.01, -0.01])
 def test_the_gap_under_a_ball_is_that_of_its_pole(gap: float) -> None:
-    def ball(occ: Any) -> None:
-        occ.addBox(-10, -10, -4, 20, 20, 4)
-        occ.rotate([(3, occ.addSphere(0, 0, 5 + gap, 5))], 0, 0, 5 + gap, 1, 0.5, 0, 0.7)
-
-    (pair,) = touching(outline_of(ball), 3)
+    (pair,) = touching(outline_of(lambda occ: ball_on_a_plate(occ, gap, 0.7)), 3)
     assert_allclose(pair.gap[0], gap, atol=pair.accuracy)
     assert pair.accuracy < 0.9 * abs(gap)
 
@@ -475,16 +472,9 @@ def test_a_cylinder_lies_on_a_plate_along_a_line() -> None:
 
 def test_bodies_that_meet_in_a_point_of_a_mesh_are_a_pair() -> None:
     """Without CAD nothing is known but facets: of a distance of 0 they have a corner, and no area."""
-
-    def ball(occ: Any) -> None:
-        occ.addBox(-10, -10, -4, 20, 20, 4)
-        occ.addSphere(0, 0, 5, 5)
-
-    outline = outline_of(ball)
-    meshed = replace(
-        outline, entities=tuple(replace(face, between=None, bulge=None, off=0.0) for face in outline.entities)
-    )
-    (pair,) = touching(meshed, 3, within=0.0)
+    outline = outline_of(ball_on_a_plate)
+    faces = tuple(replace(face, between=None, bulge=None, off=0.0) for face in outline.entities)
+    (pair,) = touching(replace(outline, entities=faces), 3, within=0.0)
     assert (pair.area, pair.gap) == (0.0, (0.0, 0.0))
     assert_allclose(pair.points, np.zeros_like(pair.points), atol=1e-9)
 

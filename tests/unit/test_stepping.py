@@ -11,18 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from shared.problems import SceneOf, SimulationOf
+from shared.problems import SceneOf, SimulationOf, march
 from stickslip import Scene, SceneError, SolverError, StepResult
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, Status
-from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.simulation.simulation import prepare
 from stickslip.solvers.stepping import halving
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.pairs import PairSearch
 from stickslip.solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
-from stickslip.solvers.stepping.stepper import Accepted, NoEquilibriumError, StepError, Stepper
+from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError, Stepper
 from stickslip.solvers.stepping.substep import SubstepSolver
 from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import read
@@ -37,18 +37,8 @@ def sheared(scene_of: SceneOf, count: int = 2, **tables: Any) -> Scene:
     It has a small gap: without one the first steps are the same problem in another unit, and are not cut.
     """
     drag = {"x": [[0, 0], [1, 0], [2, 0.02]], "y": [[0, 0], [1, -0.05]]}
-    base = {
-        "surface": "block.bottom",
-        "against": "foundation",
-        "gap_offset": 1e-6,
-        "friction": {"law": "coulomb", "mu": MU},
-    }
-    return scene_of(
-        contacts={"base": base},
-        supports={"top": {"boundary": "block.top", "displacement": drag}},
-        steps={"end": 2.0, "count": count},
-        **{"solver": {"method": "condensed-newton"}} | tables,
-    )
+    tables = {"steps": {"end": 2.0, "count": count}, "solver": {"method": "condensed-newton"}} | tables
+    return scene_of(base={"gap_offset": 1e-6, "friction": {"law": "coulomb", "mu": MU}}, top=drag, **tables)
 
 
 class Reluctant:
@@ -75,14 +65,6 @@ class Reluctant:
 def ends(tried: list[tuple[float, float]]) -> list[float]:
     """Where the accepted substeps ended: at the next one's begin, or at the end."""
     return [*dict.fromkeys(begin for begin, _ in tried[1:] if begin > tried[0][0]), tried[-1][1]]
-
-
-def march(simulation: Simulation, *times: float) -> list[Accepted]:
-    reached: list[Accepted] = []
-    for time in times:
-        before = reached[-1].state if reached else simulation.stepper.start()
-        reached.append(simulation.stepper.reach(before, time, lambda row: None))
-    return reached
 
 
 def test_substeps_shrink_where_it_is_hard_and_grow_back_after(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
@@ -139,20 +121,15 @@ def test_what_a_method_learnt_in_a_failed_attempt_is_no_harm(scene_of: SceneOf, 
 
 def test_few_iterations_force_substeps_which_are_counted(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """A contact that grows and slips: the shorter the way, the fewer points change sides."""
-    base = {
-        "surface": "block.bottom",
-        "against": "foundation",
-        "gap_offset": 1e-6,
-        "friction": {"law": "coulomb", "mu": MU},
-    }
+    base = {"gap_offset": 1e-6, "friction": {"law": "coulomb", "mu": MU}}
     drag = {"x": [[0, 0], [1, 0], [2, 0.03]], "y": [[0, 0], [1, -0.001], [2, -0.06]]}
 
     def steps(limit: int, count: int = 2) -> list[StepResult]:
         scene = scene_of(
             geometry={"mesh_size": 0.1},
             obstacles={"foundation": {"shape": "cylinder", "point": [1.0, -5.0], "radius": 5.0}},
-            contacts={"base": base},
-            supports={"top": {"boundary": "block.top", "displacement": drag}},
+            base=base,
+            top=drag,
             steps={"end": 2.0, "count": count},
             solver={"method": "condensed-newton", "max_iterations": limit},
         )
@@ -213,9 +190,8 @@ def test_a_step_starts_where_the_last_went_unless_loads_turn(scene_of: SceneOf, 
 
 def test_steps_of_a_load_that_grows_alone_take_no_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """All of the contact sticks: the answer is in proportion, and each start is right."""
-    sticky = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "stick"}}}
-    press = {"top": {"boundary": "block.top", "displacement": {"x": 0.01, "y": -0.05}}}
-    first, *others = simulation_of(scene_of(contacts=sticky, supports=press, steps={"count": 5})).steps()
+    scene = scene_of(base={"friction": {"law": "stick"}}, top={"x": 0.01, "y": -0.05}, steps={"count": 5})
+    first, *others = simulation_of(scene).steps()
     assert first.iterations > 0
     assert [step.iterations for step in others] == [0] * 4
     assert others[-1].contacts["base"].normal_force == pytest.approx(5 * first.contacts["base"].normal_force)
@@ -226,14 +202,13 @@ def test_steps_of_a_load_that_grows_alone_take_no_iterations(scene_of: SceneOf, 
 def test_the_worst_contact_is_the_off_one(name: str, part: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     sides = {"base": ("bottom", "foundation"), "wall": ("right", "wall")}
     rough = {"law": "coulomb", "mu": MU}
-    floor = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
     stop = {"shape": "plane", "point": [2.0, 0.0], "normal": [-1.0, 0.0]}
     contacts = {k: {"surface": f"block.{s}", "against": o, "friction": rough} for k, (s, o) in sides.items()}
     simulation = simulation_of(
         scene_of(
-            obstacles={"foundation": floor, "wall": stop},
+            obstacles={"foundation": FLOOR, "wall": stop},
             contacts=contacts,
-            supports={"top": {"boundary": "block.top", "displacement": {"x": 0.03, "y": -0.05}}},
+            top={"x": 0.03, "y": -0.05},
         )
     )
     stepper = simulation.stepper
@@ -265,8 +240,7 @@ def test_a_step_without_a_residual_says_so(scene_of: SceneOf, simulation_of: Sim
 
 
 def test_a_step_whose_work_overflows_is_none(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    far = {"top": {"boundary": "block.top", "displacement": {"y": -1e160}}}
-    scene = replace(sheared(scene_of), supports=scene_of(supports=far).supports)
+    scene = replace(sheared(scene_of), supports=scene_of(top={"y": -1e160}).supports)
     with np.errstate(all="ignore"), pytest.raises(StepError, match="the iteration left the range of numbers"):
         list(simulation_of(scene).steps())
 
@@ -321,15 +295,13 @@ def total_x(step: StepResult) -> float:
 
 def held(against: dict[str, Any] = FLOOR, **tables: Any) -> dict[str, Any]:
     """The block between a clamped top and the foundation, which pulls too: a linear problem."""
-    contact = {"surface": "block.bottom", "against": "foundation", "normal": {"law": "bilateral"}}
-    top = {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}
-    return {"obstacles": {"foundation": against}, "contacts": {"base": contact}, "supports": {"top": top}} | tables
+    bilateral = {"normal": {"law": "bilateral"}}
+    return {"obstacles": {"foundation": against}, "base": bilateral, "top": {"x": 0.0, "y": 0.0}} | tables
 
 
 DRIVES: dict[str, tuple[dict[str, Any], Callable[[StepResult], float], float]] = {  # and the measure of a value 1
     "support": (
-        held(supports={"top": {"boundary": "block.top", "displacement": {"x": TABLE, "y": 0.0}}})
-        | {"probes": {"corner": {"point": [0.0, 1.0]}}},
+        held(top={"x": TABLE, "y": 0.0}, probes={"corner": {"point": [0.0, 1.0]}}),
         lambda step: float(step.probes["corner"][0][0]),
         1.0,
     ),
@@ -359,13 +331,9 @@ DRIVES: dict[str, tuple[dict[str, Any], Callable[[StepResult], float], float]] =
     "Tresca's bound": (
         held(
             FLOOR | {"displacement": {"x": 1.0}},
-            contacts={
-                "base": {
-                    "surface": "block.bottom",
-                    "against": "foundation",
-                    "normal": {"law": "bilateral"},
-                    "friction": {"law": "tresca", "bound": [[t, abs(v)] for t, v in TABLE]},
-                }
+            base={
+                "normal": {"law": "bilateral"},
+                "friction": {"law": "tresca", "bound": [[t, abs(v)] for t, v in TABLE]},
             },
         ),
         lambda step: step.contacts["base"].tangential_force,
@@ -388,9 +356,7 @@ def test_times_of_tables_are_hit_with_their_values(name: str, scene_of: SceneOf,
 def test_sides_that_move_apart_end_the_step(
     scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    base = {"surface": "block.bottom", "against": "foundation", "sliding": True}
-    top = {"boundary": "block.top", "displacement": {"x": 0.0, "y": -0.05}}
-    simulation = simulation_of(scene_of(contacts={"base": base}, supports={"top": top}))
+    simulation = simulation_of(scene_of(base={"sliding": True}, top={"x": 0.0, "y": -0.05}))
 
     def gone(self: PairSearch, searched: Mapping[str, Array]) -> SubstepSolver:
         raise SceneError("contacts.base: nothing of block.bottom faces foundation")
@@ -400,13 +366,15 @@ def test_sides_that_move_apart_end_the_step(
         next(simulation.steps())
 
 
+SLIDING = ["geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.4", "steps.count=2"]
+
+
 @pytest.mark.parametrize(("failing", "ended"), [(range(3, 4), ""), (range(2, 99), "a linear solve failed")])
 def test_pairs_that_no_method_can_be_prepared_for_cut_the_step(
     failing: range, ended: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Those of the second step's end, or all that are searched from there on."""
-    coarse = ["geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.4", "steps.count=2"]
-    simulation = prepare(read("sliding", [*coarse, 'solver.method="condensed-newton"']))
+    simulation = prepare(read("sliding", [*SLIDING, 'solver.method="condensed-newton"']))
     whole, count = MethodChain.method, itertools.count(1)
 
     def unable(*bodies: Any) -> Any:
@@ -426,8 +394,7 @@ def test_pairs_that_no_method_can_be_prepared_for_cut_the_step(
 
 
 def test_pairs_that_never_settle_are_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
-    coarse = ["geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.4", "steps.count=2"]
-    simulation = prepare(read("sliding", coarse))
+    simulation = prepare(read("sliding", SLIDING))
     assert not any("pairs" in doubt for doubt in doubts(simulation, [*simulation.steps()]))
     monkeypatch.setattr("stickslip.solvers.stepping.pairs.pairs_hold", lambda *arguments: False)
     times = [step.time for step in simulation.steps()]
@@ -437,13 +404,13 @@ def test_pairs_that_never_settle_are_warned_of(monkeypatch: pytest.MonkeyPatch) 
     assert any(said in doubt for doubt in doubts(resumed, []))
 
 
-def contact(mu: float = 0.3) -> dict[str, Any]:
-    return {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": mu}}}
+RUBBED: dict[str, Any] = {"friction": {"law": "coulomb", "mu": MU}}
 
 
 def pulled(mu: float) -> dict[str, Any]:
     """Pressed by 0.2 N, pulled by 0.02 N, held by nothing else."""
-    return {"contacts": contact(mu), "loads": {"top": {"boundary": "block.top", "traction": [0.01, -0.1]}}}
+    rough = {"friction": {"law": "coulomb", "mu": mu}}
+    return {"base": rough, "loads": {"top": {"boundary": "block.top", "traction": [0.01, -0.1]}}}
 
 
 def test_body_held_by_friction_alone_stays_below_the_limit(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
@@ -463,10 +430,8 @@ def test_friction_coefficient_zero_holds_nothing(scene_of: SceneOf, simulation_o
 
 
 def test_unloading_to_zero_leaves_no_traction(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    lid = {"boundary": "block.top", "displacement": {"x": 0.0, "y": [[0, 0], [1, -0.1], [2, 0.0]]}}
-    bare = {"base": {"surface": "block.bottom", "against": "foundation"}}
-    scene = scene_of(contacts=bare, supports={"lid": lid}, steps={"end": 2.0, "count": 2})
-    pressed, unloaded = simulation_of(scene).steps()
+    way = {"x": 0.0, "y": [[0, 0], [1, -0.1], [2, 0.0]]}
+    pressed, unloaded = simulation_of(scene_of(base={}, top=way, steps={"end": 2.0, "count": 2})).steps()
     assert pressed.contacts["base"].normal_force > 0.1
     assert abs(unloaded.contacts["base"].normal_force) < 1e-15
 
@@ -476,14 +441,11 @@ def test_friction_does_not_fade_with_the_length_of_the_slide(
     slide: float, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     """A stiff body pressed by a nanometre: its friction is mu times the normal force, after a metre too."""
-    floor = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
-    moving = {"foundation": floor | {"displacement": {"x": [[0, 0], [1, 0], [2, slide]]}}}
-    lid = {"boundary": "block.top", "displacement": {"x": 0.0, "y": [[0, 0], [1, -1e-9]]}}
     scene = scene_of(
         bodies={"block": {"E": 2e11, "nu": 0.3}},
-        obstacles=moving,
-        contacts=contact(),
-        supports={"lid": lid},
+        obstacles={"foundation": FLOOR | {"displacement": {"x": [[0, 0], [1, 0], [2, slide]]}}},
+        base=RUBBED,
+        top={"x": 0.0, "y": [[0, 0], [1, -1e-9]]},
         steps={"end": 2.0, "count": 2},
     )
     *_, step = simulation_of(scene).steps()
@@ -493,21 +455,19 @@ def test_friction_does_not_fade_with_the_length_of_the_slide(
 
 
 def test_obstacle_that_faces_away_is_refused(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    upside_down = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, -1.0]}}
+    upside_down = {"foundation": FLOOR | {"normal": [0.0, -1.0]}}
     with pytest.raises(SceneError, match=r"obstacles\.foundation: its normal must point against block\.bottom"):
-        simulation_of(scene_of(obstacles=upside_down, contacts=contact()))
+        simulation_of(scene_of(obstacles=upside_down, base=RUBBED))
 
 
 def test_contact_on_a_surface_that_a_support_carries_is_refused(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     held = {"bed": {"boundary": "block.bottom", "displacement": {"x": 0.0, "y": 0.0}}}
     with pytest.raises(SceneError, match=r"contacts\.base: supports prescribe the normal motion"):
-        simulation_of(scene_of(contacts=contact(), supports=held))
+        simulation_of(scene_of(base=RUBBED, supports=held))
 
 
 def test_body_that_is_prescribed_whole_is_refused(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    whole = {
-        side: {"boundary": f"block.{side}", "displacement": {"x": 0.0, "y": 0.0}} for side in ("left", "right", "top")
-    }
-    scene = scene_of(geometry={"mesh_size": 1.0, "length": 1.0}, supports=whole)
+    still = {"displacement": {"x": 0.0, "y": 0.0}}
+    whole = {side: {"boundary": f"block.{side}", **still} for side in ("left", "right", "top")}
     with pytest.raises(SceneError, match="nothing is left to solve"):
-        simulation_of(scene)
+        simulation_of(scene_of(geometry={"mesh_size": 1.0, "length": 1.0}, supports=whole))

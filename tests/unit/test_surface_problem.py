@@ -14,11 +14,10 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import eigh, null_space
 
-from shared.problems import SceneOf, SimulationOf, SystemOf, surface_problem, times
+from shared.problems import SceneOf, SimulationOf, SystemOf, condensed_surface, surface_problem, times
 from stickslip import Counters, Scene, SolverError
 from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, Array
 from stickslip.geometry.surfaces.surface import lumped_mass, surface_stiffness
-from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.interface.problem import PART, SurfaceProblem
@@ -40,7 +39,8 @@ SOFT, STIFF = ({"law": "compliance", "c_n": c_n, "m_n": 2.0} for c_n in (20.0, 1
 
 
 @cache
-def _problem(normal: str, friction: str, floating: bool) -> SurfaceProblem:
+def problem_of(normal: str = "unilateral", friction: str = "coulomb", floating: bool = False) -> SurfaceProblem:
+    """A block pressed and dragged, by its top or, floating, by tractions."""
     normals = {"unilateral": {"law": "unilateral"}, "bilateral": {"law": "bilateral"}, "soft": SOFT, "stiff": STIFF}
     frictions: dict[str, Any] = {"coulomb": COULOMB, "tresca": {"law": "tresca", "bound": 0.02}}
     scene = {
@@ -52,11 +52,6 @@ def _problem(normal: str, friction: str, floating: bool) -> SurfaceProblem:
                               "friction": frictions[friction]}},
     }  # fmt: skip
     return surface_problem(prepare(from_dict(scene | (PULLED if floating else DRIVEN))))
-
-
-def problem_of(normal: str = "unilateral", friction: str = "coulomb", floating: bool = False) -> SurfaceProblem:
-    """A block pressed and dragged, by its top or, floating, by tractions."""
-    return _problem(normal, friction, floating)
 
 
 def scaled(problem: SurfaceProblem, factor: float) -> SurfaceProblem:
@@ -193,10 +188,8 @@ def test_defects_are_relative_to_the_largest_traction() -> None:
 def test_a_volume_solve_may_err_by_what_the_residual_does_not_see(monkeypatch: pytest.MonkeyPatch) -> None:
     """Relative to u_ref, or to the motion that the tractions cause if that is smaller; by default not at all."""
     problem, errors = problem_of(), list[float]()
-    under = type(problem.surface).under
-    monkeypatch.setattr(
-        type(problem.surface), "under", lambda self, load, p, error: errors.append(error) or under(self, load, p, error)
-    )
+    keep: Callable[..., Any] = lambda load, p, error=0.0: errors.append(error) or p  # noqa: E731
+    monkeypatch.setattr(problem.surface, "under", keep)
     p = np.ones(len(problem.gap))
     problem.contact_displacement(p)
     problem.contact_displacement(0 * p, 1e-3)
@@ -244,16 +237,6 @@ def test_displacement_under_tractions_is_one_volume_solve() -> None:
     assert_allclose(problem.project(-p, 2.0), problem.cone.project(-p, np.full(len(p), 2.0)))
 
 
-def test_iterative_volume_solves_are_as_accurate_as_tractions_need(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem, asked = problem_of(), []
-    keep: Callable[..., Any] = lambda load, p, error=0.0: asked.append(error) or p  # noqa: E731
-    monkeypatch.setattr(problem.surface, "under", keep)
-    problem.contact_displacement(np.zeros(len(problem.gap)), 0.1)
-    problem.contact_displacement(np.full(len(problem.gap), 1e-3 * problem.p_ref), 0.1)
-    scales = [problem.u_ref, 1e-3 * problem.p_ref / problem.weight.max()]
-    assert_allclose(asked, [0.1 * scales[0], 0.1 * min(scales)])
-
-
 def test_small_problems_are_judged_as_large_ones() -> None:
     problem, tiny = problem_of(), scaled(problem_of(), 1e-8)
     p, w = solved(problem).p, solved(problem).w + 1e-9 * problem.u_ref
@@ -261,19 +244,14 @@ def test_small_problems_are_judged_as_large_ones() -> None:
     assert not tiny.is_scaled(replace(tiny, gap=tiny.gap + 1e-6 * tiny.u_ref))
 
 
-BASE = {"base": {"surface": "block.bottom", "against": "foundation"}}
-
-
-def block(scene_of: SceneOf, dim: int, n: int, order: int = 1) -> Scene:
-    top = {"boundary": "block.top", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}
-    size = {"mesh_size": 1 / n, "cells": "tensor", "order": order}
-    return scene_of(dim, size, contacts=BASE, supports={"top": top})
+def block(scene_of: SceneOf, dim: int, n: int, order: int = 1, cells: str = "tensor", floating: bool = False) -> Scene:
+    size = {"mesh_size": 1 / n, "cells": cells, "order": order}
+    return scene_of(dim, size, base={}, top=None if floating else dict.fromkeys("xyz"[:dim], 0.0))
 
 
 def spectrum(system: System, layer: bool = True) -> Array:
     """Eigenvalues of K_B^-1 on the contact dofs beside the metric, or beside its formula alone."""
-    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
-    assert isinstance(surface, CondensedSurface)
+    surface = condensed_surface(system)
     metric = surface_metric(system)
     if not layer:
         metric._layer = None
@@ -408,14 +386,14 @@ def test_inexact_measurements_leave_it_positive_and_bounded(noise: float) -> Non
     assert values.max() < 3  # F: 1
 
 
-RUBBING = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}}
+RUBBING = {"friction": {"law": "coulomb", "mu": 0.3}}
 PUSH = {"push": {"boundary": "block.right", "pressure": 0.1}}
 
 
 def pressed_block(scene_of: SceneOf, dim: int, order: int = 1, cells: str = "tensor", floating: bool = False) -> Scene:
-    top = {"boundary": "block.top", "displacement": dict(zip("xyz"[:dim], (0.01, -0.1, -0.05), strict=False))}
+    way = None if floating else dict(zip("xyz"[:dim], (0.01, -0.1, -0.05), strict=False))
     size = {"mesh_size": 0.0625 if dim == 2 else 0.25, "order": order, "cells": cells}
-    return scene_of(dim, size, contacts=RUBBING, supports={} if floating else {"top": top}, loads=PUSH)
+    return scene_of(dim, size, base=RUBBING, top=way, loads=PUSH)
 
 
 def driven(scene_of: SceneOf) -> Scene:
@@ -444,7 +422,7 @@ SCENES: dict[str, Callable[[SceneOf], Scene]] = {
 def both(request: pytest.FixtureRequest, scene_of: SceneOf, system_of: SystemOf) -> tuple[Any, Any, System]:
     """The same bodies condensed and not, with the same augmentation."""
     system = system_of(SCENES[request.param](scene_of))
-    exact = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
+    exact = condensed_surface(system)
     free = prepare_surface(replace(system, counters=Counters()), IterativeVolume(system))
     exact.rho = free.rho
     return exact, free, system
@@ -564,11 +542,9 @@ def test_a_stiffness_of_none_is_said(scene_of: SceneOf, system_of: SystemOf, mon
 
 
 def test_a_block_that_was_pressed_lifts_off_without_forces(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    lift = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": [[0, 0], [1, -0.1], [2, 0.1], [3, -0.1]]}}}
+    lift = {"x": 0.0, "y": [[0, 0], [1, -0.1], [2, 0.1], [3, -0.1]]}
     free = {"method": "surface-uzawa", "surface": "matrix-free"}
-    simulation = simulation_of(
-        scene_of(2, contacts=RUBBING, supports=lift, steps={"end": 3.0, "count": 3}, solver=free)
-    )
+    simulation = simulation_of(scene_of(base=RUBBING, top=lift, steps={"end": 3.0, "count": 3}, solver=free))
     pressed, lifted, again = list(simulation.steps())
     assert not lifted.contacts["base"].force.any()
     assert lifted.energy.stored < 1e-20 * pressed.energy.stored
@@ -597,19 +573,6 @@ def test_a_slender_body_takes_no_halved_steps(simulation_of: SimulationOf) -> No
 WHOLE = 100  # cells: more than there are one below the other
 
 
-def layered(scene_of: SceneOf, dim: int, order: int = 1, cells: str = "tensor", floating: bool = False) -> Scene:
-    top = {"boundary": "block.top", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}
-    size = {"mesh_size": 0.125 if dim == 2 else 0.25, "cells": cells, "order": order}
-    return scene_of(dim, size, contacts=BASE, supports={} if floating else {"top": top})
-
-
-def bodies(system: System) -> tuple[Array, Array]:
-    """(K_B + rho R R^T)^-1 on the contact dofs, and R."""
-    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
-    assert isinstance(surface, CondensedSurface)
-    return surface.flexibility, surface.R
-
-
 def given(system: System, cells: int) -> Array:
     layer = ContactLayer(system, cells)
     F = layer(np.eye(len(system.interface.dofs)))
@@ -619,13 +582,13 @@ def given(system: System, cells: int) -> Array:
 
 
 LAYERED: dict[str, Callable[[SceneOf], Scene]] = {
-    "quadrilaterals": lambda make: layered(make, 2),
-    "triangles of order 2": lambda make: layered(make, 2, 2, "simplex"),
-    "hexahedra": lambda make: layered(make, 3),
-    "tetrahedra": lambda make: layered(make, 3, 1, "simplex"),
+    "quadrilaterals": lambda make: block(make, 2, 8),
+    "triangles of order 2": lambda make: block(make, 2, 8, 2, "simplex"),
+    "hexahedra": lambda make: block(make, 3, 4),
+    "tetrahedra": lambda make: block(make, 3, 4, 1, "simplex"),
     "two bodies": lambda make: read("two_blocks", ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.12"]),
-    "floating in the plane": lambda make: layered(make, 2, floating=True),
-    "floating in space": lambda make: layered(make, 3, floating=True),
+    "floating in the plane": lambda make: block(make, 2, 8, floating=True),
+    "floating in space": lambda make: block(make, 3, 4, floating=True),
 }
 
 
@@ -633,7 +596,8 @@ LAYERED: dict[str, Callable[[SceneOf], Scene]] = {
 def test_it_gives_less_than_bodies_and_more_if_deeper(name: str, scene_of: SceneOf, system_of: SystemOf) -> None:
     """What is held gives less. Only forces in balance compare where bodies float: other ones move them as a whole."""
     system = system_of(LAYERED[name](scene_of))
-    F, R = bodies(system)
+    surface = condensed_surface(system)
+    F, R = surface.flexibility, surface.R
     balanced = null_space(R.T) if R.shape[1] else np.eye(len(F))
     depths = [given(system, cells) for cells in (1, 2)] + [F]
     for less, more in pairwise(depths):
@@ -645,14 +609,14 @@ def test_it_gives_less_than_bodies_and_more_if_deeper(name: str, scene_of: Scene
 @pytest.mark.parametrize("name", [name for name in LAYERED if "floating" not in name])
 def test_it_is_exact_where_it_is_the_whole_of_the_bodies(name: str, scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(LAYERED[name](scene_of))
-    F, _ = bodies(system)
+    F = condensed_surface(system).flexibility
     assert_allclose(given(system, WHOLE), F, rtol=0, atol=1e-9 * np.abs(F).max())
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_springs_hold_a_floating_body_that_is_all_layer(dim: int, scene_of: SceneOf, system_of: SystemOf) -> None:
-    system = system_of(layered(scene_of, dim, floating=True))
-    F, _ = bodies(system)
+    system = system_of(block(scene_of, dim, 8 if dim == 2 else 4, floating=True))
+    F = condensed_surface(system).flexibility
     values = np.linalg.eigvalsh(given(system, WHOLE))
     assert values[0] > 0
     assert values[-1] < 1e3 * np.abs(F).max()  # without them, 1e16 and more
@@ -660,8 +624,8 @@ def test_springs_hold_a_floating_body_that_is_all_layer(dim: int, scene_of: Scen
 
 def test_local_forces_are_given_way_to_as_by_the_bodies(scene_of: SceneOf, system_of: SystemOf) -> None:
     """The roughest force there is, +1 and -1 in turns, is not felt below two cells."""
-    system = system_of(layered(scene_of, 2))
-    F, _ = bodies(system)
+    system = system_of(block(scene_of, 2, 8))
+    F = condensed_surface(system).flexibility
     rough = np.zeros(len(F))
     rough[1::2] = (-1.0) ** np.arange(len(F) // 2)
     assert_allclose(rough @ given(system, 2) @ rough, rough @ F @ rough, rtol=0.05)

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import often, slow
-from shared.problems import SceneOf, SimulationOf, surface_problem
+from shared.problems import SceneOf, SimulationOf, march, surface_problem
 from stickslip import Counters, Scene, SceneError, Simulation
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.classical.nsgs import NSGS, Sweeps, in_disc
@@ -57,8 +57,8 @@ def pressed(scene_of: SceneOf, dim: int, n: int, mu: float, **solver: Any) -> Sc
     return scene_of(
         dim,
         {"mesh_size": 1 / n, "cells": "tensor"} | ({"length": 1.0} if dim == 3 else {}),
-        contacts={"base": {"surface": "block.bottom", "against": "foundation"} | friction},
-        supports={"top": {"boundary": "block.top", "displacement": drag}},
+        base=friction,
+        top=drag,
         steps={"end": 2.0, "count": 2},
         solver={"method": "surface-uzawa", "surface": "condensed"} | solver,
     )
@@ -66,24 +66,17 @@ def pressed(scene_of: SceneOf, dim: int, n: int, mu: float, **solver: Any) -> Sc
 
 def solved(simulation: Simulation) -> list[State]:
     """The states of all requested times, reached by the method of the scene alone."""
-    state, states = simulation.stepper.start(), []
-    for time in simulation.scene.requested_times():
-        accepted = simulation.stepper.reach(state, time, lambda row: None)
-        assert {accepted.substeps, len(simulation.stepper.chain.switches)} == {1, 0}
-        state = accepted.state
-        states.append(state)
-    return states
+    reached = march(simulation)
+    assert {step.substeps for step in reached} == {1}
+    assert not simulation.stepper.chain.switches
+    return [step.state for step in reached]
 
 
 def iterations(simulation: Simulation) -> list[int]:
     """Volume solves of each step after the first measurement."""
-    state, found = simulation.stepper.start(), []
-    for time in simulation.scene.requested_times():
-        accepted = simulation.stepper.reach(state, time, lambda row: None)
-        assert accepted.substeps == 1
-        state = accepted.state
-        found.append(accepted.iterations)
-    return found
+    reached = march(simulation)
+    assert {step.substeps for step in reached} == {1}
+    return [step.iterations for step in reached]
 
 
 def same_forces(one: list[State], other: list[State], tolerance: float) -> None:
@@ -93,34 +86,28 @@ def same_forces(one: list[State], other: list[State], tolerance: float) -> None:
             assert_allclose(b.forces[name], force, atol=tolerance * size)
 
 
+def both_ways(
+    scene: Scene, simulation_of: SimulationOf, surface: str, tolerance: float = 1e-10
+) -> tuple[list[State], list[State]]:
+    """States by condensed-newton, and by surface-uzawa on that form of the bodies."""
+
+    def by(method: str, surface: str) -> list[State]:
+        solver = replace(scene.solver, method=method, surface=surface, tolerance=tolerance)
+        return solved(simulation_of(replace(scene, solver=solver)))
+
+    return by("condensed-newton", "condensed"), by("surface-uzawa", surface)
+
+
 @pytest.mark.parametrize("name", often(SMALL, ("cube", "shrink_fit", "foundation")))
 def test_every_kind_of_scene_has_the_answer_of_condensed_newton(name: str, simulation_of: SimulationOf) -> None:
-    scene = read(name, SMALL[name])
-    answers = []
-    for method in ("condensed-newton", "surface-uzawa"):
-        solver = replace(scene.solver, method=method, surface="condensed", tolerance=1e-12)
-        answers.append(solved(simulation_of(replace(scene, solver=solver))))
+    answers = both_ways(read(name, SMALL[name]), simulation_of, "condensed", 1e-12)
     same_forces(*answers, tolerance=1e-8 if name in ("block", "strip") else 1e-9)
 
 
 @pytest.mark.parametrize("name", often(SMALL, ("two_blocks", "sliding", "axisymmetric")))
 def test_without_a_matrix_every_kind_of_scene_has_that_answer_too(name: str, simulation_of: SimulationOf) -> None:
     scene = read(name, SMALL[name] + SHORTER.get(name, ()))
-    ways = (("condensed-newton", "condensed", 1e-11), ("surface-uzawa", "matrix-free", 1e-10))
-    answers = []
-    for method, surface, tolerance in ways:
-        solver = replace(scene.solver, method=method, surface=surface, tolerance=tolerance)
-        answers.append(solved(simulation_of(replace(scene, solver=solver))))
-    same_forces(*answers, tolerance=1e-7)
-
-
-def both_ways(scene: Scene, simulation_of: SimulationOf, surface: str) -> list[list[State]]:
-    """States by condensed-newton, and by surface-uzawa on that form of the bodies."""
-    ways = {"condensed-newton": "condensed", "surface-uzawa": surface}
-    return [
-        solved(simulation_of(replace(scene, solver=replace(scene.solver, method=m, surface=s, tolerance=1e-10))))
-        for m, s in ways.items()
-    ]
+    same_forces(*both_ways(scene, simulation_of, "matrix-free"), tolerance=1e-7)
 
 
 @pytest.mark.parametrize("surface", ["condensed", "matrix-free"])
@@ -130,8 +117,8 @@ def test_pressing_and_lifting_off_again_and_again(surface: str, scene_of: SceneO
     way = {"x": [[0, 0], [1, 0.001]], "y": [[0, 0.01], [1, -0.05], [2, 0.02], [3, -0.03], [4, -0.01]]}
     lifting = scene_of(
         2,
-        supports={"top": {"boundary": "block.top", "displacement": way}},
-        contacts={"base": {"surface": "block.bottom", "against": "foundation"}},
+        top=way,
+        base={},
         steps={"end": 4.0, "count": 4},
     )
     scene = replace(scene, supports=lifting.supports, steps=lifting.steps)
@@ -149,7 +136,7 @@ def test_compliance_with_open_points(surface: str, scene_of: SceneOf, simulation
     scene = pressed(scene_of, 2, 8, 0.3)
     tilted = scene_of(
         2,
-        contacts={"base": {"surface": "block.bottom", "against": "foundation"} | soft},
+        base=soft,
         obstacles={"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.06, 1.0]}},
     )
     exact, found = both_ways(
@@ -215,15 +202,15 @@ def test_what_one_step_learnt_serves_the_next(scene_of: SceneOf, simulation_of: 
     scene = pressed(scene_of, 2, 16, 0.3)
     simulation = simulation_of(scene)
     first, _ = solved(simulation)
-    accepted = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None)
+    problem = surface_problem(simulation)
     method = LearningIteration(metric=surface_metric(simulation.system), rtol=1e-8)
-    fresh = method(accepted.problem, np.zeros_like(first.p))
-    again = method(accepted.problem, np.zeros_like(first.p))
-    safe = replace(method, safety=4.0)(accepted.problem, np.zeros_like(first.p))
+    fresh = method(problem, np.zeros_like(first.p))
+    again = method(problem, np.zeros_like(first.p))
+    safe = replace(method, safety=4.0)(problem, np.zeros_like(first.p))
     assert {fresh.status, again.status, safe.status} == {Status.CONVERGED}
     assert again.iterations <= fresh.iterations / 2
     assert safe.iterations > again.iterations  # larger metric, shorter steps, nothing remembered
-    assert_allclose(safe.p, fresh.p, atol=1e-6 * accepted.problem.p_ref)
+    assert_allclose(safe.p, fresh.p, atol=1e-6 * problem.p_ref)
 
 
 def test_it_says_when_it_ran_out_of_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
@@ -275,8 +262,7 @@ def test_a_singular_block_of_springs_is_said_as_that(
 
     monkeypatch.setattr(surface_model, "DENSE", 0)
     simulation = simulation_of(pressed(scene_of, 2, 4, 0.3))
-    stepper = simulation.stepper
-    problem = stepper.reach(stepper.reach(stepper.start(), 1.0, print).state, 2.0, print).problem  # it slips
+    problem = march(simulation, 1.0, 2.0)[-1].problem  # it slips
     monkeypatch.setattr(surface_model, "splu", singular)
     method = LearningIteration(metric=surface_metric(simulation.system), hurried=True)
     solution = method(problem, np.zeros(problem.cone.size))
@@ -318,9 +304,8 @@ BLOCK = ("geometry.mesh_size=0.4", "geometry.contact_mesh_size=0.2", "solver.met
 
 def first_step(simulation: Simulation, **settings: Any) -> tuple[Sweeps, Any]:
     """The method with these settings, and the problem of the first step."""
-    stepper = simulation.stepper
-    problem = stepper.reach(stepper.start(), 1.0, lambda row: None).problem
-    method = NSGS(**settings).build(Setup(system=stepper.system, surface=stepper.surface))
+    problem = surface_problem(simulation)
+    method = NSGS(**settings).build(Setup(system=simulation.system, surface=simulation.stepper.surface))
     assert isinstance(method, Sweeps)
     return method, problem
 

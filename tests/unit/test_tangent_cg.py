@@ -12,7 +12,7 @@ from scipy import sparse
 
 from shared.cases import slow
 from shared.cells import REFERENCE, Cell, largest, reference, refused, solved
-from shared.problems import SceneOf, SimulationOf
+from shared.problems import SceneOf, SimulationOf, march
 from stickslip import MachineError, NoEquilibriumError, Scene, Simulation, SolverError
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import PC, Mat
@@ -29,7 +29,7 @@ from stickslip.solvers.tangent import operator as operator_module
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.solvers.tangent.laws import Tangent
 from stickslip.solvers.tangent.operator import TangentOperator
-from stickslip.workflows.lab.studies.published.contact import march, scene
+from stickslip.workflows.lab.studies.published import contact
 from stickslip.workflows.lab.studies.published.tangent import (
     ILU,
     SlipTangent,
@@ -260,11 +260,7 @@ def test_a_step_like_the_one_before_begins_with_its_motion(by: str) -> None:
     )
     scene = cube("geometry.mesh_size=0.2", "contacts.base.friction.mu=10.0", *drive, "steps={ end = 1.0, count = 4 }")
     simulation = prepare(scene, MPI.COMM_SELF)
-    stepper, state, iterations = simulation.stepper, simulation.stepper.start(), list[int]()
-    for time in simulation.scene.requested_times():
-        accepted = stepper.reach(state, time, lambda row: None)
-        state = accepted.state
-        iterations.append(accepted.iterations)
+    iterations = [step.iterations for step in march(simulation)]
     assert iterations[0] > 10
     assert max(iterations[1:]) <= 3
     scale = by == "force"  # a cycle for the first load finds that of the tractions
@@ -316,9 +312,7 @@ def test_gamg_stands_in_for_hypre(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_no_equilibrium_is_found_by_the_certificate(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     pushed = scene_of(
-        contacts={
-            "base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}
-        },
+        base={"friction": {"law": "coulomb", "mu": 0.3}},
         supports={},
         loads={"top": {"boundary": "block.top", "traction": [0.0031, -0.01]}},
         solver={"method": "tangent-cg"},
@@ -373,7 +367,7 @@ def test_auto_goes_on_without_it_where_it_finds_no_numbers(by: str, monkeypatch:
 def test_its_residual_is_that_of_the_laws() -> None:
     """Not the error that it stops on, which is larger."""
     simulation = prepare(cube("geometry.mesh_size=0.25", "steps={ end = 1.0, count = 1 }"), MPI.COMM_SELF)
-    accepted = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None)
+    (accepted,) = march(simulation)
     problem, state = accepted.problem, accepted.state
     assert accepted.residual == pytest.approx(problem.natural_residual(state.p, state.w), abs=1e-10)
 
@@ -453,7 +447,7 @@ ILUS = [ILU(), ILU(relaxation=0.9), ILU(relaxation=1.0), ILU(shift=1e-2), ILU(le
 @pytest.fixture(scope="module")
 def solved_by_tangents() -> tuple[SlipTangent, CondensedSurface]:
     """The block dragged until a part slips, and its bodies."""
-    simulation, accepted, status = march(scene(2, 6, drag=0.07, method="perturbed-lagrangian"))
+    simulation, accepted, status = contact.march(contact.scene(2, 6, drag=0.07, method="perturbed-lagrangian"))
     assert status == "converged"
     surface = accepted[-1].problem.surface
     assert isinstance(surface, CondensedSurface)

@@ -28,8 +28,8 @@ def dragged(scene_of: SceneOf, dim: int, depth: float = 0.0, method: str = "auto
     return scene_of(
         dim,
         obstacles={"foundation": {"shape": "plane", "displacement": move} | place},
-        contacts={"base": {"surface": "block.bottom", "against": "foundation"} | contact},
-        supports={"top": {"boundary": "block.top", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}},
+        base=contact,
+        top=dict.fromkeys("xyz"[:dim], 0.0),
         solver={"method": method, "tolerance": 1e-13},
     )
 
@@ -38,7 +38,7 @@ def pulled(scene_of: SceneOf, method: str, top: float, **contact: Any) -> Scene:
     """A column between rollers over a gap of 0.3 m, its top moved up."""
     return scene_of(
         obstacles={"foundation": {"shape": "plane", "point": [0.0, -0.3], "normal": [0.0, 1.0]}},
-        contacts={"base": {"surface": "block.bottom", "against": "foundation", "normal": {"law": "tied"}} | contact},
+        base={"normal": {"law": "tied"}} | contact,
         supports={
             "top": {"boundary": "block.top", "displacement": {"y": top}},
             "left": {"boundary": "block.left", "displacement": {"x": 0.0}},
@@ -104,7 +104,7 @@ def test_gap_offset_moves_a_tied_surface_along_the_normal(
 
 
 def test_plan_says_tied_and_holds_a_body_by_it_alone(scene_of: SceneOf) -> None:
-    scene = scene_of(contacts={"base": {"surface": "block.bottom", "against": "foundation", "normal": {"law": "tied"}}})
+    scene = scene_of(base={"normal": {"law": "tied"}})
     rows = {row.effect: row for row in make_plan(scene)}
     assert rows["tied"].because == "contacts.base.normal"
     assert {name for name, row in rows.items() if row.on} == {"contact", "tied"}

@@ -28,30 +28,18 @@ from stickslip.workflows.lab.verification.cases.manufactured import LAWS, MU
 from stickslip.workflows.lab.verification.prepared import accepted
 from stickslip.workflows.scene_file.read import read
 
-HELD = {"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": -0.1}}}
-HELD_3D = {"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": 0.0, "z": -0.1}}}
-COULOMB = {"law": "coulomb", "mu": 0.3}
-BASE = {"base": {"surface": "block.bottom", "against": "foundation", "friction": COULOMB}}
 KINDS = [
-    ("plane strain", "simplex"),
-    ("plane stress", "tensor"),
-    ("axisymmetric", "simplex"),
-    ("3d", "simplex"),
-    ("3d", "tensor"),
+    *(("plane strain", "simplex"), ("plane stress", "tensor"), ("axisymmetric", "simplex")),
+    *(("3d", "simplex"), ("3d", "tensor")),
 ]
 
 
 def pressed(scene_of: SceneOf, model: str, cells: str, **shape: Any) -> Scene:
     """A block, pressed and pushed."""
-    flat = model != "3d"
-    held = {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}} if model == "axisymmetric" else HELD
-    return scene_of(
-        dim=2 if flat else 3,
-        geometry={"cells": cells} | shape,
-        model=model,
-        contacts=BASE,
-        supports=held if flat else HELD_3D,
-    )
+    dim = 3 if model == "3d" else 2
+    way = {"y": 0.0, "xyz"[dim - 1]: -0.1} | ({} if model == "axisymmetric" else {"x": 0.02})
+    rubs = {"friction": {"law": "coulomb", "mu": 0.3}}
+    return scene_of(dim, {"cells": cells} | shape, model=model, base=rubs, top=way)
 
 
 @pytest.mark.parametrize(("model", "cells"), KINDS)
@@ -96,16 +84,14 @@ def test_jacobi_takes_blocks_of_the_stiffness(model: str, cells: str, scene_of: 
 def test_a_linear_field_has_no_error(model: str, scene_of: SceneOf, estimating: SimulationOf) -> None:
     flat = model != "3d"
     held: dict[str, Any] = {"top": {"boundary": "block.top", "displacement": {"y" if flat else "z": -0.1}}}
-    contact = {"surface": "block.bottom", "against": "foundation", "normal": {"law": "unilateral"}}
     if model != "axisymmetric":  # held in one point alone against sliding: free to widen
         corner = [0.0, 1.0] if flat else [0.0, 0.0, 1.0]
         held["corner"] = {"point": corner, "displacement": {"x": 0.0} if flat else {"x": 0.0, "y": 0.0}}
         if not flat:
             held["other"] = {"point": [2.0, 0.0, 1.0], "displacement": {"y": 0.0}}
-    tables = {"contacts": {"base": contact}, "supports": held, "probes": {"inside": {"point": [0.9, 0.3, 0.4]}}}
-    tables["probes"]["inside"]["point"] = [0.9, 0.3] if flat else [0.9, 0.3, 0.4]
-    tables["thermal"] = {"block": {"expansion": 1e-3, "temperature": 20.0}}  # no part of the stress
-    scene = scene_of(dim=2 if flat else 3, model=model, **tables)
+    probes = {"inside": {"point": [0.9, 0.3] if flat else [0.9, 0.3, 0.4]}}
+    warm = {"block": {"expansion": 1e-3, "temperature": 20.0}}  # no part of the stress
+    scene = scene_of(2 if flat else 3, model=model, base={}, supports=held, probes=probes, thermal=warm)
     (step,) = estimating(scene).steps()
     assert_allclose(step.errors["probes.inside.stress"].mesh, 0.0, atol=1e-10 * np.abs(step.von_mises).max())
     assert_allclose(step.errors["probes.inside.displacement"].mesh, 0.0, atol=1e-11)
@@ -138,9 +124,7 @@ NUMBERS = ("normal_force", "tangential_force", "dissipation_total")
 
 @pytest.mark.parametrize(
     ("name", "sets", "fine"),
-    [  # the others when there is time
-        pytest.param(*case, id=case[0], marks=[] if case[0] == "cube" else pytest.mark.slow) for case in COARSE_AND_FINE
-    ],
+    [pytest.param(*c, id=c[0], marks=[] if c[0] == "cube" else pytest.mark.slow) for c in COARSE_AND_FINE],
 )
 def test_stated_errors_are_true(name: str, sets: list[str], fine: list[str]) -> None:
     step = last(name, "geometry.order=1", *sets)
@@ -234,9 +218,10 @@ def test_it_follows_sliding_and_driven_and_floating_bodies(name: str) -> None:
 
 
 def test_iterative_volume_solves_give_the_same_errors() -> None:
-    sets = ["geometry.mesh_size=0.25", "solver.method=surface-uzawa"]
-    direct = last("cube", "geometry.mesh_size=0.25")
-    iterative = last("cube", *sets, "solver.surface=matrix-free")
+    direct, iterative = (
+        last("cube", "geometry.mesh_size=0.25", *solver)
+        for solver in ((), ("solver.method=surface-uzawa", "solver.surface=matrix-free"))
+    )
     for key in ("contacts.base.normal_force", "contacts.base.tangential_force", "energy.dissipated"):
         # solves to 1e-2 in energy norm leave up to a fifth of an error, on this mesh and on finer ones
         assert iterative.errors[key].mesh == pytest.approx(direct.errors[key].mesh, rel=0.25)
@@ -412,9 +397,6 @@ def test_what_has_no_limit_has_no_error() -> None:
         assert errors["contacts.base.normal_force"].mesh is not None
 
 
-PRESSED = {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}}
-
-
 def stated_over_true(law: Any, order: int, n: int) -> float:
     """In the energy norm, for the manufactured solution on n x n x 2 triangles."""
     system, field = case.loaded(case.scene(law, "condensed-newton", order, n, MU, case.AWAY), law)
@@ -451,9 +433,7 @@ def test_even_stress_is_exact(model: str, cells: str, order: int, scene_of: Scen
     held = {"left": ["x"], "front": ["y"]} if dim == 3 else {} if model == "axisymmetric" else {"left": ["x"]}
     for side, axes in held.items():
         supports[side] = {"boundary": f"block.{side}", "displacement": dict.fromkeys(axes, 0.0)}
-    base = {"surface": "block.bottom", "against": "foundation"}
-    simulation = estimating(scene_of(dim, shape, model=model, contacts={"base": base}, supports=supports))
-    (step,) = simulation.steps()
+    (step,) = estimating(scene_of(dim, shape, model=model, base={}, supports=supports)).steps()
     assert_allclose(step.mesh_error, 0.0, atol=1e-12)
     stress = np.abs(step.stress[:, dim - 1, dim - 1])
     assert_allclose(step.stress_error, 0.0, atol=1e-11 * stress.max())
@@ -478,9 +458,9 @@ def test_it_falls_with_the_mesh(name: str, words: list[str], estimating: Simulat
 
 
 def test_what_nobody_asks_for_costs_nothing(scene_of: SceneOf, estimating: SimulationOf) -> None:
-    tables = {"contacts": {"base": {"surface": "block.bottom", "against": "foundation"}}, "supports": PRESSED}
-    tables["supports"]["left"] = {"boundary": "block.left", "displacement": {"x": 0.0}}
-    asked, silent = (estimating(scene_of(**tables, output={"error": on})) for on in (True, False))
+    sides = {"top": {"y": -0.1}, "left": {"x": 0.0}}
+    held = {side: {"boundary": f"block.{side}", "displacement": way} for side, way in sides.items()}
+    asked, silent = (estimating(scene_of(base={}, supports=held, output={"error": on})) for on in (True, False))
     (one,), (other,) = asked.steps(), silent.steps()
     assert asked.seconds.error > 0
     assert silent.seconds.error == 0

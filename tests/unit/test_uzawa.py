@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 from shared.cases import every_nth, often, slow
-from shared.problems import SceneOf, SimulationOf
+from shared.problems import SceneOf, SimulationOf, surface_problem
 from stickslip import Compliance, MachineError, Scene, SceneError, Simulation, StepResult
 from stickslip.solvers.classical.gram_uzawa import (
     Gram,
@@ -52,8 +52,8 @@ def dragged(scene_of: SceneOf, dim: int, surface: str, /, **solver: Any) -> Scen
         motion["y"] = [[0, 0], [1, 0], [2, 0.01]]
     return scene_of(
         dim,
-        contacts={"base": {"surface": "block.bottom", "against": "foundation"} | SURFACES[surface]},
-        supports={"top": {"boundary": "block.top", "displacement": motion}},
+        base=SURFACES[surface],
+        top=motion,
         steps={"end": 2.0, "count": 2},
         solver={"tolerance": TIGHT} | solver,
     )
@@ -119,7 +119,7 @@ def test_the_metric_of_the_generalised_jacobian_leads_to_the_same_answer_in_a_fe
 def test_with_given_friction_it_is_superlinear(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """Chen's theorem; by points the rate is linear."""
     given = {"normal": COMPLIANCE, "friction": {"law": "tresca", "bound": 0.004}}
-    contacts = scene_of(contacts={"base": {"surface": "block.bottom", "against": "foundation"} | given}).contacts
+    contacts = scene_of(base=given).contacts
 
     def rates(metric: str) -> list[float]:
         scene = dragged(scene_of, 2, "compliance", method="nonlinear-uzawa", outer_metric=metric)
@@ -313,8 +313,8 @@ def test_a_looser_inner_tolerance_saves_inner_iterations_and_costs_few_outer_one
 
 
 def test_no_inner_accuracy_at_all_does_not_converge(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    stepper = simulation_of(dragged(scene_of, 2, "unilateral", method="inexact-uzawa", tolerance=1e-3)).stepper
-    problem = stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+    scene = dragged(scene_of, 2, "unilateral", method="inexact-uzawa", tolerance=1e-3)
+    problem = surface_problem(simulation_of(scene))
     nothing = np.zeros(len(problem.gap))
 
     class Careless(InexactUzawa):
@@ -434,27 +434,13 @@ def test_only_the_complete_factor_of_the_volume_is_independent_of_h(conditions: 
     assert 1.1 < growth["volume, drop 1e-3"] < growth["volume, drop 1e-2"] < growth["volume, IC(0)"]
 
 
-def pressed(scene_of: SceneOf, dim: int = 2, friction: dict[str, Any] | None = None, **solver: Any) -> Scene:
-    """Pressed, then dragged until a part slips."""
-    last = "xyz"[dim - 1]
-    drag = dict.fromkeys("xyz"[:dim], 0.0) | {"x": [[0, 0], [1, 0], [2, 0.02]], last: [[0, 0], [1, -0.05]]}
-    base = {"surface": "block.bottom", "against": "foundation"}
-    return scene_of(
-        dim,
-        contacts={"base": base | {"friction": friction or {"law": "coulomb", "mu": 0.3}}},
-        supports={"top": {"boundary": "block.top", "displacement": drag}},
-        steps={"end": 2.0, "count": 2},
-        solver={"tolerance": 1e-11} | solver,
-    )
-
-
 def with_gram(scene: Scene, gram: Gram) -> Scene:
     return replace(scene, solver=replace(scene.solver, method="gram-uzawa", gram=gram))
 
 
 @pytest.mark.parametrize(("dim", "choice"), [*((2, name) for name in CHOICES), (3, "complete")])
 def test_it_finds_what_newton_finds(dim: int, choice: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    scene = pressed(scene_of, dim, method="condensed-newton")
+    scene = dragged(scene_of, dim, "unilateral", method="condensed-newton")
     for step, other in zip(
         simulation_of(with_gram(scene, CHOICES[choice])).steps(), simulation_of(scene).steps(), strict=True
     ):
@@ -467,7 +453,7 @@ def test_it_finds_what_newton_finds(dim: int, choice: str, scene_of: SceneOf, si
 @pytest.mark.parametrize("dim", [2, *slow(3)])
 def test_a_metric_of_low_rank_meets_compliant_faces(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """More quadrature points than nodes: the steps of Uzawa's method are bounded by what pushes nodes."""
-    scene = pressed(scene_of, dim, method="condensed-newton")
+    scene = dragged(scene_of, dim, "unilateral", method="condensed-newton")
     base = replace(scene.contacts["base"], normal=Compliance(c_n=40.0, m_n=2.0))
     scene = replace(scene, contacts={"base": base})
     simulation = simulation_of(with_gram(scene, Gram()))
@@ -487,7 +473,7 @@ def test_a_step_contracts_below_twice_the_inverse_of_lambda_max_and_not_beyond(
     scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Tresca, so that bounds are fixed. The error's norm in the metric Q never grows."""
-    simulation = simulation_of(with_gram(pressed(scene_of, friction={"law": "tresca", "bound": 0.01}), Gram()))
+    simulation = simulation_of(with_gram(dragged(scene_of, 2, "tresca"), Gram()))
     whole, problems = GramIteration.__call__, list[SurfaceProblem]()
 
     def listening(self: GramIteration, problem: SurfaceProblem, *arguments: Any) -> Solution:
@@ -513,7 +499,7 @@ def test_a_step_contracts_below_twice_the_inverse_of_lambda_max_and_not_beyond(
 
 
 def test_fewer_iterations_than_plain_uzawa(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    scene = pressed(scene_of, method="uzawa", tolerance=1e-8)
+    scene = dragged(scene_of, 2, "unilateral", method="uzawa", tolerance=1e-8)
     plain, gram, ic0 = (
         sum(step.iterations for step in simulation_of(each).steps())
         for each in (scene, with_gram(scene, Gram()), with_gram(scene, IC0))
@@ -524,9 +510,8 @@ def test_fewer_iterations_than_plain_uzawa(scene_of: SceneOf, simulation_of: Sim
 
 def test_the_multipliers_own_gram_matrix_is_of_the_wrong_order(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """From no tractions at all: where the volume's has come far, it has hardly begun."""
-    simulation = simulation_of(pressed(scene_of, method="condensed-newton"))
-    stepper = simulation.stepper
-    problem = stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+    simulation = simulation_of(dragged(scene_of, 2, "unilateral", method="condensed-newton"))
+    problem = surface_problem(simulation)
     residuals = {}
     for gram in (Gram(), Gram(space="multiplier")):
         method = GramIteration(GramMetric(simulation.system, gram), max_it=20)
@@ -545,7 +530,7 @@ def test_the_answer_goes_by_no_unit_of_length(scene_of: SceneOf, simulation_of: 
             2,
             sizes,
             contacts={"base": base},
-            supports={"top": {"boundary": "block.top", "displacement": drag}},
+            top=drag,
             solver={"method": "gram-uzawa"},
         )
         (step,) = simulation_of(scene).steps()
@@ -555,7 +540,7 @@ def test_the_answer_goes_by_no_unit_of_length(scene_of: SceneOf, simulation_of: 
 
 def test_what_has_no_gram_matrix_is_refused(scene_of: SceneOf) -> None:
     base = {"surface": "block.bottom", "against": "foundation", "normal": {"law": "compliance", "c_n": 20.0}}
-    scene = pressed(scene_of, method="gram-uzawa")
+    scene = dragged(scene_of, 2, "unilateral", method="gram-uzawa")
     compliant = replace(scene, contacts=scene_of(contacts={"base": base}).contacts)
     make_plan(compliant)  # forces on the nodes, by the Gram matrix of their displacements
     for key, value, other in (("space", "multiplier", "volume"), ("unknown", "tractions", "forces")):
@@ -572,4 +557,4 @@ def test_what_has_no_gram_matrix_is_refused(scene_of: SceneOf) -> None:
 )
 def test_nonsense_is_refused_by_name(key: str, value: Any, message: str, scene_of: SceneOf) -> None:
     with pytest.raises(SceneError, match=rf"solver\.gram.*{message}"):
-        pressed(scene_of, method="gram-uzawa", gram={key: value})
+        dragged(scene_of, 2, "unilateral", method="gram-uzawa", gram={key: value})

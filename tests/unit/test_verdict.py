@@ -34,8 +34,8 @@ def dragged(scene_of: SceneOf, friction: Any, normal: Any = None, obstacles: Any
     laws = {"friction": friction} | ({"normal": normal} if normal else {})
     return scene_of(
         obstacles=obstacles or FLAT,
-        contacts={"base": {"surface": "block.bottom", "against": "foundation"} | laws},
-        supports={"top": {"boundary": "block.top", "displacement": {"x": 0.05, "y": -0.1}}},
+        base=laws,
+        top={"x": 0.05, "y": -0.1},
     )
 
 
@@ -258,8 +258,8 @@ def test_the_second_energy_gives_the_first_forces(nu: float, scene_of: SceneOf, 
         scene = dragged(scene_of, COULOMB)
         made = scene_of(
             bodies={"block": {"E": 1.0, "nu": nu}},
-            contacts={"base": {"surface": "block.bottom", "against": "foundation", "friction": COULOMB}},
-            supports={"top": {"boundary": "block.top", "displacement": dict(scene.supports["top"].displacement)}},
+            base={"friction": COULOMB},
+            top=dict(scene.supports["top"].displacement),
             **overrides,
         )
         audit, over, _ = judged(made)

@@ -15,7 +15,7 @@ from scipy import sparse
 import stickslip
 from shared.cases import every_nth, often, slow
 from shared.drawn import GEO, draw, scene_data
-from shared.problems import SceneOf, SimulationOf, SystemOf, dense, surface_problem, whole
+from shared.problems import SceneOf, SimulationOf, SystemOf, condensed_surface, dense, surface_problem, whole
 from stickslip import Counters, MachineError, Scene, SceneError, Simulation
 from stickslip.geometry.arrays import Array, inverse_and_determinant, inverses
 from stickslip.geometry.protocols import Mat, Sparse
@@ -46,19 +46,19 @@ from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict, read
 
-STICKING = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "stick"}}}
+STICKING: dict[str, Any] = {"friction": {"law": "stick"}}
 
 
-def held(dim: int) -> dict[str, Any]:
-    return {"top": {"boundary": "block.top", "displacement": dict(zip("xyz"[:dim], (0.0, -0.1, -0.05), strict=False))}}
+def held(dim: int) -> dict[str, float]:
+    return dict(zip("xyz"[:dim], (0.0, -0.1, -0.05), strict=False))
 
 
 def scene_in(dim: int, scene_of: SceneOf, floating: bool = False) -> Scene:
     return scene_of(
         dim,
         {"contact_mesh_size": 0.2 if dim == 2 else 0.4},
-        contacts=STICKING,
-        supports={} if floating else held(dim),
+        base=STICKING,
+        top=None if floating else held(dim),
         loads={"push": {"boundary": "block.right", "pressure": 0.1}},
     )
 
@@ -100,7 +100,7 @@ def test_schur_complement_condense_and_expand_are_exact(
 
 def test_fronts_of_low_rank_change_nothing_but_rounding(scene_of: SceneOf, system_of: SystemOf) -> None:
     fine = {"mesh_size": 1 / 160, "contact_mesh_size": 1 / 160, "cells": "tensor"}
-    system = system_of(scene_of(2, fine, contacts=STICKING, supports=held(2)))
+    system = system_of(scene_of(2, fine, base=STICKING, top=held(2)))
     full, low = (
         FactorisedVolume(system.K_B, system.interface.dofs, Counters(), low_rank=low_rank) for low_rank in (False, True)
     )
@@ -157,7 +157,7 @@ def test_a_body_without_contact_is_solved_directly(scene_of: SceneOf, simulation
 def test_surface_displacement_is_that_of_the_bodies(dim: int, scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_in(dim, scene_of))
     K, _, c = blocks(system)
-    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
+    surface = condensed_surface(system)
     p = np.random.default_rng(1).normal(size=len(surface.W))
     f = np.zeros(len(K))
     f[c] = surface.forces(p)
@@ -173,9 +173,8 @@ def test_surface_displacement_is_that_of_the_bodies(dim: int, scene_of: SceneOf,
 @pytest.mark.parametrize("dim", [2, 3])
 def test_lambda_max_bounds_the_largest_eigenvalue(law: str, dim: int, scene_of: SceneOf, system_of: SystemOf) -> None:
     normal = {"law": law} | ({"c_n": 2.0} if law == "compliance" else {})
-    scene = scene_of(dim, contacts={"base": STICKING["base"] | {"normal": normal}}, supports=held(dim))
-    system = system_of(scene)
-    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
+    system = system_of(scene_of(dim, base=STICKING | {"normal": normal}, top=held(dim)))
+    surface = condensed_surface(system)
     root = np.sqrt(surface.W)[:, None]
     B = root * surface.N.toarray()
     exact = float(np.linalg.eigvalsh(B @ np.linalg.solve(surface.S, B.T)).max())
@@ -188,29 +187,26 @@ def test_lambda_max_bounds_the_largest_eigenvalue(law: str, dim: int, scene_of: 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_floating_body_feels_no_augmentation(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     shelf = {"load": {"boundary": "block.top", "pressure": 0.1}, "push": {"boundary": "block.left", "pressure": 0.01}}
-    scene = scene_of(
-        dim, contacts={"base": STICKING["base"] | {"normal": {"law": "compliance", "c_n": 2.0}}}, loads=shelf
-    )
-    stepper = simulation_of(scene).stepper
-    surface = stepper.surface
+    scene = scene_of(dim, base=STICKING | {"normal": {"law": "compliance", "c_n": 2.0}}, loads=shelf)
+    simulation = simulation_of(scene)
+    stepper, surface = simulation.stepper, simulation.stepper.surface
     assert surface.R.shape[1] == (3 if dim == 2 else 6)
     assert_allclose(surface.R.T @ surface.R, np.eye(surface.R.shape[1]), atol=1e-13)
     assert_allclose(surface.S @ surface.R, 0.0, atol=1e-12 * np.abs(surface.S).max())  # rigid: no stiffness
-    accepted = stepper.reach(stepper.start(), 1.0, lambda row: None)
-    found = []
+    problem, found = surface_problem(simulation), []
     for factor in (0.1, 20.0):
         other: CondensedSurface = prepare_surface(stepper.system, stepper.chain.volume)
         other.rho *= factor
-        problem = replace(accepted.problem, surface=other)
+        augmented = replace(problem, surface=other)
         closed = np.zeros(len(other.W))
-        closed[: other.normal_rows] = problem.p_ref
-        found.append(solve(linearise(problem, closed, problem.gamma), np.zeros(problem.surface.size)))
+        closed[: other.normal_rows] = augmented.p_ref
+        found.append(solve(linearise(augmented, closed, augmented.gamma), np.zeros(other.size)))
     (p, u), (q, v) = found
     assert np.abs(p).max() > 0.1
     assert_allclose(p, q, atol=1e-9 * np.abs(p).max())  # rounding, rho over a factor of 200
     assert_allclose(u, v, atol=1e-9 * np.abs(u).max())
     # and the contact carries the loads: R^T (f - B^T p) = 0
-    assert_allclose(surface.R.T @ (accepted.problem.load.f_c - surface.forces(p)), 0.0, atol=1e-12)
+    assert_allclose(surface.R.T @ (problem.load.f_c - surface.forces(p)), 0.0, atol=1e-12)
 
 
 def test_loads_in_the_span_of_earlier_ones_are_condensed_for_nothing(scene_of: SceneOf, system_of: SystemOf) -> None:
@@ -396,8 +392,7 @@ def test_where_multigrid_is_slow_a_factor_is_preferred(system_of: SystemOf) -> N
     assert [first(nu) for nu in (0.3, 0.499)] == ["matrix-free", "condensed"]
 
 
-TOP = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0, "z": -0.01}}}
-BASE = {"base": {"surface": "block.bottom", "against": "foundation"}}
+TOP = {"x": 0.0, "y": 0.0, "z": -0.01}
 
 
 def entries(matrix: Mat) -> Sparse:
@@ -407,7 +402,7 @@ def entries(matrix: Mat) -> Sparse:
 
 
 def test_boxes_lose_a_third_of_their_entries_and_no_accuracy(scene_of: SceneOf, system_of: SystemOf) -> None:
-    system = system_of(scene_of(3, {"cells": "tensor", "mesh_size": 0.125}, contacts=BASE, supports=TOP))
+    system = system_of(scene_of(3, {"cells": "tensor", "mesh_size": 0.125}, base={}, top=TOP))
     K = whole(system)
     before, size = entries(K), K.getDiagonal().array.max()
     found = without_rounding(K)
@@ -423,7 +418,7 @@ def test_boxes_lose_a_third_of_their_entries_and_no_accuracy(scene_of: SceneOf, 
 
 
 def test_rows_are_looked_at_in_parts(monkeypatch: pytest.MonkeyPatch, scene_of: SceneOf, system_of: SystemOf) -> None:
-    K = whole(system_of(scene_of(3, {"cells": "tensor", "mesh_size": 0.25}, contacts=BASE, supports=TOP)))
+    K = whole(system_of(scene_of(3, {"cells": "tensor", "mesh_size": 0.25}, base={}, top=TOP)))
     parts = K.copy()
     expected = without_rounding(K).getValuesCSR()
     monkeypatch.setattr("stickslip.solvers.system.stiffness.CHUNK", 7)
@@ -432,14 +427,14 @@ def test_rows_are_looked_at_in_parts(monkeypatch: pytest.MonkeyPatch, scene_of: 
 
 
 @pytest.mark.parametrize(
-    ("changes", "less"), [({}, True), ({"supports": {}}, False), ({"cells": "simplex"}, False)],
+    ("changes", "less"), [({}, True), ({"top": None}, False), ({"cells": "simplex"}, False)],
     ids=["held boxes", "a body that floats", "tetrahedra"],
 )  # fmt: skip
 def test_only_held_bodies_of_boxes_are_changed(
     changes: dict[str, Any], less: bool, scene_of: SceneOf, system_of: SystemOf
 ) -> None:
     shape = {"cells": changes.get("cells", "tensor"), "mesh_size": 0.2}
-    system = system_of(scene_of(3, shape, contacts=BASE, supports=changes.get("supports", TOP)))
+    system = system_of(scene_of(3, shape, base={}, top=changes.get("top", TOP)))
     K = whole(system)
     free = np.setdiff1d(np.arange(K.size[0]), system.constraints.eliminated())
     kept, every = (entries(matrix)[free][:, free].count_nonzero() for matrix in (system.K_B, K))
@@ -449,24 +444,21 @@ def test_only_held_bodies_of_boxes_are_changed(
     assert_allclose((system.K * u).array, (K * u).array, rtol=0, atol=1e-13 * K.norm())
 
 
-RUBBING = {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}
 PLANE = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
-HELD = {"top": {"boundary": "block.top", "displacement": {"x": 0.05, "y": -0.1}}}
+RUBBING = {"friction": {"law": "coulomb", "mu": 0.3}}
+PUSH = {"push": {"boundary": "block.right", "pressure": 0.03}}
+HELD = {"top": {"x": 0.05, "y": -0.1}, "loads": PUSH}
 FORMS: dict[str, dict[str, Any]] = {
-    "held": {"supports": HELD},
-    "floating": {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}},
-    "driven": {"supports": HELD, "obstacles": {"foundation": PLANE | {"force": {"y": 0.2}}}},
+    "held": HELD,
+    "floating": {"loads": PUSH | {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}},
+    "driven": HELD | {"obstacles": {"foundation": PLANE | {"force": {"y": 0.2}}}},
 }
 
 
 @pytest.fixture
 def simulation_named(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[[str], Simulation]:
     def make(name: str) -> Simulation:
-        load = {"push": {"boundary": "block.right", "pressure": 0.03}}
-        tables = {k: v for k, v in FORMS[name].items() if k != "loads"}
-        loads = load | FORMS[name].get("loads", {})
-        block = {"block": {"E": 3.0, "nu": 0.3}}
-        return simulation_of(scene_of(bodies=block, contacts={"base": RUBBING}, loads=loads, **tables))
+        return simulation_of(scene_of(bodies={"block": {"E": 3.0, "nu": 0.3}}, base=RUBBING, **FORMS[name]))
 
     return make
 
@@ -601,9 +593,7 @@ def test_a_driven_obstacle_is_a_dof_without_stiffness(simulation_named: Callable
 
 def smooth(make: SceneOf, dim: int, **tables: Any) -> Scene:
     """A block without friction, pressed from the side and from above."""
-    held = {"top": {"boundary": "block.top", "displacement": dict.fromkeys("xyz"[:dim], -0.1)}}
-    base = {"surface": "block.bottom", "against": "foundation"}
-    return make(dim, **{"contacts": {"base": base}, "supports": held} | tables)
+    return make(dim, **{"base": {}, "top": dict.fromkeys("xyz"[:dim], -0.1)} | tables)
 
 
 @pytest.mark.parametrize(("dim", "count"), [pytest.param(2, 9, marks=pytest.mark.slow), (3, 15)])
@@ -612,7 +602,7 @@ def test_without_friction_only_normal_displacements_are_condensed(
 ) -> None:
     simulation = simulation_of(smooth(scene_of, dim))
     (step,) = simulation.steps()
-    with_friction = simulation_of(smooth(scene_of, dim, contacts={"base": RUBBING}))
+    with_friction = simulation_of(smooth(scene_of, dim, base=RUBBING))
     assert (simulation.counters.schur_size, with_friction.counters.schur_size) == (count, dim * count)
     inclined = {"foundation": {"shape": "plane", "point": [0.0] * dim, "normal": [0.1] * (dim - 1) + [1.0]}}
     assert simulation_of(smooth(scene_of, dim, obstacles=inclined)).counters.schur_size == dim * count
@@ -632,11 +622,8 @@ def broken(method: CondensedNewton, problem: SurfaceProblem, p: Array, on_step: 
     return Solution(p=p, w=p, u_c=np.zeros(0), status=Status.STALLED, residual=1.0, history=())
 
 
-DRAGGED = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}}
-
-
 def test_it_is_set_up_once_even_if_its_matrix_was_changed_for_a_while(scene_of: SceneOf, system_of: SystemOf) -> None:
-    system = system_of(scene_of(3, contacts=DRAGGED))
+    system = system_of(scene_of(3, base=RUBBING))
     K = system.K_B.copy()  # as `system` keeps its own
     pc = multigrid(K, False, lambda: near_nullspace(system), "test_")
     r, z = K.createVecLeft(), K.createVecRight()
@@ -668,15 +655,8 @@ def test_inverses_are_those_of_lapack(order):
 
 
 def block(scene_of: SceneOf, dim: int, n: int, floating: bool = False) -> Scene:
-    top = {"boundary": "block.top", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}
-    size = {"mesh_size": 1 / n, "cells": "tensor"}
-    return scene_of(dim, size, contacts=BASE, supports={} if floating else {"top": top})
-
-
-def condensed_coarse(system: System) -> CondensedSurface:
-    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
-    assert isinstance(surface, CondensedSurface)
-    return surface
+    held = None if floating else dict.fromkeys("xyz"[:dim], 0.0)
+    return scene_of(dim, {"mesh_size": 1 / n, "cells": "tensor"}, base={}, top=held)
 
 
 COARSENED: dict[str, Callable[[SceneOf], Scene]] = {
@@ -695,7 +675,7 @@ COARSENED: dict[str, Callable[[SceneOf], Scene]] = {
 def test_smooth_forces_do_about_what_it_says(name: str, scene_of: SceneOf, system_of: SystemOf) -> None:
     """Cells twice as large, of order 1: their energy is wrong by a few percent where the force is a parabola."""
     fine = system_of(COARSENED[name](scene_of))
-    coarse, exact = CoarseMesh.beside(fine), condensed_coarse(fine)
+    coarse, exact = CoarseMesh.beside(fine), condensed_surface(fine)
     assert coarse.system.constraints.free_total <= LEAST * fine.constraints.free_total
     forces, displacements = coarse.smooth_responses(fine, exact.R, exact.rho)
     true = exact.flexibility @ forces
@@ -709,7 +689,7 @@ def test_smooth_forces_do_about_what_it_says(name: str, scene_of: SceneOf, syste
 
 def test_a_rigid_motion_is_answered_by_the_augmentation_of_bodies(scene_of: SceneOf, system_of: SystemOf) -> None:
     fine = system_of(block(scene_of, 2, 16, floating=True))
-    coarse, exact = CoarseMesh.beside(fine), condensed_coarse(fine)
+    coarse, exact = CoarseMesh.beside(fine), condensed_surface(fine)
     for rho in (exact.rho, 7 * exact.rho):
         forces, displacements = coarse.smooth_responses(fine, exact.R, rho)
         assert_allclose(exact.R.T @ displacements, exact.R.T @ forces / rho, atol=1e-12 * np.abs(forces).max() / rho)
@@ -718,7 +698,7 @@ def test_a_rigid_motion_is_answered_by_the_augmentation_of_bodies(scene_of: Scen
 def test_the_method_begins_with_what_it_says(scene_of: SceneOf, system_of: SystemOf) -> None:
     """The metric alone is wrong by half for smooth forces, primed it is right."""
     fine = system_of(block(scene_of, 3, 6))
-    coarse, exact, metric = CoarseMesh.beside(fine), condensed_coarse(fine), surface_metric(fine)
+    coarse, exact, metric = CoarseMesh.beside(fine), condensed_surface(fine), surface_metric(fine)
     smooth = coarse.smooth_responses(fine, exact.R, exact.rho)
     primed = LearningIteration(metric=metric, smooth=lambda: smooth)._primed()
     press = smooth[0][:, 2]  # of a constant normal traction

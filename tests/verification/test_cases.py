@@ -1,6 +1,5 @@
 """Every verification problem has the figures of its source by all its methods, and its checks notice what is wrong."""
 
-import inspect
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +32,6 @@ from stickslip.workflows.lab.verification.cases import (
     press_fit,
     punch,
     raous,
-    raous_compliance,
     shear_lag,
     shrink_fit,
     slivers,
@@ -44,7 +42,7 @@ from stickslip.workflows.lab.verification.cases import (
 from stickslip.workflows.lab.verification.cases.incline import HOLDS, SLIDES
 from stickslip.workflows.lab.verification.check import Check
 from stickslip.workflows.lab.verification.prepared import observed, prepare, system_of
-from stickslip.workflows.lab.verification.registry import CASES, Case
+from stickslip.workflows.lab.verification.registry import CASES
 from stickslip.workflows.lab.verification.step_file import on_plane, read_step, step_file
 from stickslip.workflows.run.run import run
 
@@ -53,14 +51,10 @@ TWO = (NEWTON, "uzawa")
 # tolerances are the cases' own, with their reasons there: the mesh, the digits of the source, or the solver
 
 
-def slow_methods(case: Case) -> tuple[str, ...]:
-    return getattr(inspect.getmodule(case.checks), "SLOW", ())
-
-
 @pytest.mark.parametrize(
     ("name", "method"),
     [
-        pytest.param(name, method, marks=[pytest.mark.slow] * (method in slow_methods(case)))
+        pytest.param(name, method, marks=[pytest.mark.slow] * (method in case.slow))
         for name, case in CASES.items()
         for method in case.methods
     ],
@@ -137,13 +131,13 @@ def test_checks_of_raous_fail_without_friction(method: str) -> None:
 
 
 def test_checks_of_a_compliant_block_notice_other_friction_and_rigid_springs(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert len(failures(raous_compliance.checks(NEWTON, mu=0.9))) == 4
+    assert len(failures(raous.raous_compliance(NEWTON, mu=0.9))) == 4
     monkeypatch.setattr(raous, "Coulomb", lambda mu, k_T: Coulomb(mu=mu))  # rigid before slip
-    raous_compliance.solve.cache_clear()
+    raous.softened.cache_clear()
     try:
-        assert len(failures(raous_compliance.checks(NEWTON))) >= 2
+        assert len(failures(raous.raous_compliance(NEWTON))) >= 2
     finally:
-        raous_compliance.solve.cache_clear()
+        raous.softened.cache_clear()
 
 
 def test_no_error_of_the_manufactured_solution_falls_without_friction() -> None:
@@ -319,9 +313,9 @@ def test_springs_that_start_again_take_a_soft_penalty_back() -> None:
 
 
 def test_huge_stiffness_of_a_face_changes_neither_the_answer_nor_the_effort() -> None:
-    limit, u_limit = raous_compliance.solve(NEWTON, raous_compliance.RIGID)
+    limit, u_limit = raous.softened(NEWTON, raous.STIFFEST)
     for k in (1e4, 1e6):
-        step, u = raous_compliance.solve(NEWTON, k)
+        step, u = raous.softened(NEWTON, k)
         assert_allclose(u, u_limit, rtol=0.5 / k)  # the published shift is .43 / k
         assert_allclose(step.contacts["base"].force, limit.contacts["base"].force, rtol=5 / k)
         assert step.substeps == limit.substeps == 1
@@ -442,7 +436,7 @@ def test_quadratic_rings_converge_with_their_geometry() -> None:
 def test_shafts_pressed_into_hubs_have_the_pressure_and_stresses_of_lame() -> None:
     solid = press_fit.figures(press_fit.Fit(drawn=True), press_fit.SOLID)
     section = press_fit.figures(press_fit.Fit(model="axisymmetric"), press_fit.SECTION)
-    assert not failures(solid + section + press_fit.heated(NEWTON))
+    assert not failures(solid + section + press_fit.heated_hub(NEWTON))
 
 
 def test_hub_that_cools_does_not_touch_when_hot_and_presses_as_one_that_was_pressed_on_cold() -> None:

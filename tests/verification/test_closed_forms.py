@@ -23,7 +23,7 @@ from stickslip.workflows.lab.verification.cases import (
     sheared_column,
     shrink_fit,
 )
-from stickslip.workflows.lab.verification.cases.bearing import contact_modulus, ellipse
+from stickslip.workflows.lab.verification.cases.bearing import ellipse
 from stickslip.workflows.lab.verification.cases.incline import HOLDS, LAYER, SLIDES
 from stickslip.workflows.lab.verification.cases.limits import NONE, STEADY, Limit
 from stickslip.workflows.lab.verification.cases.manufactured import LAMBDA, LAWS, MU, SLIP, G, Manufactured
@@ -157,6 +157,21 @@ def figures(turn: circular_drive.SteadyTurn) -> tuple[float, float, float]:
     return turn.face_radius, turn.lag, turn.dissipation
 
 
+def march(
+    drive: circular_drive.CircularDrive, n: int, start: float = 0.0, turns: int = 1000
+) -> circular_drive.SteadyTurn:
+    """Take n implicit Euler steps a turn until a turn repeats the one before, the top at an angle at first."""
+    angles = start + 2 * np.pi * np.arange(1, n + 1) / n
+    turn = drive.radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    path = np.tile(turn, (turns, 1))
+    _, slip, work = sheared_column.follow(drive.G / drive.height, np.full(len(path), drive.bound), path)
+    losses = np.diff(work[n - 1 :: n])
+    k = int(np.argmax(np.abs(np.diff(losses)) <= 1e-13 * losses[1:]))
+    (w_x, w_y), (V_x, V_y) = w, V = slip[(k + 3) * n - 1], turn[-1]
+    lag = float(np.arctan2(w_x * V_y - w_y * V_x, w @ V))
+    return circular_drive.SteadyTurn(face_radius=float(np.linalg.norm(w)), lag=lag, dissipation=float(losses[k + 1]))
+
+
 def test_circular_drive_gives_the_tabulated_steady_state() -> None:
     exact = circular_drive.steady(circular_drive.DRIVE)
     assert_allclose(figures(exact), figures(circular_drive.STEADY), rtol=1.5e-7)  # 7 digits
@@ -165,7 +180,7 @@ def test_circular_drive_gives_the_tabulated_steady_state() -> None:
 @pytest.mark.parametrize(("n", "error"), circular_drive.DISSIPATION_ERROR.items())
 def test_implicit_euler_dissipates_too_little_by_the_tabulated_error(n: int, error: float) -> None:
     exact = circular_drive.steady(circular_drive.DRIVE)
-    marched = circular_drive.march(circular_drive.DRIVE, n)
+    marched = march(circular_drive.DRIVE, n)
     assert_allclose(marched.dissipation / exact.dissipation - 1, error, atol=0.0005)  # one decimal of a %
     # the tabulated error is not the radius' nor the lag's, at least where the four differ most
     if n == 16:
@@ -176,7 +191,7 @@ def test_implicit_euler_dissipates_too_little_by_the_tabulated_error(n: int, err
 @pytest.mark.parametrize("n", [3, 8, 16, 128])
 @pytest.mark.parametrize("start", [0.0, np.radians(17), np.radians(45)])
 def test_marching_ends_on_the_polygon_in_any_frame(n: int, start: float) -> None:
-    marched = circular_drive.march(circular_drive.DRIVE, n, start=start)
+    marched = march(circular_drive.DRIVE, n, start=start)
     polygon = circular_drive.steady_polygon(circular_drive.DRIVE, n)
     assert_allclose(figures(marched), figures(polygon), rtol=1e-10)
 
@@ -196,8 +211,6 @@ def test_circular_drive_refuses_a_base_that_never_slips() -> None:
         circular_drive.CircularDrive(G=100.0, bound=3.0, radius=0.03)
     with pytest.raises(ValueError, match="n = 2"):
         circular_drive.steady_polygon(circular_drive.DRIVE, 2)
-    with pytest.raises(RuntimeError, match="no steady state after 1 turns"):
-        circular_drive.march(circular_drive.DRIVE, 16, max_turns=1)
 
 
 # --- block of Raous, Chabrand and Lebon
@@ -222,13 +235,6 @@ def test_raous_forces_balance_and_lie_in_the_cone() -> None:
     assert raous.F_T < raous.SIDE_PRESSURE * raous.SIDE  # the wall x = 0.04 carries the rest
 
 
-def test_raous_face_opens_then_slips_then_sticks() -> None:
-    states = [raous.state(x) for x in (0.0, 0.00339, 0.00341, 0.02979, 0.02981, raous.SIDE)]
-    assert states == ["open", "open", "slip", "slip", "stick", "stick"]
-    with pytest.raises(ValueError, match=r"the block reaches from 0 to 0\.04 m"):
-        raous.state(0.05)
-
-
 def test_raous_dissipation_is_the_sum_over_the_ramp() -> None:
     for n in (1, 5, 20):
         steps = sum((k / n) * (1 / n) for k in range(1, n + 1))  # traction k/n times slip 1/n
@@ -241,14 +247,10 @@ def test_raous_dissipation_is_the_sum_over_the_ramp() -> None:
 
 
 def test_raous_compliance_shift_falls_as_the_compliance_does() -> None:
-    shifts = np.array([case.shift for case in raous.COMPLIANCE_SHIFTS])
-    stiffness = np.array([case.k for case in raous.COMPLIANCE_SHIFTS])
+    stiffness, shifts = np.array(list(raous.COMPLIANCE_SHIFTS.items())).T
     assert np.all(shifts < 0)
     assert np.all(np.diff(shifts) > 0)
     assert_allclose((stiffness * shifts)[:3], -0.43, rtol=0.08)  # as 1 / k, to the digits given
-    for case in raous.COMPLIANCE_SHIFTS:
-        if case.k > 1000:
-            assert abs(case.shift) + case.tolerance <= 0.001 * (1 + 1e-12)
 
 
 # --- punch
@@ -415,28 +417,26 @@ def test_rings_drawn_too_large_tend_to_rings_that_fit() -> None:
 
 def test_hub_is_in_equilibrium_and_strained_as_its_stresses_say() -> None:
     r, h = np.linspace(PRESSED_HUB.bore, PRESSED_HUB.outer, 9)[1:-1], 1e-6
-    radial, hoop = PRESSED_HUB.stresses(1e6, r)
-    up, down = PRESSED_HUB.stresses(1e6, r + h)[0], PRESSED_HUB.stresses(1e6, r - h)[0]
+    radial, hoop = PRESSED_HUB.stresses(r, 1e6)
+    up, down = PRESSED_HUB.stresses(r + h, 1e6)[0], PRESSED_HUB.stresses(r - h, 1e6)[0]
     assert_allclose((up - down) / (2 * h), (hoop - radial) / r, rtol=1e-6)
-    u, slope = (
-        PRESSED_HUB.displacement(1e6, r),
-        (PRESSED_HUB.displacement(1e6, r + h) - PRESSED_HUB.displacement(1e6, r - h)) / (2 * h),
-    )
+    below, u, above = (PRESSED_HUB.displacement(at, 1e6) for at in (r - h, r, r + h))
+    slope = (above - below) / (2 * h)
     assert_allclose(u / r, (hoop - PRESSED_HUB.nu * radial) / PRESSED_HUB.E, rtol=1e-12)
     assert_allclose(slope, (radial - PRESSED_HUB.nu * hoop) / PRESSED_HUB.E, rtol=1e-6, atol=1e-12)
-    assert_allclose(
-        PRESSED_HUB.stresses(1e6, np.array([PRESSED_HUB.bore, PRESSED_HUB.outer]))[0], [-1e6, 0.0], atol=1e-3
-    )
+    ends = np.array([PRESSED_HUB.bore, PRESSED_HUB.outer])
+    assert_allclose(PRESSED_HUB.stresses(ends, 1e6)[0], [-1e6, 0.0], atol=1e-3)
 
 
 def test_both_together_give_way_by_the_interference_that_heat_leaves() -> None:
     at, expanded = np.array([PRESSED_HUB.bore]), 2e-4
     p = pressure(PRESSED_SHAFT, PRESSED_HUB, 1e-5, expanded)
-    assert_allclose(PRESSED_HUB.displacement(p, at, expanded) - PRESSED_SHAFT.displacement(p, at), 1e-5, rtol=1e-12)
+    gives = PRESSED_HUB.displacement(at, p) - PRESSED_SHAFT.displacement(at, around=p)
+    assert_allclose(gives + expanded * at, 1e-5, rtol=1e-12)
 
 
 def test_round_ellipse_is_the_contact_of_a_sphere() -> None:
-    F, R, E_star = 50.0, 5e-3, contact_modulus((210e9, 0.3), (70e9, 0.33))
+    F, R, E_star = 50.0, 5e-3, 1 / sum(1 / hertz.plane_strain(E, nu) for E, nu in ((210e9, 0.3), (70e9, 0.33)))
     found, sphere = ellipse(F, 1 / (2 * R), 1 / (2 * R), E_star), hertz.sphere(F, R, E_star)
     assert_allclose([found.a, found.b, found.p0], [sphere.a, sphere.a, sphere.p0], rtol=1e-12)
     assert_allclose(found.approach, hertz.approach(sphere, R), rtol=1e-12)

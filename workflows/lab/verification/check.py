@@ -5,6 +5,7 @@ Cyclic histories: every cycle after the second repeats the second one, and the e
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -61,7 +62,23 @@ class Case:
 
     about: str
     checks: Callable[[str], list[Check]]
-    methods: tuple[str, ...] = METHODS
+    methods: tuple[str, ...]
+    slow: tuple[str, ...]  # methods that take more than some seconds
+
+
+PROBLEMS: dict[str, Case] = {}
+Checks = TypeVar("Checks", bound=Callable[..., list[Check]])
+
+
+def problem(about: str, methods: tuple[str, ...] = METHODS, slow: tuple[str, ...] = ()) -> Callable[[Checks], Checks]:
+    """Enter a function in PROBLEMS by its own name, or by that of its file if it is called `checks`."""
+
+    def enter(checks: Checks) -> Checks:
+        name = checks.__module__.rpartition(".")[2] if checks.__name__ == "checks" else checks.__name__
+        PROBLEMS[name] = Case(about=about, checks=checks, methods=methods, slow=slow)
+        return checks
+
+    return enter
 
 
 def close(name: str, computed: float, reference: float, tolerance: float, scale: float) -> Check:

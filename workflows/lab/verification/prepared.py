@@ -40,6 +40,12 @@ def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = No
     return simulation.prepare(replace(scene, output=replace(scene.output, error=False)), comm, reached)
 
 
+def solved(scene: Scene) -> tuple[Simulation, list[StepResult]]:
+    """The scene, prepared, and its steps."""
+    simulation = prepare(scene)
+    return simulation, [*simulation.steps()]
+
+
 def system_of(scene: Scene, move: Move = lambda points: points) -> System:
     """The scene, assembled on a mesh whose nodes were moved."""
     from mpi4py import MPI

@@ -10,20 +10,11 @@ from rich.table import Table
 
 from stickslip.geometry.errors import SceneError, StickslipError, nearest
 from stickslip.workflows.lab.verification import cases
-from stickslip.workflows.lab.verification.check import Case, Check
+from stickslip.workflows.lab.verification.check import PROBLEMS, Case, Check
 
-
-def _cases() -> Iterator[tuple[str, Case]]:
-    """The cases of each file: CASE has the file's name, others their own."""
-    for module in iter_modules(cases.__path__, f"{cases.__name__}."):
-        for name, value in vars(import_module(module.name)).items():
-            if isinstance(value, Case):
-                yield module.name.rpartition(".")[2] if name == "CASE" else name.lower(), value
-
-
-CASES: Mapping[str, Case] = dict(_cases())
-
-
+for module in iter_modules(cases.__path__, f"{cases.__name__}."):
+    import_module(module.name)
+CASES: Mapping[str, Case] = dict(sorted(PROBLEMS.items(), key=lambda named: named[1].checks.__module__))
 Row = tuple[str, str, Check]  # case, method, result
 
 

@@ -17,7 +17,7 @@ from stickslip import Scene, SceneError, Simulation, StepResult
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.method_registry import METHODS, Solver
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.workflows.lab.verification.check import Case, Check, within
+from stickslip.workflows.lab.verification.check import Check, problem, within
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import read
 
@@ -164,13 +164,9 @@ def compared(name: str, method: str) -> list[Check]:
     return [check for form in FORMS.get(method, ("auto",)) for check in agree(name, method, surface=form)]
 
 
+@problem("ready scenes: forces, resultants, displacements of every method are the same", methods=ALL, slow=SLOW)
 def checks(method: str) -> list[Check]:
     """All scenes that the method can do."""
     if method == REFERENCE:
         return [check for name in SCENES for check in mixed(name)]
     return [check for name in SCENES if fits(name, method) for check in compared(name, method)]
-
-
-CASE = Case(
-    about="ready scenes: forces, resultants, displacements of every method are the same", checks=checks, methods=ALL
-)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from stickslip import Scene, Simulation, StepResult
-from stickslip.workflows.lab.verification.check import ONE, Case, Check, close
-from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.check import ONE, Check, close, problem
+from stickslip.workflows.lab.verification.prepared import solved
 from stickslip.workflows.scene_file.read import from_dict
 
 E, LENGTH, ARM = 1000.0, 10.0, 2.0
@@ -46,8 +46,7 @@ def bent(model: str, coupling: str) -> Solved:
     up, about = ("z", "y") if model == "3d" else ("y", "z")
     turn = -1.0 if model == "3d" else 1.0  # x towards z turns about -y
     given: dict[str, Any] = {"force": {"x": FX, up: FY}, "moment": {about: turn * MZ}}
-    simulation = prepare(scene(end(model, coupling, **given), model, order=2))
-    (step,) = simulation.steps()
+    simulation, (step,) = solved(scene(end(model, coupling, **given), model, order=2))
     moment = MZ + FY * ARM
     slope = FY * LENGTH**2 / (2 * BEND) + moment * LENGTH / BEND
     sag = FY * LENGTH**3 / (3 * BEND) + moment * LENGTH**2 / (2 * BEND) + FY * LENGTH / SHEAR
@@ -65,8 +64,7 @@ def bent(model: str, coupling: str) -> Solved:
 def driven() -> Solved:
     """The end is pulled by u and turned by w about its centre: N = E u / L, M = 4 E I w / L, Q = 6 E I w / L²."""
     given: dict[str, Any] = {"displacement": {"x": PULLED, "y": 0.0}, "rotation": {"z": TURNED}}
-    simulation = prepare(scene({"p": {**end(**given)["p"], "point": [LENGTH, 0.5]}}, order=2))
-    (step,) = simulation.steps()
+    simulation, (step,) = solved(scene({"p": {**end(**given)["p"], "point": [LENGTH, 0.5]}}, order=2))
     point, soft = step.remote_points["p"], 12 * BEND / (SHEAR * LENGTH**2)  # share of shear
     bend, pull = BEND * TURNED / LENGTH / (1 + soft), E * PULLED / LENGTH
     return simulation, step, [
@@ -85,9 +83,7 @@ def problems() -> Iterator[Solved]:
     yield driven()
 
 
+@problem("a beam bent through a remote point, rigid and distributing", methods=ONE)
 def checks(method: str) -> list[Check]:
     """Their checks; there is no contact, and the method of no account."""
     return [check for *_, found in problems() for check in found]
-
-
-CASE = Case(about="a beam bent through a remote point, rigid and distributing", checks=checks, methods=ONE)

@@ -19,8 +19,9 @@ from scipy.special import ellipk, elliprd
 
 from stickslip import Contact, Material, Scene, Support
 from stickslip.geometry.arrays import Array, Bools
-from stickslip.workflows.lab.verification.check import ONE, Case, Check
-from stickslip.workflows.lab.verification.prepared import prepare, solver
+from stickslip.workflows.lab.verification.cases.hertz import plane_strain
+from stickslip.workflows.lab.verification.check import ONE, Check, problem
+from stickslip.workflows.lab.verification.prepared import solved, solver
 from stickslip.workflows.lab.verification.step_file import MM, NEAR, on_plane, read_step, step_file
 
 SLIMMEST = 1e-6  # b / a that is looked for
@@ -38,15 +39,6 @@ class Ellipse:
     def pressure(self, x: Array, y: Array) -> Array:
         """Pressure (n,) [Pa] at places (n,) [m]."""
         return np.asarray(self.p0 * np.sqrt(np.maximum(1 - (x / self.a) ** 2 - (y / self.b) ** 2, 0.0)))
-
-
-def contact_modulus(*materials: tuple[float, float]) -> float:
-    """E* [Pa] of bodies with E [Pa] and nu: their compliances (1 - nu²) / E add up.
-
-    >>> contact_modulus((2.0, 0.0), (2.0, 0.0))
-    1.0
-    """
-    return 1 / sum((1 - nu**2) / E for E, nu in materials)
 
 
 def ellipse(F: float, A: float, B: float, E_star: float) -> Ellipse:
@@ -70,13 +62,12 @@ def ellipse(F: float, A: float, B: float, E_star: float) -> Ellipse:
     return Ellipse(a=a, b=b, p0=3 * F / (2 * np.pi * a * b), approach=approach)
 
 
-SLOW = ("condensed-newton",)  # methods that take more than some seconds
 BALL, RACE = 5e-3, 20e-3  # radii of the ball, and of the race at the bottom of its groove [m]
 SECTION = 6e-3  # radius of the groove's section [m]
 BLOCK = 10e-3  # edges of the segment of the ring that is drawn [m]
 RIM = 0.5e-3  # by which it is higher than the bottom of the groove [m]
 E, NU = 210e9, 0.3
-E_STAR = contact_modulus((E, NU), (E, NU))
+E_STAR = plane_strain(E, NU) / 2
 LOAD = 50.0  # [N], on the whole ball
 CAP = 1.3  # radius of the part of the ball that has fine cells, over the larger half axis
 
@@ -162,7 +153,6 @@ def scene(rest: Rest, path: Path) -> Scene:
     held = {side: {side[-1]: 0.0} for side in planes}
     held |= {"ball.equator": {"z": -exact.approach}, "ring.foot": {"z": 0.0}}
     return Scene(
-        title="A ball of a bearing, from a STEP file",
         model="3d",
         geometry=geometry,
         bodies={"ball": Material(E=E, nu=NU), "ring": Material(E=E, nu=NU)},
@@ -189,8 +179,7 @@ class Found:
 def solve(rest: Rest) -> Found:
     """Its only step."""
     with step_file(rest.draw) as path:
-        simulation = prepare(scene(rest, path))
-        (step,) = simulation.steps()
+        _, (step,) = solved(scene(rest, path))
     race = step.contacts["race"]
     load = 4 * float(-step.supports["ball_equator"].force[2])
     exact = rest.exact(load)
@@ -257,10 +246,8 @@ def figures(rest: Rest, fine: bool = True) -> list[Check]:
     return checks
 
 
+@problem("a ball on a groove, from a STEP file: Hertz' ellipse", methods=ONE, slow=ONE)
 def checks(method: str) -> list[Check]:
     """A loaded ball of a bearing, one on a flat, and the approach under a light load."""
     found = figures(Rest(load=HEAVY, method=method)) + figures(Rest(on="flat", cells=6.0, method=method))
     return found + figures(Rest(load=LIGHT, cells=2.0, method=method), fine=False)
-
-
-CASE = Case(about="a ball on a groove, from a STEP file: Hertz' ellipse", checks=checks, methods=ONE)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from stickslip import Contact, Material, Scene, Steps, Support, TwoBlocks
 from stickslip.solvers.effects.bolts import Bolt
 from stickslip.solvers.effects.remote_points import RemotePoint
-from stickslip.workflows.lab.verification.check import Case, Check, close
+from stickslip.workflows.lab.verification.check import Check, close, problem
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E, HEIGHT = 1000.0, 1.0  # of each plate [Pa], [m]; lateral strain zero
@@ -38,7 +38,6 @@ def state(tightened: float, load: float, area: float) -> JointState:
     return JointState(tension=tension, clamped=tension - load, shortening=preload * (1 / BOLT + 1 / plates))
 
 
-SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 TOLERANCE = 1e-7  # the tolerance of an iterative method, 1e-11, times what bolt and plates differ in stiffness
 LENGTH, WIDTH = 2.0, 0.5  # of the plates [m]
 LOAD = 6.0  # at the end [N]
@@ -61,7 +60,6 @@ def scene(dim: int, method: str) -> Scene:
     )
     foot = Support(boundary="lower.bottom", displacement=dict.fromkeys("xyz"[:dim], 0.0))  # type: ignore[arg-type]
     return Scene(
-        title="Bolted joint",
         model="3d" if dim == 3 else "plane strain",
         geometry=TwoBlocks(length=LENGTH, width=WIDTH if dim == 3 else None, height=HEIGHT, mesh_size=0.5),
         bodies={"upper": Material(E=E, nu=0.0), "lower": Material(E=E, nu=0.0)},
@@ -73,6 +71,7 @@ def scene(dim: int, method: str) -> Scene:
     )
 
 
+@problem("a bolt tightened, held, its joint drawn apart", slow=("surface-uzawa",))
 def checks(method: str) -> list[Check]:
     """Tension, clamping force, shortening and the lid's motion, in 2D and 3D."""
     found = list[Check]()
@@ -98,6 +97,3 @@ def checks(method: str) -> list[Check]:
                 ),
             ]
     return found
-
-
-CASE = Case(about="a bolt tightened, held, its joint drawn apart", checks=checks)

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from stickslip import Scene, Simulation, StepResult
-from stickslip.workflows.lab.verification.check import ONE, Case, Check, close
-from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.check import ONE, Check, close, problem
+from stickslip.workflows.lab.verification.prepared import solved
 from stickslip.workflows.scene_file.read import from_dict
 
 E, NU = 200.0, 0.3
@@ -15,11 +15,6 @@ LEVEL, WEIGHT = 0.75, 9.81  # of the water [m], [N/m³]
 STRAIN = 1e-3
 EXACT = 1e-10  # integrals of polynomials
 Solved = tuple[Simulation, list[StepResult], list[Check]]
-
-
-def _solved(found: Scene) -> tuple[Simulation, list[StepResult]]:
-    simulation = prepare(found)
-    return simulation, [*simulation.steps()]
 
 
 def water(order: int) -> Solved:
@@ -31,7 +26,7 @@ def water(order: int) -> Solved:
         "supports": {"foot": {"boundary": "block.bottom", "displacement": {"x": 0.0, "y": 0.0}}},
         "loads": {"water": {"boundary": "block.left", "pressure": f"{WEIGHT}*max({LEVEL}-y, 0)"}},
     }
-    simulation, steps = _solved(from_dict(data))
+    simulation, steps = solved(from_dict(data))
     thrust, (force, moment) = WEIGHT * LEVEL**2 / 2, steps[-1].supports["foot"]
     return simulation, steps, [
         close(f"water, order {order}: reaction x [N]", force[0], -thrust, EXACT, thrust),
@@ -58,7 +53,7 @@ def loaded() -> Solved:
         "top": {"boundary": "block.top", "pressure": "1e-3*x**3*t"},
     }
     found = block(loads=loads, body_force={"block": {"force": ["x*y**2", 0.0]}}, steps={"count": 2, "end": 2.0})
-    (simulation, steps), checks = _solved(found), list[Check]()
+    (simulation, steps), checks = solved(found), list[Check]()
     for step in steps:
         t, force = step.time, step.supports["left"].force
         exact = (1e-3 * E / 3 + 2 / 3) * t / 2, NU * t - 4e-3 * t
@@ -73,7 +68,7 @@ def stretched() -> Solved:
     moves = {"x": f"{STRAIN}*x*t", "y": f"{STRAIN}*x*t"}
     every = ("left", "right", "bottom", "top")
     supports = {side: {"boundary": f"block.{side}", "displacement": moves} for side in every}
-    simulation, steps = _solved(block(supports=supports))
+    simulation, steps = solved(block(supports=supports))
     off = steps[-1].displacement - STRAIN * simulation.data.points[:, :1]
     energy = steps[-1].energy
     return simulation, steps, [
@@ -89,9 +84,7 @@ def problems() -> Iterator[Solved]:
     yield stretched()
 
 
+@problem("water on a wall; loads and displacements by place", methods=ONE)
 def checks(method: str) -> list[Check]:
     """Their checks; there is no contact, and the method of no account."""
     return [check for *_, found in problems() for check in found]
-
-
-CASE = Case(about="water on a wall; loads and displacements by place", checks=checks, methods=ONE)

@@ -25,8 +25,8 @@ from stickslip import Contact, ContactState, Coulomb, Cylinders, Load, Material,
 from stickslip.geometry.arrays import Array
 from stickslip.workflows.lab.verification.cases import hertz
 from stickslip.workflows.lab.verification.cases.hertz import Hertz, ellipse
-from stickslip.workflows.lab.verification.check import CYCLES, Case, Check, accounted, repeats, within
-from stickslip.workflows.lab.verification.prepared import prepare, solver
+from stickslip.workflows.lab.verification.check import CYCLES, Check, accounted, problem, repeats, within
+from stickslip.workflows.lab.verification.prepared import prepare, solved, solver
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,6 @@ def cattaneo(P: float, Q: float, R: float, E_star: float, mu: float) -> Cattaneo
     return Cattaneo(pressed=pressed, mu=mu, c=float(pressed.a * np.sqrt(1 - Q / (mu * P))))
 
 
-SLOW = ("uzawa", "surface-uzawa")  # methods that take more than some seconds
 R, E, NU, MU = 8.0, 200.0, 0.3, 0.2
 P = 10.0  # [N/m]
 A = cattaneo(P, 0.0, R / 2, hertz.plane_strain(E, NU) / 2, MU).pressed.a  # [m]
@@ -108,7 +107,6 @@ def _scene(pair: Two, supports: dict[str, Support], friction: Coulomb | None = N
     other = {"upper": "lower", "lower": "upper"}[pair.slave]
     base = Support(boundary="lower.base", displacement={"x": 0.0, "y": 0.0})
     return Scene(
-        title="Two cylinders",
         model="plane strain",
         geometry=Cylinders(
             radius=R, contact_radius=NEAR * A, mesh_size=R / 8, lower_mesh_size=R / 8 * pair.ratio,
@@ -177,8 +175,7 @@ def solve(pair: Two) -> tuple[Answer, Answer]:
 @lru_cache
 def rest(pair: Two) -> tuple[Answer, float]:
     """The floating half, and how far its middle comes down [m]."""
-    simulation = prepare(floating(pair))
-    (step,) = simulation.steps()
+    simulation, (step,) = solved(floating(pair))
     face = step.contacts["face"]
     push = 2 * abs(float(face.force[1]))
     exact = cattaneo(push, 0.0, R / 2, pair.E_star, MU)
@@ -304,12 +301,10 @@ def loosely(method: str) -> list[Check]:
     return figures(name, replace(pair, tolerance=1e-7)) + reversals(replace(COARSE, method=method))
 
 
+@problem("two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin", slow=("uzawa", "surface-uzawa"))
 def checks(method: str) -> list[Check]:
     """All of them."""
     if method != "condensed-newton":
         return loosely(method)
     found = [check for name, pair in PAIRS.items() for check in figures(name, pair)]
     return found + swapped() + floats() + nodes_to_segments() + reversals()
-
-
-CASE = Case(about="two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin", checks=checks)

@@ -17,7 +17,7 @@ r = sqrt(A^2 - a^2 cos^2(h/2)) - a sin(h/2), sin(lag) = a cos(h/2) / A, dissipat
 To first order in h the radius and the dissipation are both too small by a h / (2 r); the lag has no first-order error.
 Clipping each component of tau alone (a square instead of a disc) depends on the frame and gives another answer.
 
-Source: derived here; `march` is the independent check.
+Source: derived here; the tests march to it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import numpy as np
 from stickslip import Coulomb, StepResult
 from stickslip.geometry.arrays import Array
 from stickslip.workflows.lab.verification.cases.sheared_column import MU, scene
-from stickslip.workflows.lab.verification.check import Case, Check, accounted
+from stickslip.workflows.lab.verification.check import METHODS, Check, accounted, problem
 from stickslip.workflows.lab.verification.prepared import observed, rotation, turned_system
 
 
@@ -86,51 +86,11 @@ def steady_polygon(drive: CircularDrive, n: int) -> SteadyTurn:
     )
 
 
-def march(drive: CircularDrive, n: int, *, start: float = 0.0, max_turns: int = 1000) -> SteadyTurn:
-    """Take n implicit Euler steps a turn until a turn repeats the one before.
-
-    Args:
-        drive: what is driven.
-        n: steps a turn.
-        start: angle of the top at the start of a turn [rad]; turning the frame must change nothing.
-        max_turns: largest number of turns.
-
-    Raises:
-        RuntimeError: no steady state within max_turns.
-    """
-    angles = start + 2 * np.pi * np.arange(1, n + 1) / n
-    path = drive.radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    w = np.zeros(2)
-    before = np.inf
-    for _ in range(max_turns):
-        w, dissipation = _turn(drive, path, w)
-        if abs(dissipation - before) <= 1e-13 * dissipation:
-            V = path[-1]
-            lag = np.arctan2(w[0] * V[1] - w[1] * V[0], w @ V)
-            return SteadyTurn(face_radius=float(np.linalg.norm(w)), lag=float(lag), dissipation=dissipation)
-        before = dissipation
-    raise RuntimeError(f"no steady state after {max_turns} turns of {n} steps")
-
-
-def _turn(drive: CircularDrive, path: Array, w: Array) -> tuple[Array, float]:
-    """Follow the top along path (n, 2) from the base at w (2,); return the base at the end, and the dissipation."""
-    stiffness = drive.G / drive.height
-    dissipation = 0.0
-    for V in path:
-        trial = stiffness * (V - w)
-        tau = trial * min(1.0, drive.bound / float(np.linalg.norm(trial)))
-        dw = (trial - tau) / stiffness
-        dissipation += float(tau @ dw)
-        w = w + dw
-    return w, dissipation
-
-
 DRIVE = CircularDrive(G=1000.0 / 2.6, bound=3.0, radius=0.02)  # E = 1000 Pa, nu = 0.3, p = 10 Pa, mu = 0.3
 STEADY = SteadyTurn(face_radius=1.8416297e-2, lag=0.4006316, dissipation=0.3471390)
 DISSIPATION_ERROR = {16: -0.085, 32: -0.042, 64: -0.021, 128: -0.010}  # implicit Euler, by steps a turn
 
 
-SLOW = ("condensed-newton", "uzawa", "surface-uzawa")  # methods that take more than some seconds
 E = 1000.0  # [Pa]
 TURNS = 3
 COUNTS = (16, 32, 64, 128)  # steps per turn
@@ -208,11 +168,9 @@ def turned(method: str, n: int, by: float = TURNED) -> list[Check]:
     ]  # fmt: skip
 
 
+@problem("the round friction cone in 3D, closed form", slow=METHODS)
 def checks(method: str, mu: float = MU) -> list[Check]:
     """All of them; with another mu than 0.3 they must fail."""
     counts = COUNTS[:2] if method == "surface-uzawa" else COUNTS  # this method is slow
     found = [check for n in counts for check in steady_checks(method, n, mu=mu)]
     return found + first_order(method, counts) + turned(method, 16)
-
-
-CASE = Case(about="the round friction cone in 3D, closed form", checks=checks)

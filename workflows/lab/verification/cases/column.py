@@ -19,8 +19,8 @@ from typing import Literal
 
 from stickslip import Block, Compliance, Contact, Load, Material, Plane, Scene, StepResult, Support
 from stickslip.solvers.method_registry import METHODS
-from stickslip.workflows.lab.verification.check import Case, Check, close, farthest
-from stickslip.workflows.lab.verification.prepared import prepare, solver
+from stickslip.workflows.lab.verification.check import Check, close, farthest, problem
+from stickslip.workflows.lab.verification.prepared import solved, solver
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +125,6 @@ TABLE = (
 )
 
 
-SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 E, NU = 1000.0, 0.3
 M = constrained_modulus(E, NU)
 TOLERANCE = 1e-9  # the solver's 1e-12 times the condition of the column, about 10, and two digits to spare
@@ -168,7 +167,6 @@ def scene(
     across = (0.0,) * (dim - 1)
     normal = Compliance(c_n=c_n, m_n=m)
     return Scene(
-        title="Column on a compliant foundation",
         model="3d" if dim == 3 else "plane strain",
         geometry=Block(
             length=1.0, width=1.0 if dim == 3 else None, height=1.0, mesh_size=mesh_size, cells=cells, order=order
@@ -184,7 +182,7 @@ def scene(
 
 def solve(scene: Scene) -> StepResult:
     """Its only step."""
-    (step,) = prepare(scene).steps()
+    _, (step,) = solved(scene)
     return step
 
 
@@ -257,6 +255,7 @@ def grazing(method: str, dim: int, m: int, beyond: float) -> list[Check]:
     return checks
 
 
+@problem("column on a compliant foundation, against the closed form", slow=("surface-uzawa",))
 def checks(method: str) -> list[Check]:
     """All of them."""
     found: list[Check] = []
@@ -276,6 +275,3 @@ def checks(method: str) -> list[Check]:
         for beyond in GRAZING:
             found += grazing(method, 2, m, beyond)
     return found
-
-
-CASE = Case(about="column on a compliant foundation, against the closed form", checks=checks)

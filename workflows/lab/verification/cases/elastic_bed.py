@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from stickslip import Block, Contact, Load, Material, Plane, Scene, Steps
 from stickslip.solvers.effects.springs import ElasticSupport
-from stickslip.workflows.lab.verification.check import Case, Check, close, farthest
+from stickslip.workflows.lab.verification.check import Check, close, farthest, problem
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E, HEIGHT, GAP = 1000.0, 1.0, 1e-3  # [Pa], [m], [m] between plate and top
@@ -45,7 +45,6 @@ def scene(dim: int, method: str) -> Scene:
     across = (0.0,) * (dim - 1)
     tractions = {"top": (SHEAR, *across), "right": (*across, SHEAR), "left": (*across, -SHEAR)}
     return Scene(
-        title="Column on an elastic bed",
         model="3d" if dim == 3 else "plane strain",
         geometry=Block(length=1.0, width=1.0 if dim == 3 else None, height=HEIGHT, mesh_size=0.5),
         bodies={"block": Material(E=E, nu=0.0)},
@@ -66,6 +65,7 @@ def scene(dim: int, method: str) -> Scene:
     )
 
 
+@problem("a column that only springs hold, pressed and sheared")
 def checks(method: str) -> list[Check]:
     """Pressure, displacement of base and top, and both energies, in 2D and 3D."""
     found = list[Check]()
@@ -85,6 +85,3 @@ def checks(method: str) -> list[Check]:
                 close(f"{at}: external work [J]", step.energy.external, work + step.energy.contact, TOLERANCE, work),
             ]
     return found
-
-
-CASE = Case(about="a column that only springs hold, pressed and sheared", checks=checks)

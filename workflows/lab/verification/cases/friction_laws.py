@@ -24,7 +24,7 @@ from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene, solve
-from stickslip.workflows.lab.verification.check import Case, Check, close, farthest
+from stickslip.workflows.lab.verification.check import Check, close, farthest, problem
 
 
 def drag(table: tuple[tuple[float, float], ...], p: float, k: float, ends: Array) -> tuple[Array, Array]:
@@ -59,7 +59,6 @@ def drag(table: tuple[tuple[float, float], ...], p: float, k: float, ends: Array
     return tau, lengths
 
 
-SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 G = sheared_column.COLUMN.G  # the column is 1 m high: the stiffness of its base against slip [Pa/m]
 TOP = np.array([0.001, 0.0035, 0.01, 0.005, -0.01, 0.01])  # [m]: stick, little slip, much, unloading, back, forth
 BOUNDED: tuple[tuple[FrictionLaw, float], ...] = (  # laws whose bound is a number [Pa] at the column's pressure
@@ -134,11 +133,9 @@ def nearest(method: str) -> list[Check]:
     ]
 
 
+@problem("cohesion, tables of mu, static and kinetic, two coefficients", slow=("surface-uzawa",))
 def checks(method: str) -> list[Check]:
     """All of them."""
     found = [check for law, bound in BOUNDED for check in bounded(method, law, bound)]
     found += [check for law in WEAKENING for check in weakened(method, law)]
     return found + dragged(method) + nearest(method)
-
-
-CASE = Case(about="cohesion, tables of mu, static and kinetic, two coefficients", checks=checks)

@@ -23,8 +23,8 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders.domes import HalfBall, HalfDisc
 from stickslip.geometry.shape import Model
 from stickslip.solvers.method_registry import METHODS
-from stickslip.workflows.lab.verification.check import TWO, Case, Check
-from stickslip.workflows.lab.verification.prepared import prepare, solver
+from stickslip.workflows.lab.verification.check import TWO, Check, problem
+from stickslip.workflows.lab.verification.prepared import solved, solver
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +123,6 @@ def scene(touch: Touch) -> Scene:
     cuts = dict(zip(planes, ({"x": 0.0}, {"y": 0.0}), strict=False))
     fixed: dict[Any, float] = dict.fromkeys("xyz"[: touch.dim], 0.0)
     return Scene(
-        title="Hertz contact",
         model=touch.model,
         geometry=geometry,
         bodies={body: Material(E=E, nu=touch.nu)},
@@ -194,8 +193,7 @@ class Answer:
 @lru_cache
 def solve(touch: Touch) -> Answer:
     """Its only step; a and p0 are those of the half-ellipse through the nodal pressures."""
-    simulation = prepare(scene(touch))
-    (step,) = simulation.steps()
+    simulation, (step,) = solved(scene(touch))
     face, points = step.contacts["face"], simulation.data.surfaces["face"][0]
     moved, force, _ = step.obstacles["tool"]
     load = abs(float(force[-1])) / SHARE[touch.model]
@@ -290,6 +288,7 @@ def by_displacement(method: str) -> list[Check]:
     return figures("ball on a plane, linear cells, driven by displacement", touch)
 
 
+@problem("round bodies and obstacles in 2D, axisymmetry and 3D, Hertz", methods=TWO)
 def checks(method: str) -> list[Check]:
     """All of them; an obstacle driven by a force needs a method for floating bodies."""
     found = by_displacement(method)
@@ -298,6 +297,3 @@ def checks(method: str) -> list[Check]:
             found += figures(name, touch)
         found += approaches() + ball_3d()
     return found
-
-
-CASE = Case(about="round bodies and obstacles in 2D, axisymmetry and 3D, Hertz", checks=checks, methods=TWO)

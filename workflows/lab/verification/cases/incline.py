@@ -19,7 +19,7 @@ import numpy as np
 
 from stickslip import STICK, Block, Contact, Coulomb, Gravity, Material, Periodic, Plane, Scene, SolverError, StepResult
 from stickslip.workflows.lab.verification.cases.column import constrained_modulus
-from stickslip.workflows.lab.verification.check import FLOATING, Case, Check, farthest
+from stickslip.workflows.lab.verification.check import FLOATING, Check, farthest, problem
 from stickslip.workflows.lab.verification.prepared import observed, solver, system_of
 
 
@@ -73,7 +73,6 @@ TOLERANCE = 1e-9  # the solver's 1e-12, the condition of the mesh, about 100, an
 def scene(method: str, mu: float) -> Scene:
     """A metre of the layer; x runs down the slope."""
     return Scene(
-        title="Layer on an incline",
         model="plane strain",
         geometry=Block(length=1.0, height=LAYER.height, mesh_size=1 / CELLS, cells="tensor"),
         bodies={"block": Material(E=LAYER.E, nu=LAYER.nu, density=LAYER.weight / G)},
@@ -117,9 +116,7 @@ def slides(method: str, mu: float = SLIDES) -> list[Check]:
     return [Check(f"mu = {mu}: times reached", reached, 0, 0, relative=False)]
 
 
+@problem("layer that friction holds, and one that it cannot", methods=FLOATING)
 def checks(method: str) -> list[Check]:
     """Both sides of the threshold, with a method that can solve bodies held by contact alone."""
     return holds(method) + slides(method)
-
-
-CASE = Case(about="layer that friction holds, and one that it cannot", checks=checks, methods=FLOATING)

@@ -20,10 +20,10 @@ import numpy as np
 
 from stickslip import OPEN, Compliance, Coulomb, NormalLaw, Plane, Scene, StepResult, Steps, Support
 from stickslip.geometry.arrays import Array
+from stickslip.workflows.lab.verification.cases import sheared_column
 from stickslip.workflows.lab.verification.cases.column import C_N, driven_by_displacement
 from stickslip.workflows.lab.verification.cases.sheared_column import COLUMN, MU, PRESSURE, RIGID, E, M, solve
-from stickslip.workflows.lab.verification.cases.sheared_column import scene as sheared
-from stickslip.workflows.lab.verification.check import Case, Check, accounted, farthest, worst
+from stickslip.workflows.lab.verification.check import Check, accounted, farthest, problem, worst
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,18 +69,8 @@ def follow(column: LiftedColumn, down: Array, along: Array) -> LiftedHistory:
     >>> history.pressure, history.tau[:, 0], history.slip[:, 0], history.gap
     (array([10., 10.,  0.]), array([0., 5., 0.]), array([0.  , 0.05, 0.1 ]), array([0.  , 0.  , 0.01]))
     """
-    shear = column.G / column.height
     pressure, gap = np.array([column.pressed(float(U)) for U in down]).T
-    w, work = np.zeros(along.shape[1]), 0.0
-    tau, slip, dissipation = np.zeros_like(along), np.zeros_like(along), np.zeros(len(down))
-    for k, V in enumerate(along):
-        trial = shear * (V - w)
-        size, bound = float(np.linalg.norm(trial)), column.mu * pressure[k]
-        tau[k] = trial if size <= bound else trial * (bound / size)
-        step = (trial - tau[k]) / shear
-        w = w + step
-        work += float(tau[k] @ step)
-        slip[k], dissipation[k] = w, work
+    tau, slip, dissipation = sheared_column.follow(column.G / column.height, column.mu * pressure, along)
     return LiftedHistory(pressure=pressure, gap=gap, tau=tau, slip=slip, dissipation=dissipation)
 
 
@@ -119,11 +109,12 @@ def scene(method: str, dim: int, mu: float = MU, normal: NormalLaw = RIGID) -> S
     times = [float(k + 1) for k in range(len(path))]
     components = dict(zip("xyz", path.T.tolist(), strict=False))
     top = {axis: tuple(zip(times, values, strict=True)) for axis, values in components.items()}
-    drawn = sheared(dim=dim, method=method, E=E, friction=Coulomb(mu=mu), path=np.zeros((1, dim - 1)), normal=normal)
+    drawn = sheared_column.scene(
+        dim=dim, method=method, E=E, friction=Coulomb(mu=mu), path=np.zeros((1, dim - 1)), normal=normal
+    )
     across = (0.0,) * (dim - 1)
     return replace(
         drawn,
-        title="Column lifted off and set down again",
         obstacles={"floor": Plane(point=(*across, -GAP), normal=(*across, 1.0))},
         supports={"top": Support(boundary="block.top", displacement=top)},  # type: ignore[arg-type]
         steps=Steps(end=times[-1], count=len(times)),
@@ -158,15 +149,8 @@ def checks_of(method: str, dim: int, mu: float = MU, normal: NormalLaw = RIGID) 
         if exact.pressure[k] == 0 and exact.gap[k] > 0:
             found.append(_near(f"{at}: nodes that touch", float(np.sum(base.status != OPEN)), 0.0, 0.0))
         if name == GRAZES and foundation is None:  # of a soft one c_n (1e-6 g)^m is beyond the solver's tolerance
-            found.append(
-                Check(
-                    f"{at}: pressure in its own measure [Pa]",
-                    farthest(base.pressure, exact.pressure[k]),
-                    exact.pressure[k],
-                    1e-5,
-                    relative=True,
-                )
-            )  # as `column_case.grazing`
+            pressed = farthest(base.pressure, exact.pressure[k])  # as `column.grazing`
+            found.append(Check(f"{at}: pressure in its own measure [Pa]", pressed, exact.pressure[k], 1e-5, True))
         if name in STILL:
             found += _unchanged(at, steps[k - 1], step)
     return found + accounted(f"{kind}, lost and regained", steps)
@@ -186,10 +170,8 @@ def _unchanged(at: str, before: StepResult, now: StepResult) -> list[Check]:
     ]
 
 
+@problem("grazing, contact lost and regained, closed form")
 def checks(method: str) -> list[Check]:
     """In 2D, and in 3D along oblique paths; on rigid ground and on foundations of steep and of zero initial tangent."""
     kinds: list[tuple[int, NormalLaw]] = [(2, RIGID), (3, RIGID), *((2, law) for law in FOUNDATIONS)]
     return [check for dim, law in kinds for check in worst(checks_of(method, dim, normal=law))]
-
-
-CASE = Case(about="grazing, contact lost and regained, closed form", checks=checks)

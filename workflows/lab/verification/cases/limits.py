@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from stickslip import Block, Contact, Coulomb, Load, Material, NoEquilibriumError, Plane, Scene, StepResult, Steps
-from stickslip.workflows.lab.verification.check import FLOATING, Case, Check, accounted, within
+from stickslip.workflows.lab.verification.check import FLOATING, Check, accounted, problem, within
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 Table = tuple[tuple[float, float], ...]
@@ -87,7 +87,6 @@ LIMITS: Mapping[str, Limit] = {
 }  # fmt: skip
 
 
-SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 STEPS = 8
 E, NU = 100.0, 0.3
 NEAR = END / STEPS / 128  # a step is halved eight times: how close to the limit it comes [s], and a factor of 2
@@ -98,7 +97,6 @@ def scene(method: str, limit: Limit) -> Scene:
     """A block that only the ground holds."""
     L, H = limit.length, limit.height
     return Scene(
-        title="Block held by friction alone",
         model="plane strain",
         geometry=Block(length=L, height=H, mesh_size=0.25, cells="tensor"),
         bodies={"block": Material(E=E, nu=NU)},
@@ -140,9 +138,7 @@ def held(method: str, name: str, limit: Limit) -> list[Check]:
     ]
 
 
+@problem("blocks that friction holds up to a known time, statics", methods=FLOATING, slow=("surface-uzawa",))
 def checks(method: str) -> list[Check]:
     """All of them, with a method that can solve bodies held by contact alone."""
     return [check for name, limit in LIMITS.items() for check in held(method, name, limit)]
-
-
-CASE = Case(about="blocks that friction holds up to a known time, statics", checks=checks, methods=FLOATING)

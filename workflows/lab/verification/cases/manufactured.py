@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from operator import truediv
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -31,7 +32,7 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.solvers.fem.terms import LoadTerm
 from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.system import System
-from stickslip.workflows.lab.verification.check import Case, Check
+from stickslip.workflows.lab.verification.check import Check, problem
 from stickslip.workflows.lab.verification.prepared import accepted, solver, system_of
 
 E, NU, MU = 10.0, 0.3, 0.4
@@ -84,7 +85,6 @@ class Manufactured:
 LAWS = (Manufactured(c_n=2.0, m=1), Manufactured(c_n=400.0, m=2), Manufactured(c_n=4e4, m=3))
 
 
-SLOW = ("uzawa", "surface-uzawa")  # methods that take more than some seconds
 MESHES = (4, 8, 16, 32)
 DEGREE = 10  # quadrature degree: exact for polynomial fields, else far below the discretisation error
 NORMS = ("L2(u)", "L2(stress)", "L2(p)")
@@ -98,19 +98,9 @@ HOLDS: dict[Held, dict[str, Support]] = {
 }
 
 
-@dataclass(frozen=True)
-class Errors:
-    """Relative errors in the L2 norm."""
-
-    u: float
-    stress: float
-    p: float
-
-
 def scene(exact: Manufactured, method: str, order: int, n: int, mu: float, held: Held) -> Scene:
     """Unit square of n x n x 2 triangles, held at its top, perhaps at its left, on a compliant base."""
     return Scene(
-        title="Manufactured solution",
         model="plane strain",
         geometry=Block(length=1.0, height=1.0, mesh_size=1.0 / n, order=order),  # type: ignore[arg-type]
         bodies={"block": Material(E=E, nu=NU)},
@@ -137,8 +127,10 @@ def loaded(scene: Scene, exact: Manufactured) -> tuple[System, Any]:
 
 
 @lru_cache
-def errors(exact: Manufactured, method: str, order: int, n: int, mu: float = MU, held: Held = AWAY) -> Errors:
-    """Solved on one mesh; the pressure where the law is evaluated, at the quadrature points of the base."""
+def errors(
+    exact: Manufactured, method: str, order: int, n: int, mu: float = MU, held: Held = AWAY
+) -> tuple[float, ...]:
+    """L2 errors of `NORMS`, relative; the pressure where the law is evaluated, at the quadrature points of the base."""
     system, field = loaded(scene(exact, method, order, n, mu, held), exact)
     (step,) = accepted(system)
     u = dx.fem.Function(system.space)
@@ -148,11 +140,9 @@ def errors(exact: Manufactured, method: str, order: int, n: int, mu: float = MU,
     x = (at @ base.surface.points[base.surface.facets][:, :, 0, None]).ravel()
     p = exact.pressure(x)
     off = step.state.p[: len(p)] - p
-    return Errors(
-        u=norm(system, u - field) / norm(system, field),
-        stress=norm(system, weak.stress(u - field, "block")) / norm(system, weak.stress(field, "block")),
-        p=float(np.sqrt(base.W_n @ off**2 / (base.W_n @ p**2))),
-    )
+    stresses = (norm(system, weak.stress(w, "block")) for w in (u - field, field))
+    of_p = float(np.sqrt(base.W_n @ off**2 / (base.W_n @ p**2)))
+    return norm(system, u - field) / norm(system, field), truediv(*stresses), of_p
 
 
 def norm(system: System, expression: Any) -> float:
@@ -163,10 +153,9 @@ def norm(system: System, expression: Any) -> float:
     return float(np.sqrt(np.einsum("cqi,q->", values**2, weights)))
 
 
-def slopes(found: Sequence[Errors], meshes: Sequence[int]) -> list[float]:
+def slopes(found: Sequence[tuple[float, ...]], meshes: Sequence[int]) -> list[float]:
     """Slope of each error over the mesh size, fitted over the meshes."""
-    logarithms = np.log([[error.u, error.stress, error.p] for error in found])
-    return [float(-slope) for slope in np.polyfit(np.log(meshes), logarithms, 1)[0]]
+    return [float(-slope) for slope in np.polyfit(np.log(meshes), np.log(found), 1)[0]]
 
 
 def rates(method: str, law: Manufactured, order: int, meshes: Sequence[int] = MESHES, mu: float = MU) -> list[Check]:
@@ -178,9 +167,7 @@ def rates(method: str, law: Manufactured, order: int, meshes: Sequence[int] = ME
     ]
 
 
+@problem("rates of convergence, both orders, three laws", slow=("uzawa", "surface-uzawa"))
 def checks(method: str, mu: float = MU) -> list[Check]:
     """All laws and both orders; with another mu than 0.4 they must fail."""
     return [check for law in LAWS for order in RATES for check in rates(method, law, order, mu=mu)]
-
-
-CASE = Case(about="rates of convergence, both orders, three laws", checks=checks)

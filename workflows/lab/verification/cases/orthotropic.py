@@ -19,8 +19,8 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.shape import Model
 from stickslip.solvers.method_registry import METHODS
 from stickslip.workflows.lab.verification.cases.hertz import Hertz, cylinder, ellipse
-from stickslip.workflows.lab.verification.check import TWO, Case, Check, close, farthest
-from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.check import TWO, Check, close, farthest, problem
+from stickslip.workflows.lab.verification.prepared import prepare, solved
 from stickslip.workflows.scene_file.read import from_dict
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # components of stress as a vector of six
@@ -214,8 +214,9 @@ def pulled(model: Model, order: int) -> list[Check]:
         for axis, pair in sides.items()
         for side, sign in zip(pair, (-1, 1), strict=True)
     }
-    simulation = prepare(from_dict(block(model, order, axes) | {"loads": loads, "supports": held_at_points(dim)}))
-    (step,) = simulation.steps()
+    simulation, (step,) = solved(
+        from_dict(block(model, order, axes) | {"loads": loads, "supports": held_at_points(dim)})
+    )
     exact = simulation.data.points[:, :dim] @ A.T
     off = float(np.abs(step.displacement[:, :dim] - exact).max())
     stress = float(np.abs(step.stress[:, :dim, :dim] - sigma).max())
@@ -247,7 +248,7 @@ def pressed(model: Model, order: int, method: str) -> list[Check]:
         "contacts": {"base": {"surface": "block.bottom", "against": "floor"}},
         "solver": {"method": method, "tolerance": 1e-11},
     }
-    (step,) = prepare(from_dict(tables)).steps()
+    _, (step,) = solved(from_dict(tables))
     p = PRESSED / gives
     stress = step.stress[:, dim - 1, dim - 1]
     name = f"pressed, {model}, order {order}"
@@ -273,8 +274,7 @@ def heated(model: Model) -> list[Check]:
         S = turned(SPRUCE.compliance, axes)
         A -= np.array([[S[0, 2], S[5, 2]], [0.0, S[1, 2]]]) / S[2, 2] * free[2, 2]
     warm = {"thermal": {"block": {"expansion": [strain / 10 for strain in WARMTH], "temperature": 10.0}}}
-    simulation = prepare(from_dict(block(model, 2, axes) | warm | {"supports": held_at_points(dim)}))
-    (step,) = simulation.steps()
+    simulation, (step,) = solved(from_dict(block(model, 2, axes) | warm | {"supports": held_at_points(dim)}))
     exact = simulation.data.points[:, :dim] @ A.T
     off = float(np.abs(step.displacement[:, :dim] - exact).max())
     stress, scale = float(np.abs(step.stress[:, :dim, :dim]).max()), SPRUCE.E[0] * WARMTH[0]
@@ -300,8 +300,7 @@ def tube(method: str) -> list[Check]:
             "contacts": {"wall": {"surface": "tube.outside", "against": "bore"}},
             "solver": {"method": method, "tolerance": 1e-11},
         }
-        simulation = prepare(from_dict(tables, Path(folder)))
-        (step,) = simulation.steps()
+        simulation, (step,) = solved(from_dict(tables, Path(folder)))
     inside = np.abs(simulation.data.points[:, 0] - TUBE.inner) < 1e-9
     u, p = step.displacement[inside, 0], step.contacts["wall"].pressure
     return [
@@ -345,8 +344,7 @@ def on_a_half_plane(case: Rolled, method: str) -> Iterator[Check]:
         "supports": {"bottom": {"boundary": "half_space.bottom", "displacement": {"x": 0.0, "y": 0.0}}},
         "solver": {"method": method, "tolerance": 1e-10},
     }
-    simulation = prepare(from_dict(tables))
-    (step,) = simulation.steps()
+    simulation, (step,) = solved(from_dict(tables))
     face, points = step.contacts["face"], simulation.data.surfaces["face"].points
     at = points[:, 0] - np.average(points[:, 0], weights=face.pressure * face.weight)
     fitted = ellipse(np.abs(at), face.pressure, face.weight, 0.7 * exact.a)
@@ -359,6 +357,7 @@ def on_a_half_plane(case: Rolled, method: str) -> Iterator[Check]:
     yield Check(f"{name}: pressures over p0, root mean square", float(np.sqrt(np.mean(off**2))), 0.0, TOLERANCE, False)
 
 
+@problem("orthotropic: uniform stress off the axes, a tube, a roller on half-planes", methods=TWO)
 def checks(method: str) -> list[Check]:
     """All of them; an obstacle driven by a force needs a method for floating bodies."""
     models: tuple[Model, ...] = ("plane strain", "plane stress", "axisymmetric", "3d")
@@ -370,8 +369,3 @@ def checks(method: str) -> list[Check]:
         cases = (Rolled(0.0), Rolled(90.0), Rolled(30.0), Rolled(30.0, "plane stress"))
         found += [check for case in cases for check in on_a_half_plane(case, method)]
     return found
-
-
-CASE = Case(
-    about="orthotropic: uniform stress off the axes, a tube, a roller on half-planes", checks=checks, methods=TWO
-)

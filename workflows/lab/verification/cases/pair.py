@@ -12,10 +12,9 @@ from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.shape import Model
 from stickslip.solvers.scene.loads import Direction, Support
-from stickslip.workflows.lab.verification.check import Case, Check
+from stickslip.workflows.lab.verification.check import Check, problem
 from stickslip.workflows.lab.verification.prepared import observed, rotation, solver, turned_system
 
-SLOW = ("uzawa", "surface-uzawa")  # methods that take more than some seconds
 REACH = 0.3  # [m]; by default a part of the box along the axes, which is another one when turned
 TOLERANCE = 1e-9  # of the largest value: the solver's 1e-12 over three steps
 HORIZONTAL: tuple[Direction, ...] = ("x", "y")
@@ -39,7 +38,6 @@ def pressed(
     for axis, move in zip(HORIZONTAL, way, strict=False):
         moves[axis] = ((1.0, 0.0), (2.0, move), (3.0, move / 2))
     return Scene(
-        title="Two bodies, one pressed and sheared on the other",
         model=model,
         geometry=geometry,
         bodies={"upper": Material(E=1000.0, nu=0.3), "lower": Material(E=3000.0, nu=0.2)},
@@ -112,10 +110,8 @@ def turned(name: str, method: str) -> list[Check]:
     return [Check(f"{name}, turned: {key}", off, 0.0, TOLERANCE, relative=False) for key, off in worst.items()]
 
 
+@problem("two bodies with friction, turned as a whole: nothing changes", slow=("uzawa", "surface-uzawa"))
 def checks(method: str) -> list[Check]:
     """All of them; plain Uzawa needs tens of thousands of iterations where cells are graded."""
     names = [name for name in SCENES if method == "condensed-newton" or name not in GRADED]
     return [check for name in names for check in turned(name, method)]
-
-
-CASE = Case(about="two bodies with friction, turned as a whole: nothing changes", checks=checks)

@@ -15,10 +15,9 @@ import numpy as np
 from stickslip import Contact, Load, Material, Scene, Simulation, StepResult, Support, TwoBlocks
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.method_registry import METHODS
-from stickslip.workflows.lab.verification.check import TWO, Case, Check, farthest, within
-from stickslip.workflows.lab.verification.prepared import prepare, solver
+from stickslip.workflows.lab.verification.check import TWO, Check, farthest, problem, within
+from stickslip.workflows.lab.verification.prepared import solved, solver
 
-SLOW = ("condensed-newton", "uzawa")  # methods that take more than some seconds
 E, NU, P, PUSH = 2e6, 0.3, 1e5, 0.1  # [Pa], -, [Pa], [m]
 TOLERANCE = 1e-8  # order 2 too: a constant pressure is in every space, and its forces are integrated exactly
 BALANCE = 1e-12  # of the larger sum of forces
@@ -73,7 +72,6 @@ def scene(patch: Patch) -> Scene:
     slave = {"upper": "upper.bottom", "lower": "lower.top"}[patch.slave]
     operator: Operator = {2: "node-to-segment", 3: "node-to-face"}[patch.dim] if patch.nodal else "mortar"  # type: ignore[assignment]
     return Scene(
-        title="Patch test of two blocks",
         model="plane strain" if patch.dim == 2 else "3d",
         geometry=_blocks(patch),
         bodies={"upper": Material(E=E * patch.contrast, nu=nu), "lower": Material(E=E, nu=nu)},
@@ -126,8 +124,7 @@ class Joint:
 
 def solve(patch: Patch) -> Joint:
     """Its only step."""
-    simulation = prepare(scene(patch))
-    (step,) = simulation.steps()
+    simulation, (step,) = solved(scene(patch))
     master = simulation.system.contacts[0].master
     assert master is not None
     lower = simulation.system.contacts[0].surface if patch.slave == "lower" else master
@@ -201,6 +198,7 @@ OVERLAPS = [
 ]
 
 
+@problem("two blocks, meshes of 1:1 to 1:20: a uniform pressure goes over", methods=TWO, slow=TWO)
 def checks(method: str) -> list[Check]:
     """All of them; a block that only the other one holds needs a method for floating bodies.
 
@@ -213,6 +211,3 @@ def checks(method: str) -> list[Check]:
         if METHODS[method].WORKS_WITH.floating or not (patch.loaded or patch.contrast != 1)
         for check in figures(replace(patch, method=method))
     ]
-
-
-CASE = Case(about="two blocks, meshes of 1:1 to 1:20: a uniform pressure goes over", checks=checks, methods=TWO)

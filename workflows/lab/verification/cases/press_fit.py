@@ -16,88 +16,65 @@ import numpy as np
 from stickslip import Contact, Material, Scene, Simulation, StepResult, Steps, Support
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.effects.thermal import Thermal
-from stickslip.workflows.lab.verification.check import TWO, Case, Check, close
+from stickslip.workflows.lab.verification.check import METHODS, TWO, Check, close, problem
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import MM, on_cylinder, on_plane, read_step, step_file
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shaft:
-    """A full cylinder."""
+class Cylinder:
+    """A full or hollow cylinder with free ends: radial and hoop stress are A - B / r² and A + B / r²."""
 
-    radius: float  # [m]
-    E: float  # [Pa]
-    nu: float  # [-]
-
-    def displacement(self, p: float, r: Array) -> Array:
-        """Radial displacement (n,) [m] at radii r (n,) [m] under a pressure p [Pa] around it.
-
-        >>> Shaft(radius=1.0, E=2.0, nu=0.5).displacement(1.0, np.array([0.0, 1.0]))
-        array([-0.  , -0.25])
-        """
-        return np.asarray(-(1 - self.nu) * p * r / self.E)
-
-    def stresses(self, p: float, r: Array) -> tuple[Array, Array]:
-        """Radial and hoop stress (n,) [Pa]: both are the pressure."""
-        return np.full_like(r, -p), np.full_like(r, -p)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Hub:
-    """A ring."""
-
-    bore: float  # radius [m]
     outer: float  # radius [m]
+    bore: float = 0.0  # radius [m]
     E: float  # [Pa]
     nu: float  # [-]
 
-    @property
-    def _share(self) -> float:
-        """Mean of radial and hoop stress, over the pressure."""
-        return self.bore**2 / (self.outer**2 - self.bore**2)
+    def constants(self, inside: float, around: float) -> tuple[float, float]:
+        """A [Pa] and B [N] under the pressures inside and around it [Pa]."""
+        a, b = self.bore**2, self.outer**2
+        return (inside * a - around * b) / (b - a), (inside - around) * a * b / (b - a)
 
-    def displacement(self, p: float, r: Array, expanded: float = 0.0) -> Array:
-        """Radial displacement (n,) [m] at radii r (n,) [m] under a pressure p [Pa] in the bore.
+    def displacement(self, r: Array, inside: float = 0.0, around: float = 0.0) -> Array:
+        """Radial displacement (n,) [m] at radii r (n,) [m].
 
-        Args:
-            expanded: free strain, expansion times temperature.
-
-        >>> hub = Hub(bore=1.0, outer=2.0, E=1.0, nu=0.0)
-        >>> hub.displacement(3.0, np.array([1.0, 2.0])).tolist(), hub.displacement(0.0, np.array([2.0]), 0.25).tolist()
-        ([5.0, 4.0], [0.5])
+        >>> Cylinder(outer=1.0, E=2.0, nu=0.5).displacement(np.array([0.0, 1.0]), around=1.0)
+        array([ 0.  , -0.25])
+        >>> Cylinder(bore=1.0, outer=2.0, E=1.0, nu=0.0).displacement(np.array([1.0, 2.0]), 3.0).tolist()
+        [5.0, 4.0]
         """
-        strain = self._share * p / self.E
-        return np.asarray(strain * ((1 - self.nu) * r + (1 + self.nu) * self.outer**2 / r) + expanded * r)
+        A, B = self.constants(inside, around)
+        turned = np.divide(B, r, out=np.zeros_like(r), where=r > 0)
+        return np.asarray(((1 - self.nu) * A * r + (1 + self.nu) * turned) / self.E)
 
-    def stresses(self, p: float, r: Array) -> tuple[Array, Array]:
-        """Radial and hoop stress (n,) [Pa]: -p and p (b² + a²) / (b² - a²) in the bore.
+    def stresses(self, r: Array, inside: float = 0.0, around: float = 0.0) -> tuple[Array, Array]:
+        """Radial and hoop stress (n,) [Pa].
 
-        >>> Hub(bore=1.0, outer=2.0, E=1.0, nu=0.3).stresses(3.0, np.array([1.0, 2.0]))
+        >>> Cylinder(bore=1.0, outer=2.0, E=1.0, nu=0.3).stresses(np.array([1.0, 2.0]), 3.0)
         (array([-3.,  0.]), array([5., 2.]))
         """
-        mean, turn = self._share * p, self._share * p * self.outer**2 / r**2
-        return mean - turn, mean + turn
+        A, B = self.constants(inside, around)
+        return A - B / r**2, A + B / r**2
 
 
-def pressure(shaft: Shaft, hub: Hub, interference: float, expanded: float = 0.0) -> float:
+def pressure(shaft: Cylinder, hub: Cylinder, interference: float, expanded: float = 0.0) -> float:
     """Pressure [Pa] where they meet.
 
     Args:
         interference: [m].
         expanded: free strain of the hub, which takes its part of the interference, or all of it.
 
-    >>> shaft, hub = Shaft(radius=1.0, E=1.0, nu=0.0), Hub(bore=1.0, outer=3.0, E=1.0, nu=0.0)
+    >>> shaft, hub = Cylinder(outer=1.0, E=1.0, nu=0.0), Cylinder(bore=1.0, outer=3.0, E=1.0, nu=0.0)
     >>> round(pressure(shaft, hub, 9.0), 12), round(pressure(shaft, hub, 9.0, 5.0), 12), pressure(shaft, hub, 9.0, 10.0)
     (4.0, 1.777777777778, 0.0)
     """
     at = np.array([hub.bore])
-    gives = hub.displacement(1.0, at) - shaft.displacement(1.0, at)
+    gives = hub.displacement(at, inside=1.0) - shaft.displacement(at, around=1.0)
     return max(interference - expanded * hub.bore, 0.0) / float(gives[0])
 
 
-SLOW = ("condensed-newton", "uzawa", "surface-uzawa")  # methods that take more than some seconds
-SHAFT = Shaft(radius=0.02, E=210e9, nu=0.3)
-HUB = Hub(bore=0.02, outer=0.04, E=70e9, nu=0.33)
+SHAFT = Cylinder(outer=0.02, E=210e9, nu=0.3)
+HUB = Cylinder(bore=0.02, outer=0.04, E=70e9, nu=0.33)
 THICK = 0.005  # [m]
 INTERFERENCE = 10e-6  # [m]
 EXPANDS = 23e-6  # the hub [1/K]
@@ -124,7 +101,7 @@ class Fit:
     @property
     def radius(self) -> float:
         """Of the shaft as it is drawn [m]."""
-        return SHAFT.radius + INTERFERENCE * self.drawn
+        return SHAFT.outer + INTERFERENCE * self.drawn
 
     @property
     def share(self) -> float:
@@ -208,18 +185,18 @@ def _found(fit: Fit, simulation: Simulation, step: StepResult) -> Found:
     corners = data.cells[:, : data.points.shape[1] + 1]
     in_hub = data.body == data.bodies.index("hub")
     off, worst = [], 0.0
-    for body, own in (("hub", in_hub), ("shaft", ~in_hub)):
+    for own, solid, loads, free in ((in_hub, HUB, {"inside": p}, expanded), (~in_hub, SHAFT, {"around": p}, 0.0)):
         nodes = np.unique(data.cells[own])
         r, out = _radial(data.points[nodes])
         moved = np.einsum("nd,nd->n", step.displacement[nodes], out[:, : data.points.shape[1]])
-        exact = HUB.displacement(p, r, expanded) if body == "hub" else SHAFT.displacement(p, r)
+        exact = solid.displacement(r, **loads) + free * r
         worst = max(worst, float(np.abs(moved - exact).max()))
         r, out = _radial(data.points[corners[own]].mean(axis=1))
         stress = step.stress[own]
         radial, trace = np.einsum("ci,cij,cj->c", out, stress, out), np.trace(stress, axis1=1, axis2=2)
         axis = 2 if fit.model == "3d" else 1
         hoop = trace - radial - stress[:, axis, axis]
-        parts = (HUB if body == "hub" else SHAFT).stresses(p, r)
+        parts = solid.stresses(r, **loads)
         off += [radial - parts[0], hoop - parts[1]]
     area = 2 * np.pi * fit.share * HUB.bore * THICK
     scatter = np.sqrt(np.average((joint.pressure - p) ** 2, weights=joint.weight))
@@ -280,6 +257,7 @@ def figures(fit: Fit, reach: Reach) -> list[Check]:
     return checks
 
 
+@problem("a shaft pressed into a hub, from a STEP file, Lamé's closed form", slow=METHODS)
 def checks(method: str) -> list[Check]:
     """Pressed in cold: a quarter of both and their section, by gap_offset and drawn too large."""
     found = figures(Fit(method=method), SOLID)
@@ -292,11 +270,8 @@ def checks(method: str) -> list[Check]:
     return found
 
 
-def heated(method: str) -> list[Check]:
+@problem("a hub from a STEP file shrinks onto its shaft, Lamé", methods=TWO, slow=TWO)
+def heated_hub(method: str) -> list[Check]:
     """The hub is put on hot, without touching, and cools: first it grips, then it presses as if pressed on cold."""
     found = figures(Fit(heated=True, method=method), SOLID)
     return found + figures(Fit(model="axisymmetric", heated=True, method=method), SECTION)
-
-
-CASE = Case(about="a shaft pressed into a hub, from a STEP file, Lamé's closed form", checks=checks)
-HEATED_HUB = Case(about="a hub from a STEP file shrinks onto its shaft, Lamé", checks=heated, methods=TWO)

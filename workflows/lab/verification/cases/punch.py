@@ -35,8 +35,8 @@ import numpy as np
 from stickslip import Contact, Coulomb, FrictionLaw, HalfSpace, Material, NormalLaw, Plane, Scene, StepResult, Support
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.laws.normal import Bilateral, Tied, Unilateral
-from stickslip.workflows.lab.verification.check import Case, Check
-from stickslip.workflows.lab.verification.prepared import prepare, solver
+from stickslip.workflows.lab.verification.check import Check, problem
+from stickslip.workflows.lab.verification.prepared import solved, solver
 
 NU = 0.3
 X = np.array([0.0, 0.5, 0.9])  # samples, over a
@@ -99,7 +99,6 @@ def scene(cut: Cut) -> Scene:
     """Block held at its bottom, the punch driven down; its load is a result."""
     half = {"axis": Support(boundary="half_space.axis", displacement={"x": 0.0})} if cut.symmetric else {}
     return Scene(
-        title="Rigid flat punch on a half-plane",
         model="plane strain",
         geometry=HalfSpace(
             contact_half_width=1.0,
@@ -138,8 +137,7 @@ class Face:
 @lru_cache
 def solve(cut: Cut) -> Face:
     """Its only step."""
-    simulation = prepare(scene(cut))
-    (step,) = simulation.steps()
+    simulation, (step,) = solved(scene(cut))
     face = step.contacts["face"]
     points, facets, _ = simulation.data.surfaces["face"]
     x, p, q = (values[facets] @ MEANS[cut.order] for values in (points[:, 0], face.pressure, face.traction[:, 0]))
@@ -223,11 +221,9 @@ def agree(method: str) -> list[Check]:
     return found
 
 
+@problem("rigid flat punch, closed forms and stick widths")
 def checks(method: str) -> list[Check]:
     """All of them with the reference; plain Uzawa needs over 10000 iterations on meshes graded to a thousandth."""
     if method != REFERENCE:
         return agree(method)
     return tractions(method) + far(method) + stick(method) + incompressible(method) + incompressible(method, order=1)
-
-
-CASE = Case(about="rigid flat punch, closed forms and stick widths", checks=checks)

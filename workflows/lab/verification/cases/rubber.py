@@ -7,8 +7,8 @@ import numpy as np
 from stickslip import Simulation, StepResult
 from stickslip.geometry.shape import Model
 from stickslip.workflows.lab.verification.cases import hertz as case
-from stickslip.workflows.lab.verification.check import ONE, Case, Check, close
-from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.check import ONE, Check, close, problem
+from stickslip.workflows.lab.verification.prepared import prepare, solved
 from stickslip.workflows.scene_file.read import from_dict
 
 NU = 0.4999
@@ -18,8 +18,7 @@ CELLS = 16.0  # in the half width of the contact
 
 def off(touch: case.Touch) -> float:
     """Root mean square error of the pressures within .9 a by Hertz' peak, at the computed force."""
-    simulation = prepare(case.scene(touch))
-    (step,) = simulation.steps()
+    simulation, (step,) = solved(case.scene(touch))
     face, points = step.contacts["face"], simulation.data.surfaces["face"].points
     exact = touch.exact(face.normal_force / case.SHARE[touch.model])
     r = np.linalg.norm(points[:, :-1], axis=1)
@@ -55,6 +54,7 @@ def heated(nu: float, sides: tuple[str, ...]) -> tuple[Simulation, StepResult, l
     ]  # fmt: skip
 
 
+@problem("nearly incompressible: Hertz at nu = .4999, heat", methods=ONE)
 def checks(method: str) -> list[Check]:
     """Hertz in two models, and the rubber, with one method."""
     found = [check for sides in (("left", "right", "top"), ()) for check in heated(0.499, sides)[2]]
@@ -63,6 +63,3 @@ def checks(method: str) -> list[Check]:
         error = off(case.Touch(model=model, order=1, cells=CELLS, nu=NU))
         found.append(close(f"{model}, nu = {NU}: pressures off Hertz', rms [-]", error, 0.0, 0.01, 1.0))
     return found
-
-
-CASE = Case(about="nearly incompressible: Hertz at nu = .4999, heat", checks=checks, methods=ONE)

@@ -27,7 +27,7 @@ from stickslip.solvers.laws.normal import Compliance, Unilateral
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.results.step_result import ContactState, StepResult
 from stickslip.workflows.lab.verification.cases import column
-from stickslip.workflows.lab.verification.check import CYCLES, Case, Check, accounted, close, farthest, repeats
+from stickslip.workflows.lab.verification.check import CYCLES, Check, accounted, close, farthest, problem, repeats
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 
@@ -59,6 +59,25 @@ class ShearHistory:
     dissipation: Array  # cumulative, per area of the base [J/m²]
 
 
+def follow(stiffness: float, bounds: Array, path: Array) -> tuple[Array, Array, Array]:
+    """Traction and slip (steps, k), and work so far (steps,), of a base whose top follows a path, from rest.
+
+    Args:
+        stiffness: of the column [Pa/m].
+        bounds: friction bound at the end of each step (steps,) [Pa].
+        path: V at the end of each step (steps, k) [m].
+    """
+    tau, slip, work, w = np.zeros_like(path), np.zeros_like(path), np.zeros(len(path)), np.zeros(path.shape[1])
+    for k, (V, bound) in enumerate(zip(path, bounds, strict=True)):
+        trial = stiffness * (V - w)
+        size = float(np.linalg.norm(trial))
+        tau[k] = trial if size <= bound else trial * (bound / size)
+        step = (trial - tau[k]) / stiffness  # exactly 0 where it sticks
+        w = slip[k] = w + step
+        work[k] = work[k - 1] + tau[k] @ step
+    return tau, slip, work
+
+
 def drive(column: ShearedColumn, top: Array) -> ShearHistory:
     """Drive the top through a sequence of displacements, from an undeformed start.
 
@@ -70,16 +89,8 @@ def drive(column: ShearedColumn, top: Array) -> ShearHistory:
     >>> history.tau
     array([1., 3.])
     """
-    tau, slip, dissipation = np.zeros((3, len(top)))
-    v = work = 0.0
-    for k, V in enumerate(top):
-        trial = column.stiffness * (V - v)
-        tau[k] = np.clip(trial, -column.bound, column.bound)
-        dv = (trial - tau[k]) / column.stiffness  # exactly 0 where it sticks
-        v += dv
-        work += tau[k] * dv
-        slip[k], dissipation[k] = v + tau[k] / column.k_T, work
-    return ShearHistory(tau=tau, slip=slip, dissipation=dissipation)
+    tau, slip, work = follow(column.stiffness, np.full(len(top), column.bound), top[:, None])
+    return ShearHistory(tau=tau[:, 0], slip=slip[:, 0] + tau[:, 0] / column.k_T, dissipation=work)
 
 
 COLUMN = ShearedColumn(G=1000.0, bound=3.0)  # p = 10 Pa, mu = 0.3
@@ -91,7 +102,6 @@ TABLE = ShearHistory(
 )
 
 
-SLOW = ("surface-uzawa",)  # methods that take more than some seconds
 E, NU = 2600.0, 0.3  # G = 1000 Pa
 PRESSURE = 10.0  # [Pa]
 M = column.constrained_modulus(E, NU)
@@ -118,7 +128,6 @@ def scene(
     top = {axis: ((1.0, 0.0), *zip(times, values, strict=True)) for axis, values in moves}
     top[up] = ((1.0, -PRESSURE / column.constrained_modulus(E, NU)),)
     return Scene(
-        title="Column sheared on a frictional base",
         model="3d" if dim == 3 else "plane strain",
         geometry=Block(length=1.0, width=1.0 if dim == 3 else None, height=1.0, mesh_size=0.5, cells="tensor"),
         bodies={"block": Material(E=E, nu=NU)},
@@ -224,6 +233,7 @@ def cycled(method: str, mu: float = MU, k_T: float | None = None, dim: int = 2) 
     return areas + repeats(name, moved, len(turn)) + accounted(name, [pressed, *moved])
 
 
+@problem("stick, slip, reversal, dissipation, closed form", slow=("surface-uzawa",))
 def checks(method: str, mu: float = MU) -> list[Check]:
     """All of them; with another mu than 0.3 those of Coulomb and Tresca must fail."""
     found = [check for name, law in laws(mu).items() for check in driven(method, name, law)]
@@ -231,6 +241,3 @@ def checks(method: str, mu: float = MU) -> list[Check]:
     for c_T, m_T, k_T in BY_PENETRATION:
         found += penetrating(method, c_T, m_T, k_T) + threshold(method, c_T, m_T)
     return found
-
-
-CASE = Case(about="stick, slip, reversal, dissipation, closed form", checks=checks)

@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 
 from stickslip import Compliance, Contact, Material, Rings, Scene, Support, Unilateral
 from stickslip.geometry.arrays import Array
-from stickslip.workflows.lab.verification.check import Case, Check, farthest, within
-from stickslip.workflows.lab.verification.prepared import prepare, solver
+from stickslip.workflows.lab.verification.check import Check, farthest, problem, within
+from stickslip.workflows.lab.verification.prepared import solved, solver
 
 INNER, JOINT, OUTER = 1.0, 2.0, 3.0  # radii [m]
 INTERFERENCE = 1e-3  # [m]
@@ -108,7 +108,6 @@ def scene(press: Press) -> Scene:
     law = Unilateral() if press.c_n == inf else Compliance(c_n=press.c_n, m_n=press.m)
     # as many cells along both circles of a ring: those of the outermost one decide
     return Scene(
-        title="Shrink fit of two rings",
         model="plane strain",
         geometry=Rings(
             inner_radius=INNER,
@@ -144,8 +143,7 @@ class Pressed:
 
 def solve(press: Press) -> Pressed:
     """Its only step."""
-    simulation = prepare(scene(press))
-    (step,) = simulation.steps()
+    simulation, (step,) = solved(scene(press))
     (c,) = simulation.system.contacts
     assert c.master is not None
     joint = step.contacts["joint"]
@@ -210,9 +208,9 @@ def facets(cells: float = FINE) -> list[Check]:
     for slave in ("inner", "outer"):
         for ratio in (1.5, 2 / 3):
             press = Press(order=1, cells=cells, ratio=ratio, slave=slave, interference=10 * INTERFERENCE)
-            solved = solve(press)
-            inner, outer = (np.pi / 2 * JOINT / (len(u) - 1) for u in (solved.u_in, solved.u_out))
-            lost = press.interference * (1 - solved.p / exact(press).p)
+            joint = solve(press)
+            inner, outer = (np.pi / 2 * JOINT / (len(u) - 1) for u in (joint.u_in, joint.u_out))
+            lost = press.interference * (1 - joint.p / exact(press).p)
             mean, most = (inner**2 - outer**2) / (12 * JOINT), max(inner, outer) ** 2 / (8 * JOINT)
             found += [
                 Check(f"{press}: overlap lost [m]", lost, mean, 0.15, relative=True),
@@ -233,11 +231,9 @@ def overlaps(cells: float = 0.008) -> list[Check]:
     return found
 
 
+@problem("a ring pressed into another one, Lamé's closed form")
 def checks(method: str) -> list[Check]:
     """All of them by the default method; the others on one mesh only."""
     if method != "condensed-newton":
         return figures(Press(cells=0.125, ratio=1.5, method=method), 1e-3)
     return fits() + compliant() + facets() + overlaps()
-
-
-CASE = Case(about="a ring pressed into another one, Lamé's closed form", checks=checks)

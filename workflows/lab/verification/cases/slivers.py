@@ -14,11 +14,8 @@ import numpy as np
 from stickslip import Block, Contact, Load, Material, Plane, Scene, StepResult, Support
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.method_registry import METHODS
-from stickslip.workflows.lab.verification.cases import column
-from stickslip.workflows.lab.verification.cases import column as column_case
-from stickslip.workflows.lab.verification.cases import incline as incline_case
-from stickslip.workflows.lab.verification.cases.incline import HOLDS
-from stickslip.workflows.lab.verification.check import TWO, Case, Check, farthest, within
+from stickslip.workflows.lab.verification.cases import column, incline
+from stickslip.workflows.lab.verification.check import TWO, Check, farthest, problem, within
 from stickslip.workflows.lab.verification.prepared import observed, solver, system_of
 
 ASPECT = 1e3
@@ -49,7 +46,6 @@ def squeezed(points: Array) -> Array:
 def block(method: str) -> Scene:
     """Laterally free on a frictionless floor, under a uniform pressure: the state is uniform."""
     return Scene(
-        title="Block under uniform pressure",
         model="plane strain",
         geometry=Block(length=1.0, height=1.0, mesh_size=1 / CELLS),
         bodies={"block": Material(E=E, nu=NU)},
@@ -75,11 +71,11 @@ def uniform(step: StepResult) -> list[Check]:
 
 def pressed(dim: int, m: int) -> Thin:
     """The column on a compliant foundation."""
-    c_n, g, top = column_case.C_N[m], column_case.GAP, 0.01
-    exact = column.driven_by_displacement(M=column_case.M, U=top, g=g, c_n=c_n, m=m)
+    c_n, g, top = column.C_N[m], column.GAP, 0.01
+    exact = column.driven_by_displacement(M=column.M, U=top, g=g, c_n=c_n, m=m)
     return Thin(
-        lambda method: column_case.scene(dim=dim, method=method, c_n=c_n, m=m, g=g, top=top, mesh_size=1 / CELLS),
-        lambda step: column_case.compare(f"column {dim}D, m = {m}", step, exact, g, TOLERANCE),
+        lambda method: column.scene(dim=dim, method=method, c_n=c_n, m=m, g=g, top=top, mesh_size=1 / CELLS),
+        lambda step: column.compare(f"column {dim}D, m = {m}", step, exact, g, TOLERANCE),
     )
 
 
@@ -87,8 +83,8 @@ SCENES: Mapping[str, Thin] = {
     **{f"column {dim}D, m = {m}": pressed(dim, m) for dim in (2, 3) for m in (1, 2, 3)},
     "block under pressure": Thin(block, uniform, floating=True),
     "layer on an incline": Thin(
-        lambda method: incline_case.scene(method, HOLDS),
-        lambda step: incline_case.resting(step, "layer", TOLERANCE),
+        lambda method: incline.scene(method, incline.HOLDS),
+        lambda step: incline.resting(step, "layer", TOLERANCE),
         floating=True,
     ),
 }
@@ -103,6 +99,7 @@ def thin(name: str, method: str) -> list[Check]:
     return [*found, within(f"{name}, aspect {ASPECT:g}: iterations", step.iterations, 0, limit)]
 
 
+@problem("cells of aspect 1000, closed forms and iterations", methods=TWO)
 def checks(method: str) -> list[Check]:
     """All that the method can solve."""
     return [
@@ -111,6 +108,3 @@ def checks(method: str) -> list[Check]:
         if METHODS[method].WORKS_WITH.floating or not s.floating
         for c in thin(name, method)
     ]
-
-
-CASE = Case(about="cells of aspect 1000, closed forms and iterations", checks=checks, methods=TWO)

@@ -23,8 +23,8 @@ from stickslip.workflows.lab.verification.cases.shrink_fit import (
     RingMaterial,
     give,
 )
-from stickslip.workflows.lab.verification.check import TWO, Case, Check, close, farthest
-from stickslip.workflows.lab.verification.prepared import prepare, solver
+from stickslip.workflows.lab.verification.check import TWO, Check, close, farthest, problem
+from stickslip.workflows.lab.verification.prepared import prepare, solved, solver
 
 DENSITIES = (2.0, 1.0)  # of the inner and the outer ring [kg/m³]
 
@@ -91,8 +91,7 @@ def free() -> list[Check]:
     """Displacement of the surfaces, and energy."""
     found = list[Check]()
     for model in ("plane stress", "plane strain", "axisymmetric"):
-        simulation = prepare(ring(model))
-        (step,) = simulation.steps()
+        simulation, (step,) = solved(ring(model))
         solid = model == "axisymmetric"
         inner, outer = (0.0, INNER) if solid else (INNER, JOINT)
         for r in (outer,) if solid else (inner, outer):
@@ -130,9 +129,7 @@ def loosened(method: str) -> list[Check]:
     return found
 
 
+@problem("a ring, a cylinder and a shrink fit spin: closed form", methods=TWO)
 def checks(method: str) -> list[Check]:
     """Free rings have no contact: one method is enough for them."""
     return loosened(method) + (free() if method == "condensed-newton" else [])
-
-
-CASE = Case(about="a ring, a cylinder and a shrink fit spin: closed form", checks=checks, methods=TWO)

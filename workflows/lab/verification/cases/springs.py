@@ -6,8 +6,8 @@ from typing import Any, Literal
 import numpy as np
 
 from stickslip import Scene, Simulation, StepResult
-from stickslip.workflows.lab.verification.check import Case, Check, close
-from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.check import Check, close, problem
+from stickslip.workflows.lab.verification.prepared import prepare, solved
 from stickslip.workflows.scene_file.read import from_dict
 
 E, K, MOVED = 1000.0, 300.0, -0.02
@@ -39,18 +39,12 @@ def floor(model: str) -> dict[str, Any]:
     }
 
 
-def _one(found: Scene) -> tuple[Simulation, StepResult]:
-    simulation = prepare(found)
-    (step,) = simulation.steps()
-    return simulation, step
-
-
 def pressed(model: str, order: Literal[1, 2], method: str, surface: str = "auto") -> Solved:
     """A spring whose ground moves presses a column on a floor: k E A/h / (k + E A/h) times that motion."""
     down, moved = ([0.0] * (model == "3d") + [0.0, value] for value in (-2.0, MOVED))
     springs = {"s": {"at": "block.top", "stiffness": K, "direction": down, "displacement": moved}}
     solver = {"method": method, "surface": surface}
-    simulation, step = _one(scene(springs, model, order, **floor(model), solver=solver))
+    simulation, (step,) = solved(scene(springs, model, order, **floor(model), solver=solver))
     column = E * AREA[model]
     force, name = -MOVED * K * column / (K + column), f"in series, {model}, order {order}"
     return simulation, step, [
@@ -69,7 +63,7 @@ CORNERS: dict[str, Any] = {
 
 def alone(order: Literal[1, 2]) -> Solved:
     """Three springs at two corners carry the weight: moments about the first, 2 b = 4 * 1 + 6 * 0.5."""
-    simulation, step = _one(scene(CORNERS, order=order, gravity={"acceleration": [3.0, -2.0]}))
+    simulation, (step,) = solved(scene(CORNERS, order=order, gravity={"acceleration": [3.0, -2.0]}))
     found = [close(f"alone, order {order}: external [J]", step.energy.external, step.energy.stored, 1e-9, 1.0)]
     for spring, force in (("a", (-6.0, 0.5)), ("b", (0.0, 3.5))):
         for axis, exact, computed in zip("xy", force, step.springs[spring].force, strict=True):
@@ -90,7 +84,7 @@ def between() -> Solved:
         "springs": {"s": {"at": "upper.bottom", "to": "lower.top", "stiffness": [0.0, K]}},
         "contacts": {"pair": {"surface": "upper.bottom", "against": "lower.top"}},
     }
-    simulation, step = _one(from_dict(tables))
+    simulation, (step,) = solved(from_dict(tables))
     force = -MOVED / (1 / K + 0.5 / E + 1 / (2 * E))
     return simulation, step, [
         close("between bodies: force of the spring [N]", step.springs["s"].force[1], -force, 1e-9, force),
@@ -139,6 +133,7 @@ def problems(method: str) -> Iterator[Solved]:
         yield from (pressed("plane strain", 2, method), alone(1), alone(2), between())
 
 
+@problem("springs in series with a column, alone, between bodies, of one way")
 def checks(method: str) -> list[Check]:
     """Their checks."""
     found = [check for *_, found in problems(method) for check in found]
@@ -149,6 +144,3 @@ def checks(method: str) -> list[Check]:
                 "3d", acts, "surface-uzawa", surface="matrix-free"
             )
     return found
-
-
-CASE = Case(about="springs in series with a column, alone, between bodies, of one way", checks=checks)

@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip import Contact, Material, Scene, Steps, Support, TwoBlocks
 from stickslip.solvers.effects.body_forces import BodyForce
-from stickslip.workflows.lab.verification.check import Case, Check, close, farthest
+from stickslip.workflows.lab.verification.check import Check, close, farthest, problem
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 
 E_1, E_2 = 1000.0, 3000.0  # [Pa]
@@ -54,7 +54,6 @@ def scene(method: str, order: Literal[1, 2] = 1) -> Scene:
     growing = f"{A_1}*E*sin(pi*(y+1)/2) * (1-cos(pi*t))/2"
     ramped = f"-{A_2}*E*sin(pi*y)"
     return Scene(
-        title="Two bars under body forces",
         model="plane strain",
         geometry=TwoBlocks(length=0.25, height=1.0, mesh_size=0.125, cells="tensor", order=order),
         bodies={"lower": Material(E=E_1, nu=0.0), "upper": Material(E=E_2, nu=0.0)},
@@ -69,6 +68,7 @@ def scene(method: str, order: Literal[1, 2] = 1) -> Scene:
     )
 
 
+@problem("bars that sinusoidal body forces push together, closed form")
 def checks(method: str, order: Literal[1, 2] = 1) -> list[Check]:
     """Pressure, displacement of both ends, and energy of every step; the gap is closed after the first ones."""
     simulation, found, work = prepare(scene(method, order)), list[Check](), 0.0
@@ -87,6 +87,3 @@ def checks(method: str, order: Literal[1, 2] = 1) -> list[Check]:
             close(f"{at}: energy out of balance [J]", float(np.abs(off)), 0.0, TOLERANCE, work),
         ]
     return found
-
-
-CASE = Case(about="bars that sinusoidal body forces push together, closed form", checks=checks)

@@ -3,8 +3,8 @@
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from stickslip.workflows.lab.verification.check import ONE, Case, Check, close
-from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.check import ONE, Check, close, problem
+from stickslip.workflows.lab.verification.prepared import solved
 from stickslip.workflows.scene_file.read import from_dict
 
 HARD, SOFT, STRETCH = 1000.0, 200.0, 3e-3  # [Pa], [Pa], [m]; squares of 1 m, nu = 0
@@ -48,11 +48,12 @@ def stretched(x: int, y: int) -> tuple[float, float]:
             },
             Path(folder),
         )
-        (step,) = prepare(scene).steps()
+        _, (step,) = solved(scene)
     force = sum(float(step.supports[side.replace(".", "_")].force[0]) for side in sides if side.endswith("right"))
     return force, float(step.probes["middle"].displacement[0])
 
 
+@problem("two materials that share nodes: in series, side by side", methods=ONE)
 def checks(method: str) -> list[Check]:
     """Springs in series and side by side; there is no contact, and the method of no account."""
     found = list[Check]()
@@ -66,6 +67,3 @@ def checks(method: str) -> list[Check]:
             close(f"{name}: displacement of the middle [m]", middle, share * STRETCH, 1e-9, STRETCH),
         ]
     return found
-
-
-CASE = Case(about="two materials that share nodes: in series, side by side", checks=checks, methods=ONE)

@@ -14,31 +14,28 @@ from stickslip import Coulomb, Scene, StepResult
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.method_registry import METHODS
 from stickslip.workflows.lab.verification.cases import column as column_case
-from stickslip.workflows.lab.verification.cases import hertz as hertz_case
-from stickslip.workflows.lab.verification.cases import incline as incline_case
-from stickslip.workflows.lab.verification.cases import pair as pair_case
-from stickslip.workflows.lab.verification.cases import patch as patch_case
-from stickslip.workflows.lab.verification.cases import press_fit as press_fit_case
-from stickslip.workflows.lab.verification.cases import punch as punch_case
-from stickslip.workflows.lab.verification.cases import raous as raous_case
-from stickslip.workflows.lab.verification.cases import shear_lag as shear_lag_case
-from stickslip.workflows.lab.verification.cases import sheared_column
-from stickslip.workflows.lab.verification.cases import sheared_column as sheared_column_case
-from stickslip.workflows.lab.verification.cases import shrink_fit as shrink_fit_case
+from stickslip.workflows.lab.verification.cases import (
+    hertz,
+    incline,
+    pair,
+    patch,
+    press_fit,
+    punch,
+    raous,
+    shear_lag,
+    sheared_column,
+    shrink_fit,
+)
 from stickslip.workflows.lab.verification.cases.circular_drive import DRIVE
 from stickslip.workflows.lab.verification.cases.hertz import Touch
-from stickslip.workflows.lab.verification.cases.incline import HOLDS
 from stickslip.workflows.lab.verification.cases.patch import Patch
-from stickslip.workflows.lab.verification.cases.press_fit import Fit
-from stickslip.workflows.lab.verification.cases.punch import Cut
 from stickslip.workflows.lab.verification.cases.shrink_fit import Press
-from stickslip.workflows.lab.verification.check import TWO, Case, Check
+from stickslip.workflows.lab.verification.check import TWO, Check, problem
 from stickslip.workflows.lab.verification.prepared import prepare, solver
 from stickslip.workflows.lab.verification.step_file import step_file
 from stickslip.workflows.lab.verification.units import in_millimetres, millimetres
 from stickslip.workflows.scene_file.read import read
 
-SLOW = ("condensed-newton", "uzawa")  # methods that take more than some seconds
 TOLERANCE = 1e-9  # of the largest value of the same unit
 COARSE = {
     "block": ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"],
@@ -74,8 +71,8 @@ def axisymmetric(method: str) -> Scene:
 
 def sheared(method: str, law: str) -> Scene:
     path = sheared_column.TOP[:, None]
-    return sheared_column_case.scene(
-        dim=2, method=method, E=sheared_column_case.E, friction=sheared_column_case.laws()[law], path=path
+    return sheared_column.scene(
+        dim=2, method=method, E=sheared_column.E, friction=sheared_column.laws()[law], path=path
     )
 
 
@@ -83,7 +80,7 @@ def circled(method: str, steps: int = 16) -> Scene:
     """One turn of the circular drive."""
     angles = 2 * np.pi * np.arange(steps + 1) / steps
     path = DRIVE.radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    return sheared_column_case.scene(dim=3, method=method, E=1000.0, friction=Coulomb(mu=0.3), path=path)
+    return sheared_column.scene(dim=3, method=method, E=1000.0, friction=Coulomb(mu=0.3), path=path)
 
 
 def ready(method: str, name: str, obstacle: str | None = None) -> Scene:
@@ -92,21 +89,9 @@ def ready(method: str, name: str, obstacle: str | None = None) -> Scene:
     return replace(read(name, overrides), solver=solver(method, 1e-11))
 
 
-def hertz(method: str, touch: Touch) -> Scene:
-    return hertz_case.scene(replace(touch, method=method))
-
-
-def punch(method: str) -> Scene:
-    """The bonded punch."""
-    return punch_case.scene(Cut(method=method, normal=punch_case.BONDED, fine=0.1, edge=None, size=40.0))
-
-
-def patch(method: str, blocks: Patch) -> Scene:
-    return patch_case.scene(replace(blocks, method=method))
-
-
-def shrunk(method: str, rings: Press) -> Scene:
-    return shrink_fit_case.scene(replace(rings, method=method))
+def described(scene: Callable[[Any], Scene], by: Any, method: str) -> Scene:
+    """The scene of a description, a dataclass with a method."""
+    return scene(replace(by, method=method))
 
 
 def quadratic(scene: Callable[[str], Scene], method: str) -> Scene:
@@ -115,6 +100,7 @@ def quadratic(scene: Callable[[str], Scene], method: str) -> Scene:
     return replace(linear, geometry=replace(linear.geometry, order=2))
 
 
+BONDED = punch.Cut(method="", normal=punch.BONDED, fine=0.1, edge=None, size=40.0)
 SCENES: Mapping[str, Callable[[str], Scene]] = {
     **{f"column {dim}D, m = {m}": partial(column, dim=dim, m=m) for dim in (2, 3) for m in (1, 2, 3)},
     "column, order 2": partial(quadratic, column),
@@ -123,32 +109,34 @@ SCENES: Mapping[str, Callable[[str], Scene]] = {
     "sheared column, Coulomb": partial(sheared, law="Coulomb"),
     "sheared column, Tresca": partial(sheared, law="Tresca"),
     "circular drive": circled,
-    "Raous": partial(raous_case.scene, n=16),
-    "Raous, order 2": partial(quadratic, partial(raous_case.scene, n=8)),
-    "Raous, compliant both ways": partial(raous_case.scene, n=16, k=100.0),
-    "ball on a plane": partial(hertz, touch=Touch(cells=4.0)),
-    "cylinder on a half-space": partial(hertz, touch=Touch(model="plane strain", against="half-space", cells=4.0)),
-    "bonded punch": punch,
-    "shear-lag strip": partial(shear_lag_case.scene, n=50),
-    "layer on an incline": partial(incline_case.scene, mu=HOLDS),
+    "Raous": partial(raous.scene, n=16),
+    "Raous, order 2": partial(quadratic, partial(raous.scene, n=8)),
+    "Raous, compliant both ways": partial(raous.scene, n=16, k=100.0),
+    "ball on a plane": partial(described, hertz.scene, Touch(cells=4.0)),
+    "cylinder on a half-space": partial(
+        described, hertz.scene, Touch(model="plane strain", against="half-space", cells=4.0)
+    ),
+    "bonded punch": partial(described, punch.scene, BONDED),
+    "shear-lag strip": partial(shear_lag.scene, n=50),
+    "layer on an incline": partial(incline.scene, mu=incline.HOLDS),
     "block": partial(ready, name="block"),
     "cube": partial(ready, name="cube"),
     "cube, order 2": partial(quadratic, partial(ready, name="cube")),
     "foundation": partial(ready, name="foundation"),
     "roller that turns": partial(ready, name="block", obstacle=TURNS),
     "roller that a force drives": partial(ready, name="block", obstacle=IS_PUSHED),
-    "blocks on each other": partial(patch, blocks=Patch()),
-    "blocks on each other, loaded, 3D": partial(patch, blocks=Patch(dim=3, loaded=True)),
-    "blocks on each other, node by node": partial(patch, blocks=Patch(nodal=True, order=2)),
-    "rings drawn too large": partial(shrunk, rings=Press(ratio=1.5, drawn=True)),
-    "rings, compliant": partial(shrunk, rings=Press(ratio=1.5, c_n=1e8, m=2.0)),
-    **{f"{name}, with friction": scene for name, scene in pair_case.SCENES.items()},
+    "blocks on each other": partial(described, patch.scene, Patch()),
+    "blocks on each other, loaded, 3D": partial(described, patch.scene, Patch(dim=3, loaded=True)),
+    "blocks on each other, node by node": partial(described, patch.scene, Patch(nodal=True, order=2)),
+    "rings drawn too large": partial(described, shrink_fit.scene, Press(ratio=1.5, drawn=True)),
+    "rings, compliant": partial(described, shrink_fit.scene, Press(ratio=1.5, c_n=1e8, m=2.0)),
+    **{f"{name}, with friction": scene for name, scene in pair.SCENES.items()},
 }
 FLOATING = (  # held by contact alone
     *("foundation", "roller that a force drives", "shear-lag strip", "layer on an incline"),
     *("ball on a plane", "cylinder on a half-space", "blocks on each other, loaded, 3D"),
 )
-GRADED = tuple(f"{name}, with friction" for name in pair_case.GRADED)  # plain Uzawa takes too many iterations
+GRADED = tuple(f"{name}, with friction" for name in pair.GRADED)  # plain Uzawa takes too many iterations
 # Nodes of the strip reverse exactly at their bound, and rounding says which first: 62 to 64, even in units 1024 apart.
 UNEVEN = {"shear-lag strip": 0.05}  # part of the iterations
 
@@ -170,9 +158,9 @@ def compared(name: str, method: str) -> list[Check]:
 
 def from_step(method: str) -> list[Check]:
     """A shaft in a hub; the numbers of the file stay, and are in millimetres in both scenes."""
-    fit = Fit(order=1, finer=0.5, method=method)
+    fit = press_fit.Fit(order=1, finer=0.5, method=method)
     with step_file(fit.draw) as path:
-        return in_both("press fit from a STEP file", press_fit_case.scene(fit, path))
+        return in_both("press fit from a STEP file", press_fit.scene(fit, path))
 
 
 def in_both(name: str, metres: Scene) -> list[Check]:
@@ -193,10 +181,8 @@ def in_both(name: str, metres: Scene) -> list[Check]:
     ]
 
 
+@problem("every scene in mm, N, MPa: the same answers", methods=TWO, slow=TWO)
 def checks(method: str) -> list[Check]:
     """All of them."""
     names = [name for name in SCENES if METHODS[method].WORKS_WITH.floating or name not in FLOATING + GRADED]
     return [check for name in names for check in compared(name, method)] + from_step(method)
-
-
-CASE = Case(about="every scene in mm, N, MPa: the same answers", checks=checks, methods=TWO)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from stickslip import Scene, Simulation, StepResult
-from stickslip.workflows.lab.verification.check import ONE, Case, Check, close
-from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.check import ONE, Check, close, problem
+from stickslip.workflows.lab.verification.prepared import solved
 from stickslip.workflows.scene_file.read import from_dict
 
 E, NU, ALPHA, SLOPE = 200.0, 0.3, 1e-3, 20.0  # [Pa], [-], [1/K], [K/m]
@@ -35,12 +35,6 @@ def scene(model: str, temperature: Any, order: int = 2, nu: float = NU, **tables
         "thermal": {"block": {"expansion": ALPHA} | heat},
     }
     return from_dict(data | tables)
-
-
-def solved(found: Scene) -> tuple[Simulation, list[StepResult]]:
-    """Prepared, and its steps."""
-    simulation = prepare(found)
-    return simulation, [*simulation.steps()]
 
 
 def bent(model: str, nu: float = NU) -> Solved:
@@ -123,9 +117,7 @@ def problems() -> Iterator[Solved]:
     yield together()
 
 
+@problem("temperatures in space and by body: bars, a cylinder, a gap", methods=ONE)
 def checks(method: str) -> list[Check]:
     """Their checks, by one method."""
     return [check for *_, found in problems() for check in found]
-
-
-CASE = Case(about="temperatures in space and by body: bars, a cylinder, a gap", checks=checks, methods=ONE)

@@ -13,8 +13,8 @@ from stickslip import Block, Contact, FrictionLaw, Load, Material, Plane, Scene,
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.solvers.laws.friction import Coulomb, Tresca
 from stickslip.solvers.method_registry import METHODS
-from stickslip.workflows.lab.verification.check import Case, Check, within
-from stickslip.workflows.lab.verification.prepared import prepare, solver
+from stickslip.workflows.lab.verification.check import Check, problem, within
+from stickslip.workflows.lab.verification.prepared import solved, solver
 
 E, NU, MU = 1000.0, 0.3, 0.3
 DOWN, ACROSS = 0.01, 0.005  # of the top [m]
@@ -35,7 +35,6 @@ def scene(
 ) -> Scene:
     """Unit block above a floor at -gap, its top moved by `top`, its left side under a pressure `load` [Pa]."""
     return Scene(
-        title="Block with nothing to do",
         model="plane strain",
         geometry=Block(length=1.0, height=1.0, mesh_size=0.25),
         bodies={"block": Material(E=E, nu=NU)},
@@ -46,10 +45,6 @@ def scene(
         steps=Steps(end=float(steps), count=steps),
         solver=solver(method, 1e-12),
     )
-
-
-def solve(scene: Scene) -> list[StepResult]:
-    return list(prepare(scene).steps())
 
 
 def not_finite(step: StepResult) -> int:
@@ -76,7 +71,7 @@ def no_force(method: str, held: bool = True) -> list[Check]:
     """Loads of 0 on a block that touches the floor; `held` by its top, or by contact and friction alone."""
     top: dict[str, Amplitude] | None = {"x": 0.0, "y": 0.0} if held else None
     found = []
-    for step in solve(scene(method, top=top, friction=Coulomb(mu=MU), load=0.0)):
+    for step in solved(scene(method, top=top, friction=Coulomb(mu=MU), load=0.0))[1]:
         name = f"F = 0, {'held' if held else 'floating'}, t = {step.time:g}"
         base = step.contacts["base"]
         found += unmoved(name, step, np.abs(step.displacement).max(), np.abs(step.p).max(), base.dissipation)
@@ -86,7 +81,7 @@ def no_force(method: str, held: bool = True) -> list[Check]:
 def no_touch(method: str) -> list[Check]:
     """A gap of 0.1 m and a motion of 10 mm: the block follows its top as a rigid body."""
     found = []
-    for step in solve(scene(method, top=PRESS_THEN_SHEAR, friction=Coulomb(mu=MU), gap=0.1)):
+    for step in solved(scene(method, top=PRESS_THEN_SHEAR, friction=Coulomb(mu=MU), gap=0.1))[1]:
         base, name = step.contacts["base"], f"nothing touches, t = {step.time:g}"
         strained = np.abs(step.displacement - [ACROSS if step.time > 1 else 0.0, -DOWN]).max()
         found += unmoved(name, step, strained, np.abs(step.p).max(), base.dissipation)
@@ -96,7 +91,7 @@ def no_touch(method: str) -> list[Check]:
 
 def no_increment(method: str, mu: float = MU) -> list[Check]:
     """After pressing and shearing, partly slipping, one more step in which nothing moves."""
-    _, before, after = solve(scene(method, top=PRESS_THEN_SHEAR, friction=Coulomb(mu=mu), steps=3))
+    _, (_, before, after) = solved(scene(method, top=PRESS_THEN_SHEAR, friction=Coulomb(mu=mu), steps=3))
     then, now = before.contacts["base"], after.contacts["base"]
     moved = np.abs(after.displacement - before.displacement).max()
     found = unmoved("no increment", after, moved, np.abs(after.p - before.p).max(), now.dissipation)
@@ -111,11 +106,11 @@ def no_increment(method: str, mu: float = MU) -> list[Check]:
 
 def no_friction(method: str, mu: float = 0.0) -> list[Check]:
     """mu = 0 and a bound of 0 give the answer of the frictionless block; another mu must not."""
-    smooth = solve(scene(method, top=PRESS_THEN_SHEAR))[-1]
+    smooth = solved(scene(method, top=PRESS_THEN_SHEAR))[1][-1]
     laws = {"mu = 0": Coulomb(mu=mu), "bound = 0": Tresca(bound=((1.0, mu * DOWN * E),))}
     found = []
     for name, law in laws.items():
-        step = solve(scene(method, top=PRESS_THEN_SHEAR, friction=law))[-1]
+        step = solved(scene(method, top=PRESS_THEN_SHEAR, friction=law))[1][-1]
         base, free = step.contacts["base"], smooth.contacts["base"]
         apart = np.abs(step.displacement - smooth.displacement).max() / np.abs(smooth.displacement).max()
         found += [
@@ -128,10 +123,8 @@ def no_friction(method: str, mu: float = 0.0) -> list[Check]:
     return found
 
 
+@problem("no force, friction, increment, bound or touch: nothing changes")
 def checks(method: str) -> list[Check]:
     """All of them."""
     floating = no_force(method, held=False) if METHODS[method].WORKS_WITH.floating else []
     return no_force(method) + floating + no_touch(method) + no_increment(method) + no_friction(method)
-
-
-CASE = Case(about="no force, friction, increment, bound or touch: nothing changes", checks=checks)
