@@ -15,7 +15,8 @@ from scipy.sparse.csgraph import connected_components
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, Rows
 from stickslip.geometry.surfaces.facet_map import locate, place
-from stickslip.geometry.surfaces.overlay import segments, triangles
+from stickslip.geometry.surfaces.overlay import segments, steepest, triangles
+from stickslip.geometry.surfaces.search import through_body
 from stickslip.geometry.surfaces.surface import Surface
 
 
@@ -155,7 +156,12 @@ def overlap(slave: Surface, master: Surface, reach: float, degree: int) -> Overl
         cells = split_overlapping(Cells(*segments(slave, master, normals, reach)), master)
     else:
         cells = Cells(*triangles(slave, master, normals, reach))
-    cells = cells[np.abs(gap(cells, cells.corners.mean(axis=1))) <= reach]
+    middle = _project(slave, master, normals, cells, cells.corners.mean(axis=1), np.zeros(len(cells.areas)))
+    near = np.abs(middle.gap) <= reach
+    if steepest(slave, master):  # sides with edges may be all of a body's skin
+        at = place(slave, cells.slave_facet, middle.slave_local).points
+        near &= ~through_body(at, middle.normals, middle.gap, master)
+    cells = cells[near]
     cells = cells[nearest_cells(cells, master, gap)]
     cells = cells[np.argsort(cells.slave_facet, kind="stable")]
     points, weights = dx.reference_rule("interval" if slave.dim == 2 else "triangle", degree)

@@ -73,6 +73,16 @@ def _pairs_in_tree(tree: cKDTree, centres: Array, thick: Array, directions: Arra
 
 CURVED = 1.2  # a curved facet lies within this multiple of the ball around its nodes
 BISECTIONS = 60
+STEEP = 30.0  # [degrees], see `steepest`
+
+
+def steepest(slave: Surface, master: Surface) -> float:
+    """Cosine of the largest angle between two facets that face each other.
+
+    Where sides have edges, faces that lean more touch by their edges alone, however they are deformed.
+    """
+    edges = slave.faces is not None or master.faces is not None
+    return float(np.cos(np.radians(STEEP))) if edges else 0.0
 
 
 def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> tuple[Ints, Ints, Array]:
@@ -92,7 +102,8 @@ def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> t
     blocks = list(candidate_pairs(centres, radii + reach * spread, middle, *_balls_around_edges(master), reach))
     i, j = (np.concatenate(rows) for rows in zip(*blocks, strict=True))
     away = place(master, j, np.full((len(j), 1), 0.5)).area_normals
-    facing = np.einsum("qd,qd->q", away, middle[i]) < 0
+    upright = steepest(slave, master) * np.linalg.norm(away, axis=1)
+    facing = np.einsum("qd,qd->q", away, middle[i]) < -upright
     i, j = i[facing], j[facing]
     feet = [_project_on_slave(slave, field, i, master.points[master.facets[j, end]]) for end in (0, 1)]
     ends = np.sort(np.stack(feet, axis=1), axis=1)
@@ -184,9 +195,10 @@ def triangles(slave: Surface, master: Surface, normals: Array, reach: float) -> 
     along = np.repeat(directions, len(halves), axis=0)
     inverse = np.linalg.inv(np.concatenate([edges, along[:, None]], axis=1))
     away = _area_normals(goals) * np.repeat(master.outward, len(targets))[:, None]
+    upright = steepest(slave, master) * np.linalg.norm(away, axis=1)
     found = []
     for i, j in candidate_pairs(*_balls(ends), along, *_balls(goals), reach):
-        facing = np.einsum("qd,qd->q", away[j], along[i]) < 0
+        facing = np.einsum("qd,qd->q", away[j], along[i]) < -upright[j]
         i, j = i[facing], j[facing]
         row, polygons = _clip(((goals[j] - origin[i]) @ inverse[i])[:, :, :2])
         i, j = i[row], j[row]

@@ -172,7 +172,7 @@ class _Hits(Rows):
     gap: Array
 
 
-def pair(points: Array, directions: Array, master: Surface, reach: float) -> Pairing:
+def pair(points: Array, directions: Array, master: Surface, reach: float | Array) -> Pairing:
     """Find for each point the intersection of its line and the master with the smallest |gap| <= reach.
 
     Only facets that face the direction count (outward normal · direction < 0): the far side of a body, which a line
@@ -181,8 +181,9 @@ def pair(points: Array, directions: Array, master: Surface, reach: float) -> Pai
     Args:
         points: (m, d) [m].
         directions: (m, d), unit vectors, usually a slave surface's outward normals.
-        reach: largest |gap| [m], may be inf.
+        reach: largest |gap| [m], may be inf; of each point (m,), or of all.
     """
+    reach = np.broadcast_to(reach, len(points))
     found = Pairing(
         facet=np.full(len(points), -1), local=np.zeros((len(points), master.dim - 1)), gap=np.full(len(points), np.inf)
     )
@@ -190,11 +191,28 @@ def pair(points: Array, directions: Array, master: Surface, reach: float) -> Pai
     patches = _patches(balls)
     for start in range(0, len(points), CHUNK):
         block = slice(start, start + CHUNK)
-        hits = _search(points[block], directions[block], master, reach, balls, patches)
+        hits = _search(points[block], directions[block], master, reach[block], balls, patches)
         # of a facet's radius: gaps that differ by less are equal, and the facet with the lowest number is taken
         first = _nearest(hits, ROUNDING * balls.radii)
         rows = start + hits.point[first]
         found.facet[rows], found.local[rows], found.gap[rows] = hits.facet[first], hits.local[first], hits.gap[first]
+    return found
+
+
+def through_body(points: Array, directions: Array, gaps: Array, master: Surface) -> Bools:
+    """Whether each line (m,) passes an averted facet of the master before it meets the facet behind its point.
+
+    That facet is then the far side of a body: the point does not lie in the body.
+
+    Args:
+        points, directions: see `pair`.
+        gaps: (m,) to the facet that is met [m], negative behind the point.
+    """
+    found, behind = np.zeros(len(points), bool), np.flatnonzero(gaps < 0)
+    half = gaps[behind] / 2
+    middles = points[behind] + half[:, None] * directions[behind]
+    # of the way: at its ends lie the point, which may touch the averted facet, and the facet met
+    found[behind] = pair(middles, -directions[behind], master, (1 - CLOSE) * np.abs(half)).facet >= 0
     return found
 
 
@@ -229,7 +247,7 @@ def _patches(balls: _Balls) -> list[_Patches]:
 
 
 def _search(
-    points: Array, directions: Array, master: Surface, reach: float, balls: _Balls, patches: list[_Patches]
+    points: Array, directions: Array, master: Surface, reach: Array, balls: _Balls, patches: list[_Patches]
 ) -> _Hits:
     """All intersections that may be the nearest one, on both half-lines of each point."""
     frames = orthogonal_frames(directions)
@@ -247,7 +265,7 @@ def _search(
                 may = _may_meet(points[point], directions[point], limit[point], centres, radii)
                 point, facet = point[may], facet[may]
                 met, local, gap = intersect(master, facet, points[point], directions[point], frames[point])
-                met &= np.abs(gap) <= reach
+                met &= np.abs(gap) <= reach[point]
                 hits.append(_Hits(point, facet, local, gap).at(met))
                 np.minimum.at(limit, point[met], np.abs(gap[met]))
     return _Hits.joined(hits)

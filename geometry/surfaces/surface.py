@@ -10,45 +10,15 @@ from functools import cached_property, partial
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import ROUNDING, Array, Bools, Ints
+from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import FunctionSpace, Sparse
 
 CREASE = 40.0  # [degrees] neighbouring facets of a smooth side differ by less, those at an intended edge by more
-
-
-def largest_smooth_part(facets: Ints, normals: Array, crease: float) -> Bools:
-    """Whether each facet belongs to the largest smooth part at each of its nodes (f, k).
-
-    Two facets at a node belong to the same smooth part if their normals there differ by at most `crease`, or if a
-    chain of facets at the node connects them in such steps. The average over several parts is normal to none: a line
-    along it would miss the surface that faces the larger part. Of parts of equal area the one with the lowest facet
-    is taken.
-
-    Args:
-        facets: (f, k) nodes of facets.
-        normals: (f, k, d) outward normals, with the area as length.
-        crease: [degrees].
-    """
-    node = facets.ravel()
-    area = np.linalg.norm(normals, axis=2).ravel()
-    direction = normals.reshape(len(node), -1) / area[:, None]
-    corners = sparse.csr_matrix((np.ones(len(node)), (np.arange(len(node)), node)))  # (f k, nodes) incidence
-    i, j = (corners @ corners.T).nonzero()
-    smooth = np.einsum("cd,cd->c", direction[i], direction[j]) >= np.cos(np.radians(crease)) - ROUNDING
-    parts, part = connected_components(sparse.csr_matrix((smooth[smooth], (i[smooth], j[smooth]))), directed=False)
-    size = np.bincount(part, area, parts)[part]
-    largest = np.zeros(node.max() + 1)
-    np.maximum.at(largest, node, size)
-    large = np.flatnonzero(size >= (1 - ROUNDING) * largest[node])  # areas that differ by less are equal
-    first = np.full(node.max() + 1, len(node))
-    np.minimum.at(first, node[large], large)
-    return np.asarray(part == part[first[node]]).reshape(facets.shape)
 
 
 FACET_OF = {
@@ -84,6 +54,7 @@ class Surface:
     axisymmetric: bool
     parts: Ints | None = None  # (n,) of the mesh, see `find_parts`; None: all nodes are of part 0
     positive: bool = False  # phi~ >= 0 everywhere: Bernstein's polynomials if the degree is 2
+    faces: Ints | None = None  # (n,) tell nodes apart that faces have at an edge, see `split_at_edges`; None: one face
 
     @property
     def dim(self) -> int:
@@ -93,6 +64,22 @@ class Surface:
     def part(self) -> Ints:
         """Part of the mesh of each node (n,)."""
         return np.zeros(len(self.nodes), np.int64) if self.parts is None else self.parts
+
+    @cached_property
+    def at_edge(self) -> Array:
+        """1.0 at the nodes (n,) of edges, where several faces have one each, else 0.0."""
+        if self.faces is None:
+            return np.zeros(len(self.nodes))
+        _, each, count = np.unique(self.nodes, return_inverse=True, return_counts=True)
+        return np.asarray(count[each] > 1, float)
+
+    @cached_property
+    def shares_at_edges(self) -> Array:
+        """Share (n,) that each node has in ∫ phi_j ds of all faces there; 1.0 where there is one."""
+        weights, basis = self.quadrature(2 * self.degree + self.axisymmetric)
+        own, (_, each) = self.scatter(weights @ basis), np.unique(self.nodes, return_inverse=True)
+        total = np.bincount(each, own)[each]
+        return np.divide(own, total, out=np.ones_like(own), where=(self.at_edge > 0) & (total > 0))
 
     def quadrature(self, degree: int) -> tuple[Array, Array]:
         """Quadrature weights (f, q) [m^(d-1)], 2 pi r included if axisymmetric, and values of the basis (q, k)."""
@@ -155,26 +142,18 @@ class Surface:
         coefficients = lumped[:, :, None] * np.linalg.inv(mass)
         return np.asarray(np.einsum("fik,qk->fqi", coefficients, basis))
 
-    def node_normals(self, counting: Bools | None = None) -> Array:
-        """Unit outward normals (n, d) at nodes: area-weighted averages over the facets of the side.
-
-        Args:
-            counting: (f, k) which facets count at each of their nodes, see `smooth_part`; None: all.
-        """
-        total = self._sums_of_normals(counting)
+    def node_normals(self) -> Array:
+        """Unit outward normals (n, d) at nodes: area-weighted averages over the facets of the side."""
+        total = self._sums_of_normals()
         return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
 
-    def smooth_part(self, crease: float) -> Bools:
-        """The facets (f, k) that count where those at a node differ by more than `crease` [degrees]."""
-        return largest_smooth_part(self.facets, self._facet_normals(), crease)
-
-    def _sums_of_normals(self, counting: Bools | None = None) -> Array:
+    def _sums_of_normals(self) -> Array:
         """Sums (n, d) over the facets of the side at each node, before they are made unit; see `node_normals`."""
-        normals, total = self._facet_normals(), np.zeros_like(self.points)
-        np.add.at(total, self.facets, normals if counting is None else normals * counting[:, :, None])
+        normals, total = self.facet_normals(), np.zeros_like(self.points)
+        np.add.at(total, self.facets, normals)
         return total
 
-    def _facet_normals(self) -> Array:
+    def facet_normals(self) -> Array:
         """Outward normals (f, k, d) of the facets at their nodes; their length is the Jacobian of the facet there."""
         local = dx.reference_nodes(self.shape, self.degree)
         normals = _normals(self.points[self.facets], dx.reference_basis(self.shape, self.degree, local)[1])

@@ -51,7 +51,7 @@ def bulges(straight: Surface, middles: Surface) -> Array:
     if straight.dim == 2:
         found[middles.facets[:, 2]] = _of_facets(straight)
         return found
-    normals = straight.node_normals(straight.smooth_part(CREASE))
+    normals = straight.node_normals()
     corners = dx.reference_basis(straight.shape, 1, dx.reference_nodes(straight.shape, 2))[0]
     # of a basis function: less is rounding
     edges = {k: np.flatnonzero(row > ROUNDING) for k, row in enumerate(corners)}

@@ -15,12 +15,10 @@ from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools, Ints
 from stickslip.geometry.errors import SceneError, prefixed
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.contact.coupling import Coupling
+from stickslip.solvers.contact.coupling import DIGITS, Coupling
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.scene.contact import Contact
-
-DIGITS = 9  # to which components are rounded, so that among equal ones the first is the least
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,20 +107,29 @@ def place_multipliers(
         coupling: the surface and what it may touch.
         directions: (n, c, d) unit directions at the nodes.
         constraints: supports and periodicity.
-        used: of root nodes; what is held by those placed here is added.
+        used: of root nodes; what is held by those placed here is added, between bodies at edges only.
     """
     surface, facing = coupling.surface, coupling.weights != 0
     tried = np.flatnonzero(coupling.carries)
     roots, bases = constraints.roots(surface.nodes[tried]), constraints.bases(surface.nodes[tried])[0]
-    before = used if coupling.master is None else HeldMotions(surface.dim)
-    turned, free, held = _independent(directions[tried], bases, before.of(roots))
+    faces = np.zeros(len(tried), np.int64) if surface.faces is None else surface.faces[tried]
+    key = roots * (1 + faces.max(initial=0)) + faces  # periodic images share one multiplier
+    _, order, of_key = np.unique(key, return_index=True, return_inverse=True)
+    starts = np.searchsorted(roots[order], roots[order])
+    turn = (np.arange(len(order)) - starts)[of_key]  # among the faces that meet at an edge
+    turned, free = np.empty_like(directions[tried]), np.empty((len(tried), directions.shape[1]), bool)
+    for one in (np.flatnonzero(turn == k) for k in range(turn.max(initial=-1) + 1)):
+        turned[one], free[one], held = _independent(directions[tried[one]], bases[one], used.of(roots[one]))
+        holds = free[one].any(axis=1) & ((coupling.master is None) | (surface.at_edge[tried[one]] > 0))
+        first = np.flatnonzero(holds)
+        first = first[np.unique(roots[one[first]], return_index=True)[1]]
+        used.hold(roots[one[first]], held[first])
     able = np.flatnonzero(free.any(axis=1))
-    first = able[np.sort(np.unique(roots[able], return_index=True)[1])]  # periodic images share one multiplier
-    order = np.argsort(roots[first])
-    able = np.flatnonzero(np.isin(roots, roots[first]))
+    first = able[np.sort(np.unique(key[able], return_index=True)[1])]
+    order = np.argsort(key[first])
+    able = np.flatnonzero(np.isin(key, key[first]))
     owner = np.full(len(surface.nodes), -1)
-    owner[tried[able]] = order[np.searchsorted(roots[first], roots[able], sorter=order)]
-    before.hold(roots[first], held[first])
+    owner[tried[able]] = order[np.searchsorted(key[first], key[able], sorter=order)]
     share = distribute_to_neighbours(surface, owner, facing, len(first))
     return MultiplierNodes(share=share, directions=turned[first], free=free[first])
 
@@ -201,12 +208,13 @@ def build_rows(
     Raises:
         SceneError: supports leave a contact no node that can carry a pressure.
     """
-    used = HeldMotions(constraints.dim)
+    against_obstacles = HeldMotions(constraints.dim)
+    used = {name: HeldMotions(constraints.dim) if c.master else against_obstacles for name, (_, c) in contacts.items()}
     frames = {
         name: frames_of(_normals_in_symmetry_planes(coupling, constraints)) for name, (_, coupling) in contacts.items()
     }
     normal_carriers = {
-        name: place_multipliers(coupling, frames[name][:, :1], constraints, used)
+        name: place_multipliers(coupling, frames[name][:, :1], constraints, used[name])
         for name, (contact, coupling) in contacts.items()
         if not contact.normal.at_quadrature
     }
@@ -236,7 +244,7 @@ def build_rows(
             gap_n = carrier.mean(weights)[0] @ gap
             dropped = int(np.sum(weights != 0)) - len(W_n)
         if friction is not None:
-            carrier = place_multipliers(coupling, frames[name][:, 1:], constraints, used)
+            carrier = place_multipliers(coupling, frames[name][:, 1:], constraints, used[name])
             dropped += int(np.sum(weights != 0)) - carrier.share.shape[0]
             if friction.orthotropic:
                 with prefixed(f"contacts.{name}.friction"):

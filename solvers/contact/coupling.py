@@ -12,7 +12,7 @@ Source of contact elements: Pop (1999), section 4.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -22,8 +22,12 @@ from stickslip.geometry.arrays import CLOSE, Array, Bools, Ints
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.protocols import Sparse
-from stickslip.geometry.surfaces.search import pair
+from stickslip.geometry.surfaces.facet_map import place
+from stickslip.geometry.surfaces.overlay import steepest
+from stickslip.geometry.surfaces.search import pair, through_body
 from stickslip.geometry.surfaces.surface import Surface
+
+DIGITS = 9  # to which components are rounded, so that among equal ones the first is the least
 
 
 @dataclass(frozen=True)
@@ -84,25 +88,32 @@ class Coupling:
     points: Callable[[int], Points]  # takes a quadrature degree
 
 
-def midway_normals(own: Array, other: Array, gap: Array) -> tuple[Array, Array]:
+def midway_normals(own: Array, other: Array, gap: Array, at_edge: Array, other_at_edge: Array) -> tuple[Array, Array]:
     """Unit normals half way between those of two sides, and the gaps measured along them.
 
-    Neither side is preferred: equal bodies pressed against each other do not shear where they touch.
+    Neither side is preferred: equal bodies pressed against each other do not shear where they touch. Only an edge has
+    no normal, and takes that of the face that it touches.
 
     Args:
         own: unit normals of this side (m, d).
         other: unit normals of the other side, opposite each point (m, d); 0 where nothing faces the point.
         gap: gaps along `own` (m,) [m].
+        at_edge, other_at_edge: (m,) from 0 to 1, how far the point, and that opposite, are of an edge.
 
     Returns:
         Normals (m, d) and gaps (m,) [m].
 
     >>> tilted = np.array([[0.6, -0.8]])
-    >>> normals, gap = midway_normals(tilted, np.array([[0.6, 0.8]]), np.array([0.5]))
+    >>> smooth, edge = np.array([0.0]), np.array([1.0])
+    >>> normals, gap = midway_normals(tilted, np.array([[0.6, 0.8]]), np.array([0.5]), smooth, smooth)
     >>> normals.tolist(), gap.tolist()
     ([[0.0, -1.0]], [0.4])
+    >>> midway_normals(tilted, np.array([[0.0, 1.0]]), np.array([0.5]), edge, smooth)[1].tolist()
+    [0.4]
     """
-    normals = own - other
+    at_edge, other_at_edge = (np.clip(at, 0.0, 1.0) for at in (at_edge * other.any(axis=1), other_at_edge))
+    own_part, other_part = 1 - at_edge * (1 - other_at_edge), 1 - other_at_edge * (1 - at_edge)
+    normals = own_part[:, None] * own - other_part[:, None] * other
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     return normals, gap * np.einsum("md,md->m", own, normals)
 
@@ -174,13 +185,19 @@ def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
     """
     along = slave.node_normals()
     found = pair(slave.points, along, master, reach)
+    if steepest(slave, master):  # sides with edges may be all of a body's skin
+        away = place(master, found.facet, found.local).area_normals
+        flat = -np.einsum("md,md->m", away, along) > steepest(slave, master) * np.linalg.norm(away, axis=1)
+        apart = (found.facet >= 0) & flat & ~through_body(slave.points, along, found.gap, master)
+        found = replace(found, facet=np.where(apart, found.facet, -1), gap=np.where(apart, found.gap, np.inf))
     partners = found.weights(master)
     missed = (found.facet < 0).astype(float)
     met = abs(slave.transform) @ missed == 0  # a coefficient of phi~ may need several nodes
     weights = np.where(met, slave.node_weights(), 0.0)
     relative = sparse.hstack([slave.transform, -(slave.transform @ partners)], format="csr")
     gap = np.where(met, slave.transform @ np.where(missed, 0.0, found.gap), 0.0)
-    normals, gap = midway_normals(along, partners @ master.node_normals(), gap)
+    other = partners @ master.node_normals()
+    normals, gap = midway_normals(along, other, gap, slave.at_edge, partners @ master.at_edge)
 
     def points(degree: int) -> Points:
         """The nodes that meet a facet, for every degree."""

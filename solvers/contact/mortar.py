@@ -18,8 +18,8 @@ from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.contact.build import DIGITS, distribute_to_neighbours
-from stickslip.solvers.contact.coupling import Coupling, On, Points, midway_normals, relative_to, shares
+from stickslip.solvers.contact.build import distribute_to_neighbours
+from stickslip.solvers.contact.coupling import DIGITS, Coupling, On, Points, midway_normals, relative_to, shares
 
 WILD = 1e6  # larger psi is replaced by a constant; on a whole facet psi is at most about 10
 
@@ -129,7 +129,7 @@ def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
     far = facing & ((spread > FAR) | (weights <= LITTLE * slave.node_weights()))
     if far.any():
         gap[far], other[far] = np.clip(gap[far], found.gap.min(), found.gap.max()), 0.0
-    normals, gap = midway_normals(slave.node_normals(), other, gap)
+    normals, gap = midway_normals(slave.node_normals(), other, gap, slave.at_edge, P @ master.at_edge)
     share = _positive_shares(slave, weights, facing & (~far | _least(slave, spread)))
     total = np.asarray(share @ weights)
     each = np.divide(1.0, total, out=np.zeros(len(total)), where=total > 0)
@@ -184,7 +184,9 @@ def _points(slave: Surface, master: Surface, reach: float, degree: int, share: S
     found = overlap(slave, master, reach, degree)
     psi = mortar_integrals(slave, master, found)[3]
     own, other = On(found.slave_facet, found.slave_local), On(found.master_facet, found.master_local)
-    normals, gap = midway_normals(found.normals, other.basis(master) @ master.node_normals(), found.gap)
+    at_edge, basis = own.basis(slave) @ slave.at_edge, other.basis(master)
+    opposite = basis @ master.node_normals()
+    normals, gap = midway_normals(found.normals, opposite, found.gap, at_edge, basis @ master.at_edge)
     return Points(
         weights=found.weights,
         relative=relative_to(own, slave, other, master),

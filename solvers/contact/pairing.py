@@ -12,6 +12,7 @@ from stickslip.geometry.errors import SceneError
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import build_rows
 from stickslip.solvers.contact.coupling import Coupling, nodal_coupling, rigid_coupling
+from stickslip.solvers.contact.edges import with_edges
 from stickslip.solvers.contact.mortar import mortar_coupling
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import Constraints
@@ -52,14 +53,15 @@ def pair_up(
             slave = replace(slave, points=slave.points + own)
             master = master and replace(master, points=master.points + other)
         if known.obstacle is not None:
-            couplings[name] = known.contact, rigid_coupling(slave, problem.obstacles[known.obstacle])
+            couplings[name] = known.contact, with_edges(rigid_coupling(slave, problem.obstacles[known.obstacle]), 0.0)
             continue
         assert master is not None
         assert known.master is not None
         # of the start, and the same for a scene that is turned as a whole
         reach = known.contact.search_distance or REACH * _spread(sides[known.slave], sides[known.master])
         operator = OPERATORS[known.contact.operator or "mortar"]
-        couplings[name] = known.contact, operator(slave, master, reach * (1 + CLOSE))  # as wide a gap to rounding
+        reach *= 1 + CLOSE  # as wide a gap to rounding
+        couplings[name] = known.contact, with_edges(operator(slave, master, reach), reach)
         if not np.any(couplings[name][1].weights > 0):
             raise SceneError(
                 f"contacts.{name}: nothing of {known.slave} faces {known.master} within {reach:g} "

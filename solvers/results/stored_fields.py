@@ -211,9 +211,9 @@ class MultiplierForces:
 
     def _weigh(self) -> None:
         """W_j = ∫ phi~_j ds of the side as it lies."""
-        nodal, surface = self._nodal, self._nodal.rows.surface
-        areas = nodal.assembled_at_nodes(self._areas).reshape(-1, surface.dim)[:, 0]
-        nodal.weigh(surface.forces_transform @ areas)
+        nodal, surface, carries = self._nodal, self._nodal.rows.surface, self._nodal.rows.node_weights > 0
+        areas = nodal.assembled_at_nodes(self._areas).reshape(-1, surface.dim)[:, 0] * surface.shares_at_edges
+        nodal.weigh(np.where(carries, surface.forces_transform @ areas, 0.0))
 
     def __call__(self, rows: ContactRows, p_n: Array, t: Array, s: Array, scale: float, moved: Array | None) -> Vec:
         """Nodal forces over all displacements [N]; collective.

@@ -27,7 +27,14 @@ class NodalContact:
         self.rule = NodalRule(system.weak, system.problem.pairs[rows.name].slave)
         self.forms = ContactForms(system.weak, self.rule)
         self.change = change_of_basis(system, rows)
-        self._nodes = Replicated(system.vector(), components(rows.surface.nodes, system.mesh.dim))
+        nodes, d = rows.surface.nodes, system.mesh.dim
+        order = np.lexsort((-rows.node_weights, nodes))  # of the faces that meet at an edge one carries the contact
+        self._carrier, at = (
+            order[np.unique(nodes[order], return_index=True)[1]],
+            np.unique(nodes, return_inverse=True)[1],
+        )
+        self._of_carrier, self._components = components(self._carrier, d), components(at, d)
+        self._nodes = Replicated(system.vector(), components(nodes[self._carrier], d))
         self._sampled = self.at_nodes(self.rule.sampled())
         self.weigh(rows.node_weights)
 
@@ -42,12 +49,12 @@ class NodalContact:
 
     def assembled_at_nodes(self, form: CompiledForm) -> Array:
         """Entries (n d,) of a compiled linear form at the nodes of the side; collective."""
-        return self._nodes.read(dx.assemble_vector(form))
+        return self._nodes.read(dx.assemble_vector(form))[self._components]
 
     def spread(self, values: Array) -> Vec:
         """Vector over all displacements with values (n d,) at the nodes of the side, zero elsewhere."""
         vector = self.system.vector()
-        self._nodes.write(vector, values)
+        self._nodes.write(vector, values[self._of_carrier])
         return vector
 
     def coefficients(self, u: Vec) -> Vec:

@@ -16,6 +16,7 @@ from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Sparse, UflExpr, UflForm, Vec
+from stickslip.geometry.surfaces.faces import split_at_edges
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.contact.pairing import pair_up
 from stickslip.solvers.contact.rows import ContactRows
@@ -189,7 +190,7 @@ def contact_rows(
     problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes, constraints: Constraints
 ) -> tuple[ContactRows, ...]:
     """Rows of all contacts of the problem, their surfaces gathered on every rank; collective."""
-    sides = {s: gather_surface(mesh, space, nodes, s) for s in problem.request.contact_sides}
+    sides = {s: split_at_edges(gather_surface(mesh, space, nodes, s)) for s in problem.request.contact_sides}
     return pair_up(problem, sides, constraints, {})
 
 

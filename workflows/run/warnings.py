@@ -23,7 +23,6 @@ PART = 0.95  # of a body's volume turns by less than what counts: a corner's sin
 SOFT = 0.4  # Poisson's ratio up to which no mesh locks
 FEWEST = {2: 4, 3: 9}  # closed facets (in 3D of four corners) for a maximum pressure within 10 %, by dimension
 ACROSS = {2: 4.0, 3: 3.0}  # elements of the other side across the part that touches, for the same
-CREASE = 30.0  # [degrees]; where facets meet at a larger angle the side has a corner, and is no curve
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +46,7 @@ class Fields:
         """
         self.seen, self._problem, self._mesh = before, problem, mesh
         self._rubbing = [
-            (rows, _Normals(rows.surface), _Normals(rows.master))
+            rows
             for rows in contacts
             if rows.master is not None and rows.friction is not None and not problem.pairs[rows.name].contact.sliding
         ]
@@ -72,8 +71,8 @@ class Fields:
                 jump=max(self.seen.jump, jump),
                 lean=self.seen.lean,
             )
-        for rows, own, other in self._rubbing:
-            lean = _lean(rows, (own, other), step.contacts[rows.name], step.displacement)
+        for rows in self._rubbing:
+            lean = _lean(rows, step.contacts[rows.name], step.displacement)
             self.seen = replace(self.seen, lean=max(self.seen.lean, (lean, rows.name)))
 
     def warnings(self) -> Iterator[str]:
@@ -116,20 +115,7 @@ def _turn(mesh: MeshData, cells: Ints, displacement: Array) -> float:
     return float(turn[order][np.searchsorted(filled, PART * filled[-1])])
 
 
-class _Normals:
-    """Normals of a side at its nodes; where it has a corner does not change when it moves."""
-
-    def __init__(self, side: Surface) -> None:
-        self._side, self._smooth = side, side.smooth_part(CREASE)
-        self._normals = side.node_normals(self._smooth)
-
-    def change(self, motion: Array) -> Array:
-        """Change (n, d) [-] of the normals where the nodes move (n, d) [m]."""
-        moved = replace(self._side, points=self._side.points + motion)
-        return moved.node_normals(self._smooth) - self._normals
-
-
-def _lean(rows: ContactRows, sides: tuple[_Normals, _Normals], state: ContactState, displacement: Array) -> float:
+def _lean(rows: ContactRows, state: ContactState, displacement: Array) -> float:
     """Resultant of the pressure along the turn of the normals, relative to that of the friction bounds [-].
 
     The smaller of both sides' turns counts, and none where they oppose each other: contact acts half way between
@@ -138,9 +124,13 @@ def _lean(rows: ContactRows, sides: tuple[_Normals, _Normals], state: ContactSta
     bound = float(state.weight @ state.bound)
     if not 0 < bound < np.inf:
         return 0.0
+    assert rows.master is not None
     n = len(rows.surface.points)
     motions = np.split(displacement[rows.input], [n])
-    own, other = (side.change(motion) for side, motion in zip(sides, motions, strict=True))
+    own, other = (
+        replace(side, points=side.points + motion).node_normals() - side.node_normals()
+        for side, motion in zip((rows.surface, rows.master), motions, strict=True)
+    )
     other = rows.relative[:, n:] @ other  # opposite to the slave's, and so are the coefficients
     smaller = np.where((np.linalg.norm(own, axis=1) < np.linalg.norm(other, axis=1))[:, None], own, other)
     push = state.weight * state.pressure * (np.einsum("nd,nd->n", own, other) > 0)
@@ -351,7 +341,7 @@ def _cut_corners(rows: ContactRows, problem: Problem, state: ContactState) -> It
 
 def _sagitta(side: Surface, touching: Bools) -> float:
     """Largest height [m] of an arc above the first edge of a facet that touches, by the normals at its ends."""
-    edge, normals = side.facets[:, :2], side.node_normals(side.smooth_part(CREASE))
+    edge, normals = side.facets[:, :2], side.node_normals()
     edge = edge[touching[edge].all(axis=1)]
     turn = np.linalg.norm(normals[edge[:, 1]] - normals[edge[:, 0]], axis=1)
     return float((_lengths(side.points, edge) * turn).max(initial=0.0)) / 8

@@ -1,0 +1,138 @@
+"""The faces of a side: its smooth parts. They meet at edges, where each has nodes of its own at the same place.
+
+A split surface is one of several faces that share nodes of the mesh but none of their own: normals, weights, dual
+bases and multipliers are then those of a face, and whatever takes a surface knows nothing of edges.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.surfaces.surface import Surface
+
+SHARP = 50.0  # [degrees]; facets that meet at a larger angle meet at an edge, and the chords of no usable fillet do
+BLUNT = 10.0  # [degrees]; facets of a mesh without a CAD model that meet at less are of one face
+BENDS = 3.0  # in between they meet at an edge if the side bends less by that factor on both sides of it
+RIDGES = {  # nodes of a facet on each of its ends (2D) or edges (3D): corners first, then of order 2 the one between
+    "interval": ((0,), (1,)),
+    "triangle": ((1, 2, 3), (0, 2, 4), (0, 1, 5)),
+    "quadrilateral": ((0, 1, 4), (0, 2, 5), (1, 3, 6), (2, 3, 7)),
+}
+
+
+def split_at_edges(surface: Surface) -> Surface:
+    """The same surface with a node for each face at the nodes of its edges; itself where it has none.
+
+    Faces that are smooth round the end of an edge share the node there.
+    """
+    facets, (f, k) = surface.facets, surface.facets.shape
+    ridges = np.array([nodes[: 1 + (surface.dim == 3) * surface.degree] for nodes in RIDGES[surface.shape]])
+    one, other = _pairs(np.sort(facets[:, ridges[:, : surface.dim - 1]], axis=2))
+    sharp = _sharp(surface, ridges, one, other)
+    if not sharp.any():
+        return surface
+    edge = np.zeros(len(surface.nodes), bool)
+    edge[facets[one[sharp, 0][:, None], ridges[one[sharp, 1]]]] = True
+    corner = np.arange(f * k).reshape(f, k)  # a node of a facet
+    smooth = [corner[at[~sharp, 0][:, None], ridges[at[~sharp, 1]]] for at in (one, other)]
+    smooth = [np.take_along_axis(at, np.argsort(facets.ravel()[at], axis=1), axis=1).ravel() for at in smooth]
+    first = np.zeros(len(surface.nodes), np.int64)
+    first[facets.ravel()[::-1]] = corner.ravel()[::-1]
+    plain = corner[~edge[facets]]
+    part = _components(
+        f * k, np.concatenate([smooth[0], plain]), np.concatenate([smooth[1], first[facets.ravel()[plain]]])
+    )
+    face = _components(f, one[~sharp, 0], other[~sharp, 0])
+    _, at = np.unique(part, return_index=True)  # the first corner of each new node
+    at = at[np.lexsort((at, facets.ravel()[at]))]
+    number = np.empty(part.max() + 1, np.int64)
+    number[part[at]] = np.arange(len(at))
+    old, of_face = facets.ravel()[at], face[at // k]
+    again = np.zeros(len(at), np.int64)  # a face that meets itself at an edge has several nodes there
+    np.add.at(again, *_repeats(old, of_face))
+    return replace(
+        surface,
+        nodes=surface.nodes[old],
+        input=surface.input[old],
+        points=surface.points[old],
+        facets=number[part].reshape(f, k),
+        parts=None if surface.parts is None else surface.parts[old],
+        faces=of_face + (face.max() + 1) * again,
+    )
+
+
+def edges_of(split: Surface) -> tuple[Ints, Ints]:
+    """Facets (e, 2) that meet at each edge of a split surface, and which of their ridges (e, 2) it is."""
+    ridges = np.array([nodes[: split.dim - 1] for nodes in RIDGES[split.shape]])
+    nodes = split.facets[:, ridges]
+    one, other = _pairs(np.sort(split.nodes[nodes], axis=2))
+    own, others = (np.sort(nodes[at[:, 0], at[:, 1]], axis=1) for at in (one, other))
+    apart = (own != others).any(axis=1)
+    facets, ridge = np.stack([one, other], axis=1)[apart].transpose(2, 0, 1)
+    return facets, ridge
+
+
+def _pairs(ridges: Ints) -> tuple[Ints, Ints]:
+    """Facet and ridge (p, 2) of both facets that meet at a ridge; ridges: their nodes (f, r, d-1), sorted."""
+    count = ridges.shape[1]
+    key = np.unique(ridges.reshape(-1, ridges.shape[2]), axis=0, return_inverse=True)[1].ravel()
+    order = np.argsort(key, kind="stable")
+    beside = np.flatnonzero(key[order][1:] == key[order][:-1])
+    one, other = (np.stack([rows // count, rows % count], axis=1) for rows in (order[beside], order[beside + 1]))
+    return one, other
+
+
+def _components(size: int, i: Ints, j: Ints) -> Ints:
+    graph = sparse.coo_matrix((np.ones(len(i), bool), (i, j)), shape=(size, size))
+    found: Ints = connected_components(graph, directed=False)[1].astype(np.int64)
+    return found
+
+
+def _repeats(nodes: Ints, faces: Ints) -> tuple[Ints, Ints]:
+    """Rows whose node and face (n,) have been before, and how many times."""
+    _, key, count = np.unique(np.stack([nodes, faces]), axis=1, return_inverse=True, return_counts=True)
+    order = np.argsort(key.ravel(), kind="stable")
+    before = np.arange(len(nodes)) - np.repeat(np.cumsum(count) - count, count)
+    return order, before
+
+
+def _sharp(surface: Surface, ridges: Ints, one: Ints, other: Ints) -> Bools:
+    """At which pairs (p, 2) of facet and ridge the facets meet at an edge."""
+    normals, corners = surface.facet_normals(), surface.dim - 1
+
+    def at(pairs: Ints) -> Array:
+        found = normals[pairs[:, 0][:, None], ridges[pairs[:, 1], :corners]].sum(axis=1)
+        return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+
+    angle = _angles(at(one), at(other))
+    sharp = angle > SHARP
+    middle = np.flatnonzero((angle > BLUNT) & ~sharp)
+    if not len(middle):
+        return sharp
+    centres = surface.points[surface.facets].mean(axis=1)
+    means = normals.sum(axis=1) / np.linalg.norm(normals.sum(axis=1), axis=1, keepdims=True)
+    f, k = surface.facets.shape
+    has = sparse.csr_matrix((np.ones(f * k), surface.facets.ravel(), np.arange(0, f * k + 1, k)))
+    bends = np.zeros(len(middle))
+    for pairs in (one, other):
+        facet, ridge = pairs[middle].T
+        ends = surface.facets[facet[:, None], ridges[ridge, :corners]]
+        away = centres[facet] - surface.points[ends].mean(axis=1)
+        row, beside = (has[facet] @ has.T).nonzero()
+        beyond = np.einsum("bd,bd->b", centres[beside] - centres[facet[row]], away[row]) > 0
+        row, beside = row[beyond], beside[beyond]
+        bend = np.full(len(middle), -np.inf)
+        np.maximum.at(bend, row, _angles(means[facet[row]], means[beside]))
+        bends = np.maximum(bends, np.where(np.isfinite(bend), bend, np.inf))  # without a neighbour it may be a curve
+    sharp[middle] = angle[middle] > BENDS * bends
+    return sharp
+
+
+def _angles(one: Array, other: Array) -> Array:
+    """Angles (m,) [degrees] between unit vectors (m, d)."""
+    return np.asarray(np.degrees(2 * np.arcsin(np.minimum(np.linalg.norm(one - other, axis=1) / 2, 1.0))))

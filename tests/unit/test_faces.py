@@ -1,0 +1,317 @@
+"""Sides round corners and edges: their faces, and what touches there."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.audited import audit, solved
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.surfaces.faces import edges_of, split_at_edges
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.scene_file.read import from_dict
+
+STEEL = {"E": 200_000.0, "nu": 0.3}
+
+
+def chain(points: Array, degree: int = 1, closed: bool = False) -> Surface:
+    """Nodes on a line that runs clockwise round its body."""
+    n, k = len(points), np.arange(len(points) - 1 + closed)
+    facets = np.stack([k, (k + 1) % n], axis=1)
+    if degree == 2:
+        points = np.concatenate([points, points[facets].mean(axis=1)])
+        facets = np.column_stack([facets, n + np.arange(len(facets))])
+    numbers = np.arange(len(points))
+    return Surface("interval", degree, numbers, numbers, points, facets, -np.ones(len(facets)), False)
+
+
+def turned(angles: Array, lengths: Array | float = 1.0) -> Array:
+    """Points of a line whose facets turn by angles [degrees] one after the other."""
+    along = np.radians(np.cumsum(np.concatenate([[0.0], angles])))
+    steps = np.stack([np.cos(along), np.sin(along)], axis=1) * np.broadcast_to(lengths, len(along))[:, None]
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+
+
+def edges(surface: Surface) -> int:
+    return len(split_at_edges(surface).nodes) - len(surface.nodes)
+
+
+FLAT = np.zeros(3)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(
+    ("angles", "count"),
+    [
+        ([*FLAT, 90, *FLAT], 1),
+        ([*FLAT, -90, *FLAT], 1),
+        ([*FLAT, 20, *FLAT], 1),
+        ([*FLAT, 90, 90, *FLAT], 2),  # a foot of one facet
+        ([*FLAT, 5, *FLAT], 0),
+        ([*FLAT, 15, 30, 30, 15, *FLAT], 0),  # a fillet of three facets
+        ([*FLAT, 22.5, 45, 22.5, *FLAT], 0),
+        ([*FLAT, 11.25, *[22.5] * 7, 11.25, *FLAT], 0),  # an arc of four facets a quarter
+        ([*FLAT, 45, *FLAT, 45, *FLAT], 2),  # a chamfer
+        ([20, 20], 0),
+        ([45], 0),  # the end of a side may be of a curve
+    ],
+)
+def test_an_angle_large_against_the_bends_beside_it_is_an_edge(angles: list[float], count: int, degree: int) -> None:
+    assert edges(chain(turned(np.array(angles)), degree)) == count
+
+
+def test_facets_that_grow_along_an_arc_stay_curved() -> None:
+    lengths = 1.6 ** np.arange(9)
+    assert edges(chain(turned((lengths[1:] + lengths[:-1]) / 4, lengths))) == 0
+
+
+def test_a_face_that_meets_itself_has_two_nodes_at_its_edge() -> None:
+    angles = np.radians(np.linspace(0, -270, 13))
+    drop = np.concatenate([np.stack([np.cos(angles), np.sin(angles)], axis=1), [[1.0, 1.0]]])
+    split = split_at_edges(chain(drop, closed=True))
+    twice = split.at_edge > 0
+    assert twice.sum() == 2
+    assert split.faces is not None
+    assert len(set(split.faces[twice])) == 2
+    assert_allclose(split.points[twice], 1.0)
+    assert_allclose(np.sort(split.node_normals()[twice], axis=0), [[0, 0], [1, 1]], atol=1e-12)
+    assert_allclose(split.node_weights().sum(), chain(drop, closed=True).node_weights().sum())
+
+
+def test_a_smooth_side_is_left_as_it_is() -> None:
+    smooth = chain(turned(np.full(8, 22.5)))
+    assert split_at_edges(smooth) is smooth
+
+
+TRIANGLE = [(0, 0), (1, 0), (0, 1), (0.5, 0.5), (0, 0.5), (0.5, 0)]  # corners and middles of edges, as dolfinx has them
+SQUARE = [(0, 0), (1, 0), (0, 1), (1, 1), (0.5, 0), (0, 0.5), (1, 0.5), (0.5, 1), (0.5, 0.5)]
+
+
+def cube(n: int, shape: str, degree: int = 1) -> Surface:
+    """Three faces of a cube of n x n squares or pairs of triangles each, which meet at a corner."""
+    low = np.stack(np.meshgrid(np.arange(n), np.arange(n)), axis=-1).reshape(-1, 1, 2)
+    if shape == "quadrilateral":
+        flat = low + np.array(SQUARE if degree == 2 else SQUARE[:4])
+    else:
+        half = np.array(TRIANGLE if degree == 2 else TRIANGLE[:3])
+        flat = np.concatenate([low + half, low + 1 - half])
+    x = np.concatenate([np.insert(flat / n, axis, 0.0, axis=2) for axis in range(3)])
+    points, facets = np.unique(x.reshape(-1, 3).round(9), axis=0, return_inverse=True)
+    numbers, facets = np.arange(len(points)), facets.reshape(x.shape[:2])
+    found = Surface(shape, degree, numbers, numbers, points, facets, np.ones(len(facets)), False)
+    return replace(found, outward=-np.sign(found.facet_normals().sum(axis=(1, 2))))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("shape", ["triangle", "quadrilateral"])
+def test_three_faces_of_a_cube_have_their_own_nodes(shape: str, degree: int) -> None:
+    whole = cube(3, shape, degree)
+    split = split_at_edges(whole)
+    m = 3 * degree + 1
+    assert len(split.nodes) == 3 * m * m
+    assert (split.at_edge > 0).sum() == 3 * (2 * m - 1)
+    normals = split.node_normals()
+    assert_allclose(np.abs(normals).max(axis=1), 1.0)
+    assert_allclose(split.node_weights().sum(), 3.0)
+    assert_allclose(split.points[split.facets], whole.points[whole.facets])
+    assert len(edges_of(split)[0]) == 3 * 3
+    assert np.all(np.diff(split.input) >= 0)
+
+
+def tent(angle: float, depth: float) -> Surface:
+    """Strips, 1 and 5 long,  that meet at the ridge x = 0 with `angle` [degrees] between their normals."""
+    a = np.radians(angle)
+    x = [(-1.0, 0.0), (0.0, 0.0), (5 * np.cos(a), -5 * np.sin(a))]
+    points = np.array([(u, y, z) for u, z in x for y in (0.0, depth)])
+    facets = np.array([[0, 2, 1], [3, 1, 2], [2, 4, 3], [5, 3, 4]])
+    number = np.arange(6)
+    return Surface("triangle", 1, number, number, points, facets, np.ones(4), axisymmetric=False)
+
+
+def test_two_strips_in_space_meet_at_an_edge_if_steeply() -> None:
+    split = split_at_edges(tent(90.0, 1.0))
+    assert_allclose(np.abs(split.node_normals()).max(axis=1), 1.0)
+    assert edges(tent(90.0, 1.0)) == 2
+    assert edges(tent(8.0, 1.0)) == 0
+
+
+def test_fine_fan_is_smooth_though_its_ends_are_not() -> None:
+    # a cone's apex with 12 facets: neighbours differ by 29 degrees, opposite ones by 120
+    turn = 2 * np.pi * np.arange(12) / 12
+    height = 1 / np.tan(np.radians(30.0))
+    rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(12)])
+    points = np.concatenate([rim / height, [[0.0, 0.0, 1.0]]])
+    facets = np.array([[12, i, (i + 1) % 12] for i in range(12)])
+    cone = Surface("triangle", 1, np.arange(13), np.arange(13), points, facets, np.ones(12), axisymmetric=False)
+    assert split_at_edges(cone) is cone
+    assert_allclose(split_at_edges(cone).node_normals()[12], [0, 0, 1], atol=1e-12)
+
+
+PUNCH = """
+SetFactory("OpenCASCADE");
+DefineConstant[h=0.5]; DefineConstant[lean=0];
+Rectangle(1)={-6,0,0,12,2};
+Point(11)={-2,2,0}; Point(12)={2,2,0}; Point(13)={2+lean,5,0}; Point(14)={-2-lean,5,0};
+Line(11)={11,12}; Line(12)={12,13}; Line(13)={13,14}; Line(14)={14,11};
+Curve Loop(9)={11,12,13,14}; Plane Surface(2)={9};
+Mesh.MeshSizeMin=h; Mesh.MeshSizeMax=h; Mesh.MeshSizeFromPoints=0;
+MeshSize{:}=h;
+Physical Surface("slab")={1}; Physical Surface("block")={2};
+Physical Curve("slab.skin")={2,3,4}; Physical Curve("slab.bottom")={1};
+Physical Curve("block.skin")={11,12,14}; Physical Curve("block.top")={13};
+"""
+
+
+def punched(folder: Path, h: float, contact: dict[str, Any], **geometry: Any) -> tuple[StepResult, dict[str, float]]:
+    """A block 4 mm wide, pressed on a slab by 100 MPa; its sides and those of the slab count."""
+    (folder / "punch.geo").write_text(PUNCH)
+    scene = {
+        "model": "plane strain",
+        "units": "mm-N-MPa",
+        "geometry": {"file": "punch.geo", "h": h} | geometry,
+        "bodies": {"slab": STEEL, "block": STEEL},
+        "contacts": {"c": contact},
+        "supports": {
+            "slab": {"boundary": "slab.bottom", "displacement": [0.0, 0.0]},
+            "block": {"boundary": "block.top", "displacement": {"x": 0.0}},
+        },
+        "loads": {"press": {"boundary": "block.top", "pressure": 100.0}},
+    }
+    simulation, steps = solved(from_dict(scene, folder))
+    return steps[-1], audit(simulation, steps[-1])
+
+
+SKINS = {"surface": "block.skin", "against": "slab.skin", "search_distance": 1.0}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("lean", [0.0, 0.5, -0.5])
+@pytest.mark.parametrize(
+    "others", [{}, {"operator": "node-to-segment"}, {"surface": "slab.skin", "against": "block.skin"}]
+)
+def test_a_side_round_two_corners_presses_on_its_bottom_alone(
+    tmp_path: Path, others: dict[str, Any], lean: float, order: int
+) -> None:
+    step, defects = punched(tmp_path, 0.5, SKINS | others, order=order, lean=lean)
+    force = 100.0 * (4 + 2 * lean)
+    assert_allclose(np.abs(step.contacts["c"].force), [0.0, force], atol=1e-8 * force)
+    assert_allclose(step.contacts["c"].contact_area, 4.0, rtol=0.15 if "surface" in others else 1e-9)
+    assert step.contacts["c"].gap[step.contacts["c"].weight > 0].min() > -1e-9
+    assert max(defects.values()) < 1e-8
+    if not lean:
+        assert_allclose(np.abs(step.displacement).max(), 0.00207, rtol=0.03)
+
+
+POINTED = """
+SetFactory("OpenCASCADE");
+DefineConstant[h=0.5]; DefineConstant[tip=0];
+Rectangle(1)={-6,0,0,12,2};
+Point(11)={tip,2,0}; Point(12)={2+tip,4,0}; Point(13)={1+tip,5,0}; Point(15)={-1+tip,5,0}; Point(14)={-2+tip,4,0};
+Line(11)={11,12}; Line(12)={12,13}; Line(15)={13,15}; Line(13)={15,14}; Line(14)={14,11};
+Curve Loop(9)={11,12,15,13,14}; Plane Surface(2)={9};
+Mesh.MeshSizeMin=h; Mesh.MeshSizeMax=h;
+Physical Surface("slab")={1}; Physical Surface("block")={2};
+Physical Curve("slab.skin")={2,3,4}; Physical Curve("slab.bottom")={1};
+Physical Curve("block.skin")={11,13,14,12}; Physical Curve("block.top")={15};
+"""
+
+
+def pointed(folder: Path, geometry: dict[str, Any], contact: dict[str, Any]) -> Any:
+    """A square that stands on its corner, on a slab or a plane, pressed down by 1 µm."""
+    (folder / "pointed.geo").write_text(POINTED)
+    scene: dict[str, Any] = {
+        "model": "plane strain",
+        "units": "mm-N-MPa",
+        "geometry": {"file": "pointed.geo"} | geometry,
+        "bodies": {"slab": STEEL, "block": STEEL},
+        "contacts": {"c": contact},
+        "supports": {
+            "slab": {"boundary": "slab.bottom", "displacement": [0.0, 0.0]},
+            "block": {"boundary": "block.top", "displacement": {"x": 0.0, "y": -0.001}},
+        },
+    }
+    if contact["against"] == "floor":
+        scene["obstacles"] = {"floor": {"shape": "plane", "point": [0.0, 2.0], "normal": [0.0, 1.0]}}
+    simulation, steps = solved(from_dict(scene, folder))
+    assert max(audit(simulation, steps[-1]).values()) < 1e-8
+    return steps[-1].contacts["c"]
+
+
+WAYS = [
+    {"surface": "block.skin", "against": "slab.skin"},
+    {"surface": "slab.skin", "against": "block.skin"},
+    {"surface": "block.skin", "against": "slab.skin", "operator": "node-to-segment"},
+    {"surface": "slab.skin", "against": "block.skin", "operator": "node-to-segment"},
+    {"surface": "block.skin", "against": "floor"},
+]
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+@pytest.mark.parametrize("tip", [0.0, 0.1])
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_corner_on_a_face_takes_the_normal_of_the_face(tmp_path: Path, order: int, tip: float, mu: float) -> None:
+    friction = {"friction": {"law": "coulomb", "mu": mu}} if mu else {}
+    found = [pointed(tmp_path, {"order": order, "tip": tip}, way | friction) for way in WAYS]
+    for contact, way in zip(found, WAYS, strict=True):
+        across, up = contact.force
+        assert abs(across) <= (mu / 10 + 1e-9) * abs(up)  # the meshes are not symmetric
+        assert_allclose(contact.moment, tip * up - 2 * across, rtol=1e-9, atol=1e-9)
+        assert (contact.status > 0).sum() == 1
+        if way["against"] != "floor":
+            assert_allclose(contact.normal_force, found[0].normal_force, rtol=1e-9)
+
+
+BEAMS = """
+import math
+
+def build(model, parameters):
+    turn = parameters["turn"]
+    for name, sign in (("upper", 1), ("lower", -1)):
+        box = model.occ.addBox(0, -2, 0, 2, 4, sign * 2)
+        model.occ.rotate([(3, box)], 0, 0, 0, 0, 1, 0, -sign * math.pi / 4)
+        if name == "lower":
+            model.occ.rotate([(3, box)], 0, 0, 0, 0, 0, 1, turn)
+            model.occ.translate([(3, box)], 0.21, 0.07, 0)
+        model.occ.synchronize()
+        faces = [tag for _, tag in model.getBoundary([(3, box)], oriented=False)]
+        high = {tag: sign * model.occ.getCenterOfMass(2, tag)[2] for tag in faces}
+        far = [tag for tag in faces if high[tag] > 1.5]
+        skin = [tag for tag in faces if tag not in far]
+        for dim, tags, group in ((3, [box], name), (2, far, f"{name}.far"), (2, skin, f"{name}.skin")):
+            model.setPhysicalName(dim, model.addPhysicalGroup(dim, tags), group)
+"""
+
+
+@pytest.mark.parametrize(("turn", "order"), [(1.57, 1), (1.2, 1), (1.2, 2)])
+def test_edges_that_cross_press_along_both_their_normals(tmp_path: Path, turn: float, order: int) -> None:
+    (tmp_path / "beams.py").write_text(BEAMS)
+    forces = []
+    for operator, *sides in (
+        ("mortar", "upper", "lower"),
+        ("mortar", "lower", "upper"),
+        ("node-to-face", "upper", "lower"),
+    ):
+        scene = {
+            "model": "3d",
+            "units": "mm-N-MPa",
+            "geometry": {"file": "beams.py", "mesh_size": 1.0, "order": order, "parameters": {"turn": turn}},
+            "bodies": {"upper": STEEL, "lower": STEEL},
+            "contacts": {"c": {"surface": f"{sides[0]}.skin", "against": f"{sides[1]}.skin", "operator": operator}},
+            "supports": {
+                "lower": {"boundary": "lower.far", "displacement": [0.0, 0.0, 0.0]},
+                "upper": {"boundary": "upper.far", "displacement": [0.0, 0.0, -0.001]},
+            },
+        }
+        simulation, steps = solved(from_dict(scene, tmp_path))
+        assert max(audit(simulation, steps[-1]).values()) < 1e-7
+        contact = steps[-1].contacts["c"]
+        size = contact.normal_force
+        assert_allclose(np.abs(contact.force), [0.0, 0.0, size], atol=1e-9 * size)
+        arm = 0.07 + 0.21 / np.tan(turn)  # y where the lower edge crosses the upper one, at x = 0
+        assert_allclose(np.abs(contact.moment), [abs(arm) * size, 0.0, 0.0], atol=1e-9 * size)
+        forces.append(size)
+    assert_allclose(forces, forces[0], rtol=1e-9)
