@@ -24,9 +24,7 @@ from stickslip.solvers.scene.problem import PlanRow, Problem, Setup
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import is_faint, least_springs, set_up, with_rigid_modes
 
-INWARD = 0.99  # component along -r of the outward normal of a facet on the axis of symmetry
 UNLOCKED = {True: 'formulation = "auto"', False: "geometry.order = 2"}  # by whether the body is isotropic
-STIFF = 1e15  # times the softest spring that can hold a body: the answer keeps some ten digits
 
 
 def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
@@ -58,7 +56,8 @@ def planned(scene: Scene) -> Problem:
     for effect in active(problem):
         if effect.other_stiffness(problem) and problem.rigid_modes.shape[1]:
             raise SceneError(f"{effect.name}: needs bodies that their supports hold; add a support")
-    refuse_method(problem)
+    for sentence in refusals(problem):
+        raise SceneError(sentence)
     return problem
 
 
@@ -154,7 +153,7 @@ def _refuse_on_axis(setup: Setup) -> None:
         on_axis = points[:, 0] <= small
         if on_axis.all():
             raise SceneError(f"{key} = {side}: lies on the axis of symmetry and has no area; name another side")
-        if key in sides and (on_axis & (normals[:, 0] < -INWARD)).any():
+        if key in sides and (on_axis & (normals[:, 0] < -0.99)).any():
             raise SceneError(f"{key} = {side}: a part lies on the axis of symmetry and has no area; leave it out")
 
 
@@ -175,7 +174,7 @@ def _refuse_faint(setup: Setup) -> None:
     for link in setup.links:
         key, soft, hard = f"{link.key}.stiffness", float(link.stiffness.min()), float(link.stiffness.max())
         require(soft >= least, key, soft, f"too soft beside the bodies, at least {least:.1e} {per_length}")
-        most = STIFF * least
+        most = 1e15 * least  # the answer keeps some ten digits
         wrong = f"too stiff beside the bodies, at most {most:.1e} {per_length}; take a support"
         require(hard <= most, key, hard, wrong)
 
@@ -196,16 +195,6 @@ def _refuse_reversed(setup: Setup) -> None:
                 f"obstacles.{pair.obstacle}: its normal must point against {pair.slave} (contacts.{name}), and "
                 f"does so nowhere; the side's outward normal is {np.round(outward[0], 6).tolist()}, reverse it"
             )
-
-
-def refuse_method(problem: Problem) -> None:
-    """Check that the method can solve the problem.
-
-    Raises:
-        SceneError: the first key that the method does not support, and what to use instead.
-    """
-    for sentence in refusals(problem):
-        raise SceneError(sentence)
 
 
 def refusals(problem: Problem) -> Iterator[str]:
