@@ -1,4 +1,4 @@
-"""A geometry from a user's file: .geo, .step, .brep, .msh or .py, by its ending."""
+"""A geometry from a user's file: .geo, .step, .brep, .py, or a mesh, by its ending."""
 
 from __future__ import annotations
 
@@ -62,7 +62,14 @@ class Box(Noun):
 class UserFile(Noun, Shape):
     """A user's file; all other keys are parameters of a .geo or .py file."""
 
-    file: Annotated[str, Key("-", ".geo, .step, .brep, .msh or .py (or any of these .gz), relative to the scene file")]
+    file: Annotated[
+        str,
+        Key(
+            "-",
+            ".geo, .step, .brep, .msh or .py, or a mesh of another program, .inp, .unv, .med, .vtu, .vtk or .bdf "
+            "(or any of these .gz), relative to the scene file",
+        ),
+    ]
     length_unit: Annotated[
         Literal["m", "dm", "cm", "mm", "um", "nm", "km", "in", "ft"] | None,
         Key(
@@ -111,7 +118,7 @@ class UserFile(Noun, Shape):
         for key in ("mesh_size", "contact_mesh_size"):
             value = getattr(self, key)
             require(value is None or value > 0, key, value, "must be positive, in metres")
-            require(value is None or kind != "msh", key, value, "a .msh file has its own mesh; remove the key")
+            require(value is None or kind != "msh", key, value, "a mesh file has its own mesh; remove the key")
         limit = self.time_limit
         require(limit is None or limit > 0, "time_limit", limit, "must be positive, in seconds")
         fine = self.contact_mesh_size
@@ -239,7 +246,7 @@ class UserFile(Noun, Shape):
 
     def refined(self, factor: float) -> Self:
         size, fine = self.mesh_size, self.contact_mesh_size
-        own = "a .msh file has its own mesh" if self.own_mesh else "missing; name one, in metres"
+        own = "a mesh file has its own mesh" if self.own_mesh else "missing; name one, in metres"
         if size is None:
             raise SceneError(f"mesh_size: there is none to refine, {own}")
         return replace(self, mesh_size=factor * size, contact_mesh_size=None if fine is None else factor * fine)
@@ -251,7 +258,7 @@ class UserFile(Noun, Shape):
 
     def refuse_sizes(self, request: Request) -> None:
         if self.own_mesh and request.periodic:
-            raise SceneError("periodic: a .msh file has its own mesh, and cells that are cut would match no more")
+            raise SceneError("periodic: a mesh file has its own mesh, and cells that are cut would match no more")
 
     def put(self, gmsh: Gmsh, request: Request) -> float:
         unit = self.unit

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.errors import FolderError, SceneError
-from stickslip.geometry.user_files.open_file import apart, kind_of
+from stickslip.geometry.user_files.open_file import KINDS, apart, kind_of
 from stickslip.geometry.user_files.parts import FACET_WORD
 from stickslip.geometry.user_files.touching import joined
 from stickslip.geometry.user_files.user_file import UserFile
@@ -134,7 +134,7 @@ def _draw(found: proposal.Assembly, folder: Path) -> None:
 
 def _write(path: Path, unit: str | None, units: str | None, within: float | None, target: Path) -> None:
     if kind_of(path) is None:
-        raise SceneError(f"--from {path}: expected a geometry file: .step, .stp, .brep, .geo, .msh or .py")
+        raise SceneError(f"--from {path}: expected a geometry file: one of {', '.join(KINDS)}")
     refuse_name(target)
     if target.exists():
         raise SceneError(f"{target}: exists already; choose another name")
