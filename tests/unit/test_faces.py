@@ -10,6 +10,8 @@ from numpy.testing import assert_allclose
 
 from shared.audited import audit, solved
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.curved_facets import find_edges
+from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.surfaces.faces import edges_of, split_at_edges
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.results.step_result import StepResult
@@ -315,3 +317,85 @@ def test_edges_that_cross_press_along_both_their_normals(tmp_path: Path, turn: f
         assert_allclose(np.abs(contact.moment), [abs(arm) * size, 0.0, 0.0], atol=1e-9 * size)
         forces.append(size)
     assert_allclose(forces, forces[0], rtol=1e-9)
+
+
+def built_in(geo: Any) -> list[int]:
+    """A roof, 8 degrees steep on its right, then a quarter of a circle; then down."""
+    x = [(0, 0), (1, 0), (2, 1 * np.tan(np.radians(8))), (3, np.tan(np.radians(8)))]
+    points = [geo.addPoint(*at, 0) for at in (*x, (3, 1 + x[2][1]), (4, 1 + x[2][1]))]
+    return [
+        geo.addLine(*points[:2]),
+        geo.addLine(*points[1:3]),
+        geo.addLine(*points[2:4]),
+        geo.addCircleArc(points[3], points[4], points[5]),
+    ]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("kernel", ["geo", "occ"])
+def test_a_model_tells_where_its_curves_bend(kernel: str, order: int) -> None:
+    with gmsh_session() as gmsh:
+        kind = getattr(gmsh.model, kernel)
+        tags = built_in(kind)
+        kind.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 1.0)
+        gmsh.model.mesh.generate(1)
+        gmsh.model.mesh.setOrder(order)
+        found = find_edges(gmsh, 2, {"a": tags, "smooth": tags[2:], "one": tags[:1]})
+    assert found["a"].ravel().tolist() == [1, 2]  # the two bends by 8 degrees; the arc goes on smoothly
+    assert not len(found["smooth"])
+    assert not len(found["one"])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_rounded_edge_of_a_solid_is_none(order: int) -> None:
+    with gmsh_session() as gmsh:
+        occ = gmsh.model.occ
+        box = occ.addBox(0, 0, 0, 1, 1, 1)
+        occ.synchronize()
+        upright = [t for _, t in gmsh.model.getEntitiesInBoundingBox(-0.1, -0.1, -0.1, 0.1, 0.1, 1.1, 1)]
+        occ.fillet([box], upright, [0.3])
+        occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(order)
+        faces = {tuple(np.round(occ.getCenterOfMass(2, t), 2)): t for _, t in gmsh.model.getEntities(2)}
+        flanks = [t for x, t in faces.items() if x[2] == 0.5]
+        low = [t for x, t in faces.items() if x[2] == 0.0]
+        found = find_edges(
+            gmsh,
+            3,
+            {
+                "flanks": flanks,
+                "rounded": [t for t in flanks if gmsh.model.getType(2, t) != "Plane"]
+                + [t for x, t in faces.items() if x in ((0.0, 0.65, 0.5), (0.65, 0.0, 0.5))],
+                "low": flanks + low,
+            },
+        )
+        x = np.reshape(gmsh.model.mesh.getNodes()[1], (-1, 3))[np.argsort(gmsh.model.mesh.getNodes()[0])]
+    assert len(flanks) == 5
+    assert not len(found["rounded"])
+    uprights = x[found["flanks"]].mean(axis=1)[:, :2]
+    assert {tuple(at) for at in uprights.round(6)} == {(0.0, 1.0), (1.0, 0.0), (1.0, 1.0)}
+    around = found["low"][np.abs(x[found["low"]][:, :, 2]).max(axis=1) < 1e-9]
+    assert_allclose(np.linalg.norm(x[around[:, 1]] - x[around[:, 0]], axis=1).sum(), 3.4 + 0.15 * np.pi, rtol=0.02)
+
+
+def test_named_points_are_the_edges_of_a_mesh_without_a_model() -> None:
+    with gmsh_session() as gmsh:
+        for tag in (1, 2):
+            gmsh.model.addDiscreteEntity(2 - tag, tag)
+        x = np.array([[0, 0, 0], [1, 0, 0], [2, 1, 0], [3, 2, 0]], float)
+        gmsh.model.mesh.addNodes(1, 1, [1, 2, 3, 4], x.ravel())
+        gmsh.model.mesh.addElementsByType(1, 1, [], [1, 2, 2, 3, 3, 4])
+        assert find_edges(gmsh, 2, {"a": [1]}) == {}
+        gmsh.model.mesh.addElementsByType(2, 15, [], [3])
+        gmsh.model.setPhysicalName(0, gmsh.model.addPhysicalGroup(0, [2]), "tip")
+        assert find_edges(gmsh, 2, {"a": [1]})["a"].tolist() == [[2]]
+
+
+def test_known_edges_are_all_there_are() -> None:
+    square = chain(turned(np.array([90.0, 90.0])))
+    assert edges(square) == 2
+    assert len(split_at_edges(square, np.array([[2]])).nodes) == 5
+    assert split_at_edges(square, np.zeros((0, 1), np.int64)) is square
