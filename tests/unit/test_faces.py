@@ -399,3 +399,78 @@ def test_known_edges_are_all_there_are() -> None:
     assert edges(square) == 2
     assert len(split_at_edges(square, np.array([[2]])).nodes) == 5
     assert split_at_edges(square, np.zeros((0, 1), np.int64)) is square
+
+
+POCKET = """
+SetFactory("OpenCASCADE");
+DefineConstant[slant=0];
+Point(1)={0,0,0}; Point(2)={6,0,0}; Point(3)={6,4,0}; Point(4)={4.5-slant,4,0};
+Point(5)={4.5+slant,2,0}; Point(6)={1.5-slant,2,0}; Point(7)={1.5+slant,4,0}; Point(8)={0,4,0};
+Line(1)={1,2}; Line(2)={2,3}; Line(3)={3,4}; Line(4)={4,5}; Line(5)={5,6}; Line(6)={6,7}; Line(7)={7,8}; Line(8)={8,1};
+Curve Loop(1)={1,2,3,4,5,6,7,8}; Plane Surface(1)={1};
+Point(14)={4.5-slant,4,0}; Point(15)={4.5+slant,2,0}; Point(16)={1.5-slant,2,0}; Point(17)={1.5+slant,4,0};
+Line(14)={14,15}; Line(15)={15,16}; Line(16)={16,17}; Line(17)={17,14};
+Curve Loop(2)={14,15,16,17}; Plane Surface(2)={2};
+MeshSize{1:8}=.5; MeshSize{14:17}=.31;
+Physical Surface("pan")={1}; Physical Surface("plug")={2};
+Physical Curve("pan.skin")={4,5,6}; Physical Curve("pan.bottom")={1}; Physical Curve("pan.left")={8};
+Physical Curve("pan.right")={2}; Physical Curve("pan.rim")={3,7};
+Physical Curve("plug.skin")={14,15,16}; Physical Curve("plug.top")={17};
+"""
+
+TRAY = """
+def build(model, parameters):
+    occ = model.occ
+    (pan,), _ = occ.cut([(3, occ.addBox(0, 0, 0, 4, 4, 3))], [(3, occ.addBox(1, 1, 1, 2, 2, 2))])
+    plug = 3, occ.addBox(1, 1, 1, 2, 2, 2)
+    occ.synchronize()
+    for name, body in (("pan", pan), ("plug", plug)):
+        model.setPhysicalName(3, model.addPhysicalGroup(3, [body[1]]), name)
+        sides = {}
+        for _, tag in model.getBoundary([body], oriented=False):
+            x, y, z = occ.getCenterOfMass(2, tag)
+            outer = {"bottom": z < 0.1, "left": x < 0.1, "front": y < 0.1, "right": max(x, y) > 3.9, "rim": z > 2.9}
+            sides.setdefault(next((side for side, on in outer.items() if on), "skin"), []).append(tag)
+        for side, tags in sides.items():
+            model.setPhysicalName(2, model.addPhysicalGroup(2, tags), f"{name}.{side}")
+    model.mesh.setSize(model.getEntities(0), 1.0)
+    model.mesh.setSize(model.getBoundary([plug], recursive=True), 0.7)
+"""
+
+
+@pytest.mark.parametrize("law", [{}, {"friction": {"law": "coulomb", "mu": 0.3}}, {"normal": {"law": "tied"}}])
+@pytest.mark.parametrize("sides", [("plug", "pan"), ("pan", "plug")])
+@pytest.mark.parametrize(("dim", "order", "slant"), [(2, 1, 0.0), (2, 1, -0.4), (2, 2, 0.6), (3, 1, 0.0)])
+def test_a_uniform_stress_goes_over_the_corners_of_a_pocket(
+    tmp_path: Path, dim: int, order: int, slant: float, sides: tuple[str, str], law: dict[str, Any]
+) -> None:
+    file = tmp_path / ("pocket.geo" if dim == 2 else "tray.py")
+    file.write_text(POCKET if dim == 2 else TRAY)
+    outer = ["left", *(["front"] if dim == 3 else []), "bottom"]
+    parameters = {"slant": slant} if dim == 2 else {}
+    scene = {
+        "model": "plane strain" if dim == 2 else "3d",
+        "units": "mm-N-MPa",
+        "geometry": {"file": file.name, "order": order} | parameters,
+        "bodies": {"pan": STEEL, "plug": STEEL},
+        "contacts": {"c": {"surface": f"{sides[0]}.skin", "against": f"{sides[1]}.skin", "search_distance": 0.5} | law},
+        "supports": {
+            side: {"boundary": f"pan.{side}", "displacement": {axis: 0.0}}
+            for side, axis in zip(outer, "xyz"[:dim], strict=True)
+        },
+        "loads": {
+            side.replace(".", "_"): {"boundary": side, "pressure": 100.0}
+            for side in ("pan.right", "pan.rim", "plug.top" if dim == 2 else "plug.rim")
+        },
+        "solver": {"tolerance": 1e-11},
+    }
+    simulation, (step,) = solved(from_dict(scene, tmp_path))
+    assert_allclose(
+        step.stress[:, :dim, :dim], np.broadcast_to(-100 * np.eye(dim), (len(step.stress), dim, dim)), atol=1e-6
+    )
+    contact = step.contacts["c"]
+    assert_allclose(contact.pressure, 100.0, rtol=1e-8)
+    assert_allclose(contact.traction, 0.0, atol=1e-6)
+    # at a corner both faces press, and friction acts in what freedom that leaves
+    dropped = simulation.system.contacts[0].dropped
+    assert dropped > 0 if law else dropped == 0
