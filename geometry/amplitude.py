@@ -66,9 +66,27 @@ def read_csv(keys: Mapping[str, Any]) -> Table:
 def _rows(path: Path, *names: str) -> Iterator[tuple[float, float]]:
     """Time and value of each row; the keys of `COLUMNS` are named where something is wrong."""
     last = -1.0
+    for line, (time, value) in rows_of(path, dict(zip(("time", "column"), names, strict=True))):
+        rises = time > last if last >= 0 else time >= 0
+        require(rises, "csv", path, f"{line}: times must increase, from 0 or later; found {time:g}")
+        last = time
+        yield time, value
+
+
+def header_of(path: Path) -> list[str]:
+    """Names in the first line of a CSV file."""
+    return [name.strip() for name in next(_lines(path), ("", []))[1]]
+
+
+def rows_of(path: Path, names: Mapping[str, str]) -> Iterator[tuple[str, tuple[float, ...]]]:
+    """Line and numbers of each row of a CSV file, of columns by the key that names each of them.
+
+    Raises:
+        SceneError: there is no such file or column; a cell is no finite number.
+    """
     lines = _lines(path)
     header = [name.strip() for name in next(lines, ("", []))[1]]
-    for key, name in zip(("time", "column"), names, strict=True):
+    for key, name in names.items():
         require_known(key, name, header, f"{path.name} has no such column")
         require(header.count(name) == 1, key, name, f"{path.name} has several columns of this name")
     for line, row in lines:
@@ -77,11 +95,7 @@ def _rows(path: Path, *names: str) -> Iterator[tuple[float, float]]:
         where = f"{path.name}, {line}"
         if any(cell.strip() for cell in row[len(header) :]):
             raise SceneError(f"csv = {where}: more cells than names in the first line; is there a decimal comma?")
-        found = [_number(row, header.index(name), name, where) for name in names]
-        rises = found[0] > last if last >= 0 else found[0] >= 0
-        require(rises, "csv", path, f"{line}: times must increase, from 0 or later; found {found[0]:g}")
-        last = found[0]
-        yield found[0], found[1]
+        yield line, tuple(_number(row, header.index(name), name, where) for name in names.values())
 
 
 def _lines(path: Path) -> Iterator[tuple[str, list[str]]]:

@@ -65,7 +65,6 @@ FLAT = ("Line", "Plane")  # entities as gmsh calls them
 CORNERS = {1: 2, 2: 3, 3: 4}  # of gmsh's lines, triangles and quadrilaterals of order 1
 AROUND = {2: ((0, 1), (1, 2), (2, 0)), 3: ((0, 1), (1, 2), (2, 3), (3, 0))}  # edges of facets in 3D
 TANGENT = 2.0  # [degrees] between the surfaces of a CAD model; where they meet at less they go on smoothly
-ALIKE = 0.5  # cosine between a kernel's direction and that of the facets; where it is less, the kernel's has no meaning
 
 
 @dataclass(frozen=True)
@@ -253,7 +252,7 @@ def _of_kernel(gmsh: Gmsh, dim: int, tag: int, nodes: Ints, mean: Array) -> Arra
     directions = gmsh.model.getNormal(tag, flat) if dim == 2 else gmsh.model.getDerivative(1, tag, flat)
     found = _unit(np.reshape(directions, (-1, 3)))
     cosine = np.einsum("ni,ni->n", found, mean)
-    sound = np.isfinite(cosine) & (np.abs(cosine) > ALIKE)
+    sound = np.isfinite(cosine) & (np.abs(cosine) > 0.5)  # else the kernel's direction has no meaning
     return np.asarray(np.where(sound[:, None], np.sign(cosine)[:, None] * found, mean))
 
 

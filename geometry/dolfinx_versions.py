@@ -376,20 +376,19 @@ def reference_rule(shape: str, degree: int) -> tuple[Array, Array]:
 
 def reference_basis(shape: str, degree: int, points: Array) -> tuple[Array, Array]:
     """Lagrange basis (q, n) and its gradient (k, q, n) at points (q, k) of a reference cell, in dolfinx's order."""
-    element = basix.create_element(
-        basix.ElementFamily.P, getattr(basix.CellType, shape), degree, basix.LagrangeVariant.gll_warped
-    )
     some = points if len(points) else np.zeros((1, points.shape[1]))  # basix aborts without a point
-    table = np.asarray(element.tabulate(1, some))[:, : len(points), :, 0]
+    table = np.asarray(_element(shape, degree).tabulate(1, some))[:, : len(points), :, 0]
     return table[0], table[1:]
 
 
 def reference_nodes(shape: str, degree: int) -> Array:
     """Nodes (n, k) of a reference cell, in dolfinx's order."""
-    element = basix.create_element(
-        basix.ElementFamily.P, getattr(basix.CellType, shape), degree, basix.LagrangeVariant.gll_warped
-    )
-    return np.asarray(element.points)
+    return np.asarray(_element(shape, degree).points)
+
+
+def _element(shape: str, degree: int) -> Any:
+    variant = basix.LagrangeVariant.gll_warped
+    return basix.create_element(basix.ElementFamily.P, getattr(basix.CellType, shape), degree, variant)
 
 
 def midpoint(domain: DolfinxMesh) -> Array:

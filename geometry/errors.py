@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 
 LONGEST, LONGEST_LINE = 120, 280  # characters of a user's text that an error repeats, and of the whole line
 MOST_LINES = 30  # mistakes that are said at once
@@ -58,6 +58,10 @@ class FolderError(SceneError):
 
 class GeometryError(InputError):
     """A shape or a mesh cannot be made, or does not fit the scene."""
+
+
+class GluedError(GeometryError):
+    """A side lies between two bodies that hold each other there."""
 
 
 class SolverError(StickslipError):
@@ -134,6 +138,11 @@ def require(ok: bool, key: str, found: object, expected: str) -> None:
     """
     if not ok:
         raise SceneError(f"{key} = {shortened(found)}: {expected}")
+
+
+def require_components(vector: Sequence[object] | None, key: str, dim: int, place: str = "in this model") -> None:
+    """Raise `SceneError` unless a vector, if one is given, has as many components as the model has dimensions."""
+    require(vector is None or len(vector) == dim, key, list(vector or ()), f"expected {dim} components {place}")
 
 
 def require_known(key: str, name: str, known: Collection[str], expected: str = "") -> None:

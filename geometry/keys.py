@@ -42,6 +42,7 @@ EXPECTED = {  # pydantic speaks of JSON; a user wrote TOML
 OF_KIND = "kind of table: "  # before the name of a kind that the keys of a table have chosen; no key begins so
 UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 Keys = Mapping[str, Any]  # values, or types, by key
+Vector = tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -123,12 +124,7 @@ class Choice(Noun):
         else:
             any_kind: Any = Annotated[reduce(or_, cls.kinds), Discriminator(cls.tag)]
             known = handler.generate_schema(any_kind)  # type: ignore[attr-defined]
-
-        def accept(value: Any, check: Callable[[Any], Any]) -> Any:
-            return value if isinstance(value, cls) else check(value)  # a program may have kinds of its own
-
-        from_python = core_schema.no_info_wrap_validator_function(accept, known)
-        return core_schema.json_or_python_schema(json_schema=known, python_schema=from_python)
+        return _or_own(cls, known)
 
     @classmethod
     def is_key(cls) -> bool:
@@ -170,20 +166,25 @@ class ByKeys(Noun):
         if ByKeys not in cls.__bases__:
             return handler(source)
         tags = {kind: f"{OF_KIND}{name}" for name, kind in cls.kinds.items()}
-
-        def accept(value: Any, check: Callable[[Any], Any]) -> Any:
-            return value if isinstance(value, cls) else check(value)
-
         known = core_schema.tagged_union_schema(
             {tag: handler.generate_schema(kind) for kind, tag in tags.items()},  # type: ignore[attr-defined]
             discriminator=lambda value: tags[cls.kind_of(value)],
         )
-        from_python = core_schema.no_info_wrap_validator_function(accept, known)
-        return core_schema.json_or_python_schema(json_schema=known, python_schema=from_python)
+        return _or_own(cls, known)
 
     @classmethod
     def is_key(cls) -> bool:
         return cls in cls.kinds.values()
+
+
+def _or_own(family: type[Any], known: Any) -> Any:
+    """Schema of the known kinds of a family, and from Python of all others: a program may have kinds of its own."""
+
+    def accept(value: Any, check: Callable[[Any], Any]) -> Any:
+        return value if isinstance(value, family) else check(value)
+
+    from_python = core_schema.no_info_wrap_validator_function(accept, known)
+    return core_schema.json_or_python_schema(json_schema=known, python_schema=from_python)
 
 
 def plain(value: Any) -> Any:
@@ -331,11 +332,8 @@ def _unit_at(kind: Any, data: Any, path: Sequence[str]) -> str:
 
 def _keys_at(kind: Any, data: Any, path: Sequence[str]) -> dict[str, Any]:
     """Valid names in the table at `path`, with their types, found by walking the types along the data."""
-    kind = (
-        next((k for k in get_args(kind) if k is not type(None)), kind)
-        if get_origin(kind) in (Union, UnionType)
-        else kind
-    )
+    if get_origin(kind) in (Union, UnionType):
+        kind = next((k for k in get_args(kind) if k is not type(None)), kind)
     if get_origin(kind) is Annotated:
         return _keys_at(get_args(kind)[0], data, path)
     if get_origin(kind) is Mapping:

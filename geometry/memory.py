@@ -6,8 +6,6 @@ import resource
 from collections.abc import Iterator
 from pathlib import Path
 
-FULL = 0.9  # of the limit; what fails beyond it most likely fails for lack of memory
-
 
 def available(root: Path = Path("/")) -> int:
     """Bytes that can be taken before the system swaps or ends the process.
@@ -40,7 +38,7 @@ def is_full(process: int) -> bool:
     except OSError:  # it has ended
         return False
     peak = next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmPeak:")), 0)
-    return limit != resource.RLIM_INFINITY and peak > FULL * limit
+    return limit != resource.RLIM_INFINITY and peak > 0.9 * limit
 
 
 def ended_for_memory(root: Path = Path("/")) -> int:

@@ -52,6 +52,11 @@ def grow(gmsh: Gmsh, coarse: float, near: Sequence[tuple[float, str]]) -> None:
     least = field.add("Min")
     field.setNumbers(least, "FieldsList", tags)
     field.setAsBackgroundMesh(least)
+    _only_by_field(gmsh)
+
+
+def _only_by_field(gmsh: Gmsh) -> None:
+    """Have gmsh take mesh sizes from the background field alone."""
     for option in ("FromPoints", "FromCurvature", "ExtendFromBoundary"):
         gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
 
@@ -124,8 +129,6 @@ def graded(length: float, fine: float, coarse: float, ends: int) -> tuple[int, f
 
 USUAL = {2: np.sqrt(3) / 4, 3: 0.2}  # mean volume of gmsh's cells for a size of 1; a regular tetrahedron's is .118
 LIST = {3: "ST", 4: "SS"}  # gmsh's names of list data on triangles and tetrahedra, by their corners
-SILENCED = ("Mesh.MeshSizeExtendFromBoundary", "Mesh.MeshSizeFromPoints", "Mesh.MeshSizeFromCurvature")
-LEAST, MOST = 0.125, 2.0  # factors by which a size may change from one mesh to the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +146,7 @@ class SizeField:
     def impose(self, gmsh: Gmsh) -> None:
         """Make it the only rule for sizes in the current gmsh model, in its unit; grids become free meshes."""
         gmsh.model.mesh.removeConstraints()
-        for option in SILENCED:
-            gmsh.option.setNumber(option, 0)
+        _only_by_field(gmsh)
         corners = np.zeros((*self.cells.shape, 3))
         corners[:, :, : self.points.shape[1]] = self.points[self.cells]
         data = np.concatenate([corners.transpose(0, 2, 1).reshape(len(corners), -1), self.sizes[self.cells]], axis=1)
@@ -184,7 +186,7 @@ def adapted(points: Array, cells: Ints, error: Array, factor: float, order: int 
     power = 1 / (order + d / 2)
     share = 2 * order * power
     level = (factor**2 * np.sum(error**2) / np.sum(error ** (2 - share))) ** (1 / share)
-    wanted = size * np.clip((level / error) ** power, LEAST, MOST)
+    wanted = size * np.clip((level / error) ** power, 0.125, 2.0)  # more from one mesh to the next is not trusted
     # a node takes the mean of its cells, in the logarithm
     node = cells.ravel()
     count = np.maximum(np.bincount(node, minlength=len(points)), 1)

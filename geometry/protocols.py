@@ -43,9 +43,7 @@ UflForm = Any  # UFL form: a sum of integrals, linear in each of its test and tr
 Measure = Any  # UFL measure: an integrand times a measure is a form
 Constant = Any  # dolfinx constant: a number in a form that may change without compiling it again; `value`
 Function = Any  # dolfinx finite element function, a UFL expression too; `x.array` has own coefficients, then ghosts
-FunctionSpace = (
-    Any  # dolfinx space of functions; its table of dofs differs between versions: `dolfinx_versions.cell_dofs`
-)
+FunctionSpace = Any  # dolfinx space of functions; of its table of dofs see `dolfinx_versions.cell_dofs`
 CompiledForm = Any  # form that ffcx has compiled and dolfinx can assemble
 DolfinxMesh = Any  # distributed dolfinx mesh
 MeshTags = Any  # tags of the cells or facets `indices` of this rank, which increase

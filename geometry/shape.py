@@ -17,9 +17,13 @@ from stickslip.geometry.units import Units
 
 MOST_CELLS = 50_000_000
 BYTES, SECONDS = 1500, 1e-4  # of a cell in gmsh and dolfinx, measured: 600 to 1600 bytes, 8 to 100 microseconds
-LONGEST = 3600.0  # [s] for gmsh
 SIZES = ("edge_mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size")  # besides `mesh_size`
 Model = Literal["plane strain", "plane stress", "axisymmetric", "3d"]
+
+
+def dimensions(model: Model) -> int:
+    """Number of space dimensions of a model."""
+    return 3 if model == "3d" else 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +38,7 @@ class Request:
 
     @property
     def dim(self) -> int:
-        return 3 if self.model == "3d" else 2
+        return dimensions(self.model)
 
 
 class Shape:
@@ -75,6 +79,10 @@ class Shape:
         """
         raise NotImplementedError
 
+    def shared(self, dim: int) -> Mapping[tuple[str, str], Array]:
+        """Points (n, d) [m] where two bodies have the same nodes and hold each other, by the names of the two."""
+        return {}
+
     def refined(self, factor: float) -> Self:
         """The same shape with cells `factor` times as long.
 
@@ -111,7 +119,7 @@ class Shape:
         with np.errstate(all="ignore"):  # sizes of 1e-300 m make infinitely many
             count = float(self.cell_count(request))
             memory, time = count * BYTES, count * SECONDS
-            if count < MOST_CELLS and memory < free and time < LONGEST:
+            if count < MOST_CELLS and memory < free and time < 3600.0:
                 return
             key = next(
                 (key for key in self._sizes() if self._without(key).cell_count(request) < count / 2), "mesh_size"

@@ -59,9 +59,6 @@ def mean_compliance(body: Orthotropic, normals: Array, plane_stress: bool) -> fl
     return float(np.mean(found))
 
 
-BED = 1e-2  # of the stiffness of a contact dof: springs, for a layer that is the whole of a floating body
-
-
 class ContactLayer:
     """Flexibility of the layer of cells next to the contact dofs, held at its inner boundary: a lower bound of K_B^-1.
 
@@ -86,7 +83,7 @@ class ContactLayer:
         K = sparse.csr_matrix((data, indices, indptr), shape=cut.getSize())
         springs = np.zeros(K.shape[0])
         if len(springs) and system.interface.rigid_modes.shape[1]:
-            springs[self._at] = BED * K.diagonal()[self._at]
+            springs[self._at] = 1e-2 * K.diagonal()[self._at]  # the layer may be the whole of a floating body
         self._factor = SparseCholesky(K + sparse.diags(springs))
         self._size = K.shape[0]
 
@@ -176,12 +173,11 @@ def surface_metric(system: System) -> SurfaceMetric:
         L = L + onto.T @ sparse.kron(surface_stiffness(side), sparse.eye(d)) @ onto
         sums += np.array([1.0, depth, compliance])[:, None] * (onto.multiply(onto).T @ np.repeat(mass, d))
     mass, depth, compliance = sums  # where sides of different bodies share nodes: sums, then their mean
-    if d == 2:  # the formula alone is as good there
-        return SurfaceMetric(L=L, mass=mass, depth=depth / mass, compliance=compliance / mass, comm=system.mesh.comm)
     cut = CELLS * system.mesh.degree * mass ** (1 / (d - 1))
-    layer = ContactLayer(system, CELLS)
+    layer = None if d == 2 else ContactLayer(system, CELLS)  # in 2D the formula alone is as good
+    depth, compliance = depth / mass, compliance / mass
     return SurfaceMetric(
-        L=L, mass=mass, depth=depth / mass, compliance=compliance / mass, layer=layer, cut=cut, comm=system.mesh.comm
+        L=L, mass=mass, depth=depth, compliance=compliance, layer=layer, cut=cut, comm=system.mesh.comm
     )
 
 
@@ -225,17 +221,14 @@ class Shares:
         return own if self._comm is None else of_all_ranks(self._comm, own)
 
 
-KEPT = 100  # pairs
-NOISE = 3.0  # that part must also exceed the asymmetry of measured work this many times
-
-
 class Secants:
     """The block DFP update of a guess F by pairs of forces S (c, s) and measured displacements Y (c, s):
 
         F+ = F - F S (S^T F S)^-1 S^T F + Y (S^T Y)^-1 Y^T,
 
     positive definite with F+ S = Y (the secant equations), for every positive definite F. Pairs that depend on the
-    others are left out. Inexact volume solves make S^T Y asymmetric; the independent part must exceed that asymmetry.
+    others are left out. Inexact volume solves make S^T Y asymmetric; the independent part must exceed three times
+    that asymmetry.
 
     Each rank stores its share of the rows of all pairs, see `Shares`: all calls are collective, with the same arguments
     on every rank.
@@ -275,12 +268,12 @@ class Secants:
             self._S, self._Y, self._guessed = known
 
     def _take(self, force: Array, displacement: Array) -> None:
-        """Add a pair of unit work; drop the oldest if there are too many, and those that depend on the others.
+        """Add a pair of unit work; drop the oldest of more than a hundred, and those that depend on the others.
 
         Raises:
             LinAlgError: the work matrix S^T Y is not positive definite.
         """
-        if self.count == self._sure + KEPT:
+        if self.count == self._sure + 100:
             self._keep(np.delete(np.arange(self.count), self._sure))
         own = self._shares.own
         self._S = np.column_stack([self._S, force[own]])
@@ -289,7 +282,7 @@ class Secants:
         work = self._shares.sum(self._S.T @ self._Y)
         noise = float(np.abs(work - work.T)[self._sure :, self._sure :].max(initial=0.0))
         # least part of a pair's work that must be independent of the others, if volume solves are exact
-        self._keep(_independent((work + work.T) / 2, self._sure, max(EXACT, NOISE * noise)))
+        self._keep(_independent((work + work.T) / 2, self._sure, max(EXACT, 3 * noise)))
         self._prepare()
 
     def _keep(self, chosen: Ints) -> None:

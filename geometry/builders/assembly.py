@@ -15,7 +15,7 @@ from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.mesh.mesh import mesh_shape
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.shape import Model, Request
+from stickslip.geometry.shape import Model, Request, dimensions
 from stickslip.geometry.user_files.parts import Parts, find_parts
 from stickslip.geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
 
@@ -115,7 +115,7 @@ class Assembly(Builder):
         for name, part in self.parts().items():
             with _errors_name(name):
                 part.shape.check_model(model)
-        low = self.box(3 if model == "3d" else 2)[0, 0]
+        low = self.box(dimensions(model))[0, 0]
         if model == "axisymmetric" and low < 0:
             raise SceneError(f"geometry: reaches x = {low:g}; an axisymmetric model lies in x >= 0")
 

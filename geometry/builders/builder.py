@@ -82,6 +82,12 @@ class Builder(Choice, Shape):
             raise SceneError(f'builder = "{getattr(self, self.tag)}": {said}')
         require(self.gridded or self.cells == "simplex", "cells", self.cells, "this shape has no grid; use simplex")
 
+    def check_symmetric(self, symmetric: bool, model: Model) -> None:
+        """Raise SceneError for `symmetric = false` in an axisymmetric model, and for `symmetric = true` in 3D."""
+        expected = "expected true in an axisymmetric model, which lies in x >= 0"
+        require(model != "axisymmetric" or symmetric, "symmetric", "false", expected)
+        require(model != "3d" or not symmetric, "symmetric", "true", "there is the whole shape only in 3D")
+
     @property
     def degree(self) -> int:
         return self.order
@@ -120,18 +126,66 @@ class Builder(Choice, Shape):
         """Put the shape, its mesh sizes and its named physical groups into the current gmsh model."""
         raise NotImplementedError
 
+    def touched(self, request: Request) -> set[str]:
+        """Names of the sides of a single body that are to be fine."""
+        return {side.split(".")[1] for side in request.contact_sides}
+
+    def outer(self, gmsh: Gmsh, dim: int, places: Places, rest: str | None = None) -> dict[str, list[int]]:
+        """Find the boundary curves (2D) or surfaces (3D) of each side.
+
+        Args:
+            places: of the flat sides, which lie in the faces of the box.
+            rest: name of the side that all other boundary entities make up; None: they belong to no side.
+
+        Returns:
+            Tags of the entities of each side.
+
+        Raises:
+            GeometryError: a side has no entity.
+        """
+        box, found = self.box(dim), {name: list[int]() for name in (*places, *([rest] if rest else []))}
+        for _, tag in gmsh.model.getBoundary(gmsh.model.getEntities(dim), combined=True, oriented=False):
+            reach = np.reshape(gmsh.model.getBoundingBox(dim - 1, tag), (2, 3))
+            for name, (axis, end) in places.items():
+                at = box[end, axis]
+                if np.all(np.abs(reach[:, axis] - at) < CLOSE * (1 + abs(at))):  # gmsh enlarges bounding boxes by 1e-7
+                    found[name].append(int(tag))
+                    break
+            else:
+                if rest is not None:
+                    found[rest].append(int(tag))
+        for name, tags in found.items():
+            if not tags:
+                raise GeometryError(f"geometry: gmsh made no side {name}")
+        return found
+
+    def name_groups(self, gmsh: Gmsh, dim: int, sides: Mapping[str, Sequence[int]]) -> None:
+        """Make all cells one body, and name its sides body.side; `sides` has the tags of each."""
+        gmsh.model.addPhysicalGroup(dim, [tag for _, tag in gmsh.model.getEntities(dim)], tag=1)
+        gmsh.model.setPhysicalName(dim, 1, self.body)
+        for group, (name, tags) in enumerate(sides.items(), start=1):
+            gmsh.model.addPhysicalGroup(dim - 1, list(tags), tag=group)
+            gmsh.model.setPhysicalName(dim - 1, group, f"{self.body}.{name}")
+
+    def match_periodic(self, gmsh: Gmsh, request: Request, places: Places, tags: Mapping[str, Sequence[int]]) -> None:
+        """Give periodic sides matching meshes: the first of each pair gets that of the second, moved across the box.
+
+        Args:
+            places: as for `outer`.
+            tags: gmsh entities of each side.
+        """
+        for slave, master in (tuple(side.split(".")[1] for side in pair) for pair in request.periodic):
+            (axis, to), (_, origin) = places[slave], places[master]
+            affine = np.eye(4)
+            affine[axis, 3] = (to - origin) * np.ptp(self.box(request.dim)[:, axis])
+            tags_of = list(tags[slave]), list(tags[master])
+            gmsh.model.mesh.setPeriodic(request.dim - 1, *tags_of, list(affine.ravel()))
+
     def _all_lengths(self) -> tuple[str, ...]:
         return (*self.lengths, "mesh_size", "contact_mesh_size")
 
 
 SYMMETRIC = "true: the half x >= 0 only, with a side `axis`; axisymmetric models need it"
-
-
-def check_symmetric(symmetric: bool, model: Model) -> None:
-    """Raise SceneError for `symmetric = false` in an axisymmetric model, and for `symmetric = true` in 3D."""
-    expected = "expected true in an axisymmetric model, which lies in x >= 0"
-    require(model != "axisymmetric" or symmetric, "symmetric", "false", expected)
-    require(model != "3d" or not symmetric, "symmetric", "true", "there is the whole shape only in 3D")
 
 
 def modelled(geometry: Mapping[str, Any], model: str) -> str:
@@ -145,11 +199,6 @@ def modelled(geometry: Mapping[str, Any], model: str) -> str:
     if model == "axisymmetric" or geometry.get("symmetry") == "none":
         return ""
     return "half" if geometry.get("symmetric") else str(geometry.get("symmetry", ""))
-
-
-def touched(request: Request) -> set[str]:
-    """Names of the sides of a single body that are to be fine."""
-    return {side.split(".")[1] for side in request.contact_sides}
 
 
 def directions(angles: Array) -> Array:
@@ -179,57 +228,3 @@ def box_corners(box: Array, axis: int, end: int) -> tuple[Array, Array]:
 def flat_side(points: Array, axis: int, end: int) -> tuple[Array, Array]:
     """Points (k, d) of a flat side across an axis, and its unit outward normals there; end: 0 lower, 1 upper."""
     return points, np.tile(np.eye(points.shape[1])[axis] * (2 * end - 1), (len(points), 1))
-
-
-def outer(gmsh: Gmsh, box: Array, places: Places, rest: str | None = None) -> dict[str, list[int]]:
-    """Find the boundary curves (2D) or surfaces (3D) of each side.
-
-    Args:
-        box: of the shape (2, d), in the model's unit.
-        places: of the flat sides, which lie in the faces of the box.
-        rest: name of the side that all other boundary entities make up; None: they belong to no side.
-
-    Returns:
-        Tags of the entities of each side.
-
-    Raises:
-        GeometryError: a side has no entity.
-    """
-    dim, found = box.shape[1], {name: list[int]() for name in (*places, *([rest] if rest else []))}
-    for _, tag in gmsh.model.getBoundary(gmsh.model.getEntities(dim), combined=True, oriented=False):
-        reach = np.reshape(gmsh.model.getBoundingBox(dim - 1, tag), (2, 3))
-        for name, (axis, end) in places.items():
-            at = box[end, axis]
-            if np.all(np.abs(reach[:, axis] - at) < CLOSE * (1 + abs(at))):  # gmsh enlarges bounding boxes by 1e-7
-                found[name].append(int(tag))
-                break
-        else:
-            if rest is not None:
-                found[rest].append(int(tag))
-    for name, tags in found.items():
-        if not tags:
-            raise GeometryError(f"geometry: gmsh made no side {name}")
-    return found
-
-
-def name_groups(gmsh: Gmsh, dim: int, body: str, sides: Mapping[str, Sequence[int]]) -> None:
-    """Make all cells one body, and name its sides body.side; `sides` has the tags of each."""
-    gmsh.model.addPhysicalGroup(dim, [tag for _, tag in gmsh.model.getEntities(dim)], tag=1)
-    gmsh.model.setPhysicalName(dim, 1, body)
-    for group, (name, tags) in enumerate(sides.items(), start=1):
-        gmsh.model.addPhysicalGroup(dim - 1, list(tags), tag=group)
-        gmsh.model.setPhysicalName(dim - 1, group, f"{body}.{name}")
-
-
-def match_periodic(gmsh: Gmsh, request: Request, box: Array, places: Places, tags: Mapping[str, Sequence[int]]) -> None:
-    """Give periodic sides matching meshes: the first of each pair gets that of the second, moved across the box.
-
-    Args:
-        box, places: as for `outer`.
-        tags: gmsh entities of each side.
-    """
-    for slave, master in (tuple(side.split(".")[1] for side in pair) for pair in request.periodic):
-        (axis, to), (_, origin) = places[slave], places[master]
-        affine = np.eye(4)
-        affine[axis, 3] = (to - origin) * np.ptp(box[:, axis])
-        gmsh.model.mesh.setPeriodic(request.dim - 1, list(tags[slave]), list(tags[master]), list(affine.ravel()))

@@ -10,21 +10,12 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.builders.builder import (
-    Builder,
-    Sides,
-    box_corners,
-    match_periodic,
-    name_groups,
-    of_box,
-    outer,
-    touched,
-)
+from stickslip.geometry.builders.builder import Builder, Sides, box_corners, of_box
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.mesh_sizes import filled, graded, graded_count, grow, refined_near
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.shape import Model, Request
+from stickslip.geometry.shape import Model, Request, dimensions
 
 Fine = Collection[tuple[int, int]]  # ends (axis, 0 lower or 1 upper) at which the cells are small
 
@@ -44,7 +35,7 @@ class Cuboid(Builder):
         return {name: box_corners(self.box(dim), *place) for name, place in of_box(dim).items()}
 
     def check_model(self, model: Model) -> None:
-        dim = 3 if model == "3d" else 2
+        dim = dimensions(model)
         if dim == 3 and self.width is None:
             raise SceneError(f'width: missing, a {self.body} needs it in model = "3d"')
         require(dim == 3 or self.width is None, "width", self.width, "a plane model has no width; remove the key")
@@ -61,8 +52,8 @@ class Cuboid(Builder):
         add = gmsh.model.occ.addRectangle if dim == 2 else gmsh.model.occ.addBox
         add(0, 0, 0, *self.size(dim))
         gmsh.model.occ.synchronize()
-        found = outer(gmsh, self.box(dim), of_box(dim))
-        name_groups(gmsh, dim, self.body, found)
+        found = self.outer(gmsh, dim, of_box(dim))
+        self.name_groups(gmsh, dim, found)
         return found
 
 
@@ -105,7 +96,7 @@ class Block(Cuboid):
 
     def cell_count(self, request: Request) -> float:
         dim, size = request.dim, self.size(request.dim)
-        fine = {of_box(dim)[side] for side in touched(request)}
+        fine = {of_box(dim)[side] for side in self.touched(request)}
         if self.contact_mesh_size is None or self.cells == "tensor":
             along = [self._count(size[axis], axis, fine) for axis in range(dim)]
             return float(np.prod(along)) * self.pieces(dim)
@@ -119,13 +110,13 @@ class Block(Cuboid):
     def draw(self, gmsh: Gmsh, request: Request) -> None:
         dim, size = request.dim, self.size(request.dim)
         tags = self.draw_box(gmsh, dim)
-        fine = {of_box(dim)[side] for side in touched(request)}
+        fine = {of_box(dim)[side] for side in self.touched(request)}
         if self.contact_mesh_size is None or self.cells == "tensor":
             grid(gmsh, dim, self.cells == "tensor", lambda axis: self._grading(size[axis], axis, fine), fine)
             return
         away = [f"Abs({'xyz'[axis]} - {end * size[axis]:.17g})" for axis, end in sorted(fine)]
         grow(gmsh, self.mesh_size, [(self.contact_mesh_size, distance) for distance in away])
-        match_periodic(gmsh, request, self.box(dim), of_box(dim), tags)
+        self.match_periodic(gmsh, request, of_box(dim), tags)
 
     def _count(self, length: float, axis: int, fine: Fine) -> float:
         """Number of cells along an axis, not rounded: as `_grading` has it."""

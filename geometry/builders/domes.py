@@ -9,18 +9,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from stickslip.geometry.builders.assembly import CellKeys, Pair, Part
-from stickslip.geometry.builders.builder import (
-    PLANE,
-    SYMMETRIC,
-    Builder,
-    Sides,
-    box_corners,
-    check_symmetric,
-    directions,
-    flat_side,
-    name_groups,
-    outer,
-)
+from stickslip.geometry.builders.builder import PLANE, SYMMETRIC, Builder, Sides, box_corners, directions, flat_side
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.mesh_sizes import SIMPLICES, beyond, cells_around, grow, norm
@@ -74,7 +63,7 @@ class HalfDisc(Dome):
 
     def check_model(self, model: Model) -> None:
         super().check_model(model)
-        check_symmetric(self.symmetric, model)
+        self.check_symmetric(self.symmetric, model)
 
     def sides(self, dim: int) -> Sides:
         r, left = self.radius, 0.0 if self.symmetric else -1.0
@@ -96,7 +85,7 @@ class HalfDisc(Dome):
             arcs.append(occ.addCircleArc(left, centre, pole))
         occ.addPlaneSurface([occ.addCurveLoop([arcs[0], *tops, *axis, *arcs[1:]])])
         occ.synchronize()
-        name_groups(gmsh, 2, "disc", {"arc": arcs, "top": tops} | ({"axis": axis} if axis else {}))
+        self.name_groups(gmsh, 2, {"arc": arcs, "top": tops} | ({"axis": axis} if axis else {}))
         self.size_cells(gmsh)
 
 
@@ -142,7 +131,7 @@ class HalfBall(Dome):
             occ.fragment(quarters[:1], quarters[1:])
         occ.synchronize()
         flat = {"top": (2, 1)} | (QUARTER if self.quarter else {})
-        name_groups(gmsh, 3, "ball", outer(gmsh, self.box(3), flat, rest="cap"))
+        self.name_groups(gmsh, 3, self.outer(gmsh, 3, flat, rest="cap"))
         self.size_cells(gmsh)
 
 

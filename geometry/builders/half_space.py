@@ -15,13 +15,9 @@ from stickslip.geometry.builders.builder import (
     Places,
     Sides,
     box_corners,
-    check_symmetric,
     directions,
     flat_side,
-    match_periodic,
-    name_groups,
     of_box,
-    outer,
 )
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
@@ -58,7 +54,7 @@ class HalfSpace(Builder):
         return self.fine_size if self.edge_mesh_size is None else self.edge_mesh_size
 
     def check_model(self, model: Model) -> None:
-        check_symmetric(self.symmetric, model)
+        self.check_symmetric(self.symmetric, model)
         super().check_model(model)
 
     def cell_count(self, request: Request) -> float:
@@ -98,17 +94,17 @@ class HalfSpace(Builder):
             ends = [occ.addPoint(x, 0, 0) for x in cuts]
             occ.fragment([(2, block)], [(1, occ.addLine(*pair)) for pair in pairwise(ends)])
         occ.synchronize()
-        tags = outer(gmsh, self.box(dim), self._places(dim))
+        tags = self.outer(gmsh, dim, self._places(dim))
         reach = a * (1 + 1e-3) + CLOSE  # gmsh enlarges bounding boxes by 1e-7
         boxes = {tag: gmsh.model.getBoundingBox(dim - 1, tag) for tag in tags["top"]}
         contact = [tag for tag, box in boxes.items() if -reach < box[0] and box[3] < reach]
         found = {"contact": contact} | tags | {"top": [tag for tag in tags["top"] if tag not in contact]}
-        name_groups(gmsh, dim, "half_space", found)
+        self.name_groups(gmsh, dim, found)
         across = "Abs(x)" if dim == 2 else norm("x", "y")
         depth = "xyz"[dim - 1]
         near = [(self.fine_size, norm(beyond(a, across), depth)), (self.edge_size, norm(f"{across}-{a:.17g}", depth))]
         grow(gmsh, self.mesh_size, near)
-        match_periodic(gmsh, request, self.box(dim), self._places(dim), found)
+        self.match_periodic(gmsh, request, self._places(dim), found)
 
     def _places(self, dim: int) -> Places:
         """Flat sides; `top` contains the contact part."""

@@ -10,16 +10,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, ROUNDING, Array
 from stickslip.geometry.builders.assembly import Assembly, BodyRow, CellKeys, Part
-from stickslip.geometry.builders.builder import (
-    ONLY_PLANE,
-    PLANE,
-    Builder,
-    Sides,
-    directions,
-    flat_side,
-    name_groups,
-    touched,
-)
+from stickslip.geometry.builders.builder import ONLY_PLANE, PLANE, Builder, Sides, directions, flat_side
 from stickslip.geometry.builders.cuboid import Block, transfinite
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
@@ -74,7 +65,7 @@ class Ring(Builder):
         )
 
     def cell_count(self, request: Request) -> float:
-        fine, across = touched(request) & {*self.radii}, self.outer_radius - self.inner_radius
+        fine, across = self.touched(request) & {*self.radii}, self.outer_radius - self.inner_radius
         size = self.fine_size if fine else self.mesh_size
         layers = graded_count(across, size, self.mesh_size, max(1, len(fine)))
         return max(1.0, self._along(fine, np.radians(self.angle))) * layers * self.pieces(2)
@@ -86,8 +77,8 @@ class Ring(Builder):
         found = dict(zip(self.radii, circles, strict=True))
         if self.angle == 90:
             found |= {"x_axis": [spokes[0]], "y_axis": [spokes[1]]}
-        name_groups(gmsh, 2, "ring", found)
-        fine, across = touched(request) & {*self.radii}, self.outer_radius - self.inner_radius
+        self.name_groups(gmsh, 2, found)
+        fine, across = self.touched(request) & {*self.radii}, self.outer_radius - self.inner_radius
         along = max(2, int(np.ceil(self._along(fine, np.pi / 2) * (1 - ROUNDING))))
         for curve in (*circles[0], *circles[1]):
             gmsh.model.mesh.setTransfiniteCurve(curve, along + 1)
@@ -166,7 +157,7 @@ class Sector(Builder):
         ends = directions(np.array([self.start, self.end]))
         (inside, outside), (right, left) = draw_sectors(gmsh, (self.inner_radius, self.outer_radius), ends, False)
         names = {"left": [left], "right": [right], "inside": inside, "outside": outside}
-        name_groups(gmsh, 2, "sector", names)
+        self.name_groups(gmsh, 2, names)
         along, across = self._counts()
         steps = max(1, int(np.ceil(along * (1 - ROUNDING)))), max(1, round(across))
         for curves, count in zip(((*inside, *outside), (left, right)), steps, strict=True):

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from stickslip.geometry.arrays import ROUNDING
-from stickslip.geometry.builders.builder import ONLY_PLANE, PLANE, Builder, Sides, directions, name_groups, touched
+from stickslip.geometry.builders.builder import ONLY_PLANE, PLANE, Builder, Sides, directions
 from stickslip.geometry.builders.cuboid import transfinite
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
@@ -45,7 +45,7 @@ class Wedge(Builder):
         return float(self.height / np.cos(np.radians(self.half_angle)))
 
     def cell_count(self, request: Request) -> float:
-        fine = touched(request)
+        fine = self.touched(request)
         counts: list[float] = []
         for along, length, ends in (
             ({"left", "right"}, self.side_length, {"bottom", "top"}),
@@ -75,8 +75,8 @@ class Wedge(Builder):
         lines = {side: occ.addLine(points[a], points[b]) for side, (a, b) in zip(self.sides(2), ends, strict=True)}
         occ.addPlaneSurface([occ.addCurveLoop([lines[side] for side in ("bottom", "right", "top", "left")])])
         occ.synchronize()
-        name_groups(gmsh, 2, "wedge", {side: [line] for side, line in lines.items()})
-        fine = touched(request)
+        self.name_groups(gmsh, 2, {side: [line] for side, line in lines.items()})
+        fine = self.touched(request)
         inclined, level = ("left", "right"), ("bottom", "top")
         for along, length, across in ((inclined, self.side_length, level), (level, self.top_width, inclined)):
             count, law, ratio = self._grading(length, bool(fine & {*along}), [end in fine for end in across])

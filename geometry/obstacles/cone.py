@@ -10,7 +10,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import TINY, Array
 from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import Key
+from stickslip.geometry.keys import Key, Vector
 from stickslip.geometry.obstacles.obstacle import Obstacle, unit
 from stickslip.geometry.shape import Model
 
@@ -20,8 +20,8 @@ class Cone(Obstacle):
     """Infinitely long; 3D, or axisymmetric about the axis of symmetry."""
 
     vectors: ClassVar[tuple[str, ...]] = ("apex", "axis")
-    apex: Annotated[tuple[float, ...], Key("m", "the tip")]
-    axis: Annotated[tuple[float, ...], Key("-", "direction in which the cone widens, of any length")]
+    apex: Annotated[Vector, Key("m", "the tip")]
+    axis: Annotated[Vector, Key("-", "direction in which the cone widens, of any length")]
     half_angle: Annotated[float, Key("-", "angle between the axis and the surface, in degrees")]
     inside: Annotated[bool, Key("-", "true: a conical socket, the body lies inside it")] = False
     shape: Annotated[Literal["cone"], Key("-", "kind of obstacle")] = "cone"

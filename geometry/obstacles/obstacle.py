@@ -10,9 +10,9 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import TABLE, Choice, Key, Noun
-from stickslip.geometry.shape import Model
+from stickslip.geometry.errors import SceneError, require, require_components
+from stickslip.geometry.keys import TABLE, Choice, Key, Noun, Vector
+from stickslip.geometry.shape import Model, dimensions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,8 +24,8 @@ class Rotation(Noun):
     """
 
     angle: Annotated[Amplitude, Key("rad", "in time")]
-    point: Annotated[tuple[float, ...], Key("m", "a point of the axis")]
-    axis: Annotated[tuple[float, ...] | None, Key("-", "direction of the axis, 3D only")] = None
+    point: Annotated[Vector, Key("m", "a point of the axis")]
+    axis: Annotated[Vector | None, Key("-", "direction of the axis, 3D only")] = None
 
     def __post_init__(self) -> None:
         check(self.angle, "angle")
@@ -43,13 +43,14 @@ class Rotation(Noun):
         return np.asarray(angle * np.cross(unit(self.axis), arm))
 
 
-def unit(vector: tuple[float, ...]) -> Array:
+def unit(vector: Vector) -> Array:
     """A direction of length 1."""
     return np.asarray(np.array(vector) / np.linalg.norm(vector))
 
 
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = ("x", "y", "z")
+ByAxis = Mapping[Axis, Amplitude]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,14 +59,13 @@ class Obstacle(Choice):
 
     tag: ClassVar[str] = "shape"
     vectors: ClassVar[tuple[str, ...]] = ()  # keys with one component an axis
+    written_in_operators: ClassVar[bool] = True  # whether `distance` is, so that UFL can take it
 
-    displacement: Annotated[Mapping[Axis, Amplitude], Key("m", "prescribed motion by component, in time"), TABLE] = (
-        field(default_factory=dict)
+    displacement: Annotated[ByAxis, Key("m", "prescribed motion by component, in time"), TABLE] = field(
+        default_factory=dict
     )
     force: Annotated[
-        Mapping[Axis, Amplitude],
-        Key("N", "force on the obstacle by component, in time; it then moves freely along that axis"),
-        TABLE,
+        ByAxis, Key("N", "force on the obstacle by component, in time; it then moves freely along that axis"), TABLE
     ] = field(default_factory=dict)
     rotation: Annotated[Rotation | None, Key("-", "{ angle, point, axis }: prescribed rotation")] = None
 
@@ -88,6 +88,13 @@ class Obstacle(Choice):
         """
         raise NotImplementedError
 
+    def check_points(self, points: Array) -> None:
+        """Refuse points (m, d) of a side where the shape is not given.
+
+        Raises:
+            SceneError: one of them, and where it is given.
+        """
+
     def signed_gap(self, points: Array) -> Array:
         """Distance (m,) [m] of `points` (m, d), positive outside the obstacle."""
         return np.asarray(self.distance(list(points.T), np.sqrt))
@@ -98,10 +105,9 @@ class Obstacle(Choice):
 
     def check_model(self, model: Model) -> None:
         """Refuse data that the model does not have, or lacks."""
-        dim = 3 if model == "3d" else 2
+        dim = dimensions(model)
         for key in self.vectors:
-            found = getattr(self, key)
-            require(found is None or len(found) == dim, key, list(found or ()), f"expected {dim} components here")
+            require_components(getattr(self, key), key, dim, "here")
         for key in ("displacement", "force"):
             for axis in getattr(self, key):
                 require(axis in AXES[:dim], f"{key}.{axis}", "given", "a plane model has x and y only")
@@ -109,8 +115,7 @@ class Obstacle(Choice):
                 require(not off_axis, f"{key}.x", "given", "breaks the symmetry; the obstacle moves in y alone")
         if self.rotation is not None:
             require(model != "axisymmetric", "rotation", "given", "an axisymmetric model has none")
-            expected = f"expected {dim} components here"
-            require(len(self.rotation.point) == dim, "rotation.point", list(self.rotation.point), expected)
+            require_components(self.rotation.point, "rotation.point", dim, "here")
             axis = self.rotation.axis
             require(dim == 3 or axis is None, "rotation.axis", axis, "a plane model turns about z; remove the key")
             require(dim == 2 or axis is not None, "rotation.axis", None, "missing, expected 3 components")

@@ -10,7 +10,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import require
-from stickslip.geometry.keys import Key
+from stickslip.geometry.keys import Key, Vector
 from stickslip.geometry.obstacles.obstacle import Obstacle, unit
 
 
@@ -19,8 +19,8 @@ class Plane(Obstacle):
     """The half-space behind a plane; `normal` points out of it."""
 
     vectors: ClassVar[tuple[str, ...]] = ("point", "normal")
-    point: Annotated[tuple[float, ...], Key("m", "a point of the plane")]
-    normal: Annotated[tuple[float, ...], Key("-", "direction out of the obstacle, of any length")]
+    point: Annotated[Vector, Key("m", "a point of the plane")]
+    normal: Annotated[Vector, Key("-", "direction out of the obstacle, of any length")]
     shape: Annotated[Literal["plane"], Key("-", "kind of obstacle")] = "plane"
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import Key
+from stickslip.geometry.keys import Key, Vector
 from stickslip.geometry.obstacles.obstacle import Obstacle, unit
 from stickslip.geometry.shape import Model
 
@@ -48,8 +48,8 @@ class Cylinder(Round, Obstacle):
     """An infinitely long cylinder; without `axis` it stands along z, in plane models only."""
 
     vectors: ClassVar[tuple[str, ...]] = ("point", "axis")
-    point: Annotated[tuple[float, ...], Key("m", "a point of the axis")]
-    axis: Annotated[tuple[float, ...] | None, Key("-", "direction of the axis; absent in plane models")] = None
+    point: Annotated[Vector, Key("m", "a point of the axis")]
+    axis: Annotated[Vector | None, Key("-", "direction of the axis; absent in plane models")] = None
     shape: Annotated[Literal["cylinder"], Key("-", "kind of obstacle")] = "cylinder"
 
     def __post_init__(self) -> None:
@@ -86,7 +86,7 @@ class Sphere(Round, Obstacle):
     """A sphere: in 3D, or in axisymmetric models with its centre on the axis."""
 
     vectors: ClassVar[tuple[str, ...]] = ("center",)
-    center: Annotated[tuple[float, ...], Key("m", "centre")]
+    center: Annotated[Vector, Key("m", "centre")]
     shape: Annotated[Literal["sphere"], Key("-", "kind of obstacle")] = "sphere"
 
     def check_model(self, model: Model) -> None:

@@ -170,6 +170,25 @@ def refuse_open_end(path: Path) -> None:
         raise GeometryError(f"{path.name}: its last line has several statements and no line break at its end; add one")
 
 
+GLUES = re.compile(
+    r"\b(BooleanFragments|Coherence|fragment|removeAllDuplicates|remove_all_duplicates|removeDuplicateNodes)\b"
+)
+
+
+def apart(path: Path) -> str:
+    """Return what gives bodies that share faces or nodes their own, in words: what to leave out of a script."""
+    kind, found = kind_of(path), list[str]()
+    if kind == "geo":
+        found = [word for script in scripts(path) for word in script if GLUES.fullmatch(word)]
+    if kind == "py":
+        found = GLUES.findall(_text_of(path))
+    if found:
+        return f"leave out {' and '.join(dict.fromkeys(found))} in {path.name}"
+    if kind in ("geo", "py"):
+        return "draw curves and points for each body apart"
+    return "export the bodies as parts apart" if kind == "cad" else "leave out fragment or Coherence where it is made"
+
+
 def parameter_names(path: Path) -> dict[str, str]:
     """Names of the parameters of a script: those in DefineConstant, and those that it tests with Exists.
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from itertools import product
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from itertools import combinations, product
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, TINY, Array, Bools, Ints
 from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
-from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.errors import GeometryError, GluedError
 from stickslip.geometry.mesh.gmsh_session import generate
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.parts import FACET_WORD, Parts, nodes_at
@@ -24,6 +25,7 @@ CURVED, CHECKED = 10_000, 50  # facets of a face whose bulge is asked for, and o
 STEEP = 0.5  # bulge of an edge of a facet relative to its length, at most; a half circle's
 RAY = np.array([0.5377, 0.7217, 0.4359])  # direction that is unlikely to meet an edge
 TILT = np.array([0.0131, 0.0073, 0.0037])  # decides between equal extremes, alike on opposite sides
+DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)]) + TILT
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,8 @@ class Outline:
     entities: tuple[Facets, ...]
     samples: dict[str, tuple[Array, Array]]  # body.side -> points (k, 3), unit outward normals (k, 3)
     side_of: dict[int, str]  # tag of an entity -> its body.side
+    shared: dict[tuple[str, str], Array] = field(default_factory=dict)  # two bodies -> points (n, 3) of both
+    note: str = ""  # what was done to the cells of a mesh, in a line
 
     def times(self, factor: float, dim: int) -> Outline:
         """The same, its lengths multiplied by a factor: in another unit."""
@@ -89,8 +93,9 @@ class Outline:
             for face in self.entities
         )
         samples = {name: (factor * points, normals) for name, (points, normals) in self.samples.items()}
-        volume = factor**dim * self.volume
-        return replace(self, box=factor * self.box, volume=volume, entities=tuple(entities), samples=samples)
+        shared = {bodies: factor * points for bodies, points in self.shared.items()}
+        box, volume = factor * self.box, factor**dim * self.volume
+        return replace(self, box=box, volume=volume, entities=tuple(entities), samples=samples, shared=shared)
 
 
 def read_outline(gmsh: Gmsh, dim: int, parts: Parts, unit: float) -> Outline:
@@ -130,7 +135,32 @@ def read_outline(gmsh: Gmsh, dim: int, parts: Parts, unit: float) -> Outline:
     exact = [_exact_size(gmsh, dim, tag, unit) for _, tag in gmsh.model.getEntities(dim)]
     volume = sum(size or np.inf for size in exact)
     volume = min(volume, float(np.prod(np.ptp(box, axis=0)[:dim])))
-    return Outline(sides, box, volume, tuple(of.values()), samples, side_of)
+    if raw is None:
+        rows = {tag: _nodes_of_facets(gmsh, dim - 1, tag).ravel() for tag in of}
+        nodes = {body: [rows[tag] for tag in of if body in of[tag].bodies] for body in parts.bodies}
+        shared = _shared(
+            {body: np.concatenate(own) for body, own in nodes.items() if own}, lambda n: nodes_at(gmsh, -1, -1, n)
+        )
+    else:
+        shared = _shared(raw.cells, lambda n: raw.points[n])
+    shared = {bodies: unit * points for bodies, points in shared.items()}
+    return Outline(sides, box, volume, tuple(of.values()), samples, side_of, shared, raw.note if raw else "")
+
+
+def _shared(nodes: dict[str, Ints], at: Callable[[Ints], Array]) -> dict[tuple[str, str], Array]:
+    """Return extreme ones (n, 3) of the nodes that two bodies have both, by the names of the two.
+
+    Args:
+        nodes: of each body.
+        at: their places.
+    """
+    found = {}
+    for one, other in combinations(nodes, 2):
+        both = np.intersect1d(nodes[one], nodes[other])
+        if len(both):
+            points = at(both)
+            found[one, other] = points[np.unique(np.argmax(points @ DIRECTIONS.T, axis=0))]
+    return found
 
 
 def _outward(dim: int, side: str, tags: list[int], of: dict[int, Facets]) -> tuple[Array, Array]:
@@ -139,6 +169,10 @@ def _outward(dim: int, side: str, tags: list[int], of: dict[int, Facets]) -> tup
     for tag in tags:
         if tag not in of or body not in of[tag].bodies:
             raise GeometryError(f"side {side}: {FACET_WORD[dim]} {tag} is not on the boundary of {body}")
+        if len(of[tag].bodies) > 1:
+            raise GluedError(
+                f"side {side}: {FACET_WORD[dim]} {tag} lies inside, {' and '.join(of[tag].bodies)} share it"
+            )
     normals = [of[tag].normals() * (1 if of[tag].bodies[0] == body else -1) for tag in tags]
     return np.concatenate([of[tag].corners for tag in tags]), np.concatenate(normals)
 
@@ -233,18 +267,17 @@ class Shell:
 def _sample(corners: Array, normals: Array) -> tuple[Array, Array]:
     """Extreme points of a side in 26 directions, of each of its faces if they are flat; else also extreme normals."""
     units = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    directions = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)]) + TILT
     k = corners.shape[1]
     # a side is flat if the components of its unit normals differ by less
     faces, face = np.unique((units / CLOSE).round(), axis=0, return_inverse=True)
-    flat = len(faces) <= len(directions)
+    flat = len(faces) <= len(DIRECTIONS)
     points, outward = [], []
     for facets in [np.flatnonzero(face.ravel() == n) for n in range(len(faces))] if flat else [np.arange(len(units))]:
-        ends = np.argmax(corners[facets].reshape(-1, 3) @ directions.T, axis=0)
+        ends = np.argmax(corners[facets].reshape(-1, 3) @ DIRECTIONS.T, axis=0)
         points.append(corners[facets].reshape(-1, 3)[ends])
         outward.append(units[facets][ends // k])
     if not flat:
-        facing = np.argmax(units @ directions.T, axis=0)
+        facing = np.argmax(units @ DIRECTIONS.T, axis=0)
         points.append(corners.mean(axis=1)[facing])
         outward.append(units[facing])
     return np.concatenate(points), np.concatenate(outward)
@@ -280,19 +313,19 @@ def _curved_face(
     _, place = cKDTree(unit * np.reshape(nodes, (-1, 3))).query(corners)
     parameters = np.reshape(at, (-1, dim))[place]
 
-    def nearest(x: Array, guess: Array) -> Array:
-        """Return the points of the entity nearest to x (..., 3); guess (..., dim), their parameters."""
+    def nearest(x: Array, guess: Array, far: Array) -> Array:
+        """Return the points of the entity nearest to x (..., 3), of which parameters (..., dim) are guessed."""
         flat, first, same = np.unique(x.reshape(-1, 3), axis=0, return_index=True, return_inverse=True)
-        found = _nearest(gmsh, dim, tag, flat / unit, guess.reshape(-1, dim)[first])
+        found = _nearest(gmsh, dim, tag, flat / unit, guess.reshape(-1, dim)[first], far.ravel()[first] / unit)
         return np.asarray(unit * found[same.ravel()].reshape(x.shape))
 
     def bulge_of(rows: Ints) -> Array:
         x = corners[rows]
         middles = edge_middles(x)
-        bulge = nearest(middles, edge_middles(parameters[rows])) - middles
         edges = x - np.roll(x, 1, axis=1) if dim == 1 else x[:, [1, 2, 0]] - x[:, [2, 0, 1]]
-        length = np.linalg.norm(edges, axis=2)[:, : bulge.shape[1]]
-        bulge[np.linalg.norm(bulge, axis=2) > STEEP * length] = 0.0  # of another branch of the surface
+        far = STEEP * np.linalg.norm(edges, axis=2)[:, : middles.shape[1]]
+        bulge = nearest(middles, edge_middles(parameters[rows]), far) - middles
+        bulge[np.linalg.norm(bulge, axis=2) > far] = 0.0  # of another branch of the surface
         return bulge
 
     some = np.linspace(0, len(corners) - 1, min(CHECKED, len(corners))).astype(int)
@@ -303,11 +336,12 @@ def _curved_face(
     at = np.tile([0.25, 0.75] if dim == 1 else [1 / 3, 1 / 3, 1 / 3], (len(some), 1))
     points, _ = curved(corners[some], bulge, at)
     guess = np.einsum("pk,pkd->pd", at, parameters[some])
-    off = float(np.linalg.norm(nearest(points, guess) - points, axis=1).max())
+    far = np.linalg.norm(bulge, axis=2).max(axis=1)
+    off = float(np.linalg.norm(nearest(points, guess, far) - points, axis=1).max())
     return between, bulge if len(some) == len(corners) else bulge_of(np.arange(len(corners))), off
 
 
-def _nearest(gmsh: Gmsh, dim: int, tag: int, x: Array, at: Array) -> Array:
+def _nearest(gmsh: Gmsh, dim: int, tag: int, x: Array, at: Array, far: Array) -> Array:
     """Return the points (n, 3) of a CAD entity nearest to x (n, 3), by the Gauss-Newton method.
 
     The CAD kernel's own search takes up to 3 ms a point on a swept surface, and is used where this one does not end: at
@@ -315,6 +349,7 @@ def _nearest(gmsh: Gmsh, dim: int, tag: int, x: Array, at: Array) -> Array:
 
     Args:
         at: parameters (n, dim) to begin with.
+        far: (n,) a point that is farther away is on another branch.
     """
     low, high = gmsh.model.getParametrizationBounds(dim, tag)
     found, open_ = np.empty_like(x), np.arange(len(x))
@@ -325,6 +360,7 @@ def _nearest(gmsh: Gmsh, dim: int, tag: int, x: Array, at: Array) -> Array:
         away = x[open_] - found[open_]
         step = np.einsum("nd,ndk->nk", away, np.linalg.pinv(tangents))
         more = np.linalg.norm(np.einsum("nk,nkd->nd", step, tangents), axis=1) > EXACT * np.ptp(x, axis=0).max()
+        more |= np.linalg.norm(away, axis=1) > far[open_]
         open_, at = open_[more], (at + step)[more]
         if not len(open_):
             return found
@@ -333,18 +369,21 @@ def _nearest(gmsh: Gmsh, dim: int, tag: int, x: Array, at: Array) -> Array:
 
 
 def _corners(gmsh: Gmsh, dim: int, tag: int) -> Array:
-    """Corners (f, k, 3) of an entity's elements; no rows if it has no elements, or elements of several kinds."""
+    """Return the corners (f, k, 3) of an entity's elements; no rows if it has none."""
     rows = _nodes_of_facets(gmsh, dim, tag)
     return nodes_at(gmsh, dim, tag, rows) if len(rows) else np.zeros((0, dim + 1, 3))
 
 
 def _nodes_of_facets(gmsh: Gmsh, dim: int, tag: int) -> Ints:
-    """gmsh's tags (f, k) of the corners of an entity's elements, as in `_corners`."""
+    """Return gmsh's tags (f, k) of the corners of an entity's elements, as in `_corners`."""
     kinds, _, nodes = gmsh.model.mesh.getElements(dim, tag)
-    if len(kinds) != 1:
-        return np.zeros((0, dim + 1), np.int64)
-    count, _, corners = gmsh.model.mesh.getElementProperties(kinds[0])[3:6]
-    return np.reshape(nodes[0], (-1, count))[:, :corners].astype(np.int64)
+    parts = [np.zeros((0, dim + 1), np.int64)] * (len(kinds) != 1)
+    for kind, rows in zip(kinds, nodes, strict=True):
+        count, _, corners = gmsh.model.mesh.getElementProperties(kind)[3:6]
+        found = np.reshape(rows, (-1, count))[:, :corners].astype(np.int64)
+        # where there are triangles too, a quadrilateral is two
+        parts += [found] if len(kinds) == 1 or corners < 4 else [found[:, :3], found[:, [0, 2, 3]]]
+    return np.concatenate(parts)
 
 
 FLAT = 100.0  # a cylinder's radius, relative to the face, is less than this

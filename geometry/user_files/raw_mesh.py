@@ -8,20 +8,15 @@ import numpy as np
 
 from stickslip.geometry.arrays import ROUNDING, Array, Ints
 from stickslip.geometry.curved_facets import Bulging, find_bulging, find_edges
-from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.errors import GeometryError, GluedError
 from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.user_files.cells import SHAPES, usable
 from stickslip.geometry.user_files.parts import CELL_WORD, Parts
 
-# gmsh's element types: 2 triangle, 3 quadrilateral, 4 tetrahedron, 5 hexahedron; 9 to 12 the same of order 2
-TYPES = {2: 1, 3: 1, 4: 2, 5: 3, 9: 8, 10: 8, 11: 9, 12: 10}  # cell -> facet
-CORNERS = {1: 2, 2: 3, 3: 4, 8: 2, 9: 3, 10: 4}  # of a facet
-LOCAL_FACETS = {  # corners of each facet of a cell
-    2: [[0, 1], [1, 2], [2, 0]],
-    3: [[0, 1], [1, 2], [2, 3], [3, 0]],
-    4: [[0, 2, 1], [0, 1, 3], [0, 3, 2], [3, 1, 2]],
-    5: [[0, 3, 2, 1], [0, 1, 5, 4], [0, 4, 7, 3], [1, 2, 6, 5], [2, 3, 7, 6], [4, 5, 6, 7]],
-}
-FIRST_ORDER = {2: 2, 3: 3, 4: 4, 5: 5, 9: 2, 10: 3, 11: 4, 12: 5}
+TYPES = {2: 1, 3: 1, 4: 2, 5: 3, 9: 8, 10: 8, 11: 9, 12: 10}  # gmsh's types of usable cells -> of their facets
+FIRST_ORDER = {kind: shape.types[0] for shape in SHAPES.values() for kind in shape.types}
+CORNERS = {kind: shape.corners for shape in SHAPES.values() for kind in shape.types}
+LOCAL_FACETS = {shape.types[0]: shape.facets for shape in SHAPES.values()}  # corners of each facet of a cell
 
 
 @dataclass(frozen=True)
@@ -35,6 +30,7 @@ class RawMesh:
     facets: dict[str, Ints]  # body.side -> nodes (f, k) of its facets
     edges: dict[str, Ints] = field(default_factory=dict)  # body.side -> nodes, see `find_edges`
     bulging: Bulging | None = None  # nodes are rows of `points`; lengths in the file's unit; None: not known
+    note: str = ""  # what was done to the file's cells, in a line
 
     def put(self, gmsh: Gmsh) -> None:
         """Put the mesh into the current gmsh model as discrete entities with physical groups."""
@@ -50,12 +46,13 @@ class RawMesh:
 
 
 def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
-    """Read cells and facets of the current gmsh model.
+    """Read cells and facets of the current gmsh model, which gets usable ones if it has others.
 
     Raises:
-        GeometryError: cells of several kinds, in no body, without volume or turned inside out; a node with a
+        GeometryError: cells of several orders, in no body, without volume or turned inside out; a node with a
             coordinate that is no number; a side without facets.
     """
+    note = usable(gmsh, dim)
     kind = _only_kind(gmsh, dim)
     cells = {body: _rows(gmsh, dim, entities, kind) for body, entities in parts.bodies.items()}
     for body, rows in cells.items():
@@ -82,18 +79,18 @@ def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
         {body: np.searchsorted(used, rows) for body, rows in cells.items()},
         {side: np.searchsorted(used, rows) for side, rows in facets.items()},
         {side: np.searchsorted(used - 1, rows) for side, rows in find_edges(gmsh, dim, parts.sides).items()},
-        find_bulging(gmsh, dim, 1.0).among(used - 1),
+        find_bulging(gmsh, dim, 1.0).among(used - 1), note,
     )  # fmt: skip
 
 
 def _only_kind(gmsh: Gmsh, dim: int) -> int:
-    """gmsh's type of the cells; raises GeometryError if there are none, several kinds or an unknown one."""
+    """gmsh's type of the cells; raises GeometryError if there are none, several orders or an unknown kind."""
     kinds = [int(kind) for kind in gmsh.model.mesh.getElementTypes(dim)]
     names = [gmsh.model.mesh.getElementProperties(kind)[0] for kind in kinds]
     if not kinds:
         raise GeometryError("has no cells")
     if len(kinds) > 1:
-        raise GeometryError(f"mixes kinds of cells, {' and '.join(names)}; a mesh has one kind")
+        raise GeometryError(f"mixes cells that cannot be used together, {' and '.join(names)}")
     if kinds[0] not in TYPES:
         raise GeometryError(f"is made of cells that cannot be used, {names[0]}")
     return kinds[0]
@@ -165,7 +162,7 @@ def _check_facets(kind: int, cells: dict[str, Ints], facets: dict[str, Ints]) ->
                 f"side {side}: {int(np.sum(touching[body] == 0))} of its facets bound no cell of {body}"
             )
         if np.any(np.sum(list(touching.values()), axis=0) > 1):
-            raise GeometryError(f"side {side}: lies inside, its facets have cells on both sides")
+            raise GluedError(f"side {side}: lies inside, its facets have cells on both sides")
 
 
 def facets_among(cells: Ints, kind: int, wanted: Ints) -> tuple[Ints, Ints]:

@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 
 from stickslip.geometry.curved_facets import Bulging
-from stickslip.geometry.errors import GeometryError, MachineError, StickslipError, shortened
+from stickslip.geometry.errors import GeometryError, GluedError, MachineError, StickslipError, shortened
 from stickslip.geometry.memory import available, ended_for_memory, is_full
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.child_process import Ended, contain, end_with, run_child
 from stickslip.geometry.user_files.meshing import MeshOptions, mesh_parts
-from stickslip.geometry.user_files.open_file import Parameter, kind_of, open_file, parameter_names, unpacked
+from stickslip.geometry.user_files.open_file import Parameter, apart, kind_of, open_file, parameter_names, unpacked
 from stickslip.geometry.user_files.outline import Facets, Outline, read_outline
 from stickslip.geometry.user_files.parts import Parts, Selection, find_parts
 from stickslip.geometry.user_files.raw_mesh import RawMesh
@@ -108,6 +108,8 @@ def ask(question: Question) -> Outline | RawMesh:
             f"{name}: gmsh's process gave an answer that cannot be read; is the file damaged?"
         ) from None
     if isinstance(found, Outline | RawMesh):
+        if found.note:
+            log.info("%s: %s", name, found.note)
         return found
     raise GeometryError(f"{name}: {shortened(str(found).removeprefix(f'{name}: '))}")
 
@@ -217,6 +219,8 @@ def _answer_or_why_not(question: Question, folder: Path) -> Outline | RawMesh | 
 
             contain(available())
         return answer(question)
+    except GluedError as error:
+        return f"{error}; for a contact {apart(question.path)}"
     except StickslipError as error:
         return str(error)
     except MemoryError:

@@ -230,6 +230,9 @@ class UserFile(Noun, Shape):
         points, normals = self.outline(dim).samples[side]
         return points[:, :dim], normals[:, :dim]
 
+    def shared(self, dim: int) -> Mapping[tuple[str, str], Array]:
+        return {bodies: points[:, :dim] for bodies, points in self.outline(dim).shared.items()}
+
     def outline(self, dim: int) -> Outline:
         """Names, box and sample points of the file, without a volume mesh; read once."""
         return _outline_in(self._metres, self._key(dim))

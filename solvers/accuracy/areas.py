@@ -18,8 +18,6 @@ from stickslip.geometry.arrays import CLOSE, Array, Bools, Ints
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState
 
-POWER = 2 / 3
-BEFORE = -0.5  # of a facet in 2D: a node touches as soon as its surroundings do, on average
 PARTS: dict[str, list[tuple[int, ...]]] = {
     "interval": [(0, 1)],
     "triangle": [(0, 1, 2)],
@@ -116,13 +114,13 @@ def _crossed(
     side: Surface, inside: Bools, outside: Array, among: Bools | None
 ) -> Iterator[tuple[Array, list[Crossing]]]:
     """The nodes of each simplex that the edge crosses, and where it does: in 2D once, in 3D twice."""
-    level = np.where(inside, 0.0, np.maximum(outside, 0.0) ** POWER)
+    level = np.where(inside, 0.0, np.maximum(outside, 0.0) ** (2 / 3))
     simplices = np.concatenate([side.facets[:, list(part)] for part in PARTS[side.shape]])
     if among is not None:
         simplices = simplices[among[simplices].all(axis=1)]
     mixed = simplices[inside[simplices].any(axis=1) & ~inside[simplices].all(axis=1)]
     slope = _slopes(side, ~inside if among is None else among & ~inside, level, np.unique(mixed))
-    least = BEFORE if side.dim == 2 else 0.0
+    least = -0.5 if side.dim == 2 else 0.0  # of a facet: a node touches as soon as its surroundings do, on average
     for nodes in mixed:
         found = []
         for a in nodes[inside[nodes]]:

@@ -32,8 +32,6 @@ from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.contact_interface import components
 from stickslip.solvers.system.system import System
 
-VORTEX = 0.5  # length of the mean direction of slip on a facet: less surrounds a centre
-
 
 @dataclass(frozen=True)
 class BetweenNodes:
@@ -76,7 +74,8 @@ class BetweenNodes:
         if self.around is not None:  # beside nodes that stick parabolas turn back, but for the centre of a vortex
             count = slips[self.around].sum(axis=1)
             mean = direction[self.around].sum(axis=1)
-            vortex = np.linalg.norm(mean, axis=1) < VORTEX * np.linalg.norm(direction[self.around], axis=2).sum(axis=1)
+            lengths = np.linalg.norm(direction[self.around], axis=2).sum(axis=1)
+            vortex = np.linalg.norm(mean, axis=1) < 0.5 * lengths  # a shorter mean surrounds a centre
             bound_at = bound_at * ((count == self.around.shape[1]) | vortex)
         node, point = self.phi.nonzero()
         along, length = _measured(self.measures[node], moved[point])
@@ -204,10 +203,8 @@ def _rows_of(
     if c.normal.at_quadrature:
         assert c.quadrature is not None
         points = c.quadrature(c.degree)
-        n, nearer = (
-            along(relative_to(points.own, slave, points.other, master), c.normals[:, None]),
-            np.zeros(len(c.W_n)),
-        )
+        n = along(relative_to(points.own, slave, points.other, master), c.normals[:, None])
+        nearer = np.zeros(len(c.W_n))
     else:
         mean = sparse.diags(1 / c.W_n) @ c.psi.T
         n = along(mean @ relative, c.normals[:, None])

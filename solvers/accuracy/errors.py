@@ -8,10 +8,8 @@ part of the largest of their kind.
 
 `with_unresolved` asks how finely the two sides of a contact resolve the part that touches, and what errors of its
 numbers say at least. Where the part that touches is smaller than one element of a side, finer spaces on these cells,
-or on cells cut twice, do not see it either: what they differ by says nothing. Measured on a roller against a larger
-one, order 1 and 2, either side the coarse one, stated / true of the largest pressure was 0 to 1 below .5 elements
-(true errors of 7 to 530 %), of areas .1 to 1.7; from .8 elements on .6 to 1.3 and .5 to 3, as elsewhere. So such
-numbers are stated to be as uncertain as they are large.
+or on cells cut twice, do not see it either: what they differ by says nothing. So such numbers are stated to be as
+uncertain as they are large.
 """
 
 from __future__ import annotations
@@ -77,10 +75,8 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
             off: Value = np.abs(theirs[key] - value)
             linear = 0.0 * off
         elif key.quantity == "stress":
-            off, linear = (
-                0.0 * value + bounds["pressure"],
-                0.0 * value + LINEAR * accepted.linear_error * sizes["pressure"],
-            )
+            off = 0.0 * value + bounds["pressure"]
+            linear = 0.0 * value + LINEAR * accepted.linear_error * sizes["pressure"]
         else:
             size = lever * sizes[kind]
             off = 0.0 * np.abs(value) + lever * bounds[kind] + EPS * size  # of the largest number of its kind

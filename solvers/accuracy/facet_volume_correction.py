@@ -74,10 +74,8 @@ def _of_facets(side: Surface) -> Array:
     length = np.linalg.norm(along, axis=1)
     normals = side.outward[:, None] * np.stack([along[:, 1], -along[:, 0]], axis=1) / length[:, None]
     curvature = np.full(side.facets.shape, np.nan)  # nan: the side ends there, or has a crease
-    count, total = (
-        np.bincount(side.facets.ravel()),
-        np.bincount(side.facets.ravel(), np.repeat(np.arange(len(ends)), 2)),
-    )
+    count, ends_of = np.bincount(side.facets.ravel()), np.repeat(np.arange(len(ends)), 2)
+    total = np.bincount(side.facets.ravel(), ends_of)
     for k, sign in enumerate((-1.0, 1.0)):
         node, each = side.facets[:, k], np.arange(len(ends))
         other = np.where(count[node] == 2, total[node] - each, each).astype(int)

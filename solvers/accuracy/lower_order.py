@@ -6,11 +6,6 @@ from bubbles of order 3, see `smooth_errors`; where a step with these was not so
 stated. It tells how large the error is, no more. A largest pressure that grows without end with order 1 has no limit,
 see `grows`. The part of curved sides is in it; that of the geometry is zero.
 
-Difference / true error against order 2 on meshes two to three times finer, `circular_drive`, `hertz_3d`, `cube`,
-`half_ball` on three meshes each, 354 errors above 1e-3 of the scale of their kind, quartiles: moments 2.7 to 4, forces
-6.4 to 9, energies 5.2 to 12, dissipation 3.6 to 17, areas .7 to 2.1, pressures .6 to 3.2. The history of order 1 has
-an eighth of the unknowns.
-
 `smooth_errors` finds the error of the mesh of the smooth numbers of each step, order 2 in 3D: the same step with
 bubbles of order 3. Two steps of Jacobi's iteration, which neither bodies nor contact answer to, find the bubbles; then
 contact is solved again with them, see `two_level`. Stated is FACTOR times the difference, no less than `by_chance`
@@ -25,7 +20,7 @@ from __future__ import annotations
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -37,7 +32,7 @@ from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.nested_mesh import CornerMesh
 from stickslip.geometry.shape import Shape
 from stickslip.geometry.surfaces.surface import gather_surface
-from stickslip.solvers.accuracy.mesh_error import DISSIPATED, Values, at_points, by_chance, observed, without_limit
+from stickslip.solvers.accuracy.mesh_error import Values, at_points, least_errors, observed, without_limit
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.gather import nodes_of
@@ -49,6 +44,8 @@ from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 from stickslip.solvers.system.system import System, assemble
+
+log = logging.getLogger(__name__)
 
 
 class OtherMeshRun(ABC):
@@ -73,12 +70,32 @@ class OtherMeshRun(ABC):
         """
         self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
 
-    @abstractmethod
     def __call__(self, steps: Sequence[StepResult]) -> tuple[Errors, ...]:
         """Mesh and geometry of the errors of the first steps, up to one that fails or that the run has cut; collective.
 
         Args:
             steps: results at the requested times of a run from rest, without a gap.
+        """
+        whole = steps[: next((k for k, step in enumerate(steps) if step.substeps > 1), len(steps))]
+        counters, found = Counters(), list[Errors]()
+        try:
+            for errors in self._each(whole, counters) if whole else ():
+                found.append(errors)
+        except StickslipError as error:
+            log.info("no error of the mesh from there on: %s", error)
+        self._stepper.system.counters.error_solves += counters.volume_solves + counters.error_solves
+        return tuple(found)
+
+    @abstractmethod
+    def _each(self, steps: Sequence[StepResult], counters: Counters) -> Iterator[Errors]:
+        """Errors of one step after the other.
+
+        Args:
+            steps: solved in one substep each.
+            counters: of the other mesh.
+
+        Raises:
+            StickslipError: a step cannot be solved there.
         """
 
 
@@ -125,13 +142,8 @@ def smooth_errors(
     if refined is None or not isinstance(companion, MeshCorrection):
         return {}, {}
     numbers = observed(observe, accepted, refined)
-    better, least = quantities(numbers), dict[Quantity, Value]()
-    moved = companion.displacement_at(refined, observe.probes)
-    better |= {Quantity("probes", name, "displacement"): value for name, value in moved.items()}
-    for c in accepted.stepper.system.contacts:
-        local = by_chance(c, result.contacts[c.name], numbers.contacts[c.name])
-        least |= {Quantity("contacts", c.name, name): chance for name, chance in local.items()}
-        least[DISSIPATED] = np.hypot(least.get(DISSIPATED, 0.0), local["dissipation"])
+    better, least = quantities(numbers), least_errors(accepted.stepper.system.contacts, result, numbers)
+    better |= companion.displacement_at(refined, observe.probes)
     corrected, errors = dict[Quantity, Value](), dict[Quantity, ErrorParts]()
     system = accepted.stepper.system
     found = quantities(result)
@@ -149,7 +161,6 @@ def smooth_errors(
     return corrected, errors
 
 
-log = logging.getLogger(__name__)
 SHARE, ROUGH = 0.33, 1.5
 
 
@@ -158,24 +169,16 @@ class LowerOrderRun(OtherMeshRun):
 
     DIM = 3
 
-    def __call__(self, steps: Sequence[StepResult]) -> tuple[Errors, ...]:
-        own, counters, found = self._stepper.system, Counters(), list[Errors]()
+    def _each(self, steps: Sequence[StepResult], counters: Counters) -> Iterator[Errors]:
+        own = self._stepper.system
         log.info("the same history with cells of order 1, for the error of the mesh")
-        mesh = own.mesh.comm.bcast(self._of_order_1())
-        try:
-            stepper = on_other_mesh(own, mesh, counters)
-            observe, state = Observer.of(stepper), stepper.start()
-            for step in steps:
-                if step.substeps > 1:
-                    break
-                with stepper.chain.repeating(stepper.system):
-                    accepted = stepper.reach(state, step.time, self._on_iteration)
-                found.append(_errors(stepper, step, observe(accepted)))
-                state = accepted.state
-        except StickslipError as error:
-            log.info("no error of the mesh from there on: %s", error)
-        own.counters.error_solves += counters.volume_solves + counters.error_solves
-        return tuple(found)
+        stepper = on_other_mesh(own, own.mesh.comm.bcast(self._of_order_1()), counters)
+        observe, state = Observer.of(stepper), stepper.start()
+        for step in steps:
+            with stepper.chain.repeating(stepper.system):
+                accepted = stepper.reach(state, step.time, self._on_iteration)
+            yield _errors(stepper, step, observe(accepted))
+            state = accepted.state
 
     def _of_order_1(self) -> CornerMesh | None:
         """The cells of the run with their corners alone, on rank 0; collective."""

@@ -11,12 +11,9 @@ without end as the mesh is refined has no error, see `grows`, nor have the penet
 beside it.
 
 The stress at a probe, which is that at the midpoint of its cell, is compared with the mean of the stress with bubbles
-at the point and of the recovered stress there of their nodes; stated is STRESS times the difference. Stated / true
-against order 2 on meshes four times finer, at 40 to 60 random points of a scene, by component, in [.5, 3]: triangles
-.91 to .98, quadrilaterals .78 to .94, hexahedra and tetrahedra .75 to .85; of the size of the tensor .98 to 1, .83 to
-.97 and .9 to 1. The mean has .1 to .3 of the error, in 3D .3 to .5. Each alone is worse somewhere: bubbles on regular
-triangles (.82), recovery in hexahedra (.6). Where the stress grows without end it has no error; along an edge in 3D
-that is not seen.
+at the point and of the recovered stress there of their nodes; stated is STRESS times the difference. Each alone is
+worse somewhere: bubbles on regular triangles, recovery in hexahedra. Where the stress grows without end it has no
+error; along an edge in 3D that is not seen.
 
 The first four factors are fitted to problems of `stickslip verify accuracy`, on three meshes each.
 
@@ -66,6 +63,16 @@ from stickslip.solvers.stepping.stepper import Accepted
 FORCE, DISSIPATION, PRESSURE, SLIP = 0.3, 0.5, 0.5, 1.0
 
 
+def least_errors(contacts: Iterable[ContactRows], own: Numbers, better: Numbers) -> Values:
+    """`by_chance` of each contact, and of what all together dissipate."""
+    least: Values = {}
+    for c in contacts:
+        local = by_chance(c, own.contacts[c.name], better.contacts[c.name])
+        least |= {Quantity("contacts", c.name, name): chance for name, chance in local.items()}
+        least[DISSIPATED] = np.hypot(least.get(DISSIPATED, 0.0), local["dissipation"])
+    return least
+
+
 def by_chance(c: ContactRows, own: ContactState, better: ContactState) -> dict[str, Value]:
     """The least error of numbers of a contact, by quantity, >= 0.
 
@@ -97,9 +104,7 @@ def _around(c: ContactRows, values: Array) -> Bools:
 
 STEEP = 0.15  # part by which the nearest nodes have less; smooth pressures: .10 at most on the meshes that were tried
 END = 0.05  # the same at the end of a side
-HIGH = 0.8  # of the largest pressure: where one as high as that grows, it is the largest on a finer mesh
 CONVEX = 1.5  # times the next fall; r^(-1/2) has 2.3, r^(-1/10) 1.8
-WAVES = 1.2  # times the next rise, if that is steep: pressures that alternate from node to node have 1
 
 
 def grows(side: Surface, pressure: Array) -> bool:
@@ -107,7 +112,8 @@ def grows(side: Surface, pressure: Array) -> bool:
     if not len(pressure):
         return False
     near, rim = side.neighbours().tocsr(), _rim(side)
-    high = np.flatnonzero(pressure >= HIGH * pressure.max(initial=0.0))
+    # where one as high as that grows, it is the largest on a finer mesh
+    high = np.flatnonzero(pressure >= 0.8 * pressure.max(initial=0.0))
     around = [pressure[near.indices[near.indptr[k] : near.indptr[k + 1]]] for k in high]
     highest = pressure[high] >= [others.max(initial=0.0) for others in around]
     falls = [others.min(initial=np.inf) for others in around] < (1 - END) * pressure[high]
@@ -135,7 +141,8 @@ def _falls(pressure: Array, near: Sparse, front: Bools, layer: Bools, steep: flo
         rings.append(float(pressure[front].max()))
         layer = front | (near @ layer.astype(float) > 0)
     first, second = -np.diff(rings)
-    more = WAVES if second < -STEEP * rings[0] else CONVEX
+    # times the next rise, if that is steep: pressures that alternate from node to node have 1
+    more = 1.2 if second < -STEEP * rings[0] else CONVEX
     return bool(rings[-1] > 0 and first > steep * rings[0] and first > more * abs(second))
 
 
@@ -178,7 +185,6 @@ FACTOR, OPPOSED = 1.6, 0.5
 BETWEEN, EDGE = 0.75, 0.2
 FIXED = 0.02  # of what the differences at nodes may sum up to: they cancel so well by equilibrium alone
 STRESS = 1.25
-SMALL = 0.15  # of the size of a stress's error: no component is known better than by that
 DISSIPATED = Quantity("energy", "", "dissipated")  # by all contacts
 Values = dict[Quantity, Value]
 
@@ -196,14 +202,11 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
         straight = _values(observe, accepted, refined.unbent, flat_sides, result)
     rims = _rims(observe, accepted, with_bubbles)
     corrected = corrected | {key: corrected[key] + rim for key, rim in rims.items()}
-    errors, chances, least = dict[Quantity, ErrorParts](), dict[Quantity, float](), dict[Quantity, Value]()
+    errors, chances = dict[Quantity, ErrorParts](), dict[Quantity, float]()
+    least = least_errors(accepted.stepper.system.contacts, result, with_bubbles)
     for c in accepted.stepper.system.contacts:
-        own, better = result.contacts[c.name], with_bubbles.contacts[c.name]
-        edges = scatter(c.surface, own, c.node_weights)
+        edges = scatter(c.surface, result.contacts[c.name], c.node_weights)
         chances |= {Quantity("contacts", c.name, name): chance for name, chance in edges.items()}
-        local = by_chance(c, own, better)
-        least |= {Quantity("contacts", c.name, name): chance for name, chance in local.items()}
-        least[DISSIPATED] = np.hypot(least.get(DISSIPATED, 0.0), local["dissipation"])
     for key, value in corrected.items():
         bent, flat = np.abs(value - straight[key]), np.abs(straight[key] - found[key])
         off = np.maximum(np.abs(value - found[key]), OPPOSED * (bent + flat))
@@ -267,7 +270,7 @@ def _largest(values: Array) -> Bools:
 
 def _of_stress(error: Array) -> Array:
     """Components of a difference of stresses that happen to be small have a part of its size; zeros stay."""
-    return np.where(error == 0, 0.0, np.maximum(error, SMALL * float(np.linalg.norm(error))))
+    return np.where(error == 0, 0.0, np.maximum(error, 0.15 * float(np.linalg.norm(error))))
 
 
 def observed(observe: Observer, accepted: Accepted, state: State) -> Numbers:
@@ -282,8 +285,7 @@ def _values(observe: Observer, accepted: Accepted, state: State, numbers: Number
     values = quantities(numbers)
     companion = observe.stepper.companion
     if observe.probes and isinstance(companion, MeshCorrection):
-        moved = companion.displacement_at(state, observe.probes)
-        values |= {Quantity("probes", name, "displacement"): value for name, value in moved.items()}
+        values |= companion.displacement_at(state, observe.probes)
         better = _stress(observe, companion, accepted, state, result)
         values |= {Quantity("probes", name, "stress"): value for name, value in better.items()}
     for c in accepted.stepper.system.contacts:

@@ -9,18 +9,10 @@ New nodes of curved sides lie on circles: what sides of order 2 miss of these is
 the geometry is zero. A largest pressure that grows by more than GROWS with each cut has no limit and no error; with
 compliance it has one.
 
-Both histories have the same steps, so that the error of the time steps cancels. In fewer steps on both meshes the
-difference is another one: which nodes stick depends on the steps (share in [.7, 3] .33 to .59 in four of six scenes).
+Both histories have the same steps, so that the error of the time steps cancels: which nodes stick depends on them.
 A step of the finer mesh takes four to five times as long as one of the run, its preparation once or twice. Where the
 cost model of `auto` finds that to be more than SOON and than MOST times the run, cells are cut once, with a larger
 FACTOR; if that is too dear as well, there is no error of the mesh. Nor is there from the first step on that was cut.
-
-Stated / true against order 2 on meshes three times finer, 20 plane and axisymmetric problems on three meshes each, 1
-to 24 steps, share in [.7, 3] (below .5): of 1652 errors above 1e-3 of the scale of their kind .98 (.01), of 3637 above
-1e-4 .97 (.015); forces and moments 1.00, energies 1.00, pressures .99, lengths .94, areas .94, dissipation .95. Only
-`shrink_fit`, whose errors are that small, is worse (1 of 5). Above 1e-3 without bubbles .99, but above 1e-4 .93, and
-.78 where bodies are large; with bubbles alone .53, and with all cells cut once .89. The difference removed, the number
-has a twelfth of the error.
 
 Not in 3D, where the edge of contact is a line along which many cells would be cut: see `lower_order`. A run's script
 has no such error: its history is not solved again.
@@ -43,7 +35,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools, Ints
-from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.nested_mesh import FlatMesh
 from stickslip.geometry.surfaces.surface import CREASE
 from stickslip.solvers.accuracy.areas import areas_of_order_2, scatter_of_order_2
@@ -58,10 +49,6 @@ from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, 
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.stepping.choice import Size
 from stickslip.solvers.stepping.stepper import Accepted, StepError
-
-TOUCHING = 0.999  # of half the lengths of two segments; midpoints that are nearer belong to segments that overlap
-DIGITS = 9  # of coordinates over the size of a side, in which segments of several steps are the same
-NONE = -1  # number of a boundary without a name
 
 
 @dataclass(frozen=True)
@@ -124,9 +111,9 @@ def _overlap(facets: Array, segments: Array) -> Bools:
     found = np.zeros(len(facets), bool)
     half = np.linalg.norm(facets[:, 1] - facets[:, 0], axis=1) / 2
     size = float(np.ptp(facets[:, :2], axis=(0, 1)).max())
-    for a, b, middle in segments[np.unique((segments / size).round(DIGITS), axis=0, return_index=True)[1]]:
-        near = np.linalg.norm(facets[:, 2] - middle, axis=1) < TOUCHING * (half + np.linalg.norm(b - a) / 2)
-        found |= near
+    # in nine digits segments of several steps are the same; midpoints that are nearer belong to segments that overlap
+    for a, b, middle in segments[np.unique((segments / size).round(9), axis=0, return_index=True)[1]]:
+        found |= np.linalg.norm(facets[:, 2] - middle, axis=1) < 0.999 * (half + np.linalg.norm(b - a) / 2)
     return found
 
 
@@ -138,7 +125,7 @@ def _corners(mesh: FlatMesh, acted: Sequence[str]) -> Ints:
     edges = mesh.boundary()
     names = list(mesh.sides)
     side_of = {m: k for k, name in enumerate(names) for m in mesh.sides[name][:, 2].tolist()}
-    number = np.array([side_of.get(m, NONE) for m in edges[:, 2].tolist()])
+    number = np.array([side_of.get(m, -1) for m in edges[:, 2].tolist()])
     active = np.isin(number, [k for k, name in enumerate(names) if name in acted])
     ends, middles = edges[:, :2].ravel(), np.repeat(edges[:, 2], 2)
     order = np.argsort(ends, kind="stable")
@@ -159,8 +146,6 @@ EDGE = 1.5
 ANYWHERE = 0.15  # of the half facets that edges of areas cross; edges that lie anywhere in them make .29
 GROWS = 0.1
 MOST, SOON = 3.0, 15.0  # times the run, and [s]
-OVERHEAD = 0.01  # [s] of a problem of contact, however small
-SOLVES = 3  # problems of contact in a step: that of the step, and that with bubbles, which is about twice as dear
 WITHOUT_BUBBLES = ("max_pressure", "max_penetration", "max_slip")
 
 
@@ -169,20 +154,13 @@ class NestedRun(OtherMeshRun):
 
     DIM = 2
 
-    def __call__(self, steps: Sequence[StepResult]) -> tuple[Errors, ...]:
-        whole = steps[: next((k for k, step in enumerate(steps) if step.substeps > 1), len(steps))]
-        cuts, mesh = self._cut_mesh(whole) if whole else (0, None)
+    def _each(self, steps: Sequence[StepResult], counters: Counters) -> Iterator[Errors]:
+        cuts, mesh = self._cut_mesh(steps)
         if mesh is None:
-            return ()
+            return
         log.info("the same history on a finer mesh of %d nodes, for the error of the mesh", len(mesh.points))
-        found, counters = list[Errors](), Counters()
-        try:
-            for step, finer in zip(whole, self._finer(mesh, [step.time for step in whole], counters), strict=True):
-                found.append(self._errors(step, finer, cuts))
-        except StickslipError as error:
-            log.info("no error of the mesh from there on: %s", error)
-        self._stepper.system.counters.error_solves += counters.volume_solves + counters.error_solves
-        return tuple(found)
+        for step, finer in zip(steps, self._finer(mesh, [step.time for step in steps], counters), strict=True):
+            yield self._errors(step, finer, cuts)
 
     def _errors(self, step: StepResult, finer: Values, cuts: int) -> Errors:
         """Errors of the numbers of a step.
@@ -227,8 +205,7 @@ class NestedRun(OtherMeshRun):
             )
             plain, values = quantities(observe.numbers(accepted)), _numbers(observe, bubbles)
             values |= {key: value for key, value in plain.items() if key.quantity in WITHOUT_BUBBLES}
-            moved = follow.displacement_at(refined, observe.probes)
-            yield values | {Quantity("probes", name, "displacement"): value for name, value in moved.items()}
+            yield values | follow.displacement_at(refined, observe.probes)
             state = replace(accepted.state, refined=refined)
 
     def _cut_mesh(self, steps: Sequence[StepResult]) -> tuple[int, FlatMesh | None]:
@@ -271,8 +248,9 @@ def _cut(mesh: FlatMesh, places: Places, size: Size) -> tuple[int, FlatMesh | No
         for _ in range(cuts):
             finer = finer.cut(finer.touching(places.nodes(finer)))
         contact_dofs = size.contact_dofs * places.contact_nodes(finer) // places.contact_nodes(mesh)
-        dofs, solves = size.dofs * len(finer.points) // len(mesh.points), SOLVES * size.steps
-        seconds = _seconds(replace(size, dofs=dofs, contact_dofs=contact_dofs, steps=solves))
+        dofs = size.dofs * len(finer.points) // len(mesh.points)
+        # problems of contact: that of a step, and that with bubbles, which is about twice as dear
+        seconds = _seconds(replace(size, dofs=dofs, contact_dofs=contact_dofs, steps=3 * size.steps))
         if seconds <= most:
             return cuts, finer
     log.info("no error of the mesh: it would take about %.0f s", seconds)
@@ -280,8 +258,8 @@ def _cut(mesh: FlatMesh, places: Places, size: Size) -> tuple[int, FlatMesh | No
 
 
 def _seconds(size: Size) -> float:
-    """Expected time [s] by the cost model of `auto`."""
-    return size.condensed_seconds + OVERHEAD * size.steps
+    """Expected time [s] by the cost model of `auto`, and 10 ms for a problem of contact, however small."""
+    return size.condensed_seconds + 0.01 * size.steps
 
 
 def _numbers(observe: Observer, accepted: Accepted) -> Values:

@@ -38,6 +38,8 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status, ignore
 from stickslip.solvers.methods.method import Solve
 from stickslip.solvers.results.recovered_stress import InCell
+from stickslip.solvers.results.step_result import Quantity
+from stickslip.solvers.scene.record import Value
 from stickslip.solvers.stepping.pairs import carried_over
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Stepper
@@ -45,8 +47,6 @@ from stickslip.solvers.stepping.substep import SubstepSolver
 from stickslip.solvers.stepping.tightening import largest_tension, stretched
 from stickslip.solvers.stepping.update import Surplus, displacement, new_state
 from stickslip.solvers.system.system import System
-
-TRIALS, EACH = 8, 2  # solutions of an answer, and for each bolt
 
 
 class BoltsByForce:
@@ -104,8 +104,8 @@ class FollowedBolts:
 
     @property
     def given_up(self) -> bool:
-        """Whether no shortening was found."""
-        return self._tries > TRIALS + EACH * len(self._free)
+        """Whether no shortening was found in eight solutions of an answer, and two more for each bolt."""
+        return self._tries > 8 + 2 * len(self._free)
 
     def done(self, u: Vec, x: Vec) -> bool:
         """Whether tensions are right at a displacement u without rigid motion and bubbles x; else `values` are better;
@@ -132,10 +132,8 @@ class FollowedBolts:
 
 
 log = logging.getLogger(__name__)
-NEARER = 0.3  # factor by which an iterative method makes the residual of contact smaller
-ROUGH = 1e-2  # tolerance of a displacement that is recovered by an iterative volume solve, in energy norm
 STEPS, MOST = 2, 30  # of Jacobi's iteration: as many are enough but for flat cells in bending
-SLOW, SOLVED = 0.33, 0.1  # residual after STEPS, by the first, from which on it goes on, and until where
+SLOW = 0.33  # residual after STEPS, by the first, from which on it goes on
 
 
 @dataclass(frozen=True)
@@ -207,10 +205,11 @@ class MeshCorrection:
                 log.warning("t = %g: the error of the mesh is unknown from here on: %s", new.time, error)
                 return None
 
-    def displacement_at(self, state: State, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, Array]:
-        """Displacement (d,) [m] of a state with bubbles at points, see `Bubbles.displacement_at`; collective."""
+    def displacement_at(self, state: State, probes: Mapping[str, tuple[int, Array] | None]) -> dict[Quantity, Value]:
+        """Displacement (d,) [m] of a state with bubbles at probes, see `Bubbles.displacement_at`; collective."""
         assert state.surplus is not None
-        return self._bubbles.displacement_at(state.u, state.surplus, places)
+        found = self._bubbles.displacement_at(state.u, state.surplus, probes)
+        return {Quantity("probes", name, "displacement"): value for name, value in found.items()}
 
     def in_cells(self, state: State, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, InCell]:
         """The same in the cells that the points are in, see `Bubbles.in_cells`; collective."""
@@ -235,14 +234,14 @@ class MeshCorrection:
             if before.surplus is not None:
                 before = replace(before, w=before.w + rows.N @ rows.read(before.surplus))
         chain, system, surface = stepper.chain, stepper.system, stepper.surface
-        solve = chain.beside(system, surface, new, NEARER)
+        solve = chain.beside(system, surface, new, 0.3)  # an iterative method makes the residual so much smaller
         if solve is None:
             return None
         bolts = FollowedBolts(self._by_force, self._bubbles, before, old, new)
         friction = rows.friction(stepper.cone, old, new)
         finer = None if self._finer is None else self._finer.added(new.time)
         step = _Substep(stepper, self._bubbles, rows, self._left_out, before, new, problem, bolts, friction, finer)
-        with surface.loosely(ROUGH):
+        with surface.loosely(1e-2):  # in the energy norm, a displacement that an iterative volume solve recovers
             last = self._improved(step, solve)
             if last is None:
                 return None
@@ -295,7 +294,7 @@ class MeshCorrection:
         """Whether Jacobi's iteration ends after so many steps that leave a part of the first residual."""
         if self._quick or steps < STEPS:
             return steps == 1 and self._quick
-        return steps == MOST or left <= (SLOW if steps == STEPS else SOLVED)
+        return steps == MOST or left <= (SLOW if steps == STEPS else 0.1)
 
     def _rows(self, system: System) -> BubbleRows:
         """The contact rows of the bubbles, for those of the system."""

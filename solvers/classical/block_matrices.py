@@ -69,7 +69,7 @@ class Multipliers:
 def assemble_B(system: System, surface: DelassusOperator, cone: AdmissibleSet, multipliers: Multipliers) -> Mat:
     """B (m, free dofs): virtual work of unit tractions [m^(d-1)]; B^T p are forces [N]; collective.
 
-    Against rigid obstacles it is the matrix of `ContactForms`, restricted to the multipliers of the sides; between
+    Against rigid obstacles it is the matrix of `NodalRule`, restricted to the multipliers of the sides; between
     bodies, W N of the contact operator.
     """
     free = system.T.createVecRight()
@@ -92,7 +92,7 @@ def assemble_B(system: System, surface: DelassusOperator, cone: AdmissibleSet, m
 def _by_forms(system: System, place: ContactBlock, multipliers: Multipliers) -> Mat:
     """B of one contact with a rigid obstacle, by dolfinx: the matrix of b over all displacements, restricted."""
     nodal, weak = NodalContact(system, place.rows), system.weak
-    works = dx.assemble_matrix(weak.compile(nodal.forms.friction_work(weak.u, weak.v)))
+    works = dx.assemble_matrix(weak.compile(nodal.rule.friction_work(weak.u, weak.v)))
     on_free = nodal.change.matMult(system.T) if nodal.change else system.T
     dim, nodes = system.mesh.dim, place.rows.surface.nodes
     normal, tangential = (part.tocoo() for part in traction_fields(place.rows))
@@ -119,7 +119,7 @@ def assemble_C(system: System, cone: AdmissibleSet, multipliers: Multipliers) ->
         per_node = c.node_weights / k_T
         if c.master is None:
             nodal = NodalContact(system, c)
-            form = nodal.forms.elastic_slip(system.weak.v, k_T)
+            form = nodal.rule.elastic_slip(system.weak.v, k_T)
             per_node = nodal.at_nodes(form).reshape(-1, system.mesh.dim)[:, 0]
         diagonal[place.tangential] = np.repeat(c.share_t @ per_node, c.free.shape[1]) * c.free.ravel()
     return multipliers.matrix(sparse.diags(diagonal[multipliers.rows], format="csr"), multipliers.like)

@@ -163,6 +163,7 @@ class Regularised(Method):
         normal=("unilateral", "bilateral", "compliance"),
         friction=("coulomb", "tresca"),
         k_T=False,
+        fields=False,
         operators=(RIGID,),
     )
     ROW: ClassVar = 7

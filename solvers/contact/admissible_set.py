@@ -90,7 +90,7 @@ class AdmissibleSet:
 
     def at(self, time: float) -> AdmissibleSet:
         """The admissible set of the same laws at another time."""
-        return AdmissibleSet(self.contacts, time, self.end)
+        return AdmissibleSet(tuple(c.at(time) for c in self.contacts), time, self.end)
 
     def bound(self, place: ContactBlock, p_n: Array, trial: Trial | None = None) -> Array:
         """Friction bound s (m_t,) [Pa] of one contact at its pressures p_n (m_n,) [Pa].

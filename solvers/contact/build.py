@@ -16,7 +16,7 @@ from stickslip.geometry.errors import SceneError, prefixed
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.coupling import DIGITS, Coupling
-from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.contact.rows import ContactRows, Fields
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.scene.contact import Contact
 
@@ -195,7 +195,7 @@ LEANS = 0.98  # cosine of the largest angle by which a normal at a surface's edg
 
 
 def build_rows(
-    contacts: Mapping[str, tuple[Contact, Coupling]], constraints: Constraints, moved: Mapping[str, Array]
+    contacts: Mapping[str, tuple[Contact, Coupling]], constraints: Constraints, moved: Mapping[str, Array], end: float
 ) -> list[ContactRows]:
     """Rows of all contacts.
 
@@ -204,6 +204,7 @@ def build_rows(
         constraints: supports and periodicity.
         moved: by name of a sliding contact, the displacement (n_all, d) [m] of its nodes at which its gap was measured.
             Its relative part is added, so that the gap belongs to displacements counted from the start.
+        end: last time of the scene [s].
 
     Raises:
         SceneError: supports leave a contact no node that can carry a pressure.
@@ -223,13 +224,13 @@ def build_rows(
         weights, friction = coupling.weights, contact.tangential
         degree = contact.degree(coupling.surface.degree)
         known = 0.0 if contact.normal.ties else contact.gap
-        gap = contact.gap_offset + (coupling.gap if known is None else np.full_like(coupling.gap, known))
+        gap = coupling.gap if known is None else np.full_like(coupling.gap, known)
         if contact.normal.at_quadrature:
             points = coupling.points(degree)
             N_n = along(points.relative, points.normals[:, None])
             W_n, psi, phi = points.weights, points.psi, points.phi
-            gap_n = contact.gap_offset + (points.gap if known is None else np.full_like(points.gap, known))
-            directions = points.normals
+            gap_n = points.gap if known is None else np.full_like(points.gap, known)
+            to_points, directions = points.own.basis(coupling.surface), points.normals
             dropped = 0
         else:
             carrier = normal_carriers[name]
@@ -241,6 +242,7 @@ def build_rows(
             N_n, W_n = carrier.rows(coupling)
             directions = carrier.directions[:, 0]
             psi = phi = carrier.share.T.multiply(weights[:, None]).tocsr()
+            to_points = carrier.mean(weights)[0] @ coupling.surface.transform
             gap_n = carrier.mean(weights)[0] @ gap
             dropped = int(np.sum(weights != 0)) - len(W_n)
         if friction is not None:
@@ -255,14 +257,24 @@ def build_rows(
         if name in moved:
             gap_n = gap_n + N_n @ moved[name].ravel()
             gap = gap + np.einsum("nd,nd->n", coupling.normals, coupling.relative @ moved[name])
+        place = coupling.surface.points
+        start = place - moved[name][: len(place)] if name in moved else place
+        to_tangential = carrier.mean(weights)[0] if len(W_t) else carrier.share
+        fields = Fields(
+            gap_offset=contact.gap_offset, law=friction, points=start, to_nodes=coupling.surface.transform,
+            to_points=to_points, to_tangential=to_tangential, end=end,
+        )  # fmt: skip
+        with prefixed(f"contacts.{name}"):
+            offset, node_offset = fields.offsets(0.0)
+            law = fields.law_at(0.0)
         found.append(
             ContactRows(
-                name=name, surface=coupling.surface, master=coupling.master, normal=contact.normal, friction=friction,
-                frames=frames[name], node_weights=weights, node_gap=gap, node_distance=coupling.gap,
+                name=name, surface=coupling.surface, master=coupling.master, normal=contact.normal, friction=law,
+                frames=frames[name], node_weights=weights, node_gap=node_offset + gap, node_distance=coupling.gap,
                 relative=coupling.relative,
-                N_n=N_n, W_n=W_n, normals=directions, gap=gap_n, N_t=N_t, W_t=W_t,
+                N_n=N_n, W_n=W_n, normals=directions, gap=offset + gap_n, N_t=N_t, W_t=W_t,
                 tangents=carrier.directions, free=carrier.free, psi=psi, phi=phi, share_t=carrier.share,
-                dropped=dropped, quadrature=coupling.points, degree=degree,
+                dropped=dropped, quadrature=coupling.points, degree=degree, fields=fields,
             )
         )  # fmt: skip
     return found

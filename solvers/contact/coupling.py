@@ -139,6 +139,7 @@ def seen_from(obstacle: Obstacle, points: Array) -> tuple[Array, Array]:
     Raises:
         SceneError: its formulas give something else.
     """
+    obstacle.check_points(points)
     gap, normals = obstacle.signed_gap(points), obstacle.normals(points)
     long = np.linalg.norm(normals, axis=1)
     # by which a normal may be longer or shorter than 1

@@ -67,7 +67,7 @@ def pair_up(
                 f"contacts.{name}: nothing of {known.slave} faces {known.master} within {reach:g} "
                 f"{problem.labels.length}; set search_distance, or exchange the sides"
             )
-    return tuple(build_rows(couplings, constraints, moved))
+    return tuple(build_rows(couplings, constraints, moved, problem.timeline.end))
 
 
 def _spread(*sides: Surface) -> float:

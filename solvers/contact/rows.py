@@ -3,16 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from stickslip.geometry.arrays import ROUNDING, TINY, Array, Bools, Ints
+from stickslip.geometry.field import Field, in_time, values
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.coupling import Points
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fields:
+    """What a scene gives a contact by place and time: its gap offset, and its friction law."""
+
+    gap_offset: Field
+    law: FrictionLaw | None
+    points: Array  # (n, d) [m] of the slave's nodes at the start
+    to_nodes: Sparse  # (n, n) values there to nodal values of the gap
+    to_points: Sparse  # (m_n, n) and to values at the normal points
+    to_tangential: Sparse  # (m_t, n) and to values at the tangential points
+    end: float  # last time of the scene [s]
+
+    @property
+    def change(self) -> bool:
+        """Whether one of them changes in time."""
+        return bool(in_time(self.gap_offset, "") or (self.law is not None and self.law.changes))
+
+    def offsets(self, time: float) -> tuple[Array, Array]:
+        """Gap offset at the normal points (m_n,) and at the nodes (n,) [m]; one number () where it is uniform."""
+        found = values(self.gap_offset, "gap_offset", self.points, time, self.end)
+        return (found, found) if not found.ndim else (self.to_points @ found, self.to_nodes @ found)
+
+    def law_at(self, time: float) -> FrictionLaw | None:
+        """The law with its parameters at the tangential points."""
+        return self.law and self.law.placed(self.to_tangential @ self.points, time, self.end)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +74,22 @@ class ContactRows:
     dropped: int  # nodes whose multiplier a support or another contact makes redundant
     quadrature: Callable[[int], Points] | None = None  # integration points by degree; None: the rows are given without
     degree: int = 0  # of that at which a compliance law gives pressure by displacement
+    fields: Fields | None = None  # None: the rows are given without
+    time: float = 0.0  # that `gap`, `node_gap` and `friction` are of [s]
+
+    def at(self, time: float) -> ContactRows:
+        """The rows with the gap and the friction law of another time [s]."""
+        if self.fields is None or time == self.time or not self.fields.change:
+            return self
+        return self.with_fields(self.fields, time)
+
+    def with_fields(self, fields: Fields, time: float) -> ContactRows:
+        """The rows with another gap offset and friction law, at a time [s]."""
+        assert self.fields is not None
+        pairs = zip(fields.offsets(time), self.fields.offsets(self.time), strict=True)
+        wider, nodes_wider = (new - old for new, old in pairs)
+        gap, node_gap = self.gap + wider, self.node_gap + nodes_wider
+        return replace(self, gap=gap, node_gap=node_gap, friction=fields.law_at(time), fields=fields, time=time)
 
     @cached_property
     def nodes(self) -> Ints:

@@ -10,9 +10,9 @@ from typing import Annotated
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
-from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.errors import SceneError, require, require_components
 from stickslip.geometry.expression import Varying, check_varying
-from stickslip.geometry.keys import LIST, Key
+from stickslip.geometry.keys import LIST, Key, Vector
 from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.fem.forms import WeakForms
@@ -37,7 +37,7 @@ class Gravity(EffectTable):
 
     def check(self, scene: Scene, key: str) -> None:
         found, where = list(self.acceleration), f"{key}.acceleration"
-        require(len(found) == scene.dim, where, found, f"expected {scene.dim} components in this model")
+        require_components(found, where, scene.dim)
         radial = scene.axisymmetric and found[0] != 0
         require(not radial, where, found, "an axisymmetric body has gravity along the axis y alone")
         if not any(material.density for material in scene.bodies.values()):
@@ -71,8 +71,7 @@ class BodyForce(EffectTable):
 
     def check(self, scene: Scene, key: str) -> None:
         scene.require_body(key)
-        found, expected = list(self.force), f"expected {scene.dim} components in this model"
-        require(len(found) == scene.dim, f"{key}.force", found, expected)
+        require_components(self.force, f"{key}.force", scene.dim)
 
 
 class _BodyForce(Effect):
@@ -92,10 +91,9 @@ class Centrifugal(EffectTable):
     """Speed of rotation of all bodies with a density; the load is that of the undeformed bodies."""
 
     speed: Annotated[Amplitude, Key("rad/s", "angular velocity, in time; its square loads the bodies")]
-    point: Annotated[tuple[float, ...] | None, Key("m", "a point of the axis; absent: the origin")] = None
+    point: Annotated[Vector | None, Key("m", "a point of the axis; absent: the origin")] = None
     axis: Annotated[
-        tuple[float, ...] | None,
-        Key("-", "direction of the axis, given in 3D alone, and there always; else z, if axisymmetric y"),
+        Vector | None, Key("-", "direction of the axis, given in 3D alone, and there always; else z, if axisymmetric y")
     ] = None
 
     def __post_init__(self) -> None:
@@ -112,8 +110,7 @@ class Centrifugal(EffectTable):
         if scene.axisymmetric:
             require(self.point is None, f"{key}.point", self.point, "an axisymmetric body spins about its axis")
         for name, vector in (("point", self.point), ("axis", self.axis)):
-            expected = f"expected {scene.dim} components in this model"
-            require(vector is None or len(vector) == scene.dim, f"{key}.{name}", list(vector or ()), expected)
+            require_components(vector, f"{key}.{name}", scene.dim)
         if not any(material.density for material in scene.bodies.values()):
             raise SceneError(f"{key}: no body has a density; set bodies.NAME.density, in kg/m³")
 

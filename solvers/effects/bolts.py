@@ -10,8 +10,8 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import EXACT
-from stickslip.geometry.errors import SceneError, require, require_known
-from stickslip.geometry.keys import Key
+from stickslip.geometry.errors import SceneError, require, require_components, require_known
+from stickslip.geometry.keys import Key, Vector
 from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.effects.effect import Effect, Equilibrium
 from stickslip.solvers.fem.terms import InitialStrain
@@ -43,14 +43,14 @@ class Bolt(EffectTable):
 
     body: Annotated[str | None, Key("-", "that is a bolt; its tension is the mean one of the shank")] = None
     shank: Annotated[
-        tuple[tuple[float, ...], tuple[float, ...]] | None,
+        tuple[Vector, Vector] | None,
         Key("m", "two points on its axis: between the planes across it through them the shank is shortened"),
     ] = None
     head: Annotated[str | None, Key("-", "of a spring: side under the head; the tension is spread evenly over it")] = (
         None
     )
     nut: Annotated[str | None, Key("-", "side under the nut, likewise")] = None
-    axis: Annotated[tuple[float, ...] | None, Key("-", "direction from nut to head, of any length")] = None
+    axis: Annotated[Vector | None, Key("-", "direction from nut to head, of any length")] = None
     stiffness: Annotated[float | None, Key("N/m", "E A / L of the shank; plane: per metre; of the full circle")] = None
     shortening: Annotated[Amplitude | None, Key("m", "in time: [[1.0, 1e-5]] tightens until 1 s, then holds")] = None
     force: Annotated[Amplitude | None, Key("N", "tension, in time, instead of shortening, which is then found")] = None
@@ -82,17 +82,16 @@ class Bolt(EffectTable):
         return {(key, ""): value for key, value in values.items() if value is not None}
 
     def check(self, scene: Scene, key: str) -> None:
-        expected = f"expected {scene.dim} components in this model"
         axis = self.axis or ()
         if self.shank is not None:
             require_known(f"{key}.body", str(self.body), scene.bodies)
             for point in self.shank:
-                require(len(point) == scene.dim, f"{key}.shank", list(point), expected)
+                require_components(point, f"{key}.shank", scene.dim)
             axis = tuple(b - a for a, b in zip(*self.shank, strict=True))
         else:
             scene.require_side(str(self.head), f"{key}.head")
             scene.require_side(str(self.nut), f"{key}.nut")
-            require(len(axis) == scene.dim, f"{key}.axis", list(axis), expected)
+            require_components(axis, f"{key}.axis", scene.dim)
         times = [t for t in scene.requested_times() if self.held_from is None or abs(t - self.held_from) < EXACT * t]
         require(len(times) > 0, f"{key}.held_from", self.held_from, "no step ends there; list that time in force")
         radial = scene.axisymmetric and axis[0] != 0

@@ -12,8 +12,8 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
-from stickslip.geometry.errors import require
-from stickslip.geometry.keys import Key
+from stickslip.geometry.errors import require, require_components
+from stickslip.geometry.keys import Key, Vector
 from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.effects.effect import Effect, Equilibrium, named
 from stickslip.solvers.scene.loads import Link
@@ -38,7 +38,7 @@ class Plunger(EffectTable):
     reports = PlungerState
 
     boundary: Annotated[str, Key("-", "side, as body.side; the push is spread evenly over it")]
-    direction: Annotated[tuple[float, ...], Key("-", "in which it pushes the body, of any length")]
+    direction: Annotated[Vector, Key("-", "in which it pushes the body, of any length")]
     stiffness: Annotated[float, Key("N/m", "plane: per metre; of the full circle")]
     preload: Annotated[
         Amplitude, Key("N", "push where the side lies undeformed, in time; negative: a gap of -preload / stiffness")
@@ -53,9 +53,9 @@ class Plunger(EffectTable):
         return {("preload", ""): self.preload}
 
     def check(self, scene: Scene, key: str) -> None:
-        found, expected = list(self.direction), f"expected {scene.dim} components in this model"
+        found = list(self.direction)
         scene.require_side(self.boundary, f"{key}.boundary")
-        require(len(found) == scene.dim, f"{key}.direction", found, expected)
+        require_components(found, f"{key}.direction", scene.dim)
         radial = scene.axisymmetric and found[0] != 0
         require(not radial, f"{key}.direction", found, "an axisymmetric model has plungers along its axis y")
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import TABLE, Key
-from stickslip.geometry.obstacles.obstacle import AXES, Axis
+from stickslip.geometry.errors import SceneError, require, require_components
+from stickslip.geometry.keys import TABLE, Key, Vector
+from stickslip.geometry.obstacles.obstacle import AXES, ByAxis
 from stickslip.solvers.effects.effect import Effect, Equilibrium, named
 from stickslip.solvers.fem.rigid_fields import parts_of_motion
 from stickslip.solvers.scene.loads import Coupling
@@ -39,23 +39,19 @@ class RemotePoint(EffectTable):
     reports = RemoteState
 
     boundary: Annotated[str, Key("-", "side, as body.side")]
-    point: Annotated[tuple[float, ...], Key("m", "where force and moment act; it may lie anywhere")]
+    point: Annotated[Vector, Key("m", "where force and moment act; it may lie anywhere")]
     coupling: Annotated[
         Literal["rigid", "distributing"],
         Key("-", "the side moves as a rigid body, or deforms: the point then follows its mean motion"),
     ]
-    force: Annotated[Mapping[Axis, Amplitude], Key("N", "by component, in time; plane: per metre"), TABLE] = field(
+    force: Annotated[ByAxis, Key("N", "by component, in time; plane: per metre"), TABLE] = field(default_factory=dict)
+    moment: Annotated[ByAxis, Key("N m", "by axis, in time; plane: z, per metre"), TABLE] = field(default_factory=dict)
+    displacement: Annotated[ByAxis, Key("m", "rigid: prescribed, by component, in time"), TABLE] = field(
         default_factory=dict
     )
-    moment: Annotated[Mapping[Axis, Amplitude], Key("N m", "by axis, in time; plane: z, per metre"), TABLE] = field(
+    rotation: Annotated[ByAxis, Key("rad", "rigid: prescribed and small, by axis, in time"), TABLE] = field(
         default_factory=dict
     )
-    displacement: Annotated[Mapping[Axis, Amplitude], Key("m", "rigid: prescribed, by component, in time"), TABLE] = (
-        field(default_factory=dict)
-    )
-    rotation: Annotated[
-        Mapping[Axis, Amplitude], Key("rad", "rigid: prescribed and small, by axis, in time"), TABLE
-    ] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for key, motion in PAIRS.items():
@@ -73,8 +69,7 @@ class RemotePoint(EffectTable):
 
     def check(self, scene: Scene, key: str) -> None:
         scene.require_side(self.boundary, f"{key}.boundary")
-        expected = f"expected {scene.dim} components in this model"
-        require(len(self.point) == scene.dim, f"{key}.point", list(self.point), expected)
+        require_components(self.point, f"{key}.point", scene.dim)
         only = "displacement and force along y" if scene.axisymmetric else "x and y, and turns about z"
         for name, axis in self.amplitudes():
             known = (PAIRS.get(name, name), axis) in _components(scene)

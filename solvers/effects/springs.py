@@ -13,8 +13,8 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import LIST, Key
+from stickslip.geometry.errors import SceneError, require, require_components
+from stickslip.geometry.keys import LIST, Key, Vector
 from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.geometry.protocols import UflExpr, UflForm
 from stickslip.solvers.effects.effect import Effect, Equilibrium, named
@@ -41,9 +41,9 @@ class Spring(EffectTable):
     at: Annotated[End, Key("m", "side, as body.side, or a point, at which a mesh vertex lies")]
     to: Annotated[End | None, Key("m", "the other end, likewise; absent: the ground")] = None
     stiffness: Annotated[
-        float | tuple[float, ...], Key("N/m", "along direction, or by component; plane: per metre; of the full circle")
+        float | Vector, Key("N/m", "along direction, or by component; plane: per metre; of the full circle")
     ]
-    direction: Annotated[tuple[float, ...] | None, Key("-", "of a single stiffness, of any length")] = None
+    direction: Annotated[Vector | None, Key("-", "of a single stiffness, of any length")] = None
     displacement: Annotated[
         tuple[Amplitude, ...] | None, Key("m", "motion of the ground, by component, in time"), LIST
     ] = None
@@ -80,7 +80,6 @@ class Spring(EffectTable):
         return {("displacement", axis): a for axis, a in zip("xyz", self.displacement or (), strict=False)}
 
     def check(self, scene: Scene, key: str) -> None:
-        expected = f"expected {scene.dim} components in this model"
         vectors = {"direction": self.direction, "displacement": self.displacement}
         vectors |= {"stiffness": None if isinstance(self.stiffness, float | int) else self.stiffness}
         for name, end in (("at", self.at), ("to", self.to)):
@@ -92,7 +91,7 @@ class Spring(EffectTable):
                     not scene.axisymmetric, f"{key}.{name}", list(end), "an axisymmetric model has rings; use a side"
                 )
         for name, vector in vectors.items():
-            require(vector is None or len(vector) == scene.dim, f"{key}.{name}", list(vector or ()), expected)
+            require_components(vector, f"{key}.{name}", scene.dim)
         if scene.axisymmetric:
             along = self.direction or self.stiffness
             radial = not isinstance(along, float | int) and along[0] != 0

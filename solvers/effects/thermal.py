@@ -12,7 +12,7 @@ from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import require, shortened
 from stickslip.geometry.expression import Expression, Varying, check_varying
-from stickslip.geometry.keys import Key
+from stickslip.geometry.keys import Key, Vector
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.fem.terms import InitialStrain
 from stickslip.solvers.scene.material import Elastic, Orthotropic
@@ -26,7 +26,7 @@ class Thermal(EffectTable):
     """Thermal expansion of one body, [thermal.BODY]."""
 
     expansion: Annotated[
-        float | tuple[float, ...],
+        float | Vector,
         Key("1/K", "coefficient of linear thermal expansion of the body; of an orthotropic one also a list by axis"),
     ]
     temperature: Annotated[

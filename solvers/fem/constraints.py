@@ -15,7 +15,6 @@ from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import null_space
 
@@ -25,6 +24,7 @@ from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Comm, Mat
 from stickslip.solvers.fem.remote_points import RemotePoint, RemotePoints
 from stickslip.solvers.fem.springs import Links
+from stickslip.solvers.parallel.replicated import from_rows
 from stickslip.solvers.scene.timeline import Course, Drive, Place
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -179,10 +179,7 @@ class Constraints:
             node, i, j = np.nonzero(point.free[mine])
             places = d * at[node] + i, self._motions(point)[j]
             entries = entries + sparse.csr_matrix((point.free[mine][node, i, j], places), shape=size)
-        csr = (entries.indptr.astype(PETSc.IntType), entries.indices.astype(PETSc.IntType), entries.data)
-        matrix = PETSc.Mat().createAIJ((size, size), bsize=d, csr=csr, comm=self.comm)
-        matrix.assemble()
-        return matrix
+        return from_rows(entries, (size, size), self.comm, d)
 
     @cached_property
     def prescribed_nodes(self) -> Ints:

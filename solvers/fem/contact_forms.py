@@ -34,7 +34,7 @@ class NodalRule:
 
     `share` holds W_j over the weight that the rule itself gives node j, in every component [-]: 1 on flat sides of
     order 1, other values on curved facets, at order 2 (where fields are coefficients of phi~, see `Surface`), and in
-    axisymmetric models.
+    axisymmetric models. The works of the multipliers of a contact with a rigid obstacle are named as in the source.
     """
 
     weak: WeakForms
@@ -84,16 +84,7 @@ class NodalRule:
         measure = ufl.Measure("ds", domain=mesh.domain, subdomain_data=mesh.facet_tags)
         around = 2 * np.pi * (ufl.SpatialCoordinate(mesh.domain)[0] + moved[0]) if mesh.axisymmetric else 1
         area = density * around * ufl.sqrt(ufl.inner(stretched, stretched))
-        found = area * measure(mesh.sides[self.side], metadata={"quadrature_degree": degree})
-        return found
-
-
-@dataclass(frozen=True)
-class ContactForms:
-    """The works of the multipliers of one contact with a rigid obstacle, named as in the source."""
-
-    weak: WeakForms
-    rule: NodalRule
+        return area * measure(mesh.sides[self.side], metadata={"quadrature_degree": degree})
 
     def friction_work(self, lam: UflExpr, v: UflExpr, s: UflExpr | float = 1.0) -> UflForm:
         """b(lambda, v; s) = ∫ s lambda . v_T ds, |lambda| <= 1; lambda is tangential, so lambda . v_T = lambda . v.
@@ -105,7 +96,7 @@ class ContactForms:
 
         Source: Pop (1999), (2.3): c_T p_T is s.
         """
-        return self.rule.integral(s * ufl.inner(lam, v))
+        return self.integral(s * ufl.inner(lam, v))
 
     def normal_work(self, p: UflExpr, v: UflExpr) -> UflForm:
         """∫ p_n v_n ds of a pressure multiplier (unilateral, bilateral, tied), as p . v with p = p_n n.
@@ -114,12 +105,12 @@ class ContactForms:
             p: p_n n [Pa]; the trial function for its matrix.
             v: test function.
         """
-        return self.rule.integral(ufl.inner(p, v))
+        return self.integral(ufl.inner(p, v))
 
     def elastic_slip(self, v: UflExpr, k_T: float) -> UflForm:
         """∫ v / k_T ds in every component: the diagonal of C, lumped, for a surface with tangential stiffness k_T."""
         softness = self.weak.constant(1 / k_T)
-        return self.rule.integral(softness * sum(v[i] for i in range(self.weak.mesh.dim)))
+        return self.integral(softness * sum(v[i] for i in range(self.weak.mesh.dim)))
 
 
 @dataclass(frozen=True)
@@ -271,6 +262,6 @@ class SmoothedContact:
         """Friction bound s [Pa]; the jump of Tresca's law at p = 0 becomes a ramp."""
         law = self.contact.friction
         if isinstance(law, Coulomb):
-            return self.weak.constant(law.mu) * ufl.max_value(p, 0)
+            return self.weak.constant(law.coefficient_now) * ufl.max_value(p, 0)
         assert isinstance(law, Tresca)
         return self.bound if self.contact.normal.sides == 2 else self.bound * ufl.min_value(p / self.widths.pressure, 1)

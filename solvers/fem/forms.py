@@ -13,6 +13,7 @@ import numpy as np
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.geometry.field import number
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import (
     CompiledForm,
@@ -31,33 +32,15 @@ from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Springs
-from stickslip.solvers.scene.material import DOUBLED, PAIRS, Elastic, Material, Orthotropic
+from stickslip.solvers.scene.material import DOUBLED, PAIRS, Orthotropic
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Place
 
 Field = Callable[..., tuple[Any, ...]]  # from coordinates to components, by arithmetic operators only
-SMOOTH = 4  # degree of the quadrature of an expression, beyond twice the order, but where a form asks for more
 SYMBOLS: Mapping[str, Callable[..., Any]] = {
     "sin": ufl.sin, "cos": ufl.cos, "tan": ufl.tan, "exp": ufl.exp, "sqrt": ufl.sqrt, "log": ufl.ln, "abs": abs,
     "min": ufl.min_value, "max": ufl.max_value,
 }  # fmt: skip
-
-
-def elastic_stress(strain: Array, material: Elastic, plane_stress: bool) -> Array:
-    """Stress sigma (3, 3) [Pa] of an elastic strain (3, 3) [-]; in plane stress strain_zz follows from sigma_zz = 0.
-
-    >>> steel = Material(E=1.0, nu=0.25)
-    >>> elastic_stress(np.diag([1.0, 0.0, 0.0]), steel, plane_stress=True).round(3).diagonal()
-    array([1.067, 0.267, 0.   ])
-    """
-    if isinstance(material, Orthotropic):
-        return material.stress(strain, plane_stress)
-    assert isinstance(material, Material)
-    lame_lambda, lame_mu = material.lame_lambda, material.lame_mu
-    strain = np.array(strain, float)
-    if plane_stress:
-        strain[2, 2] = -lame_lambda / (lame_lambda + 2 * lame_mu) * (strain[0, 0] + strain[1, 1])
-    return np.asarray(2 * lame_mu * strain + lame_lambda * np.trace(strain) * np.eye(3))
 
 
 def compliant_pressure(c_n: UflExpr, m_n: float, penetration: UflExpr) -> UflExpr:
@@ -119,7 +102,7 @@ class WeakForms:
     space: FunctionSpace
     counters: Counters
     degree: int | None = None  # of the quadrature on cells; None: that of the mesh
-    smooth: int = SMOOTH  # that of an expression, beyond twice the order
+    smooth: int = 4  # that of an expression, beyond twice the order, but where a form asks for more
 
     @cached_property
     def u(self) -> UflExpr:
@@ -232,7 +215,7 @@ class WeakForms:
 
     def initial_stress(self, initial: InitialStrain) -> Array:
         """sigma = C strain (3, 3) [Pa] of an initial strain at value 1; in plane stress sigma_zz = 0."""
-        return elastic_stress(initial.strain, self.problem.bodies[initial.body], self.problem.model == "plane stress")
+        return self.problem.bodies[initial.body].stress(initial.strain, self.problem.model == "plane stress")
 
     def initial_load(
         self, initial: InitialStrain, shrinking: Function | None = None, mean: Function | None = None
@@ -298,15 +281,20 @@ class WeakForms:
         found.x.array[:] = drawn_together(points, *initial.shrunk).ravel()
         return found
 
-    def strain_by_cell(self, u: Function) -> Array:
-        """Strain (own cells, 3, 3) [-] of a displacement at the cells' midpoints; compiled here; collective."""
+    def strain_by_cell(self, u: Function) -> Callable[[], Array]:
+        """Compile what gives the strain (own cells, 3, 3) [-] of a displacement at the cells' midpoints; collective."""
         domain = self.mesh.domain
         cells = np.arange(domain.topology.index_map(self.mesh.dim).size_local)
-        values = dx.CellExpression(self.strain(u), dx.midpoint(domain), domain)(cells)
+        compiled = dx.CellExpression(self.strain(u), dx.midpoint(domain), domain)
         self.counters.forms += 1
-        found, d = np.zeros((len(cells), 3, 3)), round(values.shape[-1] ** 0.5)
-        found[:, :d, :d] = values.reshape(-1, d, d)
-        return found
+
+        def strain() -> Array:
+            values, found = compiled(cells), np.zeros((len(cells), 3, 3))
+            d = round(values.shape[-1] ** 0.5)
+            found[:, :d, :d] = values.reshape(-1, d, d)
+            return found
+
+        return strain
 
     def _volume_of(self, initial: InitialStrain) -> Measure:
         return self.volume(initial.body, 2 * self.mesh.degree + self.smooth if initial.field else None)
@@ -413,7 +401,7 @@ class WeakForms:
         x = ufl.SpatialCoordinate(self.mesh.domain)
         obstacle = self.problem.obstacles[contact.against]
         distance = obstacle.distance([x[i] for i in range(self.mesh.dim)], ufl.sqrt)
-        return distance + self.constant(contact.gap_offset), -ufl.grad(distance)
+        return distance + self.constant(number(contact.gap_offset)), -ufl.grad(distance)
 
     def normal_compliance(self, u: UflExpr, contact: Contact, law: Compliance) -> UflForm:
         """j_n(u, v) = ∫ c_n (u_n - g)_+^m_n v_n ds, u the displacement Function relative to the obstacle [m]."""

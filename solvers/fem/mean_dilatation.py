@@ -6,10 +6,6 @@ mass: the stiffness stays symmetric positive definite, without further unknowns.
 pair of Taylor & Hood. Displacements of order 1 have too few freedoms for a pressure at each corner: nodes at the body's
 surface have none, their share goes to the neighbours within; nodes without such a neighbour keep theirs.
 
-Hertz at nu = .4999, pressures within .9 a, root mean square error in percent of the peak (at nu = .3 without it): plane
-strain, order 1, 16 cells in a: .9 (.8), axisymmetric .3 (.6), 3D, 8 cells: 4.4 (3.3); order 2: .8 (.7), .2 (.3), .8
-(1.4). Displacements alone, order 1: 70, 93, 340; order 2: 4.4, 2.8.
-
 Source: Taylor & Hood, Comput. Fluids 1 (1973); Bonet & Burton, Commun. Numer. Meth. Engng 14 (1998), of averages at the
 nodes of linear tetrahedra; de Souza Neto et al., Int. J. Numer. Meth. Engng 62 (2005), of averages over patches;
 Vanderbei, SIAM J. Optim. 5 (1995), of quasi-definite matrices.

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from petsc4py import PETSc
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
@@ -23,6 +22,7 @@ from stickslip.geometry.protocols import Comm, FunctionSpace, Mat, Sparse, Vec
 from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.rigid_fields import parts_of_motion, rigid_names
+from stickslip.solvers.parallel.replicated import from_rows
 from stickslip.solvers.scene.loads import End, Link
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Drive, Place
@@ -96,10 +96,7 @@ class Links:
         low, high = like.getOwnershipRange()
         own = (self.rows[:, low:high].T @ sparse.diags(self.stiffness) @ self.rows).tocsr()
         own.sort_indices()
-        entries = (own.indptr.astype(PETSc.IntType), own.indices.astype(PETSc.IntType), own.data)
-        found = PETSc.Mat().createAIJ(like.getSizes(), bsize=self.directions.shape[1], csr=entries, comm=like.comm)
-        found.assemble()
-        return found
+        return from_rows(own, like.getSizes(), like.comm, self.directions.shape[1])
 
     @property
     def at_rest(self) -> Array:

@@ -14,7 +14,9 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check, value_at
 from stickslip.geometry.arrays import Array, Bools, Ints
-from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.errors import SceneError, prefixed, require
+from stickslip.geometry.expression import Varying
+from stickslip.geometry.field import Field, check_field, in_time, number, values
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, touched, touching
@@ -130,21 +132,41 @@ class Cohesion(FrictionLaw):
 class Coulomb(Proportional):
     """Coulomb's law, s = mu p_n."""
 
-    mu: Annotated[float, Key("-", "coefficient of friction")]
+    mu: Annotated[
+        Field, Key("-", "coefficient of friction: a number, in time, an expression, or a map of values over places")
+    ]
     law: Annotated[Literal["coulomb"], Key("-", "the law's name")] = "coulomb"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(self.mu >= 0, "mu", self.mu, "must not be negative")
+        check_field(self.mu, "mu")
+        require(not isinstance(self.mu, float | int) or self.mu >= 0, "mu", self.mu, "must not be negative")
 
     @property
     def coefficient_now(self) -> float:
-        return self.mu
+        return number(self.mu)
+
+    def resists(self) -> bool:
+        return not isinstance(self.mu, float | int) or self.mu > 0
+
+    @property
+    def changes(self) -> bool:
+        return bool(self.amplitudes())
+
+    def amplitudes(self) -> Mapping[tuple[str, ...], Varying]:
+        return in_time(self.mu, "mu")
+
+    def placed(self, points: Array, time: float, end: float) -> FrictionLaw:
+        if isinstance(self.mu, float | int):
+            return self
+        with prefixed("friction"):
+            mu = np.broadcast_to(values(self.mu, "mu", points, time, end), len(points))
+            return CoulombByPoint(mu=mu, k_T=self.k_T)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoulombByPoint(Proportional):
-    """Coulomb's law, s = mu p_n with mu by point; no scene asks for it, because it has no name there."""
+    """Coulomb's law, s = mu p_n with mu by point: that of a field, of slip, or of a rate."""
 
     mu: Array  # (m_t,) [-]
     most: Array | None = None  # (m_t,) that mu can become by slip [-]; None: it is constant
@@ -195,8 +217,8 @@ class Tresca(FrictionLaw):
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
         return value_at(self.bound, time, end), np.inf, np.inf
 
-    def amplitudes(self) -> Mapping[str, Amplitude]:
-        return {"bound": self.bound}
+    def amplitudes(self) -> Mapping[tuple[str, ...], Varying]:
+        return {("bound",): self.bound}
 
 
 @dataclass(frozen=True, kw_only=True)

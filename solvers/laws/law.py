@@ -9,9 +9,9 @@ from typing import Annotated, ClassVar, NamedTuple
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.errors import require
+from stickslip.geometry.expression import Varying
 from stickslip.geometry.keys import Choice, Key
 from stickslip.geometry.protocols import Sparse
 
@@ -124,6 +124,19 @@ class FrictionLaw(Choice):
             SceneError: it has none of the law's directions.
         """
 
+    @property
+    def changes(self) -> bool:
+        """Whether a parameter is a field that changes in time, see `placed`."""
+        return False
+
+    def placed(self, points: Array, time: float, end: float) -> FrictionLaw:
+        """The law at tangential points (m_t, d) [m] and a time [s], with one parameter for each where it is a field.
+
+        Args:
+            end: last time of the scene [s].
+        """
+        return self
+
     def memory(self, points: int) -> Array:
         """Memory of points at rest (m_t,); it is kept from step to step and in checkpoints."""
         return np.zeros(points)
@@ -212,8 +225,8 @@ class FrictionLaw(Choice):
         cap, below, above = self.lines(normal, time, end)
         return cap == np.inf and below == above and not self.at_no_pressure
 
-    def amplitudes(self) -> Mapping[str, Amplitude]:
-        """The law's values in time, by key."""
+    def amplitudes(self) -> Mapping[tuple[str, ...], Varying]:
+        """The law's values in time, by key and component."""
         return {}
 
 

@@ -26,7 +26,6 @@ from stickslip.geometry.protocols import Comm
 
 # glibc's M_MMAP_MAX, M_MMAP_THRESHOLD and M_TRIM_THRESHOLD [bytes]
 MALLOC = (-4, 65536), (-3, 32 << 20), (-1, 64 << 20)
-KEPT = 16  # communicators of meshes that are gone, before Python looks for what is left in reference cycles
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ def destroy_released(comm: Comm) -> None:
     mine = [each for each in _watched if _same_ranks(each.comm.tompi4py(), comm)]
     users = comm.allreduce(np.array([each.mesh() is not None for each in mine], int))
     gone = [each for each, count in zip(mine, users, strict=True) if not count]
-    last = len(gone) > KEPT
+    last = len(gone) > 16  # communicators of meshes, before Python looks for what is left in reference cycles
     if last:
         gc.collect()
     PETSc.garbage_cleanup(PETSc.COMM_SELF)

@@ -77,7 +77,16 @@ def distributed(whole: Sparse, rows: Vec, columns: Vec) -> Mat:
     low, high = rows.getOwnershipRange()
     own = whole.tocsr()[low:high]
     sizes = (rows.getLocalSize(), rows.getSize()), (columns.getLocalSize(), columns.getSize())
-    csr = own.indptr, own.indices.astype(PETSc.IntType), own.data
-    matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=columns.comm)
+    return from_rows(own, sizes, columns.comm)
+
+
+def from_rows(own: Sparse, sizes: tuple[object, object], comm: Comm, bsize: int | None = None) -> Mat:
+    """The PETSc matrix of which each rank gives its own rows, as a csr matrix; collective.
+
+    Args:
+        sizes, bsize: of the matrix, and of its blocks, as PETSc takes them.
+    """
+    csr = own.indptr.astype(PETSc.IntType), own.indices.astype(PETSc.IntType), own.data
+    matrix = PETSc.Mat().createAIJ(sizes, bsize=bsize, csr=csr, comm=comm)
     matrix.assemble()
     return matrix

@@ -106,9 +106,9 @@ class Auditor:
         self._largest = 0.0  # traction so far [Pa]
         self._set_system(self.start)
 
-    def _set_system(self, system: System) -> None:
-        """Use the contact rows of `system`."""
-        self.system, self.cone = system, AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
+    def _set_system(self, system: System, time: float = 0.0) -> None:
+        """Use the contact rows of `system` as they are at a time [s]."""
+        self.system, self.cone = system, AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end).at(time)
 
     @cached_property
     def shared(self) -> tuple[str, ...]:
@@ -139,7 +139,7 @@ class Auditor:
         """
         if not record.finite:
             return Audit(**{f.name: np.inf for f in fields(Audit)})
-        self._set_system(self.start.searched(record.searched) if record.searched else self.start)
+        self._set_system(self.start.searched(record.searched) if record.searched else self.start, record.time)
         recall(self.start, record.time, record.shortened)
         u = self.system.vector()
         u.array[:] = record.displacement[self.system.nodes.input[: self.system.nodes.owned]].ravel()
@@ -179,14 +179,14 @@ class Auditor:
     def _gap(self, rows: ContactRows, record: Record) -> tuple[Array, Array]:
         """Gaps (m_n,) at the points of pressure and (n,) at the nodes [m], from the closed formula if there is one."""
         pair, side = self.system.problem.pairs[rows.name], rows.surface
-        offset = pair.contact.gap_offset
+        offset, node_offset = rows.fields.offsets(record.time) if rows.fields else (0.0, 0.0)
         if rows.normal.ties:
-            return np.full(len(rows.gap), offset), np.full(len(rows.node_gap), offset)
+            return np.full(len(rows.gap), offset), np.full(len(rows.node_gap), node_offset)
         if pair.obstacle is None or gap(obstacle := self.system.problem.obstacles[pair.obstacle], side.points) is None:
             return rows.gap, rows.node_gap
         moved = record.searched.get(rows.name, np.zeros_like(side.points))
         at = side.points + moved  # gaps there belong to displacements counted from the start
-        nodal = side.transform @ np.asarray(gap(obstacle, at)) + offset
+        nodal = side.transform @ np.asarray(gap(obstacle, at)) + node_offset
         nodal = nodal + np.einsum("nd,nd->n", rows.frames[:, 0], side.transform @ moved)
         if not rows.normal.at_quadrature:
             return np.asarray(rows.psi.T @ nodal / rows.W_n), nodal
@@ -413,11 +413,13 @@ class Auditor:
         """
         system, law = self.system, rows.normal
         assert isinstance(law, Compliance)
-        if rows.name in record.searched:
+        pair = system.problem.pairs[rows.name]
+        formula = pair.obstacle is not None and system.problem.obstacles[pair.obstacle].written_in_operators
+        if rows.name in record.searched or not formula or not isinstance(pair.contact.gap_offset, float | int):
             p_n = self._pressure_of_law(rows, record)
             return system.interface.force_of(rows, p_n, np.zeros(rows.free.shape))
         if rows.name not in self._j_n:
-            forms = ComplianceForms(system.weak, system.problem.pairs[rows.name].contact, law)
+            forms = ComplianceForms(system.weak, pair.contact, law)
             self._j_n[rows.name] = forms, system.weak.compile(forms.work)
         forms, work = self._j_n[rows.name]
         relative = relative_to_obstacle(system, rows.name, u, record.time, record.driven)

@@ -17,7 +17,15 @@ from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.protocols import Sparse
-from stickslip.solvers.laws.friction import CappedCoulomb, Cohesion, Coulomb, OrthotropicCoulomb, Stick, Tresca
+from stickslip.solvers.laws.friction import (
+    CappedCoulomb,
+    Cohesion,
+    Coulomb,
+    CoulombByPoint,
+    OrthotropicCoulomb,
+    Stick,
+    Tresca,
+)
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.mu_table import MuTable
 from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
@@ -102,8 +110,8 @@ def bound(
         return np.asarray(_in_table(law.mu, mean) * np.where(mean > 0, mean, 0.0))
     if type(law) is OrthotropicCoulomb:  # of tractions along the law's own directions
         return max(law.mu_1, law.mu_2) * np.where(mean > 0, mean, 0.0)
-    if type(law) is Coulomb:
-        return law.mu * np.where(mean > 0, mean, 0.0)
+    if isinstance(law, Coulomb | CoulombByPoint):
+        return law.coefficient_now * np.where(mean > 0, mean, 0.0)
     if type(law) is CappedCoulomb:
         return np.minimum(law.mu * np.where(mean > 0, mean, 0.0), law.s_max)
     closed = (mean > 0) | (type(normal) in (Bilateral, Tied))

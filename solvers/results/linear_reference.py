@@ -18,11 +18,7 @@ from stickslip.solvers.system.floating_modes import near_nullspace
 from stickslip.solvers.system.system import System
 
 RTOL = 1e-8  # true residual, relative to the load
-MOST_ITERATIONS = 1000
 PREFIX = "linear_reference_"
-WORKSPACE = 100  # percent that MUMPS adds to its estimate of memory
-QUADRATIC = 1.2e-9  # [s] of a factorisation in 3D on one core, times unknowns squared; 108 k unknowns: 14 s
-HOPELESS = 3.0  # times the fastest solver; one that is predicted to take longer is not tried
 log = logging.getLogger(__name__)
 
 
@@ -86,8 +82,9 @@ def _linear_reference(system: System, only: str, rtol: float, now: Callable[[], 
         return LinearReference.of({only: _timed(K, f, solvers[only], rtol, now)})
     found = {name: _timed(K, f, solvers[name], rtol, now) for name in ("cg+boomeramg", "cg+gamg")[not HYPRE :]}
     best = min(timing.seconds for timing in found.values())
-    predicted = QUADRATIC * K.size[0] ** 2 / K.comm.size if system.mesh.dim == 3 else 0.0
-    if predicted > HOPELESS * best:
+    # [s] of a factorisation in 3D; 108 k unknowns on one core: 14 s
+    predicted = 1.2e-9 * K.size[0] ** 2 / K.comm.size if system.mesh.dim == 3 else 0.0
+    if predicted > 3 * best:
         note = f"not tried: about {predicted:.0f} s are expected for {K.size[0]} unknowns in 3D"
         found["mumps"] = Timing(note=note)
     else:
@@ -127,7 +124,7 @@ def _timed(K: Mat, f: Vec, prepare: Callable[[KSP], None], rtol: float, now: Cal
         ksp.setOperators(K)
         ksp.setType("cg")
         ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        ksp.setTolerances(rtol=rtol, atol=0.0, max_it=MOST_ITERATIONS)
+        ksp.setTolerances(rtol=rtol, atol=0.0, max_it=1000)
         prepare(ksp)
         ksp.setUp()
         ready = now()
@@ -153,4 +150,4 @@ def _cholesky(ksp: KSP) -> None:
     pc.setFactorSolverType("mumps")
     pc.setFactorSetUpSolverType()
     pc.getFactorMatrix().setMumpsIcntl(7, METIS)
-    pc.getFactorMatrix().setMumpsIcntl(14, WORKSPACE)
+    pc.getFactorMatrix().setMumpsIcntl(14, 100)  # percent that is added to the estimate of memory

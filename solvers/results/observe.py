@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import EXACT, ROUNDING, Array, Ints, cross
+from stickslip.geometry.arrays import EXACT, ROUNDING, Array, cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import Vec
@@ -73,24 +73,15 @@ class CellStress:
 
     def __init__(self, system: System) -> None:
         """Compile the strain; collective."""
-        self._system = system
+        self._system, mesh = system, system.mesh
         self.displacement = dx.fem.Function(system.space)
-        mesh = system.mesh
-        self._strain = dx.CellExpression(system.weak.strain(self.displacement), dx.midpoint(mesh.domain), mesh.domain)
-        system.counters.forms += 1
-        count = mesh.domain.topology.index_map(mesh.dim).size_local
-        self._cells = np.arange(count)
+        self._strain = system.weak.strain_by_cell(self.displacement)
         self._means = system.dilatation.functions()
+        count = mesh.domain.topology.index_map(mesh.dim).size_local
         basis = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))[0]
         corners = mesh.domain.geometry.x[:, : mesh.dim][dx.cell_nodes(mesh.domain)[:count]]
         self._middles = np.einsum("n,cnd->cd", basis[0], corners)
-        self._lame, self.members = np.ones((count, 2)), dict[str, Ints]()
-        for name, tag in mesh.bodies.items():
-            members = mesh.cell_tags.indices[mesh.cell_tags.values == tag]
-            self.members[name] = members[members < count]
-            if name in system.problem.isotropic:
-                material = system.problem.isotropic[name]
-                self._lame[self.members[name]] = material.lame_lambda, material.lame_mu
+        self.members = {name: cells[cells < count] for name, cells in ((b, mesh.cells_of(b)) for b in mesh.bodies)}
 
     def __call__(self, u: Vec, initial: Array) -> Array:
         """Stress (own cells, 3, 3) [Pa], tension positive; collective.
@@ -100,28 +91,19 @@ class CellStress:
             initial: values (k,) of the initial strains.
         """
         dx.fill(self.displacement, u.array_r)
-        strain = np.zeros((len(self._cells), 3, 3))
-        found = self._strain(self._cells)
-        d = round(found.shape[-1] ** 0.5)
-        strain[:, :d, :d] = found.reshape(-1, d, d)
-        grown = np.zeros(len(self._cells))
-        for number, given in enumerate(self._system.initial.strains):
+        strain, problem, strains = self._strain(), self._system.problem, self._system.initial
+        grown, stress = np.zeros(len(strain)), np.empty_like(strain)
+        for number, given in enumerate(strains.strains):
             members, timeline = self.members[given.body], self._system.course.timeline
-            own_strain = self._system.initial.at(number, self._middles[members], members, timeline)
+            own_strain = strains.at(number, self._middles[members], members, timeline)
             strain[members] -= initial[number] * own_strain
-            grown[members] += initial[number] * self._system.initial.dilatation(number, own_strain, members)
-        lame_lambda, lame_mu = self._lame.T
-        if self._system.problem.model == "plane stress":
-            strain[:, 2, 2] = -lame_lambda / (lame_lambda + 2 * lame_mu) * (strain[:, 0, 0] + strain[:, 1, 1])
-        trace = np.trace(strain, axis1=1, axis2=2)
+            grown[members] += initial[number] * strains.dilatation(number, own_strain, members)
+        for body, members in self.members.items():
+            stress[members] = problem.bodies[body].stress(strain[members], problem.model == "plane stress")
         for body, mean in self._system.dilatation.at_midpoints(u, self._means).items():
             members = self.members[body]
-            trace[members] = mean[members] - grown[members]
-        stress = np.asarray(2 * lame_mu[:, None, None] * strain + (lame_lambda * trace)[:, None, None] * np.eye(3))
-        plane_stress = self._system.problem.model == "plane stress"
-        for body, material in self._system.problem.orthotropic.items():
-            members = self.members[body]
-            stress[members] = material.stress(strain[members], plane_stress)
+            change = mean[members] - grown[members]
+            stress[members] = problem.isotropic[body].stress(strain[members], False, change)
         return stress
 
 
@@ -136,7 +118,7 @@ class Observer:
     probes: Mapping[str, tuple[int, Array] | None]  # cell, and its basis at the point (k,); None on other ranks
     data: MeshData | None  # whose error is estimated; None: nobody asks for it
     recovered: RecoveredStress | None  # estimates it
-    estimate: Estimate  # adds errors of numbers to a result
+    estimate: Estimate | None  # adds errors of numbers to a result
 
     @classmethod
     def of(cls, stepper: Stepper, data: MeshData | None = None, estimate: Estimate | None = None) -> Observer:
@@ -160,12 +142,12 @@ class Observer:
             probes={name: _locate(system.mesh, x, name) for name, x in points.items()},
             data=data,
             recovered=None if data is None else RecoveredStress(system),
-            estimate=estimate or _nothing,
+            estimate=estimate,
         )
 
     def without_errors(self) -> Observer:
         """The same that estimates nothing."""
-        return replace(self, data=None, recovered=None, estimate=_nothing)
+        return replace(self, data=None, recovered=None, estimate=None)
 
     def __call__(self, accepted: Accepted) -> StepResult:
         """The result of a step; collective. Displacement and stress are on rank 0 only."""
@@ -205,7 +187,7 @@ class Observer:
             bodies=self._bodies(nodal, cell_stress),
             columns=self._columns(state.time),
         )
-        if self.estimate is _nothing:
+        if self.estimate is None:
             return found
         with system.counters.clock.phase("error", "mesh"):
             return self.estimate(self, accepted, found)
@@ -213,7 +195,7 @@ class Observer:
     def numbers(self, accepted: Accepted) -> Numbers:
         """Numbers of a step, without fields of the volume; collective."""
         system, state = accepted.stepper.system, accepted.state
-        contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
+        contacts = {c.name: self._contact(i, c.at(state.time), accepted) for i, c in enumerate(system.contacts)}
         reactions = system.reactions(state.residual) if state.reactions is None else state.reactions
         return Numbers(
             contacts=contacts,
@@ -353,11 +335,6 @@ class Observer:
         return next(offer for offer in system.mesh.comm.allgather(found) if offer is not None)
 
 
-def _nothing(observer: Observer, accepted: Accepted, result: StepResult) -> StepResult:
-    """Add no errors."""
-    return result
-
-
 def _normal_forces(accepted: Accepted, p: Array) -> dict[str, float]:
     """Normal force [N] of each contact under tractions p (rows,) [Pa]."""
     pressures = accepted.stepper.split(p)[0]
@@ -411,9 +388,8 @@ def mesh_data(system: System) -> MeshData:
     by_node, by_cell = nodes_of(mesh, nodes), cells_of(mesh)
     own = mesh.domain.topology.index_map(mesh.dim).size_local
     body = np.zeros(own, np.int64)
-    for index, tag in enumerate(mesh.bodies.values()):
-        members = mesh.cell_tags.indices[mesh.cell_tags.values == tag]
-        body[members[members < own]] = index
+    for index, cells in enumerate(map(mesh.cells_of, mesh.bodies)):
+        body[cells[cells < own]] = index
     known = by_node(nodes.input[: nodes.owned])
     return MeshData(
         points=by_node(nodes.points[: nodes.owned]),

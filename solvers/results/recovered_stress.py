@@ -26,7 +26,6 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.scene.material import DOUBLED, Elastic, Material, Orthotropic
 from stickslip.solvers.system.system import System
 
-KEPT = 50_000  # most cells of a rank whose Jacobians are kept from step to step
 TWICE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # shear counts twice in products of stresses
 RAISED = {1: 1.0, 2: 1.5}  # by order; stated over true without it: .96 to 1.00, and .59 to .74
 
@@ -206,7 +205,7 @@ class RecoveredStress:
         """Some cells of a body after the other; of a large mesh each is forgotten when the next one comes."""
         for cells in members:
             part = self._kept.get(int(cells[0])) or self._part(cells)
-            if len(self._cells) <= KEPT:
+            if len(self._cells) <= 50_000:  # of a rank
                 self._kept[int(cells[0])] = part
             yield part
 

@@ -197,9 +197,7 @@ class StepResult(Numbers):
     displacement: Array  # (nodes, d) [m]
     stress: Array  # (cells, 3, 3) at the midpoints [Pa], tension positive
     probes: Mapping[str, ProbeValue]
-    iteration_error: (
-        float  # bound on what iterations left so far, energy norm, relative to the largest [-]; nan: unknown
-    )
+    iteration_error: float  # bound on what iterations left, energy norm, relative to the largest [-]; nan: unknown
     mesh_error: float  # estimate of what the mesh leaves, energy norm, relative to the largest [-]; nan: none
     stress_error: Array  # (cells,) the same as an error of the stress [Pa], see `MeshError`; empty: not estimated
     law_error: float  # the same by the method's approximation of the contact laws, earlier steps included [-]
@@ -207,9 +205,7 @@ class StepResult(Numbers):
     w: Array  # (rows,) relative displacement, flat [m]
     reference: Array  # (rows,) that the contact laws subtract from w [m]: the gap, and the slip at the substep's start
     driven: Array  # (o,) displacement of the obstacles that forces drive [m], for the audit
-    shortened: (
-        Array  # (b,) that are found: shortening of bolts by force, slack of springs of one way [m]; for the audit
-    )
+    shortened: Array  # (b,) that are found: shortening of bolts by force, slack of springs of one way [m]
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) that its pairs were searched at [m]
     memory: Mapping[str, Array]  # by contact whose friction remembers slip: its length so far [m], or rate [m/s] (m_t,)
     p_ref: float  # scale of tractions: of statuses, and of what counts as none [Pa]
@@ -218,9 +214,7 @@ class StepResult(Numbers):
     weakening: float = 0.0  # how much faster than bodies unload friction weakened by slip [-]; above 1 slip jumped
     linear_error: float = 0.0  # error left by an iterative volume solve, energy norm, relative [-]; 0: direct solver
     convergence: Convergence | None = None  # of Uzawa's iteration, from methods that measure it
-    other_solutions: tuple[
-        Mapping[str, float], ...
-    ] = ()  # that friction admits and were met: normal force by contact [N]
+    other_solutions: tuple[Mapping[str, float], ...] = ()  # that friction admits: normal force by contact [N]
     corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
     errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
     bodies: Mapping[str, BodyState] = field(default_factory=dict)

@@ -18,9 +18,6 @@ from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.system.nodal_contact import NodalContact, traction_fields
 from stickslip.solvers.system.system import System
 
-OPEN = 0  # of `ContactState.status`
-OF_STRESS = 1e3 * EPS  # rounding of the stress that motions as large as u make over a cell
-
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFields:
@@ -110,7 +107,7 @@ def contact_differences(
     yield difference(lam[judged], -traction[judged], p_top)
     yield difference(np.asarray(stored["gap"], float), node_gap - closing, rounding=rounding)
     # where the edge of contact crosses a facet, dual means of compliant pressures may be below zero beside it
-    yield max(float(pressure[stored["status"] == OPEN].max(initial=0.0)) - noise, 0.0) / p_top
+    yield max(float(pressure[stored["status"] == 0].max(initial=0.0)) - noise, 0.0) / p_top
 
 
 def slip_of(rows: ContactRows, moved: Array) -> Array:
@@ -169,7 +166,8 @@ def stress_difference(system: System, displacement: Array, time: float, stored: 
         spherical = body.nu / body.give * volume
         expected[inside] = body.E / (1 + body.nu) * (elastic + spherical[:, None, None] * np.eye(3))
         modulus[inside] = body.E / body.give
-    rounding = OF_STRESS * modulus * reach * np.abs(inverse).max(axis=(1, 2), initial=0.0)
+    # of the stress that motions as large as u make over a cell
+    rounding = 1e3 * EPS * modulus * reach * np.abs(inverse).max(axis=(1, 2), initial=0.0)
     a, b, c = (expected[:, i, i] - expected[:, i - 1, i - 1] for i in range(3))
     shear = expected[:, 0, 1] ** 2 + expected[:, 1, 2] ** 2 + expected[:, 0, 2] ** 2
     equivalent = np.sqrt((a**2 + b**2 + c**2) / 2 + 3 * shear)
@@ -201,11 +199,11 @@ class MultiplierForces:
         sliding = system.problem.pairs[rows.name].contact.sliding
         self._moved = dx.fem.Function(system.space) if sliding else None
         self._areas = compile_(self._nodal.rule.areas(self._moved))
-        forms, v, works = self._nodal.forms, system.weak.v, []
+        rule, v, works = self._nodal.rule, system.weak.v, []
         if not rows.normal.at_quadrature:
-            works.append(forms.normal_work(self._pressure, v))
+            works.append(rule.normal_work(self._pressure, v))
         if rows.friction is not None:
-            works.append(forms.friction_work(self._lam, v, self._bound[0]))
+            works.append(rule.friction_work(self._lam, v, self._bound[0]))
         self._work = compile_(sum(works[1:], start=works[0]))
         self._weigh()
 

@@ -8,12 +8,6 @@ from dataclasses import asdict
 from stickslip.geometry.arrays import CLOSE, ROUNDING, SLIGHT
 from stickslip.solvers.results.audit import Audit
 
-DIGITS = 10.0  # times the rounding of the displacement: the solver's own rounding comes on top
-LAWS = 1e-5  # contact laws; the ready scenes stay below 1e-7
-LOOSE = 30.0  # times solver.tolerance: the scales of the audit are the step's own, smaller than those of the tolerance
-ROUGH = 0.1  # with any method
-APART = 30.0  # times the error that a method states of its laws: that is of the whole body, this of one point
-
 ITERATE, UNITS = "try a smaller solver.tolerance or another solver.method", "check the units of E, loads and lengths"
 DEFECT = "no setting of the scene decides that: it is a defect of the program or of the files; please report it"
 HINTS: Mapping[str, str] = {  # what to do about each number of the audit
@@ -37,12 +31,13 @@ def limits(tolerance: float, law_error: float = 0.0, rounding: float = 0.0) -> A
         law_error: that the method states of its approximate contact laws, see `StepResult.law_error`.
         rounding: `Audit.rounding` of the step.
     """
-    iterated = LOOSE * tolerance
-    laws = max(LAWS, iterated, min(APART * law_error, ROUGH))
+    iterated = 30 * tolerance  # the scales of the audit are the step's own, smaller than those of the tolerance
+    # ready scenes stay below 1e-7; the error that a method states of its laws is of the whole body, this of one point
+    laws = max(1e-5, iterated, min(30 * law_error, 0.1))
     return Audit(
         # out of balance; the ready scenes stay below 2e-9
-        # rounding of the displacement: beyond that stresses and forces are noise
-        equilibrium=max(CLOSE, iterated, DIGITS * min(rounding, SLIGHT)),
+        # rounding of the displacement, beyond which stresses and forces are noise: the solver's own comes on top
+        equilibrium=max(CLOSE, iterated, 10 * min(rounding, SLIGHT)),
         rounding=SLIGHT,
         # what no iteration decides: supports, and fields that follow from displacement and tractions
         supports=ROUNDING,

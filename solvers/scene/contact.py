@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.errors import SceneError, prefixed, require
+from stickslip.geometry.expression import Varying
+from stickslip.geometry.field import Field, check_field, in_time
 from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.shape import Model
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
@@ -27,7 +28,10 @@ class Contact(Noun):
         Literal["auto", "surface", "against"],
         Key("-", "side that carries the tractions; auto: `surface`, or `against` if its body is 10 times softer"),
     ] = "auto"
-    gap_offset: Annotated[float, Key("m", "added to the geometric gap; negative: interference")] = 0.0
+    gap_offset: Annotated[
+        Field,
+        Key("m", "added to the geometric gap; negative: interference; in time, an expression, or a map of heights"),
+    ] = 0.0
 
     gap: Annotated[
         float | None,
@@ -51,6 +55,7 @@ class Contact(Noun):
         reach = self.search_distance
         require(reach is None or reach > 0, "search_distance", reach, "must be positive, in metres")
         require(not (self.sliding and self.normal.ties), "sliding", "true", "a tied surface does not slide")
+        check_field(self.gap_offset, "gap_offset")
         given = self.gap is not None
         require(not (given and self.sliding), "gap", self.gap, "a side that slides has the gap that its mesh has there")
         require(not (given and self.normal.ties), "gap", self.gap, "a tied surface closes none; see gap_offset")
@@ -68,11 +73,10 @@ class Contact(Noun):
         """Quadrature degree that both laws need on facets."""
         return max(self.normal.degree(order), self.friction.degree(order) if self.friction else 0)
 
-    def amplitudes(self) -> dict[tuple[str, str], Amplitude]:
+    def amplitudes(self) -> dict[tuple[str, ...], Varying]:
         """Its values in time by key and component."""
-        return {
-            ("friction", part): value for part, value in (self.friction.amplitudes() if self.friction else {}).items()
-        }
+        of_law = self.friction.amplitudes() if self.friction else {}
+        return {("friction", *part): value for part, value in of_law.items()} | in_time(self.gap_offset, "gap_offset")
 
     def check_model(self, model: Model) -> None:
         """Refuse what friction does not have in the model."""

@@ -10,19 +10,13 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.errors import SceneError, require, require_components
 from stickslip.geometry.expression import Varying, check_varying
-from stickslip.geometry.keys import LIST, TABLE, Key, Noun
-from stickslip.geometry.shape import Model
+from stickslip.geometry.keys import LIST, TABLE, Key, Noun, Vector
+from stickslip.geometry.shape import Model, dimensions
 from stickslip.solvers.scene.timeline import Place
 
-End = str | tuple[float, ...]  # of a link: a side, as body.side, or a point [m], at which a mesh vertex lies
-
-
-def check_point(point: tuple[float, ...] | None, model: Model) -> None:
-    """Refuse a key `point` with components that the model does not have, or lacks."""
-    found, dim = list(point or ()), 3 if model == "3d" else 2
-    require(point is None or len(found) == dim, "point", found, f"expected {dim} components in this model")
+End = str | Vector  # of a link: a side, as body.side, or a point [m], at which a mesh vertex lies
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +56,7 @@ class Load(Noun):
     def check_model(self, model: Model) -> None:
         """Refuse components that the model does not have, or lacks."""
         key, found = "traction" if self.traction is not None else "force", list(self.vector or ())
-        dim = 3 if model == "3d" else 2
-        require(self.vector is None or len(found) == dim, key, found, f"expected {dim} components in this model")
+        require_components(self.vector, key, dimensions(model))
         radial = model == "axisymmetric" and self.force is not None and self.force[0] != 0
         require(not radial, key, found, "a radial force has no resultant; use traction or pressure")
 
@@ -77,7 +70,7 @@ class Support(Noun):
 
     displacement: Annotated[Mapping[Direction, Varying], Key("m", "by component x, y, z or normal (outward)"), TABLE]
     boundary: Annotated[str | None, Key("-", "side, as body.side")] = None
-    point: Annotated[tuple[float, ...] | None, Key("m", "a mesh vertex lies here; instead of boundary")] = None
+    point: Annotated[Vector | None, Key("m", "a mesh vertex lies here; instead of boundary")] = None
 
     def __post_init__(self) -> None:
         if (self.boundary is None) == (self.point is None):
@@ -96,7 +89,7 @@ class Support(Noun):
 
     def check_model(self, model: Model) -> None:
         """Refuse components that the model does not have, or lacks."""
-        check_point(self.point, model)
+        require_components(self.point, "point", dimensions(model))
         if model != "3d" and "z" in self.displacement:
             raise SceneError("displacement.z: a plane model has x and y only")
 
@@ -146,7 +139,7 @@ class Coupling:
     """A point coupled to a side, that an effect declares; components of its motion are numbered as `rigid_fields`."""
 
     boundary: str  # side, as body.side
-    point: tuple[float, ...]  # [m]
+    point: Vector  # [m]
     rigid: bool  # whether the side moves as a rigid body
     prescribed: Mapping[int, Place]  # value in time by component [m, rad]
     loads: Mapping[int, Place]  # likewise force [N] and moment [N m]

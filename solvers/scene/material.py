@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array
-from stickslip.geometry.errors import SceneError, require
-from stickslip.geometry.keys import LIST, ByKeys, Key
-from stickslip.geometry.shape import Model
+from stickslip.geometry.errors import SceneError, require, require_components
+from stickslip.geometry.keys import LIST, ByKeys, Key, Vector
+from stickslip.geometry.shape import Model, dimensions
 
 NEARLY = 0.49  # Poisson's ratio from which on linear elements lock
 LEAST = 1e-5  # of 1 - 2 nu; displacements under given loads are off by as large a part, or less
@@ -55,6 +55,10 @@ class Elastic(ByKeys):
     @property
     def constants(self) -> Mapping[str, float]:
         """The constants that expressions may name, by their keys."""
+        raise NotImplementedError
+
+    def stress(self, strain: Array, plane_stress: bool) -> Array:
+        """Stress (..., 3, 3) [Pa] of an elastic strain (..., 3, 3) [-]; in plane stress strain_zz is not read."""
         raise NotImplementedError
 
     def check_model(self, model: Model) -> None:
@@ -119,6 +123,22 @@ class Material(Elastic, kind="isotropic"):
         """Shear modulus [Pa]."""
         return self.E / (2 * (1 + self.nu))
 
+    def stress(self, strain: Array, plane_stress: bool, dilatation: Array | None = None) -> Array:
+        """Stress (..., 3, 3) [Pa] of an elastic strain (..., 3, 3) [-].
+
+        Args:
+            dilatation: (...,) in place of the trace of the strain, see `MeanDilatation`.
+
+        >>> steel = Material(E=1.0, nu=0.25)
+        >>> steel.stress(np.diag([1.0, 0.0, 0.0]), plane_stress=True).round(3).diagonal()
+        array([1.067, 0.267, 0.   ])
+        """
+        strain, first, second = np.array(strain, float), self.lame_lambda, self.lame_mu
+        if plane_stress:
+            strain[..., 2, 2] = -first / (first + 2 * second) * (strain[..., 0, 0] + strain[..., 1, 1])
+        trace = np.trace(strain, axis1=-2, axis2=-1) if dilatation is None else dilatation
+        return np.asarray(2 * second * strain + (first * trace)[..., None, None] * np.eye(3))
+
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # components of a symmetric tensor as a vector of six
 DOUBLED = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # shear strains in that vector are 2 eps_ij
@@ -139,10 +159,10 @@ class Orthotropic(Elastic, kind="orthotropic"):
     nu_13: Annotated[float, Key("-", PULL.format(1, 3))]
     nu_23: Annotated[float, Key("-", PULL.format(2, 3))]
     axis_1: Annotated[
-        tuple[float, ...] | None, Key("-", "direction of axis 1; absent: x, in axisymmetric models the radius"), LIST
+        Vector | None, Key("-", "direction of axis 1; absent: x, in axisymmetric models the radius"), LIST
     ] = None
     axis_2: Annotated[
-        tuple[float, ...] | None,
+        Vector | None,
         Key("-", "direction of axis 2, of which the part across axis 1 counts; absent: in 2D across axis 1, in 3D y"),
         LIST,
     ] = None
@@ -165,12 +185,9 @@ class Orthotropic(Elastic, kind="orthotropic"):
         self.axes  # noqa: B018  refuses those that are none
 
     def check_model(self, model: Model) -> None:
-        dim = 3 if model == "3d" else 2
         for key in ("axis_1", "axis_2"):
-            found = getattr(self, key)
-            expected = f"expected {dim} components in this model"
-            require(found is None or len(found) == dim, key, list(found or ()), expected)
-        for key in ("G_13", "G_23") if dim == 3 else ():
+            require_components(getattr(self, key), key, dimensions(model))
+        for key in ("G_13", "G_23") if model == "3d" else ():
             if getattr(self, key) is None:
                 raise SceneError(f"{key}: missing, an orthotropic body in 3D needs it")
 
@@ -181,11 +198,8 @@ class Orthotropic(Elastic, kind="orthotropic"):
     @property
     def determinant(self) -> float:
         """Of the compliance of normal stresses, times E_1 E_2 E_3 [-]; positive where no load gains work."""
-        nu_21, nu_31, nu_32 = (
-            self.nu_12 * self.E_2 / self.E_1,
-            self.nu_13 * self.E_3 / self.E_1,
-            self.nu_23 * self.E_3 / self.E_2,
-        )
+        nu_21, nu_31 = self.nu_12 * self.E_2 / self.E_1, self.nu_13 * self.E_3 / self.E_1
+        nu_32 = self.nu_23 * self.E_3 / self.E_2
         squares = self.nu_12 * nu_21 + self.nu_23 * nu_32 + self.nu_13 * nu_31
         return float(1 - squares - 2 * nu_21 * nu_32 * self.nu_13)
 
@@ -286,7 +300,7 @@ class Orthotropic(Elastic, kind="orthotropic"):
         return np.asarray(C[place[:, :, None, None], place])
 
     def stress(self, strain: Array, plane_stress: bool) -> Array:
-        """Stress (..., 3, 3) [Pa] of an elastic strain (..., 3, 3) [-].
+        """See `Elastic.stress`.
 
         >>> wood = Orthotropic(E_1=10.0, E_2=2.0, E_3=2.0, G_12=1.0, nu_12=0.0, nu_13=0.0, nu_23=0.0, axis_1=(0.0, 1.0))
         >>> wood.stress(np.diag([1.0, 1.0, 0.0]), plane_stress=True).diagonal().round(12) + 0.0
@@ -304,7 +318,7 @@ def _six(tensor: Array) -> Array:
     return np.stack([tensor[..., i, j] for i, j in PAIRS], axis=-1)
 
 
-def _unit(key: str, given: tuple[float, ...] | None, default: Array) -> Array:
+def _unit(key: str, given: Vector | None, default: Array) -> Array:
     """Unit vector (3,) of an axis.
 
     Raises:

@@ -120,6 +120,6 @@ class Setup:
 class Problem(Setup):
     """All data of a scene that assembly, methods and results need."""
 
-    rigid_modes: Array  # (k, r) rigid modes of the bodies that no support or spring resists, see `UnresistedModes`
+    rigid_modes: Array  # (k, r) orthonormal basis of the rigid modes that no support or spring resists
     bedded: bool  # whether supports and compliant pressures together resist all rigid modes
     unheld: str  # in words, a rigid mode that no support, contact or friction resists; empty if all are resisted

@@ -16,7 +16,7 @@ from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, r
 from stickslip.geometry.expression import CONSTANTS, RATE, Expression, Varying
 from stickslip.geometry.keys import Key, Keys, Noun, completed
 from stickslip.geometry.obstacles import Obstacle
-from stickslip.geometry.shape import Model, Request
+from stickslip.geometry.shape import Model, Request, dimensions
 from stickslip.geometry.units import Units
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import Contact
@@ -26,12 +26,10 @@ from stickslip.solvers.scene.record import RECORDS, RecordType, names
 from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Solver, Steps
 from stickslip.solvers.scene.timeline import Place, Timeline
 
-SOFTER = 10.0  # ratio of E from which the softer body's side carries the tractions
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 Change = Callable[[Place, Amplitude], Amplitude]
 Driven = tuple[Place, Varying]
 Section = Any  # the table of an effect, or several by name
-SAMPLES = 30  # points of a body at which an expression is looked at before there is a mesh
 
 
 class EffectTable(Noun):
@@ -160,7 +158,7 @@ class Scene(Noun):
 
     @property
     def dim(self) -> int:
-        return 3 if self.model == "3d" else 2
+        return dimensions(self.model)
 
     @property
     def axisymmetric(self) -> bool:
@@ -241,7 +239,8 @@ class Scene(Noun):
 
     def timeline(self) -> Timeline:
         """Every value in time, and the times that are requested."""
-        moving = [place for place, found in self.expressions().items() if found.in_time]
+        expressions = self.expressions().items()
+        moving = [place for place, found in expressions if found.in_time and place.table != "contacts"]
         jumps = any(self.sampled(place, 0.0).any() for place in moving)
         return Timeline(self.drives(), self.steps.end, self.steps.count, self.expressions(), jumps)
 
@@ -266,9 +265,11 @@ class Scene(Noun):
     def sampled(self, place: Place, time: float) -> Array:
         """Values (m,) of an expression at points where it acts, at a time [s]; inf or NaN where it has none."""
         acts = self._acting(place)
-        if acts is None:
+        if place.table == "contacts":
+            points = self.geometry.sample(self.contacts[place.name].surface, self.dim)[0]
+        elif acts is None:
             low, high = self.geometry.box(self.dim)
-            points = low + (high - low) * np.random.default_rng(0).random((SAMPLES, self.dim))
+            points = low + (high - low) * np.random.default_rng(0).random((30, self.dim))
         elif acts.boundary is None:
             points = np.array([acts.point], float)
         else:
@@ -327,10 +328,11 @@ class Scene(Noun):
             with mistakes:
                 table.check(self, key)
         mistakes.report()  # effects know the quantities
-        with mistakes:
-            self.exact.check(self.quantities())
-        with mistakes:
-            self.accuracy.check(self.quantities())
+        known = self.quantities()
+        for key, asked in (("exact.values", self.exact.values), ("accuracy.goals", self.accuracy.goals)):
+            with mistakes:
+                for name in asked:
+                    require_known(key, name, known, "no such quantity")
 
     def _check_expressions(self) -> None:
         for place, expression in self.expressions().items():
@@ -356,10 +358,10 @@ class Scene(Noun):
         return contact.surface, contact.against
 
     def _much_softer(self, contact: Contact) -> bool:
-        """Whether `against` is a side of a much softer body, has no other contact, and mortar pairs the sides."""
+        """Whether `against` is a side of a ten times softer body, has no other contact, and mortar pairs the sides."""
         own, other = (self.bodies[side.split(".")[0]].modulus for side in (contact.surface, contact.against))
         sides = [side for each in self.contacts.values() for side in (each.surface, each.against)]
-        return own > SOFTER * other and sides.count(contact.against) == 1 and contact.operator in (None, "mortar")
+        return own > 10 * other and sides.count(contact.against) == 1 and contact.operator in (None, "mortar")
 
     def _check_references(self, mistakes: Mistakes) -> None:
         for table, items in (("supports", self.supports), ("loads", self.loads)):

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
-from stickslip.geometry.errors import require, require_known
-from stickslip.geometry.keys import Key, Keys, Noun
-from stickslip.geometry.shape import Model
-from stickslip.solvers.scene.loads import check_point
+from stickslip.geometry.errors import require, require_components
+from stickslip.geometry.keys import Key, Keys, Noun, Vector
+from stickslip.geometry.shape import Model, dimensions
 
 SHORTEST, LONGEST = 1e-100, 1e100  # [s] of a history; powers of times far beyond are 0 or infinite
 
@@ -29,20 +27,6 @@ class Exact(Noun):
     def __post_init__(self) -> None:
         require(0 <= self.accuracy < 1, "accuracy", self.accuracy, "must lie between 0 and 1")
 
-    def check(self, known: Iterable[str]) -> None:
-        """Check that the scene has the quantities, and that the values are finite.
-
-        Args:
-            known: names of the quantities that the scene has.
-
-        Raises:
-            SceneError: an unknown quantity, or a value that is not finite.
-        """
-        names = tuple(known)
-        for name, value in self.values.items():
-            require_known("exact.values", name, names, "no such quantity")
-            require(math.isfinite(value), f"exact.values.{name}", value, "must be a finite number")
-
 
 @dataclass(frozen=True, kw_only=True)
 class Accuracy(Noun):
@@ -58,19 +42,6 @@ class Accuracy(Noun):
         require(self.budget > 0, "budget", self.budget, "must be positive")
         for name, share in self.goals.items():
             require(0 < share < 1, f"goals.{name}", share, "must lie between 0 and 1, for example 0.01")
-
-    def check(self, known: Iterable[str]) -> None:
-        """Check that the scene has the quantities.
-
-        Args:
-            known: names of the quantities that the scene has.
-
-        Raises:
-            SceneError: an unknown quantity.
-        """
-        names = tuple(known)
-        for name in self.goals:
-            require_known("accuracy.goals", name, names, "no such quantity")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,8 +130,8 @@ class Output(Noun):
 class Probe(Noun):
     """Displacement and stress at a point, each step."""
 
-    point: Annotated[tuple[float, ...], Key("m", "inside a body or on its boundary")]
+    point: Annotated[Vector, Key("m", "inside a body or on its boundary")]
 
     def check_model(self, model: Model) -> None:
         """Refuse components that the model does not have, or lacks."""
-        check_point(self.point, model)
+        require_components(self.point, "point", dimensions(model))

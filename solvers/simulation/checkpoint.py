@@ -51,10 +51,8 @@ class Checkpoints:
     def take(self, accepted: Accepted) -> Checkpoint:
         """The checkpoint of a step; call it before the next step begins."""
         chain = self.stepper.chain
-        plain, refined = (
-            partial(serialise, whole=self._whole, without=(ROWS, *FOR_RESULTS, *APART)),
-            accepted.state.refined,
-        )
+        plain = partial(serialise, whole=self._whole, without=(ROWS, *FOR_RESULTS, *APART))
+        refined = accepted.state.refined
         return Checkpoint(
             state=plain(accepted.state),
             refined=refined and plain(refined),

@@ -29,7 +29,6 @@ PROGRAM = 1.5e8  # Python and libraries, on each rank
 GMSH = 6e7  # its library, on rank 0, which keeps it
 ENTRY = 12.5  # of K, by entry
 WITH_PRESSURES = 4.0  # entries of the stiffness and of the mixed one, by those of a stiffness without averages
-AVERAGING = 2.0  # times the stiffness with averages, while it is assembled
 MULTIGRID = 19.0  # with its copy of K, by entry of K
 POINT = 3900.0  # of contact, on each rank
 OWN_POINT = 5500.0  # of the contact points that are a rank's share, beside that
@@ -161,7 +160,8 @@ def memory_of(output: Output, counts: Counts, size: Size, choice: Choice) -> Dem
         Part("steps and results", price.steps * unknowns * share, 0.0, solving),
     ]
     if stored > WITH_PRESSURES * plain:
-        parts.append(Part("averages of the dilatation", AVERAGING * ENTRY * stored * share, 0.0, ("assembling",)))
+        # twice the stiffness with averages
+        parts.append(Part("averages of the dilatation", 2 * ENTRY * stored * share, 0.0, ("assembling",)))
     if output.error:
         parts.append(Part(ERRORS, price.errors * unknowns * share, 0.0, solving))
     parts.append(Part("results and audit", price.end * unknowns * share, 0.0, ("end",)))

@@ -15,6 +15,7 @@ from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.contact.coupling import seen_from
 from stickslip.solvers.effects import active
+from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.method_registry import METHODS, Solver, method_of
 from stickslip.solvers.methods.method import RIGID, Applicability, Method, Refusal, keys_of
 from stickslip.solvers.scene.contact import Contact
@@ -23,9 +24,7 @@ from stickslip.solvers.scene.problem import PlanRow, Problem, Setup
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import is_faint, least_springs, set_up, with_rigid_modes
 
-INWARD = 0.99  # component along -r of the outward normal of a facet on the axis of symmetry
 UNLOCKED = {True: 'formulation = "auto"', False: "geometry.order = 2"}  # by whether the body is isotropic
-STIFF = 1e15  # times the softest spring that can hold a body: the answer keeps some ten digits
 
 
 def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
@@ -57,7 +56,8 @@ def planned(scene: Scene) -> Problem:
     for effect in active(problem):
         if effect.other_stiffness(problem) and problem.rigid_modes.shape[1]:
             raise SceneError(f"{effect.name}: needs bodies that their supports hold; add a support")
-    refuse_method(problem)
+    for sentence in refusals(problem):
+        raise SceneError(sentence)
     return problem
 
 
@@ -153,7 +153,7 @@ def _refuse_on_axis(setup: Setup) -> None:
         on_axis = points[:, 0] <= small
         if on_axis.all():
             raise SceneError(f"{key} = {side}: lies on the axis of symmetry and has no area; name another side")
-        if key in sides and (on_axis & (normals[:, 0] < -INWARD)).any():
+        if key in sides and (on_axis & (normals[:, 0] < -0.99)).any():
             raise SceneError(f"{key} = {side}: a part lies on the axis of symmetry and has no area; leave it out")
 
 
@@ -174,7 +174,7 @@ def _refuse_faint(setup: Setup) -> None:
     for link in setup.links:
         key, soft, hard = f"{link.key}.stiffness", float(link.stiffness.min()), float(link.stiffness.max())
         require(soft >= least, key, soft, f"too soft beside the bodies, at least {least:.1e} {per_length}")
-        most = STIFF * least
+        most = 1e15 * least  # the answer keeps some ten digits
         wrong = f"too stiff beside the bodies, at most {most:.1e} {per_length}; take a support"
         require(hard <= most, key, hard, wrong)
 
@@ -197,16 +197,6 @@ def _refuse_reversed(setup: Setup) -> None:
             )
 
 
-def refuse_method(problem: Problem) -> None:
-    """Check that the method can solve the problem.
-
-    Raises:
-        SceneError: the first key that the method does not support, and what to use instead.
-    """
-    for sentence in refusals(problem):
-        raise SceneError(sentence)
-
-
 def refusals(problem: Problem) -> Iterator[str]:
     """Yield what the method does not support, one sentence each: key, value, and what to use instead."""
     method = f"solver.method = {problem.solver.method}"
@@ -216,6 +206,8 @@ def refusals(problem: Problem) -> Iterator[str]:
         yield f"solver.{key} = {value}: {method} {reason}"
     for name, pair in problem.pairs.items():
         contact = pair.contact
+        if pair.obstacle is not None and not problem.obstacles[pair.obstacle].written_in_operators and not table.fields:
+            yield f"contacts.{name}.against = {pair.obstacle}: {method} takes no graph; use condensed-newton"
         for key, value, reason in _contact(contact, pair.obstacle is not None, table):
             yield f"contacts.{name}.{key} = {value}: {method} {reason}; use condensed-newton"
     for reason in _floating(problem, table):
@@ -255,6 +247,10 @@ def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Re
         yield "friction.k_T", contact.friction.k_T, "has no tangential stiffness"
     if contact.friction is not None and contact.friction.drags and not table.rates:
         yield "friction.law", getattr(contact.friction, "law", ""), "has no friction by slip rate"
+    mu = contact.friction.mu if isinstance(contact.friction, Coulomb) else 0.0
+    for key, value in (("gap_offset", contact.gap_offset), ("friction.mu", mu)):
+        if not isinstance(value, float | int) and not table.fields:
+            yield key, value, "takes one number for a side, which does not change in time"
     for key, law in (("normal", contact.normal), ("friction", contact.friction)):
         chosen = getattr(law, "law", None)  # absent: no friction
         if chosen is not None and not table.knows(key, chosen):

@@ -1,13 +1,14 @@
 """From a scene to the frozen `Problem` that all rooms below the simulation read, in two steps.
 
 First sides, contact pairs and springs are set up; then the rigid modes that nothing of these resists are found: null
-spaces of supports, and of supports with contact and friction. Before there is a mesh they are those of whole bodies. A
-body's cells need not hang together: then parts of the mesh can move by themselves, which no scene shows.
+spaces of supports, and of supports with contact and friction. Before there is a mesh they are those of whole bodies,
+which hold each other where they share nodes. A body's cells need not hang together: then parts of the mesh can move by
+themselves, which no scene shows.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -68,11 +69,6 @@ def set_up(scene: Scene) -> Setup:
     )
 
 
-def with_rigid_modes(setup: Setup) -> Problem:
-    """The second step of `resolve`."""
-    return Problem(**vars(setup), **vars(unresisted_modes(setup)))
-
-
 def plan_rows(scene: Scene) -> tuple[PlanRow, ...]:
     """One row for each known effect: whether it is on, the scene key that switches it on, what it adds."""
     because = [(effect, effect.because(scene)) for effect in EFFECTS]
@@ -84,22 +80,11 @@ def plan_rows(scene: Scene) -> tuple[PlanRow, ...]:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class UnresistedModes:
-    """Rigid modes of a scene that nothing resists.
+def with_rigid_modes(setup: Setup) -> Problem:
+    """The second step of `resolve`: find the rigid modes that nothing resists, from sample points of the sides.
 
-    Coefficients run over the k rigid motions of all bodies, body by body, see `rigid_fields`.
-    """
-
-    rigid_modes: Array  # (k, r) orthonormal basis of the modes that no support or spring resists
-    bedded: bool  # supports and compliant pressures together resist all modes of the bodies
-    unheld: str  # a mode, in words, that no support, contact or friction resists either; empty if there is none
-
-
-def unresisted_modes(setup: Setup) -> UnresistedModes:
-    """Find the rigid modes that nothing resists, from sample points of the sides; nothing is meshed.
-
-    Obstacles that forces drive move too: contact resists only motion relative to them.
+    Their coefficients run over the k rigid motions of all bodies, body by body, see `rigid_fields`. Obstacles that
+    forces drive move too: contact resists only motion relative to them.
 
     Raises:
         SceneError, GeometryError: the geometry does not have a side that the scene names.
@@ -120,6 +105,8 @@ def unresisted_modes(setup: Setup) -> UnresistedModes:
     for slave, master in setup.request.periodic:
         here, there = (motions.fields(side.split(".")[0], setup.sample(side)[0]) for side in (slave, master))
         blocks.extend(here - there)
+    for (one, other), points in setup.shape.shared(setup.dim).items():
+        blocks.extend(motions.fields(one, points) - motions.fields(other, points))
     supported = np.concatenate(blocks)[:, : len(motions.bodies) * motions.each]
     pairs, bedding = setup.pairs.values(), [*blocks]
     for pair in pairs:
@@ -128,7 +115,8 @@ def unresisted_modes(setup: Setup) -> UnresistedModes:
         blocks += _touching(setup, pair, motions)
     left = np.asarray(null_space(np.concatenate(blocks), rcond=ROUNDING))
     most = int(np.argmax(np.linalg.norm(left, axis=1))) if left.shape[1] else -1
-    return UnresistedModes(
+    return Problem(
+        **vars(setup),
         rigid_modes=np.asarray(null_space(supported, rcond=ROUNDING)),
         bedded=not null_space(np.concatenate(bedding)[:, : len(motions.bodies) * motions.each], rcond=ROUNDING).size,
         unheld=motions.kinds[most] if most >= 0 else "",
@@ -230,9 +218,8 @@ def is_faint(setup: Setup, pair: Pair) -> bool:
 
 def least_springs(setup: Setup) -> float:
     """Stiffness [Pa/m] of the softest springs that can hold a body."""
-    softest = min(material.least_modulus for material in setup.bodies.values())
     # of E / extent: a body held by softer tangential springs slides until rounding takes its stresses
-    return ROUNDING * softest / setup.extent
+    return ROUNDING * setup.softest / setup.extent
 
 
 def _nearest_body(setup: Setup, point: Array) -> str:

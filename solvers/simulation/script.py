@@ -161,7 +161,8 @@ class Script:
                 raise SceneError(f"contacts.{name}: nothing there to change; {nearest(str(name), contacts)}")
             for part, value in _items(f"contacts.{name}", parts, "{ component: number }"):
                 key, friction = f"contacts.{name}.{part}", contacts[name].friction
-                in_time = friction.amplitudes() if friction else {}
+                varying = friction.amplitudes() if friction else {}
+                in_time = {key for (key, *_), value in varying.items() if not isinstance(value, str)}
                 fixed = friction is None or friction.orthotropic  # its coefficients are in the rows
                 own = set() if friction is None or fixed else {f.name for f in fields(friction)} - NOT_LAWS
                 numbers = {name for name in own if name in in_time or _is_number(getattr(friction, name))}
@@ -235,8 +236,9 @@ def _with_laws(stepper: Stepper, contacts: Mapping[str, Contact], state: State) 
         found = []
         for c in rows:
             contact = contacts.get(c.name, problem.pairs[c.name].contact)
-            nearer = contact.gap_offset - problem.pairs[c.name].contact.gap_offset
-            found.append(replace(c, friction=contact.tangential, gap=c.gap + nearer, node_gap=c.node_gap + nearer))
+            assert c.fields is not None
+            fields = replace(c.fields, gap_offset=contact.gap_offset, law=contact.tangential)
+            found.append(c.with_fields(fields, c.time))
         return tuple(found)
 
     pairs = {name: replace(pair, contact=contacts.get(name, pair.contact)) for name, pair in problem.pairs.items()}

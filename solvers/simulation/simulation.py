@@ -43,11 +43,6 @@ class Bodies:
     volume: Volume
     content: str  # hash of the geometry's file, if there is one
 
-    @classmethod
-    def of(cls, problem: Problem, mesh: Mesh, volume: Volume) -> Bodies:
-        """Those of a simulation."""
-        return cls(problem, mesh, volume, _content(problem))
-
     def mesh_for(self, problem: Problem) -> Mesh | None:
         """The mesh, if that of another problem is the same."""
         same = problem.shape == self.problem.shape and replace(problem.request, sizes=None) == self.problem.request
@@ -75,11 +70,6 @@ class Seconds:
     iterate: float = 0.0  # all steps, failed ones included
     error: float = 0.0  # estimates of errors
     output: float = 0.0  # reading results off the steps, and writing files
-
-    @staticmethod
-    def of(clock: Clock) -> Seconds:
-        """Read a clock."""
-        return Seconds(**{f.name: clock.seconds(f.name) for f in fields(Seconds)})
 
 
 @dataclass(eq=False, kw_only=True)
@@ -129,7 +119,7 @@ class Simulation:
 
     @property
     def seconds(self) -> Seconds:
-        return Seconds.of(self.clock)
+        return Seconds(**{f.name: self.clock.seconds(f.name) for f in fields(Seconds)})
 
     @property
     def plan(self) -> tuple[PlanRow, ...]:
@@ -139,7 +129,7 @@ class Simulation:
     @property
     def bodies(self) -> Bodies:
         """The mesh and its factor, for `prepare` of other scenes with the same bodies."""
-        return Bodies.of(self.problem, self.mesh, self.stepper.chain.volume)
+        return Bodies(self.problem, self.mesh, self.stepper.chain.volume, _content(self.problem))
 
     def steps(
         self, on_iteration: Callable[[HistoryRow], None] = lambda row: None, done: int = 0, state: State | None = None

@@ -113,7 +113,6 @@ class SubstepSolver:
         """
         self.system, self.chain = system, chain
         self.cone = AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
-        self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma, self.weight = elastic_stiffness(system)
         self.bolts: AtOnce | None = None
         self.volume, self.surface = chain.volume, prepare_surface(system, chain.volume)
@@ -214,14 +213,14 @@ class SubstepSolver:
         """
         system, n = self.system, self.surface.normal_rows
         external, u_s = system.load(time), system.prescribed(time)
-        driving = system.obstacles.driving_force(time)
+        driving, cone = system.obstacles.driving_force(time), self.cone.at(time)
         problem = SurfaceProblem(
             surface=self.surface,
-            cone=with_memory(self.cone.at(time), state.memory, time - state.time),
+            cone=with_memory(cone, state.memory, time - state.time),
             load=self.surface.load(system.pull(time, external, u_s), driving),
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
             u_before=self._at_contact(state) if self.surface.floating else np.zeros(self.surface.size),
-            gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),
+            gap=np.concatenate([*(c.gap for c in cone.contacts), (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,
             weight=self.weight,
             force=sum_of_sizes(external) + float(np.abs(driving).sum()),

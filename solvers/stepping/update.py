@@ -179,6 +179,11 @@ def new_state(
         slip[c.name] = old.slip[c.name] + c.node_motion(v - v_old - pushed)[1]
         if surplus is not None:
             slip[c.name] = slip[c.name] + c.tangential_part(surplus.motion[c.name])
+    widened = np.zeros(len(p))  # gaps that change in time: the pressures' work on them comes from outside, like motions
+    for c, place in zip(contacts, cone.places, strict=True):
+        widened[place.normal] = c.at(time).gap - c.at(old.time).gap
+    by_gaps = float(W @ ((p + old.p) / 2 * widened))
+    external, contact = external - by_gaps, contact - by_gaps
     slipping = W * p * (w - problem.gap - cone.give(p))
     dissipated = np.array([slipping[place.tangential].sum() for place in cone.places])
     if surplus is not None:

@@ -10,8 +10,8 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import CompiledForm, Function, Mat, Sparse, UflForm, Vec
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.fem.contact_forms import ContactForms, NodalRule
-from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.fem.contact_forms import NodalRule
+from stickslip.solvers.parallel.replicated import Replicated, from_rows
 from stickslip.solvers.system.contact_interface import components
 from stickslip.solvers.system.system import System
 
@@ -25,7 +25,6 @@ class NodalContact:
         """Sample the side; collective."""
         self.system, self.rows = system, rows
         self.rule = NodalRule(system.weak, system.problem.pairs[rows.name].slave)
-        self.forms = ContactForms(system.weak, self.rule)
         self.change = change_of_basis(system, rows)
         nodes, d = rows.surface.nodes, system.mesh.dim
         order = np.lexsort((-rows.node_weights, nodes))  # of the faces that meet at an edge one carries the contact
@@ -112,11 +111,7 @@ def change_of_basis(system: System, rows: ContactRows) -> Mat | None:
     shape = (high - low, K.size[0])
     local = sparse.coo_matrix((block.data[own], (i[own] - low, j[own])), shape=shape)
     diagonal = sparse.eye(*shape, k=low)
-    csr = (local + diagonal).tocsr()
-    matrix = PETSc.Mat().createAIJ((K.sizes[0], K.sizes[0]), csr=(csr.indptr, csr.indices, csr.data), comm=K.comm)
-    matrix.assemble()
-    found: Mat | None = matrix
-    return found
+    return from_rows((local + diagonal).tocsr(), (K.sizes[0], K.sizes[0]), K.comm)
 
 
 def relative_to_obstacle(system: System, pair: str, u: Vec, time: float, driven: Array = NOTHING) -> Vec:

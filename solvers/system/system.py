@@ -265,7 +265,7 @@ def _initial_strains(
     shrinking = {i: weak.shrinking(strain) for i, strain in enumerate(strains) if strain.shrunk is not None}
     return InitialStrains(
         strains=strains,
-        by_cell={i: weak.strain_by_cell(u) for i, u in shrinking.items()},
+        by_cell={i: weak.strain_by_cell(u)() for i, u in shrinking.items()},
         means={i: dilatation.in_cells(mean) for i, mean in enumerate(means) if mean is not None},
         rests=links.rests,
         forces=(

@@ -25,6 +25,7 @@ from stickslip.geometry.protocols import Mat, Sparse
 from stickslip.solvers.contact.build import along
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.parallel.replicated import from_rows
 from stickslip.solvers.system.system import System
 
 
@@ -328,7 +329,4 @@ def _distributed(system: System, change: Sparse, numbers: Ints) -> Mat:
     i = np.concatenate([same, (numbers[mine] - low)[rows.row]])
     j = np.concatenate([same + low, numbers[rows.col]])
     entries = sparse.csr_matrix((np.concatenate([np.ones(len(same)), rows.data]), (i, j)), shape=(high - low, total))
-    csr = (entries.indptr.astype(PETSc.IntType), entries.indices.astype(PETSc.IntType), entries.data)
-    found = PETSc.Mat().createAIJ(K.getSizes(), bsize=system.mesh.dim, csr=csr, comm=K.comm)
-    found.assemble()
-    return found
+    return from_rows(entries, K.getSizes(), K.comm, system.mesh.dim)

@@ -21,6 +21,7 @@ from stickslip.solvers.scene.loads import Load
 def test_a_bare_number_is_ramped_from_zero_and_held_after_the_end() -> None:
     assert [value_at(-3.0, t, end=2.0) for t in (0.0, 0.5, 2.0, 9.0)] == [0.0, -0.75, -3.0, -3.0]
     assert value_at(2, 1.0, end=2.0) == 1.0  # an integer is a number
+    assert listed_times(4.0) == ()
 
 
 def test_a_table_starts_from_zero_unless_it_lists_time_zero() -> None:
@@ -40,10 +41,6 @@ def test_a_table_is_hit_at_its_times_and_stays_between_its_values(times: list[fl
     between = value_at(table, data.draw(st.floats(0.0, 2e6)), end=1.0)
     slack = 1e-9 * max(map(abs, values))  # interpolation rounds
     assert min(0.0, *values) - slack <= between <= max(0.0, *values) + slack
-
-
-def test_a_bare_number_lists_no_times() -> None:
-    assert listed_times(4.0) == ()
 
 
 @pytest.mark.parametrize("table", [((1.0, 0.0), (1.0, 2.0)), ((2.0, 0.0), (1.0, 2.0)), ((-1.0, 0.0),)])

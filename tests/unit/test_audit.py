@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from shared.audited import record_of, stored_by
 from shared.cases import every_nth
-from shared.problems import SceneOf, SimulationOf, SystemOf
+from shared.problems import plane, scene_of
 from stickslip.geometry.arrays import EPS, ROUNDING, SLIGHT, Array
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
@@ -26,6 +26,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.system.system import System
+from stickslip.workflows.lab.verification.prepared import prepare, system_of
 
 CLEAN = 1e-8  # solver.tolerance is 1e-10
 PLAINLY = 1e-4  # every perturbation below is of 1 % or more
@@ -93,7 +94,7 @@ class Case:
 
 
 @pytest.fixture(scope="module")
-def case(scene_of: SceneOf, simulation_of: SimulationOf) -> Case:
+def case() -> Case:
     scene = scene_of(
         geometry={"length": 4.0, "height": 1.0, "mesh_size": 0.25},
         contacts={
@@ -110,7 +111,7 @@ def case(scene_of: SceneOf, simulation_of: SimulationOf) -> Case:
         steps={"end": 2.0, "count": 2},
         solver={"tolerance": 1e-10},
     )
-    simulation = simulation_of(scene)
+    simulation = prepare(scene)
     steps = tuple(simulation.steps())
     return Case(simulation, Auditor(resolve(scene), simulation.mesh), steps, steps[-1], record_of(steps[-1]))
 
@@ -235,18 +236,18 @@ def test_no_number_that_is_not_finite_passes(case: Case) -> None:
         assert set(case.defects(record).values()) == {np.inf}
 
 
-def test_the_worst_of_several_steps_hides_no_nan(case: Case) -> None:
+def test_the_worst_of_several_audits_is_taken_for_each_defect_and_hides_no_nan(case: Case) -> None:
     clean = case.audit(case.record)
+    worst = Audit.worst([replace(clean, supports=3.0), replace(clean, cone=2.0, supports=0.0)])
+    assert (worst["cone"], worst["supports"], worst["fields"]) == (2.0, 3.0, clean.fields)
     for audits in ([clean, replace(clean, cone=np.nan)], [replace(clean, cone=np.nan), clean]):
-        worst = Audit.worst(audits)["cone"]
-        assert worst is not None
-        assert np.isnan(worst)
+        assert np.isnan(Audit.worst(audits)["cone"] or 0.0)
 
 
-def test_an_audit_without_contact_sees_equilibrium_only(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_an_audit_without_contact_sees_equilibrium_only() -> None:
     hold: dict[str, Any] = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}}
     scene = scene_of(supports=hold, loads={"pull": {"boundary": "block.bottom", "traction": [0.1, -0.2]}})
-    simulation = simulation_of(scene)
+    simulation = prepare(scene)
     (step,) = simulation.steps()
     record = record_of(step)
     audit = Auditor(resolve(scene), simulation.mesh)
@@ -259,7 +260,7 @@ def test_an_audit_without_contact_sees_equilibrium_only(scene_of: SceneOf, simul
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_compliance_is_audited_by_form_and_by_law(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_compliance_is_audited_by_form_and_by_law(dim: int) -> None:
     law = {"law": "compliance", "c_n": 4.0, "m_n": 1.5}
     drag = dict(zip("xyz"[:dim], (0.03, -0.1) if dim == 2 else (0.03, 0.01, -0.1), strict=True))
     scene = scene_of(
@@ -271,7 +272,7 @@ def test_compliance_is_audited_by_form_and_by_law(dim: int, scene_of: SceneOf, s
         supports={"top": {"boundary": "block.top", "displacement": drag}},
         solver={"tolerance": 1e-10},
     )  # fmt: skip
-    simulation = simulation_of(scene)
+    simulation = prepare(scene)
     (step,) = simulation.steps()
     record = record_of(step)
     audit = Auditor(resolve(scene), simulation.mesh)
@@ -290,17 +291,15 @@ def test_compliance_is_audited_by_form_and_by_law(dim: int, scene_of: SceneOf, s
 
 
 @pytest.mark.parametrize("law", [{"law": "unilateral"}, {"law": "compliance", "c_n": 4.0}])
-def test_an_obstacle_that_a_force_drives_is_in_equilibrium_too(
-    law: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
-    plane = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "force": {"y": 0.2}}
+def test_an_obstacle_that_a_force_drives_is_in_equilibrium_too(law: dict[str, Any]) -> None:
+    driven = plane() | {"force": {"y": 0.2}}
     scene = scene_of(
-        obstacles={"foundation": plane},
+        obstacles={"foundation": driven},
         contacts={"base": {"surface": "block.bottom", "against": "foundation", "normal": law}},
         supports={"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}},
         solver={"tolerance": 1e-10},
     )
-    simulation = simulation_of(scene)
+    simulation = prepare(scene)
     (step,) = simulation.steps()
     record = record_of(step)
     assert max(asdict(Auditor(resolve(scene), simulation.mesh)(record)).values()) < CLEAN
@@ -314,15 +313,13 @@ def test_rounding_is_no_traction_beyond_friction(case: Case) -> None:
     assert case.defects(replace(case.record, p=p))["cone"] < CLEAN
 
 
-def test_an_open_node_may_have_a_pressure_that_is_rounding_beside_the_forces_and_no_larger_one(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_an_open_node_may_have_a_pressure_that_is_rounding_beside_the_forces_and_no_larger_one() -> None:
     scene = scene_of(
         contacts={"base": {"surface": "block.bottom", "against": "foundation", "gap_offset": 1.0}},
         supports={"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}},
         loads={"push": {"boundary": "block.left", "pressure": 1.0}},
     )
-    simulation = simulation_of(scene)
+    simulation = prepare(scene)
     (step,) = simulation.steps()
     audit, p = Auditor(resolve(scene), simulation.mesh), np.zeros(len(step.p))
     for pressure, least, most in ((0.0, 0.0, 1e-12), (1e-16, 0.0, 1e-12), (1e-7, 0.1, 1.0)):  # a force of 1 N/m
@@ -365,7 +362,7 @@ EDGES = ("free", "rolling", "held")
 EXACT = 1e-13  # of the largest force
 
 
-def scene(scene_of: SceneOf, model: str, law: str, edge: str = "free", **more: Any) -> Scene:
+def scene(model: str, law: str, edge: str = "free", **more: Any) -> Scene:
     """A block pressed and dragged on a plane; `rolling` and `held` supports of a side reach into the contact's edge.
 
     Args:
@@ -401,10 +398,8 @@ def compared(system: System, moved: Array | None = None, forces: MultiplierForce
 
 
 @pytest.mark.parametrize(("model", "law", "edge"), every_nth(4, MODELS, LAWS, EDGES))
-def test_forms_of_the_tractions_are_the_forces_of_the_rows(
-    model: str, law: str, edge: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
-    system = system_of(scene(scene_of, model, law, edge))
+def test_forms_of_the_tractions_are_the_forces_of_the_rows(model: str, law: str, edge: str) -> None:
+    system = system_of(scene(model, law, edge))
     (rows,) = system.contacts
     if not rows.normal.at_quadrature:
         assert (len(rows.W_n) < len(rows.surface.nodes)) == (edge == "held")
@@ -414,7 +409,7 @@ def test_forms_of_the_tractions_are_the_forces_of_the_rows(
 
 
 @pytest.mark.parametrize("model", ["triangles", "quadratic, revolved", "tetrahedra", "quadratic tetrahedra"])
-def test_they_are_so_on_a_round_obstacle_and_periodic_side(model: str, scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_they_are_so_on_a_round_obstacle_and_periodic_side(model: str) -> None:
     dim, name, geometry = MODELS[model]
     ball = {"shape": "sphere", "center": [0.0, *[0.5] * (dim - 2), -3.0], "radius": 3.0}
     if name == "plane strain":
@@ -429,10 +424,8 @@ def test_they_are_so_on_a_round_obstacle_and_periodic_side(model: str, scene_of:
 
 
 @pytest.mark.parametrize("model", [m for m in MODELS if MODELS[m][2].get("cells") != "tensor"])
-def test_a_contact_that_slides_gets_new_fields_and_areas_and_no_new_forms(
-    model: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
-    system = system_of(scene(scene_of, model, "unilateral, k_T", sliding=True))
+def test_a_contact_that_slides_gets_new_fields_and_areas_and_no_new_forms(model: str) -> None:
+    system = system_of(scene(model, "unilateral, k_T", sliding=True))
     (rows,) = system.contacts
     forces = MultiplierForces(system, rows)
     compiled = system.counters.forms
@@ -446,9 +439,9 @@ def test_a_contact_that_slides_gets_new_fields_and_areas_and_no_new_forms(
     assert_allclose(found, expected, rtol=0, atol=EXACT * np.abs(expected).max())
 
 
-def test_a_traction_where_nothing_presses_is_a_force_too(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_a_traction_where_nothing_presses_is_a_force_too() -> None:
     """It breaks the law of friction, which is said there; equilibrium is that of the tractions as they are."""
-    system = system_of(scene(scene_of, "triangles", "unilateral, coulomb"))
+    system = system_of(scene("triangles", "unilateral, coulomb"))
     (rows,) = system.contacts
     p_n, t = np.zeros(len(rows.W_n)), np.ones(rows.free.shape)
     found = MultiplierForces(system, rows)(rows, p_n, t, np.zeros(len(t)), 1.0, None).array
@@ -463,13 +456,8 @@ WRONG: dict[str, tuple[type, str, Change]] = {
     "N": (MultiplierNodes, "rows", lambda found: (1.1 * found[0], found[1])),
     "order of rows": (MultiplierNodes, "rows", lambda found: (found[0][::-1], found[1][::-1])),
     "areas of nodes": (Surface, "node_weights", lambda found: 1.1 * found),
+    "nothing": (Surface, "node_weights", lambda found: found),
 }
-
-
-def audited(scene_of: SceneOf, simulation_of: SimulationOf, model: str) -> tuple[Auditor, Record]:
-    simulation = simulation_of(scene(scene_of, model, "unilateral, coulomb"))
-    (step,) = simulation.steps()
-    return Auditor(simulation.problem, simulation.mesh), record_of(step)
 
 
 def by_rows(auditor: Auditor, record: Record) -> float:
@@ -486,28 +474,20 @@ def by_rows(auditor: Auditor, record: Record) -> float:
 
 @pytest.mark.parametrize(("wrong", "model"), every_nth(2, WRONG, ["triangles", "revolved", "tetrahedra"]))
 def test_wrong_rows_show_in_equilibrium_though_they_agree_with_themselves(
-    wrong: str, model: str, scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+    wrong: str, model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     where, name, change = WRONG[wrong]
     right = getattr(where, name)
     monkeypatch.setattr(where, name, lambda *args: change(right(*args)))
-    auditor, record = audited(scene_of, simulation_of, model)
+    simulation = prepare(scene(model, "unilateral, coulomb"))
+    (step,) = simulation.steps()
+    auditor, record = Auditor(simulation.problem, simulation.mesh), record_of(step)
     assert by_rows(auditor, record) < 1e-10  # hidden
-    assert auditor(record).equilibrium > 1e-3
-
-
-@pytest.mark.parametrize("model", ["triangles", "revolved", "tetrahedra"])
-def test_right_rows_are_in_equilibrium(model: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    auditor, record = audited(scene_of, simulation_of, model)
-    assert auditor(record).equilibrium < 1e-13
-
-
-def test_the_forms_are_compiled_once(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    auditor, record = audited(scene_of, simulation_of, "triangles")
-    auditor(record)
+    found = auditor(record).equilibrium
+    assert found < 1e-13 if wrong == "nothing" else found > 1e-3
     compiled = auditor.start.counters.forms
-    auditor(record)
-    assert auditor.start.counters.forms == compiled
+    assert auditor(record).equilibrium == found
+    assert auditor.start.counters.forms == compiled  # once
 
 
 HILL = {"shape": "cylinder", "point": [0.8, -4.05], "radius": 4.0}
@@ -593,7 +573,7 @@ class Solved:
 
 
 @pytest.fixture(scope="module")
-def case_of(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[[str], Solved]:
+def case_of() -> Callable[[str], Solved]:
     """A block with E = 2 Pa, pressed onto a hill and drawn across it."""
     known: dict[str, Solved] = {}
 
@@ -601,7 +581,7 @@ def case_of(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[[str], S
         if name not in known:
             tables = {"bodies": {"block": {"E": 2.0, "nu": 0.3}}, "steps": {"end": 2.0, "count": 4}}
             tables |= {"solver": {"tolerance": 1e-10}}
-            simulation = simulation_of(scene_of(3 if "in 3D" in name else 2, **tables | SCENES[name]))
+            simulation = prepare(scene_of(3 if "in 3D" in name else 2, **tables | SCENES[name]))
             steps = tuple(simulation.steps())
             records = tuple(replace(record_of(step), stored=stored_by(step)) for step in steps)
             known[name] = Solved(simulation, steps, records)
@@ -710,28 +690,23 @@ def test_motion_by_unit_traction_is_the_extent_of_what_is_closed_by_e(
     assert audit._give(rows, p) == 0.5
 
 
-def test_forces_between_bodies_are_those_of_the_displacement(case_of: Callable[[str], Solved]) -> None:
-    """Compliant pressures are held against their law; equilibrium takes those that the law gives."""
-    case = case_of("between bodies, compliance")
-    audit, record = case.auditor(), case.records[-1]
-    p = record.p.copy()
-    p[audit.cone.places[0].normal] *= 0.9
-    found = audit(replace(record, p=p))
-    assert found.equilibrium < CLEAN
-    assert found.penetration > PLAINLY
+def given(simulation: Simulation, **fields: Any) -> Record:
+    """A record at t = 1 of nothing but these fields."""
+    none = dict.fromkeys(("p", "w", "reference", "driven", "shortened"), np.zeros(0))
+    displacement = np.zeros_like(simulation.data.points)
+    return Record(**{"time": 1.0, "displacement": displacement, "searched": {}} | none | fields)
 
 
-def test_the_worst_of_several_audits_is_taken_for_each_defect(case_of: Callable[[str], Solved]) -> None:
-    audit, record = case_of("springs").auditor(), case_of("springs").records[-1]
-    one = audit(record)
-    other = replace(one, cone=2.0, supports=0.0)
-    worst = Audit.worst([replace(one, supports=3.0), other])
-    assert (worst["cone"], worst["supports"], worst["fields"]) == (2.0, 3.0, one.fields)
+def vector_of(audit: Auditor, record: Record) -> Any:
+    """The record's displacement in the order of the system."""
+    u = audit.system.vector()
+    u.array[:] = record.displacement[audit.system.nodes.input].ravel()
+    return u
 
 
-def judged(scene: Scene, simulation_of: SimulationOf, seed: int) -> tuple[Auditor, Any, Record, Array, Scales]:
+def judged(scene: Scene, seed: int) -> tuple[Auditor, Any, Record, Array, Scales]:
     """A contact, and tractions and motions that no solver has seen: open, pressed, sticking and slipping somewhere."""
-    simulation = simulation_of(scene)
+    simulation = prepare(scene)
     audit, random = Auditor(simulation.problem, simulation.mesh), np.random.default_rng(seed)
     (place,) = audit.cone.places
     count = audit.cone.size
@@ -739,11 +714,9 @@ def judged(scene: Scene, simulation_of: SimulationOf, seed: int) -> tuple[Audito
     p[place.normal][::4] = 0.0
     w = random.normal(0.0, 0.1, count)
     w[place.tangential][:4] *= 1e-3  # less than rounding, some of it
-    record = Record(
-        time=1.0, displacement=random.normal(0.0, 0.1, (len(simulation.data.points), scene.dim)), p=p, w=w,
-        reference=random.normal(0.0, 0.1, count) * (np.arange(count) >= place.tangential.start + 4),
-        driven=np.zeros(0), shortened=np.zeros(0), searched={},
-    )  # fmt: skip
+    displacement = random.normal(0.0, 0.1, (len(simulation.data.points), scene.dim))
+    reference = random.normal(0.0, 0.1, count) * (np.arange(count) >= place.tangential.start + 4)
+    record = given(simulation, displacement=displacement, p=p, w=w, reference=reference)
     return audit, place, record, w, Scales(p=0.2, u={"base": 0.3}, rounding=2e-4)
 
 
@@ -755,9 +728,9 @@ def flat(dim: int, normal: Mapping[str, Any], friction: Mapping[str, Any] | None
 
 
 @pytest.mark.parametrize("law", ["unilateral", "bilateral", "compliance"])
-def test_normal_defects_are_those_of_the_definition(law: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_normal_defects_are_those_of_the_definition(law: str) -> None:
     scene = scene_of(**flat(2, COMPLIANCE if law == "compliance" else {"law": law}))
-    audit, place, record, w, scales = judged(scene, simulation_of, seed=1)
+    audit, place, record, w, scales = judged(scene, seed=1)
     penetration, negative, complementarity = [0.0], [0.0], [0.0]
     u = record.displacement[place.rows.input].ravel()
     for p, w_n, of_u in zip(record.p[place.normal], w[place.normal], place.rows.N_n @ u, strict=True):
@@ -781,13 +754,11 @@ def test_normal_defects_are_those_of_the_definition(law: str, scene_of: SceneOf,
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("law", ["coulomb", "coulomb, k_T", "stick"])
-def test_tangential_defects_are_those_of_the_definition(
-    law: str, seed: int, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_tangential_defects_are_those_of_the_definition(law: str, seed: int) -> None:
     friction = {"law": "stick"} if law == "stick" else {"law": "coulomb", "mu": 0.4}
     k_T = 7.0 if "k_T" in law else np.inf
     scene = scene_of(3, **flat(3, {"law": "unilateral"}, friction | ({"k_T": 7.0} if "k_T" in law else {})))
-    audit, place, record, w, scales = judged(scene, simulation_of, seed)
+    audit, place, record, w, scales = judged(scene, seed)
     rows = place.rows
     t = record.p[place.tangential].reshape(-1, 2)
     du = (w - record.reference)[place.tangential].reshape(-1, 2) - t / k_T
@@ -813,11 +784,9 @@ def test_tangential_defects_are_those_of_the_definition(
         assert_allclose(audit._tangential(place, back, w, scales)[2], max(work, 0.0) / some, rtol=1e-9)
 
 
-def test_rounding_of_tractions_wastes_no_work_however_far_an_unloaded_contact_moves(
-    scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_rounding_of_tractions_wastes_no_work_however_far_an_unloaded_contact_moves() -> None:
     audit, place, record, w, scales = judged(
-        scene_of(**flat(2, {"law": "unilateral"}, {"law": "coulomb", "mu": 0.4})), simulation_of, seed=1
+        scene_of(**flat(2, {"law": "unilateral"}, {"law": "coulomb", "mu": 0.4})), seed=1
     )
     far = record.reference - 1e6 * scales.u["base"]
     p = np.where(np.arange(len(w)) < place.normal.stop, 0.0, module.FRICTION * scales.p)
@@ -826,9 +795,9 @@ def test_rounding_of_tractions_wastes_no_work_however_far_an_unloaded_contact_mo
         assert found == pytest.approx(wasted, rel=0.01)
 
 
-def test_scales_are_those_of_the_largest_tractions(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_scales_are_those_of_the_largest_tractions() -> None:
     scene = scene_of(**flat(2, COMPLIANCE, SPRINGS), bodies={"block": {"E": 2.0, "nu": 0.3}})
-    audit, place, record, _, _ = judged(scene, simulation_of, seed=1)
+    audit, place, record, _, _ = judged(scene, seed=1)
     u = audit.system.vector()
     largest = float(np.abs(record.p).max())
     tiny = replace(record, p=1e-5 * record.p)
@@ -842,21 +811,20 @@ def test_scales_are_those_of_the_largest_tractions(scene_of: SceneOf, simulation
     assert fresh._scales(nothing, fresh._inner(u)).p == 1.0
 
 
-def test_tractions_are_no_smaller_than_rounding_of_all_forces(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_tractions_are_no_smaller_than_rounding_of_all_forces() -> None:
     push = {"loads": {"push": {"boundary": "block.right", "pressure": 0.5}}}
-    audit, place, record, _, _ = judged(scene_of(**flat(2, {"law": "unilateral"}), **push), simulation_of, seed=1)
-    u = audit.system.vector()
-    u.array[:] = record.displacement[audit.system.nodes.input].ravel()
+    audit, place, record, _, _ = judged(scene_of(**flat(2, {"law": "unilateral"}), **push), seed=1)
+    u = vector_of(audit, record)
     inner, load = audit._inner(u), audit.system.load(1.0)
     noise = ROUNDING * (np.abs(inner.array).sum() + np.abs(load.array).sum())  # on a side of 2 m
     noise += module.EPS * audit._largest_stiffness * np.abs([*u.array, *audit._motion(place.rows, record).flat]).max()
     assert audit._scales(replace(record, p=0 * record.p), inner).p == pytest.approx(noise / 2.0, rel=1e-9)
 
 
-def test_stiffness_of_laws_is_that_of_springs_alone(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_stiffness_of_laws_is_that_of_springs_alone() -> None:
     for law in ("unilateral", "compliance"):
         scene = scene_of(**flat(2, COMPLIANCE if law == "compliance" else {"law": law}))
-        _, place, record, _, _ = judged(scene, simulation_of, seed=1)
+        _, place, record, _, _ = judged(scene, seed=1)
         p = record.p[place.normal]
         slope = 40 * 1.5 * np.maximum(p / 40, 0.0) ** (0.5 / 1.5)  # of c d^m at p
         assert (p > 0).any()
@@ -864,15 +832,14 @@ def test_stiffness_of_laws_is_that_of_springs_alone(scene_of: SceneOf, simulatio
         assert module._law_stiffness(place, record.p) == pytest.approx(expected)
 
 
-def test_equilibrium_is_relative_to_the_sum_of_all_forces(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_equilibrium_is_relative_to_the_sum_of_all_forces() -> None:
     """Those within bodies, of loads, of contact, and on the obstacle that a force drives."""
-    plane = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "force": {"y": 5.0}}
-    push = {"loads": {"push": {"boundary": "block.right", "pressure": 0.5}}, "obstacles": {"foundation": plane}}
+    driven = plane() | {"force": {"y": 5.0}}
+    push = {"loads": {"push": {"boundary": "block.right", "pressure": 0.5}}, "obstacles": {"foundation": driven}}
     scene = scene_of(**flat(2, {"law": "unilateral"}, SPRINGS), **push)
-    audit, place, record, _, scales = judged(scene, simulation_of, seed=1)
+    audit, place, record, _, scales = judged(scene, seed=1)
     record = replace(record, driven=np.zeros(1))
-    system, u = audit.system, audit.system.vector()
-    u.array[:] = record.displacement[system.nodes.input].ravel()
+    system, u = audit.system, vector_of(audit, record)
     inner, load, contact = audit._inner(u), system.load(1.0), audit._contact_force(place, u, record, scales)
     free = system.T.createVecRight()
     system.T.multTranspose(inner - load + contact, free)
@@ -892,14 +859,11 @@ def test_equilibrium_is_relative_to_the_sum_of_all_forces(scene_of: SceneOf, sim
         ({"shape": "cylinder", "point": [0.0, -9.0], "radius": 9.0}, 2.0),  # that of the scene
     ],
 )
-def test_the_last_digit_of_gaps_counts_by_the_stiffness_of_the_law(
-    obstacle: dict[str, Any], size: float, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_the_last_digit_of_gaps_counts_by_the_stiffness_of_the_law(obstacle: dict[str, Any], size: float) -> None:
     scene = scene_of(**flat(2, {"law": "compliance", "c_n": 1e9}), obstacles={"foundation": obstacle})
-    audit, place, record, _, scales = judged(scene, simulation_of, seed=1)
+    audit, place, record, _, scales = judged(scene, seed=1)
     record = replace(record, p=np.abs(record.p) + 0.01)
-    u = audit.system.vector()
-    u.array[:] = record.displacement[audit.system.nodes.input].ravel()
+    u = vector_of(audit, record)
     inner, contact = audit._inner(u), audit._contact_force(place, u, record, scales)
     scale = inner.norm(0) + audit.system.load(1.0).norm(0) + contact.norm(0)
     _, rounding = audit._equilibrium(record, u, inner, scales)
@@ -926,22 +890,14 @@ SUPPORTS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", SUPPORTS)
-def test_what_is_prescribed_is_missed_relative_to_the_largest_motion(
-    name: str, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
-    simulation = simulation_of(scene_of(**SUPPORTS[name]))
+def test_what_is_prescribed_is_missed_relative_to_the_largest_motion(name: str) -> None:
+    simulation = prepare(scene_of(**SUPPORTS[name]))
     audit, points = Auditor(simulation.problem, simulation.mesh), simulation.data.points
-    system = audit.system
     moved = np.tile([0.0 if name == "revolved" else 0.05, -0.1], (len(points), 1))
 
     def supports(displacement: Array, time: float = 1.0) -> float:
-        record = Record(
-            time=time, displacement=displacement, p=np.zeros(0), w=np.zeros(0), reference=np.zeros(0),
-            driven=np.zeros(0), shortened=np.zeros(0), searched={},
-        )  # fmt: skip
-        u = system.vector()
-        u.array[:] = displacement[system.nodes.input].ravel()
-        return audit._supports(record, u)
+        record = given(simulation, time=time, displacement=displacement)
+        return audit._supports(record, vector_of(audit, record))
 
     assert supports(moved) < 1e-15
     assert supports(0 * moved, time=0.0) == 0.0
@@ -970,12 +926,10 @@ def test_stored_fields_are_right_up_to_rounding_of_lengths(case_of: Callable[[st
 
 
 @pytest.mark.parametrize(("part", "judged_at_all"), [(0.8, False), (1.25, True)])
-def test_forces_of_a_body_that_moves_as_a_whole_are_rounding_up_to_a_limit(
-    part: float, judged_at_all: bool, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_forces_of_a_body_that_moves_as_a_whole_are_rounding_up_to_a_limit(part: float, judged_at_all: bool) -> None:
     """Of all |u| together, times the largest stiffness."""
     block = {"block": {"E": 3.0, "nu": 0.3}}
-    audit, _, record, _, scales = judged(scene_of(**flat(2, {"law": "unilateral"}), bodies=block), simulation_of, 1)
+    audit, _, record, _, scales = judged(scene_of(**flat(2, {"law": "unilateral"}), bodies=block), 1)
     still = replace(record, time=0.0, p=0 * record.p)
     u, one = audit.system.vector(), audit.system.vector()
     one.array[len(one.array) // 2] = 1.0
@@ -1001,7 +955,7 @@ WITHOUT_WEIGHT: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {  # the cont
 }
 
 
-FLOOR = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+FLOOR = plane()
 HILLTOP = {"shape": "cylinder", "point": [1.0, -5.0], "radius": 5.0}
 ASIDE, DOWN_UP = [[0.0, 0.0], [2.0, 0.01]], [[0.0, 0.0], [1.0, -0.01], [2.0, 0.01]]
 MOVING = [
@@ -1011,9 +965,7 @@ MOVING = [
 
 
 @pytest.mark.parametrize(("name", "floor"), MOVING)
-def test_what_rests_without_weight_on_a_floor_that_moves_is_clean(
-    name: str, floor: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_what_rests_without_weight_on_a_floor_that_moves_is_clean(name: str, floor: dict[str, Any]) -> None:
     """All that is found are tractions of 1e-11 Pa: rounding, however they are related to each other."""
     contact, supports = WITHOUT_WEIGHT[name]
     scene = scene_of(
@@ -1024,7 +976,7 @@ def test_what_rests_without_weight_on_a_floor_that_moves_is_clean(
         steps={"end": 2.0, "count": 2},
         geometry={"cells": "tensor", "mesh_size": 0.5},
     )
-    simulation = simulation_of(scene)
+    simulation = prepare(scene)
     audit, steps = Auditor(simulation.problem, simulation.mesh), [*simulation.steps()]
     assert [step.substeps for step in steps] == [1, 1]
     for step in steps:

@@ -15,7 +15,7 @@ import stickslip
 from shared.audited import audit, record_of, stored_by
 from shared.cases import every_nth
 from shared.drawn import draw, scene_data
-from shared.problems import SceneOf, SimulationOf, SystemOf
+from shared.problems import scene_of
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.shape import Model
 from stickslip.solvers.fem.elastic_energy import stress_by_compliance
@@ -24,6 +24,7 @@ from stickslip.solvers.results.step_result import Quantity, StepResult
 from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan, warnings
+from stickslip.workflows.lab.verification.prepared import prepare, system_of
 from stickslip.workflows.lab.verification.units import in_millimetres
 from stickslip.workflows.scene_file.read import from_dict, read, to_dict
 
@@ -33,14 +34,12 @@ BASE = {"base": {"surface": "block.bottom", "against": "foundation"}}
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
-def test_a_pressed_cylinder_is_in_uniaxial_stress(
-    geometry: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_a_pressed_cylinder_is_in_uniaxial_stress(geometry: dict[str, Any]) -> None:
     # radius 2, height 1, free to widen: sigma_yy = -E/10, u_r = nu r/10: linear, so both orders are exact
     support = {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}}
     tables = {"contacts": BASE, "supports": support, "probes": {"rim": {"point": [2.0, 0.0]}}}
     scene = scene_of(geometry=geometry, model="axisymmetric", solver={"tolerance": 1e-12}, **tables)
-    (step,) = simulation_of(scene).steps()
+    (step,) = prepare(scene).steps()
     force = 0.1 * E * np.pi * 4.0
     base = step.contacts["base"]
     assert_allclose(base.normal_force, force, rtol=1e-10)
@@ -55,21 +54,19 @@ def test_a_pressed_cylinder_is_in_uniaxial_stress(
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
-def test_pressure_around_a_cylinder_makes_hoop_stress(
-    geometry: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_pressure_around_a_cylinder_makes_hoop_stress(geometry: dict[str, Any]) -> None:
     # sigma_rr = sigma_hoop = -p in a solid cylinder between smooth plates: u_r = -(1 + nu)(1 - 2 nu) p r / E
     hold = {side: {"boundary": f"block.{side}", "displacement": {"y": 0.0}} for side in ("top", "bottom")}
     load = {"around": {"boundary": "block.right", "pressure": 0.1}}
     scene = scene_of(geometry=geometry, model="axisymmetric", supports=hold, loads=load)
-    (step,) = simulation_of(scene).steps()
+    (step,) = prepare(scene).steps()
     expected = np.diag([-0.1, -2 * NU * 0.1, -0.1])
     assert_allclose(step.stress, np.tile(expected, (len(step.stress), 1, 1)), atol=1e-10)
     assert_allclose(step.displacement[:, 0].min(), -(1 + NU) * (1 - 2 * NU) * 0.1 * 2.0 / E, rtol=1e-10)
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
-def test_weights_are_positive_and_make_a_disc(geometry: dict[str, Any], scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_weights_are_positive_and_make_a_disc(geometry: dict[str, Any]) -> None:
     friction = {"base": BASE["base"] | {"friction": {"law": "coulomb", "mu": 0.3}}}
     (rows,) = system_of(scene_of(geometry=geometry, model="axisymmetric", contacts=friction)).contacts
     assert rows.node_weights.min() > 0
@@ -81,7 +78,7 @@ def test_weights_are_positive_and_make_a_disc(geometry: dict[str, Any], scene_of
     assert len(rows.W_t) == len(on_axis) - 1  # but does not slip: u_r = 0 there
 
 
-def test_only_the_shift_along_the_axis_is_rigid(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_only_the_shift_along_the_axis_is_rigid() -> None:
     system = system_of(scene_of(model="axisymmetric", contacts=BASE))
     assert system.interface.rigid_modes.shape[1] == 1
     free = scene_of(model="axisymmetric", geometry={"mesh_size": 0.5})
@@ -108,25 +105,21 @@ NORMAL = Quantity("contacts", "base", "normal_force")
 MODELS: tuple[Model, ...] = ("plane strain", "plane stress", "axisymmetric", "3d")
 
 
-def tables(model: Model, order: int, body: dict[str, Any], **further: Any) -> dict[str, Any]:
+def block(model: Model, order: int, body: dict[str, Any], **further: Any) -> Scene:
     """A block that its top presses, and but in axisymmetry shears, on a floor with friction."""
     dim = 3 if model == "3d" else 2
-    width = {"width": 1.0} if dim == 3 else {}
     motion = dict.fromkeys("xyz"[:dim], 0.0) | {"xyz"[dim - 1]: -0.01}
     shift = {} if model == "axisymmetric" else {"x": 0.004}
     found: dict[str, Any] = {
-        "model": model,
-        "geometry": {"builder": "block", "length": 1.0, "height": 0.5, "mesh_size": 0.25, "order": order} | width,
         "bodies": {"block": body},
-        "obstacles": {"floor": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}},
-        "contacts": {
-            "base": {"surface": "block.bottom", "against": "floor", "friction": {"law": "coulomb", "mu": 0.3}}
-        },
+        "contacts": {"base": BASE["base"] | {"friction": {"law": "coulomb", "mu": 0.3}}},
         "supports": {"top": {"boundary": "block.top", "displacement": motion | shift}},
         "solver": {"tolerance": 1e-11},
         "output": {"error": False},
-    }
-    return found | further
+        "geometry": {},
+    } | further
+    shape = {"length": 1.0, "height": 0.5, "mesh_size": 0.25, "order": order} | found.pop("geometry")
+    return scene_of(dim, shape, model=model, **found)
 
 
 def wood(model: Model) -> dict[str, Any]:
@@ -148,7 +141,7 @@ def isotropic(E: float, nu: float, dim: int) -> dict[str, Any]:
 def test_isotropic_constants_give_the_isotropic_answer_and_its_errors(model: Model, order: int) -> None:
     answers = []
     for body in ({"E": 2.0, "nu": 0.3}, isotropic(2.0, 0.3, 3 if model == "3d" else 2)):
-        simulation = stickslip.prepare(from_dict(tables(model, order, body, output={})))
+        simulation = stickslip.prepare(block(model, order, body, output={}))
         steps = [*simulation.steps()]
         answers.append((steps[-1], simulation.errors(steps)[-1]))
     (one, errors), (other, same) = answers
@@ -165,20 +158,20 @@ def test_isotropic_constants_give_the_isotropic_answer_and_its_errors(model: Mod
 
 @pytest.mark.parametrize(("model", "order"), every_nth(2, MODELS, [2, 1]))
 def test_the_audit_agrees_in_every_model(model: Model, order: int) -> None:
-    simulation = stickslip.prepare(from_dict(tables(model, order, wood(model))))
+    simulation = stickslip.prepare(block(model, order, wood(model)))
     (step,) = simulation.steps()
     assert max(audit(simulation, step).values()) < 1e-8
     found = Auditor(simulation.problem, simulation.mesh)(replace(record_of(step), stored=stored_by(step)))
     assert found.fields < 1e-12
     assert step.energy.stored == pytest.approx(step.energy.external - step.energy.contact, rel=1e-9)
-    upright = stickslip.prepare(from_dict(tables(model, order, WOOD | {"G_13": 0.6, "G_23": 0.05})))
+    upright = stickslip.prepare(block(model, order, WOOD | {"G_13": 0.6, "G_23": 0.05}))
     (other,) = upright.steps()
     assert abs(other.energy.stored / step.energy.stored - 1) > 0.02  # the axes count
 
 
 @pytest.fixture(scope="module")
 def step() -> StepResult:
-    (step,) = stickslip.prepare(from_dict(tables("3d", 1, wood("3d")))).steps()
+    (step,) = stickslip.prepare(block("3d", 1, wood("3d"))).steps()
     return step
 
 
@@ -186,7 +179,7 @@ def step() -> StepResult:
 def test_the_audit_notices_another_constant(key: str, step: StepResult) -> None:
     """A step solved with one body is out of balance for another, and its stress is wrong: every constant counts."""
     changed = [1.0, 0.4, 0.3] if key == "axis_1" else wood("3d")[key] * 1.05
-    other = stickslip.prepare(from_dict(tables("3d", 1, wood("3d") | {key: changed})))
+    other = stickslip.prepare(block("3d", 1, wood("3d") | {key: changed}))
     found = Auditor(other.problem, other.mesh)(replace(record_of(step), stored=stored_by(step)))
     assert found.equilibrium > 1e-6
     assert found.fields > 1e-6
@@ -211,9 +204,8 @@ def test_methods_and_forms_of_the_bodies_agree() -> None:
         ("perturbed-lagrangian", "condensed"), ("nsgs", "condensed"),
     ):  # fmt: skip
         solver = {"method": method, "tolerance": 1e-10} | ({"surface": surface} if surface else {})
-        scene = tables("3d", 1, wood("3d"), solver=solver)
-        scene["geometry"]["mesh_size"] = 0.34  # as coarse as it can be and have points that stick
-        (step,) = stickslip.prepare(from_dict(scene)).steps()
+        coarse = {"mesh_size": 0.34}  # as coarse as it can be and have points that stick
+        (step,) = stickslip.prepare(block("3d", 1, wood("3d"), solver=solver, geometry=coarse)).steps()
         forces.append(step.contacts["base"].force)
     assert_allclose(forces, np.broadcast_to(forces[0], np.shape(forces)), rtol=1e-7, atol=1e-10)
 
@@ -256,8 +248,8 @@ def test_a_shank_of_an_orthotropic_body_shrinks(model: Model) -> None:
     corner = {"foot": {"point": [0.0] * dim, "displacement": dict.fromkeys("yz"[: dim - 1], 0.0)}}
     corner |= {"edge": {"point": [0.0, 1.0, 0.0], "displacement": {"z": 0.0}}} if dim == 3 else {}
     bolts = {"bolt": {"body": "block", "shank": ends, "shortening": 0.01}}
-    scene = tables(model, 1, wood(model), contacts={}, obstacles={}, bolts=bolts, supports=held | corner)
-    simulation = stickslip.prepare(from_dict(scene))
+    scene = block(model, 1, wood(model), contacts={}, obstacles={}, bolts=bolts, supports=held | corner)
+    simulation = stickslip.prepare(scene)
     (step,) = simulation.steps()
     assert max(audit(simulation, step).values()) < 1e-9
     found = Auditor(simulation.problem, simulation.mesh)(replace(record_of(step), stored=stored_by(step)))
@@ -269,13 +261,13 @@ def test_the_plan_has_a_row_and_nothing_is_added_without_such_a_body() -> None:
     def row(scene: Scene) -> tuple[bool, str]:
         return next((row.on, row.because) for row in make_plan(scene) if row.effect == "orthotropic")
 
-    assert row(from_dict(tables("3d", 1, wood("3d")))) == (True, "bodies.block.E_1")
-    assert row(from_dict(tables("3d", 1, {"E": 1.0, "nu": 0.3}))) == (False, "not in the scene")
+    assert row(block("3d", 1, wood("3d"))) == (True, "bodies.block.E_1")
+    assert row(block("3d", 1, {"E": 1.0, "nu": 0.3})) == (False, "not in the scene")
     assert not stickslip.prepare(read("block", ["geometry.mesh_size=0.5"])).problem.orthotropic
 
 
 def test_it_survives_the_file_and_other_units() -> None:
-    scene = from_dict(tables("3d", 1, wood("3d") | {"density": 2.0}))
+    scene = block("3d", 1, wood("3d") | {"density": 2.0})
     assert from_dict(to_dict(scene)) == scene
     body = in_millimetres(scene).bodies["block"]
     assert isinstance(body, Orthotropic)
@@ -287,38 +279,38 @@ def test_it_survives_the_file_and_other_units() -> None:
 
 def test_expressions_know_its_constants_and_no_others() -> None:
     load = {"loads": {"side": {"boundary": "block.left", "traction": ["1e-3*E_1*y", "nu_12*G_12*1e-3"]}}}
-    scene = from_dict(tables("plane strain", 1, wood("plane strain"), **load))
+    scene = block("plane strain", 1, wood("plane strain"), **load)
     (step,) = stickslip.prepare(in_millimetres(scene)).steps()
     (same,) = stickslip.prepare(scene).steps()
     assert_allclose(step.displacement, 1e3 * same.displacement, atol=1e-9)
     load["loads"]["side"]["traction"] = ["E*y", 0.0]
     with pytest.raises(SceneError, match=r'loads\.side\.traction\.x = "E\*y": E: this body has E_1, E_2, E_3, G_12'):
-        from_dict(tables("plane strain", 1, wood("plane strain"), **load))
+        block("plane strain", 1, wood("plane strain"), **load)
     load["loads"]["side"]["traction"] = ["G_12*y", 0.0]
     with pytest.raises(SceneError, match=r"G_12: this body has E, nu"):
-        from_dict(tables("plane strain", 1, {"E": 1.0, "nu": 0.3}, **load))
+        block("plane strain", 1, {"E": 1.0, "nu": 0.3}, **load)
 
 
 def test_heat_by_axis_is_of_orthotropic_bodies() -> None:
     heat = {"thermal": {"block": {"expansion": [1e-5, 2e-5, 3e-5], "temperature": 1.0}}}
-    from_dict(tables("plane strain", 1, wood("plane strain"), **heat))
+    block("plane strain", 1, wood("plane strain"), **heat)
     with pytest.raises(SceneError, match=r"block\.expansion = \[.*\]: expected a number; the body has no axes"):
-        from_dict(tables("plane strain", 1, {"E": 1.0, "nu": 0.3}, **heat))
+        block("plane strain", 1, {"E": 1.0, "nu": 0.3}, **heat)
     heat["thermal"]["block"]["expansion"] = [1e-5, 2e-5]
     with pytest.raises(SceneError, match=r"thermal\.block\.expansion = .*: expected three, along the axes 1, 2, 3"):
-        from_dict(tables("plane strain", 1, wood("plane strain"), **heat))
+        block("plane strain", 1, wood("plane strain"), **heat)
 
 
 def test_a_body_that_hardly_changes_its_volume_is_warned_about_and_not_averaged() -> None:
     """As nearly incompressible as nu = .4975; order 2 does not lock."""
     stiff = isotropic(1.0, 0.4975, 2)
-    (said,) = warnings(from_dict(tables("plane strain", 1, stiff)))
+    (said,) = warnings(block("plane strain", 1, stiff))
     assert "bodies.block.nu_12 = 0.4975" in said
     assert "set geometry.order = 2" in said
-    assert not warnings(from_dict(tables("plane strain", 2, stiff)))
-    assert not warnings(from_dict(tables("plane stress", 1, stiff)))
-    assert not stickslip.prepare(from_dict(tables("plane strain", 1, stiff))).problem.averaged
-    body = from_dict(tables("plane strain", 1, stiff)).bodies["block"]
+    assert not warnings(block("plane strain", 2, stiff))
+    assert not warnings(block("plane stress", 1, stiff))
+    assert not stickslip.prepare(block("plane strain", 1, stiff)).problem.averaged
+    body = block("plane strain", 1, stiff).bodies["block"]
     assert body.near_incompressible == pytest.approx(0.4975)
 
 
@@ -332,4 +324,4 @@ def test_python_has_it_too() -> None:
 
 def test_shear_moduli_of_a_plane_do_not_do_in_space() -> None:
     with pytest.raises(SceneError, match=r"bodies\.block\.G_13: missing, an orthotropic body in 3D needs it"):
-        from_dict(tables("3d", 1, WOOD | {"G_23": 0.1}))
+        block("3d", 1, WOOD | {"G_23": 0.1})

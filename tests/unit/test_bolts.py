@@ -42,38 +42,50 @@ from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import from_dict, read
 
 E, K, SHORTER, MU = 1000.0, 400.0, 0.01, 0.2
+BY_FORCE = {"shortening": None}
 AREA = {"plane strain": 2.0, "3d": 1.0, "axisymmetric": np.pi * 4.0}
+
+
+def given(bolt: dict[str, Any]) -> dict[str, Any]:
+    """Its keys that are not None."""
+    return {key: value for key, value in bolt.items() if value is not None}
+
+
+def plates(model: str, nu: float, order: int = 1, size: float = 0.5, **tables: Any) -> Scene:
+    """Two plates 2 x 1 (x 0.5), one on the other."""
+    shape = {"builder": "two_blocks", "length": 2.0, "height": 1.0, "mesh_size": size, "order": order}
+    width = {"width": 0.5} if model == "3d" else {}
+    bodies = {name: {"E": E, "nu": nu} for name in ("upper", "lower")}
+    return from_dict({"model": model, "geometry": shape | width, "bodies": bodies} | tables)
+
+
+def guided(model: str) -> dict[str, Any]:
+    """Supports of both plates in the planes of symmetry along the bolt."""
+    across = {"3d": {"left": "x", "front": "y"}, "plane strain": {"left": "x"}, "axisymmetric": {}}[model]
+    return {
+        f"{body}_{side}": {"boundary": f"{body}.{side}", "displacement": {axis: 0.0}}
+        for body in ("lower", "upper")
+        for side, axis in across.items()
+    }
 
 
 def joint(
     model: str = "plane strain",
     order: int = 1,
     bolt: dict[str, Any] | None = None,
-    drop: str = "",
     bolts: dict[str, dict[str, Any]] | None = None,
     **tables: Any,
 ) -> Scene:
-    """Two plates 2 x 1 (x 0.5), nu = 0, on a foot that carries no force along the bolt while it is tightened."""
+    """Two plates, nu = 0, on a foot that carries no force along the bolt while it is tightened."""
     up = [0.0, 0.0, 1.0] if model == "3d" else [0.0, 1.0]
     own = {"head": "upper.top", "nut": "lower.bottom", "axis": up, "stiffness": K, "shortening": [[1.0, SHORTER]]}
-    own.pop(drop, None)
-    across = {"3d": {"left": "x", "front": "y"}, "plane strain": {"left": "x"}, "axisymmetric": {}}[model]
-    sides = {
-        f"{body}_{side}": {"boundary": f"{body}.{side}", "displacement": {axis: 0.0}}
-        for body in ("lower", "upper")
-        for side, axis in across.items()
-    }
-    plates = {"builder": "two_blocks", "length": 2.0, "height": 1.0, "mesh_size": 0.5, "order": order}
     foot = {"boundary": "lower.bottom", "displacement": {"z" if model == "3d" else "y": 0.0}}
-    data = {
-        "model": model,
-        "geometry": plates | ({"width": 0.5} if model == "3d" else {}),
-        "bodies": {"upper": {"E": E, "nu": 0.0}, "lower": {"E": E, "nu": 0.0}},
-        "supports": sides | {"foot": foot},
+    made = {
+        "supports": guided(model) | {"foot": foot},
         "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top"}},
-        "bolts": {"b": own | (bolt or {}), **{name: own | more for name, more in (bolts or {}).items()}},
+        "bolts": {name: given(own | keys) for name, keys in {"b": bolt or {}, **(bolts or {})}.items()},
     }
-    return from_dict(data | tables)
+    return plates(model, 0.0, order, **made | tables)
 
 
 @pytest.mark.parametrize(("model", "order"), every_nth(2, AREA, [1, 2]))
@@ -118,8 +130,8 @@ def test_a_bolt_is_tightened_to_a_force_and_then_held() -> None:
     """The same joint diagram from the force; two bolts beside each other, one of them loosens the other."""
     plates, force = E * AREA["plane strain"] / 2, 3.0
     loads = {"pull": {"boundary": "upper.top", "traction": [0.0, [[2.0, 0.0], [3.0, 1.0]]]}}
-    bolt = {"force": [[2.0, force]], "held_from": 2.0}
-    simulation = prepare(joint(bolt=bolt, drop="shortening", loads=loads, steps={"end": 3.0, "count": 6}))
+    bolt = BY_FORCE | {"force": [[2.0, force]], "held_from": 2.0}
+    simulation = prepare(joint(bolt=bolt, loads=loads, steps={"end": 3.0, "count": 6}))
     for step in simulation.steps():
         added = 2.0 * max(step.time - 2.0, 0.0) * K / (K + plates)
         tension = force * min(step.time / 2.0, 1.0)
@@ -132,9 +144,8 @@ def test_bolts_share_what_one_of_them_loosens() -> None:
     """A bolt that is tightened to a force beside one that was shortened before; friction carries nothing."""
     simulation = prepare(
         joint(
-            drop="shortening",
-            bolt={"force": [[1.0, 1.0], [2.0, 2.0]], "held_from": 1.0},
-            bolts={"c": {"force": [[1.0, 0.0], [2.0, 2.0]], "axis": [0.0, 1.0]}},
+            bolt=BY_FORCE | {"force": [[1.0, 1.0], [2.0, 2.0]], "held_from": 1.0},
+            bolts={"c": BY_FORCE | {"force": [[1.0, 0.0], [2.0, 2.0]]}},
             steps={"end": 2.0, "count": 2},
         )
     )
@@ -157,10 +168,9 @@ def test_tensions_are_as_exact_in_every_unit_of_force(
     """A slack bolt beside a tight one is as exact as that, not to a part of itself or of 1 N."""
     force, idle = forces
     monkeypatch.setattr(BoltsAndSprings, "at_once", lambda *words: None)
-    stiff = {"stiffness": K * unit}
+    stiff = BY_FORCE | {"stiffness": K * unit}
     made = joint(
         bolt={"force": [[1.0, force * unit]]} | stiff,
-        drop="shortening",
         bolts={"idle": {"force": idle * unit} | stiff},
         bodies={name: {"E": E * unit, "nu": 0.0} for name in ("upper", "lower")},
         loads={"press": {"boundary": "upper.top", "traction": [0.0, [[1.0, -unit]]]}},
@@ -174,6 +184,7 @@ def test_tensions_are_as_exact_in_every_unit_of_force(
 @pytest.mark.parametrize(
     ("bolt", "message"),
     [
+        ({"force": 1.0, "held_from": 0.7, "shortening": None}, r"bolts\.b\.held_from = 0\.7: no step ends there; list"),
         ({"head": "upper.tp"}, r"bolts\.b\.head = upper\.tp: no such side; did you mean upper\.top"),
         ({"nut": "lower.botom"}, r"bolts\.b\.nut = lower\.botom: no such side"),
         ({"nut": "upper.top"}, r"bolts\.b\.nut = upper\.top: a bolt has two different ends"),
@@ -191,11 +202,6 @@ def test_what_is_wrong_is_refused_in_one_line(bolt: dict[str, Any], message: str
         joint(bolt=bolt)
 
 
-def test_a_bolt_is_held_from_the_end_of_a_step() -> None:
-    with pytest.raises(SceneError, match=r"bolts\.b\.held_from = 0\.7: no step ends there; list that time in force"):
-        joint(bolt={"force": 1.0, "held_from": 0.7}, drop="shortening")
-
-
 def test_a_bolt_is_along_the_axis_of_symmetry() -> None:
     with pytest.raises(SceneError, match=r"bolts\.b\.axis = \[1\.0, 0\.0\]: an axisymmetric model has bolts along"):
         joint("axisymmetric", bolt={"axis": [1.0, 0.0]})
@@ -203,25 +209,18 @@ def test_a_bolt_is_along_the_axis_of_symmetry() -> None:
 
 def drawn(model: str = "plane strain", order: int = 1, **bolt: Any) -> Scene:
     """Two blocks that are tied to each other between rigid walls; the upper one is the bolt, from y = .2 to .7."""
-    up, across = ("z", ["left", "front"]) if model == "3d" else ("y", ["left"])
+    up, deep = ("z", 2) if model == "3d" else ("y", 1)
     ends = {"roof": "upper.top", "floor": "lower.bottom"}
     walls = {name: {"boundary": side, "displacement": {up: 0.0}} for name, side in ends.items()}
-    sides = {
-        f"{body}_{side}": {"boundary": f"{body}.{side}", "displacement": {"x" if side == "left" else "y": 0.0}}
-        for body in ("lower", "upper")
-        for side in ([] if model == "axisymmetric" else across)
-    }
-    plates = {"builder": "two_blocks", "length": 2.0, "height": 1.0, "mesh_size": 0.5, "order": order}
-    shank = [[*[0.3 * (model != "axisymmetric")] * ((model == "3d") + 1), level] for level in (0.2, 0.7)]
-    data = {
-        "model": model,
-        "geometry": plates | ({"width": 0.5} if model == "3d" else {}),
-        "bodies": {"upper": {"E": E, "nu": 0.3}, "lower": {"E": E, "nu": 0.3}},
-        "supports": sides | walls,
-        "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top", "normal": {"law": "tied"}}},
-        "bolts": {"b": {k: v for k, v in ({"body": "upper", "shank": shank} | bolt).items() if v is not None}},
-    }
-    return from_dict(data)
+    shank = [[*[0.3 * (model != "axisymmetric")] * deep, level] for level in (0.2, 0.7)]
+    return plates(
+        model,
+        0.3,
+        order,
+        supports=guided(model) | walls,
+        contacts={"joint": {"surface": "upper.bottom", "against": "lower.top", "normal": {"law": "tied"}}},
+        bolts={"b": given({"body": "upper", "shank": shank} | bolt)},
+    )
 
 
 @pytest.mark.parametrize("floating", [False, True])
@@ -239,7 +238,7 @@ def test_the_tension_is_found_with_the_step(
     foot = {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0}}
     if floating:  # only the joint holds the upper plate
         shared["supports"] = {"foot": foot}
-    made = joint(bolt={"force": [[1.0, 3.0]], "held_from": 1.0}, drop="shortening", **shared)
+    made = joint(bolt=BY_FORCE | {"force": [[1.0, 3.0]], "held_from": 1.0}, **shared)
     caplog.set_level(logging.INFO, "stickslip.solvers.stepping.tightening")
 
     def solved() -> tuple[list[tuple[float, ...]], int]:
@@ -302,10 +301,10 @@ def test_a_script_steps_to_a_time_before_a_bolt_is_held() -> None:
 
 def test_a_given_tension_is_found_though_the_bodies_are_condensed_anew() -> None:
     """Without friction they are condensed onto the pressed dofs, and onto all once another method takes over."""
-    force = {"force": [[1.0, 2.0], [2.0, 3.0]]}
+    force = BY_FORCE | {"force": [[1.0, 2.0], [2.0, 3.0]]}
     held = {"foot": {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0}}}
     held["left"] = {"boundary": "upper.left", "displacement": {"x": 0.0, "y": 0.0}}
-    simulation = prepare(joint(drop="shortening", bolt=force, supports=held, steps={"end": 2.0, "count": 2}))
+    simulation = prepare(joint(bolt=force, supports=held, steps={"end": 2.0, "count": 2}))
     stepper, chain = simulation.stepper, simulation.stepper.chain
     before = stepper.start()
     accepted = stepper.reach(before, 1.0, lambda row: None)
@@ -325,9 +324,9 @@ def test_a_step_that_fails_has_all_tries_and_no_state_with_another_tension(
     """While the tension is sought, and the third try fails on its way; and once the bolt is held."""
     monkeypatch.setattr(BoltsAndSprings, "at_once", lambda *words: None)
     base = {"joint": {"surface": "upper.bottom", "against": "lower.top", "gap_offset": 1e-6}}
-    force = {"force": [[1.0, 3.0]], "held_from": 1.0}
+    force = BY_FORCE | {"force": [[1.0, 3.0]], "held_from": 1.0}
     tables = {"steps": {"end": 2.0, "count": 2}, "solver": {"method": "condensed-newton"}}
-    simulation = prepare(joint(bolt=force, drop="shortening", contacts=base, **tables))
+    simulation = prepare(joint(bolt=force, contacts=base, **tables))
     stepper, rows, tries = simulation.stepper, list[HistoryRow](), itertools.count(1)
     state, whole = stepper.start(), stepper.method_after
     if begins:
@@ -363,10 +362,7 @@ def jack(model: str = "plane strain", bolts: dict[str, Any] | None = None, **tab
     drag = {up: 0.0, "x": [[1.0, 0.0], [2.0, 0.005]]} | ({"y": 0.0} if solid else {})
     shank = [[*[0.3] * (2 if solid else 1), level] for level in (0.2, 0.7)]
     bolt = {"body": "upper", "shank": shank, "force": [[1.0, -FORCE]], "held_from": 1.0}
-    data = {
-        "model": model,
-        "geometry": BLOCKS | ({"width": 0.5, "mesh_size": 0.5} if solid else {"mesh_size": 0.25}),
-        "bodies": {"upper": {"E": 1000.0, "nu": 0.3}, "lower": {"E": 1000.0, "nu": 0.3}},
+    made = {
         "supports": {
             "roof": {"boundary": "upper.top", "displacement": drag},
             "floor": {"boundary": "lower.bottom", "displacement": still},
@@ -377,7 +373,7 @@ def jack(model: str = "plane strain", bolts: dict[str, Any] | None = None, **tab
         "bolts": {"b": bolt, **(bolts or {})},
         "steps": {"end": 2.0, "count": 2},
     }
-    return from_dict(data | tables)
+    return plates(model, 0.3, size=0.5 if solid else 0.25, **made | tables)
 
 
 def stated(step: StepResult, key: str) -> Any:
@@ -476,13 +472,8 @@ def test_the_stress_of_a_shank_is_corrected() -> None:
 @pytest.mark.parametrize("model", ["plane strain", "3d"])
 def test_a_shank_that_ends_within_a_body_is_no_error_of_the_mesh(model: str) -> None:
     """A column between walls, whose stress is uniform: that of the shank's shortening jumps at its ends."""
-    up, free = ("z", {"left": "x", "front": "y"}) if model == "3d" else ("y", {"left": "x"})
-    held = {f"{body}_{side}": (f"{body}.{side}", axis) for body in ("upper", "lower") for side, axis in free.items()}
-    held |= {"roof": ("upper.top", up), "floor": ("lower.bottom", up)}
-    supports = {name: {"boundary": side, "displacement": {axis: 0.0}} for name, (side, axis) in held.items()}
-    tied = {"joint": {"surface": "upper.bottom", "against": "lower.top", "normal": {"law": "tied"}}}
-    simulation = estimating(jack(model, supports=supports, contacts=tied), MPI.COMM_SELF)
-    step, _ = simulation.steps()
+    simulation = estimating(drawn(model, force=[[1.0, -FORCE]]), MPI.COMM_SELF)
+    (step,) = simulation.steps()
     assert step.mesh_error < 1e-7
     assert_allclose(step.stress_error, 0.0, atol=1e-7 * FORCE)
     assert stated(step, "contacts.joint.normal_force") < 1e-7 * FORCE

@@ -29,7 +29,7 @@ from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.shape import Model, Request
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
-from stickslip.solvers.results.step_result import SLIP, StepResult
+from stickslip.solvers.results.step_result import SLIP
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -91,15 +91,15 @@ def dim_of(model: Model) -> int:
 
 
 @cache
-def meshed(shape: Builder, model: Model, contact: str | None = None) -> Mesh:
+def meshed(shape: Builder, model: Model, *contacts: str) -> Mesh:
     shape.check_model(model)
-    return build_mesh(shape, Request(model=model, contact_sides=(contact,) if contact else ()), MPI.COMM_SELF)
+    return build_mesh(shape, Request(model=model, contact_sides=contacts), MPI.COMM_SELF)
 
 
 @cache
-def side_of(shape: Builder, model: Model, side: str, contact: str | None = None) -> Surface:
+def side_of(shape: Builder, model: Model, side: str, *contacts: str) -> Surface:
     """The side as a plane mesh: its areas are those of the meridian."""
-    mesh = meshed(shape, model, contact)
+    mesh = meshed(shape, model, *contacts)
     space = dx.vector_space(mesh.domain, mesh.degree)
     return replace(gather_surface(mesh, space, Nodes.of(mesh, space), side), axisymmetric=False)
 
@@ -220,11 +220,11 @@ def test_cells_are_as_fine_as_asked_near_the_contact(
 def test_ring_is_fine_along_the_circle_that_touches(cells: Any) -> None:
     shape = replace(RING, contact_mesh_size=0.05, cells=cells)
     for side, count in (("inner", 2 * np.pi / 0.05), ("outer", 2 * np.pi * 1.5 / 0.05)):
-        facets = side_of(shape, PLANE, f"ring.{side}", contact=f"ring.{side}").facets
+        facets = side_of(shape, PLANE, f"ring.{side}", f"ring.{side}").facets
         assert count <= len(facets) <= count + 4  # four quarters, each rounded up
     assert len(side_of(shape, PLANE, "ring.inner").facets) == 4 * np.ceil(np.pi / 2 * 1.5 / 0.2)  # no contact
     quarter = replace(shape, angle=90)
-    spoke = np.sort(side_of(quarter, PLANE, "ring.x_axis", contact="ring.inner").points[:, 0])
+    spoke = np.sort(side_of(quarter, PLANE, "ring.x_axis", "ring.inner").points[:, 0])
     assert_allclose(spoke[1] - spoke[0], 0.05, rtol=0.2)  # small at the contact, growing away from it
     assert np.all(np.diff(spoke, 2) > 0)
 
@@ -334,58 +334,56 @@ TAN, COS, SIN = np.tan(np.pi / 6), np.cos(np.pi / 6), np.sin(np.pi / 6)
 TOP = 0.4 + 2 * TAN
 LENGTHS = {"bottom": 0.4, "top": TOP, "left": 1 / COS, "right": 1 / COS}
 WALLS = ("wedge.left", "wedge.right")
-WEDGES = [replace(WEDGE, cells=cells, order=order) for cells in ("simplex", "tensor") for order in (1, 2)]
 PRESSED = 0.01  # [Pa] on the top, E = 1 Pa
-MADE = pytest.mark.parametrize("shape", WEDGES, ids=[f"{shape.cells}-{shape.order}" for shape in WEDGES])
 
 
-@cache
-def wedge_of(shape: Wedge, contacts: tuple[str, ...] = ()) -> Mesh:
-    shape.check_model("plane strain")
-    return build_mesh(shape, Request(model="plane strain", contact_sides=contacts), MPI.COMM_SELF)
-
-
-def side_of_a_wedge(shape: Wedge, side: str, contacts: tuple[str, ...] = ()) -> Surface:
-    mesh = wedge_of(shape, contacts)
-    space = dx.vector_space(mesh.domain, mesh.degree)
-    return gather_surface(mesh, space, Nodes.of(mesh, space), f"wedge.{side}")
-
-
-def steps_along(surface: Surface) -> Any:
-    """Lengths of the cells along a side, from its lower or left end (f,) [m]."""
+def steps_along(shape: Wedge, side: str, *contacts: str) -> Any:
+    """Lengths of the cells along a side of a wedge, from its lower or left end (f,) [m]."""
+    surface = side_of(shape, PLANE, f"wedge.{side}", *contacts)
     ends = surface.points[surface.facets[:, :2]]
     order = np.argsort(ends.mean(axis=1) @ [1e-3, 1.0] if np.ptp(ends[:, :, 1]) > 1e-9 else ends.mean(axis=1)[:, 0])
     return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[order]
 
 
 def test_cells_are_as_fine_as_asked_where_it_touches() -> None:
-    coarse = {side: steps_along(side_of_a_wedge(WEDGE, side)) for side in LENGTHS}
+    coarse = {side: steps_along(WEDGE, side) for side in LENGTHS}
     assert max(steps.max() for steps in coarse.values()) <= 0.2 * (1 + 1e-9)
     fine = replace(WEDGE, contact_mesh_size=0.05)
-    assert_allclose(
-        steps_along(side_of_a_wedge(fine, "left")), steps_along(side_of_a_wedge(WEDGE, "left"))
-    )  # nothing touches
-    walls = {side: steps_along(side_of_a_wedge(fine, side, WALLS)) for side in LENGTHS}
+    assert_allclose(steps_along(fine, "left"), steps_along(WEDGE, "left"))  # nothing touches
+    walls = {side: steps_along(fine, side, *WALLS) for side in LENGTHS}
     for side in ("left", "right"):
         assert_allclose(walls[side], 1 / COS / 24, rtol=1e-9)  # 1.155 m in cells of 0.05 m at most
     assert_allclose(walls["top"][[0, -1]], 0.05, rtol=0.3)  # small at either wall, growing to the middle
     assert walls["top"].max() > 1.5 * walls["top"].min()
     assert walls["top"].max() <= 0.2 * 1.3
-    level = {side: steps_along(side_of_a_wedge(fine, side, ("wedge.top",))) for side in LENGTHS}
+    level = {side: steps_along(fine, side, "wedge.top") for side in LENGTHS}
     assert level["top"].max() <= 0.05 * (1 + 1e-9)
     assert_allclose(level["left"][-1], 0.05, rtol=0.3)
     assert np.all(np.diff(level["left"]) < 0)  # they grow downwards, away from the top
-    left = steps_along(side_of_a_wedge(fine, "top", ("wedge.left",)))
+    left = steps_along(fine, "top", "wedge.left")
     assert np.all(np.diff(left) > 0)
-    every = steps_along(side_of_a_wedge(fine, "top", ("wedge.left", "wedge.top")))
+    every = steps_along(fine, "top", *WALLS[:1], "wedge.top")
     assert_allclose(every, every[0], rtol=1e-9)
 
 
-def in_its_notch(half_angle: float, mu: float, **geometry: Any) -> StepResult:
-    """Pressed evenly on its top into a rigid notch of its own shape, by walls alone."""
+MESHES: list[tuple[float, float, str, dict[str, Any]]] = [
+    *((half_angle, 0.0, PLANE, {}) for half_angle in (20.0, 45.0, 60.0)),
+    *((half_angle, 0.2, PLANE, {}) for half_angle in (20.0, 35.0, 45.0)),  # flatter, parts of a rough one stick
+    *(
+        (35.0, 0.25, model, {"cells": cells, "order": order, "contact_mesh_size": 0.1})
+        for model, cells, order in product(("plane strain", "plane stress"), ("simplex", "tensor"), (1, 2))
+    ),
+]
+
+
+@pytest.mark.parametrize(("half_angle", "mu", "model", "geometry"), MESHES)
+def test_walls_carry_what_statics_says(half_angle: float, mu: float, model: str, geometry: dict[str, Any]) -> None:
+    """Pressed evenly on its top into a rigid notch of its own shape, by walls alone.
+
+    N = P / (2 (sin alpha + mu cos alpha)), T = mu N up along each wall: statics of a wedge that slides down.
+    """
     angle = np.radians(half_angle)
     up, out = np.sin(angle), np.cos(angle)
-    model = geometry.pop("model", "plane strain")
     shape = {"builder": "wedge", "half_angle": half_angle, "bottom_width": 0.4, "height": 1.0, "mesh_size": 0.2}
     data = {
         "model": model,
@@ -403,13 +401,6 @@ def in_its_notch(half_angle: float, mu: float, **geometry: Any) -> StepResult:
         "solver": {"tolerance": 1e-11},
     }
     (step,) = prepare(from_dict(data)).steps()
-    return step
-
-
-def pushes(half_angle: float, mu: float, **geometry: Any) -> None:
-    """N = P / (2 (sin alpha + mu cos alpha)), T = mu N up along each wall: statics of a wedge that slides down."""
-    angle = np.radians(half_angle)
-    step, up, out = in_its_notch(half_angle, mu, **geometry), np.sin(angle), np.cos(angle)
     P = PRESSED * (0.4 + 2 * np.tan(angle))
     N = P / (2 * (up + mu * out))
     forces = {side: contact.force for side, contact in step.contacts.items()}
@@ -422,24 +413,3 @@ def pushes(half_angle: float, mu: float, **geometry: Any) -> None:
         assert_allclose(contact.tangential_force, mu * N, atol=1e-8 * N)
         assert np.all(contact.status[contact.pressure > 0] == SLIP)
         assert contact.pressure.max() > 0
-
-
-@pytest.mark.parametrize(
-    ("half_angle", "mu"),
-    [
-        (20.0, 0.0),
-        (45.0, 0.0),
-        (60.0, 0.0),
-        (20.0, 0.2),
-        (35.0, 0.2),
-        (45.0, 0.2),
-    ],  # flatter, parts of a rough one stick
-)
-def test_walls_carry_what_statics_says(half_angle: float, mu: float) -> None:
-    pushes(half_angle, mu)
-
-
-@MADE
-@pytest.mark.parametrize("model", ["plane strain", "plane stress"])
-def test_so_they_do_on_every_mesh(shape: Wedge, model: Model) -> None:
-    pushes(35.0, 0.25, model=model, cells=shape.cells, order=shape.order, contact_mesh_size=0.1)

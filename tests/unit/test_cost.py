@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shared.problems import SceneOf
+from shared.problems import scene_of
 from stickslip.geometry.errors import MachineError, SceneError, SolverError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Exact
@@ -254,7 +254,7 @@ def test_seconds_in_which_forms_were_compiled_are_no_price() -> None:
         (MemoryError(), "out_of_memory"),
     ],
 )
-def test_a_child_tells_why(error: Exception, status: str, scene_of: SceneOf, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_child_tells_why(error: Exception, status: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(scene: Scene) -> None:
         raise error
 
@@ -460,7 +460,7 @@ def test_the_usual_quantities_are_those_that_are_not_zero() -> None:
     assert chosen(["energy.stored"], scene, [run]) == ("energy.stored",)
 
 
-def test_an_exact_value_of_nothing_is_refused(scene_of: SceneOf) -> None:
+def test_an_exact_value_of_nothing_is_refused() -> None:
     table = {"contacts": {"base": {"surface": "block.bottom", "against": "foundation"}}}
     with pytest.raises(SceneError, match=r"exact\.values = base\.norml_force: no such quantity; did you mean"):
         scene_of(**table, exact={"values": {"base.norml_force": 1.0}})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +16,7 @@ from scipy.spatial import Delaunay
 
 from shared.cases import every_nth
 from shared.drawn import scene_data
+from shared.problems import plane, scene_of
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.surfaces.surface import Surface
@@ -83,31 +85,16 @@ def test_a_sphere_bulges_in_3d() -> None:
     plane = np.stack(np.meshgrid(np.linspace(-0.4, 0.4, 9), np.linspace(-0.4, 0.4, 9)), axis=-1).reshape(-1, 2)
     facets = Delaunay(plane + 1e-3 * np.sin(7 * plane[:, ::-1])).simplices
     corners = sphere(np.column_stack([plane, np.ones(len(plane))]))
-    out = np.sign(
-        np.einsum(
-            "fd,fd->f",
-            np.cross(corners[facets[:, 1]] - corners[facets[:, 0]], corners[facets[:, 2]] - corners[facets[:, 0]]),
-            corners[facets].mean(axis=1),
-        )
-    )
-    straight = Surface(
-        "triangle", 1, np.arange(81), np.arange(81), corners, facets.astype(np.int64), out, axisymmetric=False
-    )
+    arms = corners[facets[:, 1:]] - corners[facets[:, :1]]
+    out = np.sign(np.einsum("fd,fd->f", np.cross(arms[:, 0], arms[:, 1]), corners[facets].mean(axis=1)))
+    straight = replace(side(corners, facets.astype(np.int64), "triangle"), outward=out)
     ends = [(1, 2), (0, 2), (0, 1)]
     pairs = np.sort(np.concatenate([facets[:, pair] for pair in ends]), axis=1)
     edges, number = np.unique(pairs, axis=0, return_inverse=True)
     middle = corners[edges].mean(axis=1)
     quadratic = np.column_stack([facets, 81 + number.reshape(3, -1).T])
-    middles = Surface(
-        "triangle",
-        2,
-        np.arange(81 + len(edges)),
-        np.arange(81 + len(edges)),
-        np.concatenate([corners, middle]),
-        quadratic.astype(np.int64),
-        out,
-        axisymmetric=False,
-    )
+    middles = side(np.concatenate([corners, middle]), quadratic.astype(np.int64), "triangle", degree=2)
+    middles = replace(middles, outward=out)
     moved = middles.points + bulges(straight, middles)
     inside = np.abs(plane[edges]).max(axis=(1, 2)) < 0.35  # nodes at the rim know one side of their surroundings
     off = np.abs(np.linalg.norm(moved[81:], axis=1) - 1)[inside]
@@ -127,8 +114,7 @@ def test_the_edge_of_contact_lies_where_the_gap_to_the_power_two_thirds_is_zero(
 
 def test_edges_of_a_disc_are_found_between_its_nodes() -> None:
     points = np.random.default_rng(0).random((800, 2)) * 2 - 1
-    facets = Delaunay(points).simplices.astype(np.int64)
-    disc = side(np.column_stack([points, np.zeros(800)]), facets, "triangle")
+    disc = side(np.column_stack([points, np.zeros(800)]), Delaunay(points).simplices.astype(np.int64), "triangle")
     radius = np.linalg.norm(points, axis=1)
     off = []
     for edge in (0.5, 0.6, 0.7):
@@ -191,17 +177,22 @@ def test_a_lower_pressure_that_grows_becomes_the_largest(low: float, expected: b
     assert grows(line(x), pressure) is expected
 
 
+def square(n: int, shape: str) -> Surface:
+    """Nodes at 0, 1, ..., n in both directions of a plane."""
+    x = np.arange(n + 1)
+    points = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((n + 1, n + 1))], axis=-1).reshape(-1, 3)
+    a = ((n + 1) * x[:n, None] + x[:n]).ravel()
+    quads = np.stack([a, a + 1, a + n + 1, a + n + 2], axis=1)
+    facets = quads if shape == "quadrilateral" else np.concatenate([quads[:, [0, 1, 3]], quads[:, [0, 2, 3]]])
+    return side(points.astype(float), facets, shape)
+
+
 @pytest.mark.parametrize("shape", ["triangle", "quadrilateral"])
 @pytest.mark.parametrize(("peak", "expected"), [((0, 0), True), ((0, 2), True), ((2, 2), False)])
 def test_ends_of_a_square_are_its_corners_and_edges(shape: str, peak: tuple[int, int], expected: bool) -> None:
-    x = np.arange(5)
-    points = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((5, 5))], axis=-1).reshape(-1, 3).astype(float)
-    a = (5 * x[:4, None] + x[:4]).ravel()
-    quads = np.stack([a, a + 1, a + 5, a + 6], axis=1)
-    facets = quads if shape == "quadrilateral" else np.concatenate([quads[:, [0, 1, 3]], quads[:, [0, 2, 3]]])
     pressure = np.ones((5, 5))
     pressure[peak] = 1.1
-    assert grows(side(points, facets, shape), pressure.ravel()) is expected
+    assert grows(square(4, shape), pressure.ravel()) is expected
 
 
 @pytest.mark.parametrize("sticks", [3, 6])
@@ -228,8 +219,7 @@ def test_nothing_grows_without_pressure_or_on_few_nodes() -> None:
 def test_a_stress_grows_without_end_at_a_singular_point_alone(power: float, endless: bool) -> None:
     """A field r^power around a corner of the square, in cells of one size."""
     n = 8
-    numbers = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
-    cells = np.stack([numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, :-1], numbers[1:, 1:]], axis=-1).reshape(-1, 4)
+    cells = square(n, "quadrilateral").facets
     middle = np.stack(np.meshgrid(*[np.arange(n) + 0.5] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     stress = np.linalg.norm(middle, axis=1)[:, None, None] ** power * np.eye(3)
     assert grows_in(cells, stress, 0) is endless
@@ -251,13 +241,10 @@ def test_pressures_of_rounding_do_not_grow(closed: bool) -> None:
 @pytest.mark.parametrize(("power", "expected"), [(-0.5, True), (0.5, False), (1.0, False)])
 def test_along_an_edge_pressures_behind_it_count(shape: str, power: float, expected: bool) -> None:
     """Nearly as high all along the edge x = 0, with a largest one somewhere."""
-    x = np.arange(7)
-    points = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((7, 7))], axis=-1).reshape(-1, 3).astype(float)
-    a = (7 * x[:6, None] + x[:6]).ravel()
-    quads = np.stack([a, a + 1, a + 7, a + 8], axis=1)
-    facets = quads if shape == "quadrilateral" else np.concatenate([quads[:, [0, 1, 3]], quads[:, [0, 2, 3]]])
+    plane = square(6, shape)
+    points = plane.points
     pressure = (points[:, 0] + 0.3) ** power if power < 0 else (7 - points[:, 0]) ** power
-    assert grows(side(points, facets, shape), pressure * (1 + 1e-3 * np.sin(points[:, 1] / 2))) is expected
+    assert grows(plane, pressure * (1 + 1e-3 * np.sin(points[:, 1] / 2))) is expected
 
 
 R, H, HOLE = 1.0, 0.5, 0.4
@@ -398,27 +385,21 @@ MOMENT = MU * FORCE * SIDE * (np.sqrt(2) + np.log(1 + np.sqrt(2))) / 6  # of eve
 TURN = [[1, 0], [2, 0.02]]
 EVEN = [[1, -1e-5]]
 BLOCK = {"builder": "block", "length": SIDE, "width": SIDE, "height": 0.02, "mesh_size": 0.02, "cells": "tensor"}
-TABLE = {"shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}
+TABLE = plane(3)
 TURNED = TABLE | {"rotation": {"angle": TURN, "point": [SIDE / 2, SIDE / 2, 0.0], "axis": [0, 0, 1]}}
 
 
-def turning(friction: dict[str, Any] | None = None, **tables: Any) -> Simulation:
-    data: dict[str, Any] = {
-        "model": "3d",
-        "geometry": BLOCK,
+def turning(friction: Any = None, geometry: Any = BLOCK, **tables: Any) -> Simulation:
+    """A block, pressed on a table that turns then."""
+    base = {"surface": "block.bottom", "against": "table", "friction": friction or {"law": "coulomb", "mu": MU}}
+    made: dict[str, Any] = {
         "bodies": {"block": {"E": 1e9, "nu": 0.0}},
         "obstacles": {"table": TURNED},
-        "contacts": {
-            "base": {
-                "surface": "block.bottom",
-                "against": "table",
-                "friction": friction or {"law": "coulomb", "mu": MU},
-            }
-        },
+        "contacts": {"base": base},
         "supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0, "z": EVEN}}},
         "steps": {"end": 2.0, "count": 2},
     }
-    return prepare(from_dict(data | tables))
+    return prepare(scene_of(3, geometry, **made | tables))
 
 
 ALONG, ACROSS = 0.3, 0.1
@@ -541,10 +522,7 @@ WEIGHT = np.array([0.5, 1.0, 1.0, 0.5])
 
 def rows() -> Any:
     """Four nodes on the line y = 0."""
-    k = np.arange(4)
-    points = np.stack([k, 0.0 * k], axis=1)
-    side = Surface("interval", 1, k, k, points, np.stack([k[:-1], k[1:]], axis=1), np.ones(3), False)
-    return SimpleNamespace(surface=side, frames=np.tile(-np.eye(2)[::-1], (4, 1, 1)))
+    return SimpleNamespace(surface=line(np.arange(4.0)), frames=np.tile(-np.eye(2)[::-1], (4, 1, 1)))
 
 
 def state(pressure: Array, traction: Array | float = 0.0, slip: Array | float = 0.0, status: int = STICK) -> Any:

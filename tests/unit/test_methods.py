@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.testing import assert_allclose
 
 import stickslip
 import stickslip.solvers
-from shared.problems import SceneOf, SimulationOf, SystemOf
+from shared.problems import scene_of
 from stickslip.geometry.errors import MachineError, SceneError, SolverError
 from stickslip.solvers.interface.coarse_mesh import CoarseMesh
 from stickslip.solvers.iteration import Solution, Status
@@ -24,6 +25,7 @@ from stickslip.solvers.method_registry import METHODS, Solver, method_of
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.method import Ready, keys_of
 from stickslip.solvers.methods.surface_uzawa import PATIENCE, LearningIteration
+from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene import settings
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
@@ -32,6 +34,7 @@ from stickslip.solvers.stepping.choice import Size, Stage, chain, chosen
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.benchmarks.auto import BARS, Case
+from stickslip.workflows.lab.verification.prepared import prepare, system_of
 from stickslip.workflows.run.audit import Audited
 from stickslip.workflows.run.result import Outcome, summary
 from stickslip.workflows.scene_file.read import read, to_dict
@@ -184,7 +187,7 @@ BASE = {"base": {"surface": "block.bottom", "against": "foundation", "friction":
 FEW = 2  # iterations
 
 
-def pressed(scene_of: SceneOf, **solver: Any) -> Scene:
+def pressed(**solver: Any) -> Scene:
     """Pressed, then dragged until a part slips."""
     drag = {"x": [[0, 0], [1, 0], [2, 0.02]], "y": [[0, 0], [1, -0.05]]}
     return scene_of(
@@ -199,28 +202,32 @@ def forces(simulation: Simulation) -> list[Any]:
     return [step.contacts["base"].force for step in simulation.steps()]
 
 
-def hasten(monkeypatch: pytest.MonkeyPatch) -> None:
-    """surface-uzawa gives up soon."""
-    whole = LearningIteration.__call__
-
-    def short(self: LearningIteration, *arguments: Any) -> Solution:
-        return whole(replace(self, max_it=FEW), *arguments)
-
-    monkeypatch.setattr(LearningIteration, "__call__", short)
+@cache
+def exact() -> list[StepResult]:
+    """Steps by the method that does all."""
+    return list(prepare(pressed(method="condensed-newton")).steps())
 
 
-def test_methods_that_fail_hand_the_step_on(
-    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    exact = simulation_of(pressed(scene_of, method="condensed-newton"))
-    expected = list(exact.steps())
+def agrees(simulation: Simulation) -> list[StepResult]:
+    """Its steps, which have the forces of the exact ones."""
+    found = list(simulation.steps())
+    for step, other in zip(found, exact(), strict=True):
+        assert_allclose(step.contacts["base"].force, other.contacts["base"].force, rtol=0, atol=1e-7)
+    return found
+
+
+def hasten(monkeypatch: pytest.MonkeyPatch, method: Any = LearningIteration, most: int = FEW) -> None:
+    """The method gives up soon."""
+    whole = method.__call__
+    monkeypatch.setattr(method, "__call__", lambda self, *given: whole(replace(self, max_it=most), *given))
+
+
+def test_methods_that_fail_hand_the_step_on(monkeypatch: pytest.MonkeyPatch) -> None:
     hasten(monkeypatch)
-    simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
+    simulation = prepare(pressed(method="auto", surface="matrix-free"))
     chain = simulation.stepper.chain
     assert [stage.method for stage in chain.choice.stages] == CHAIN
-    found = list(simulation.steps())
-    for step, other in zip(found, expected, strict=True):
-        assert_allclose(step.contacts["base"].force, other.contacts["base"].force, rtol=0, atol=1e-7)
+    found, expected = agrees(simulation), exact()
     first, second = chain.switches  # both in the first step: what failed is not tried again
     assert (first.time, first.iteration, first.because) == (1.0, FEW, Status.MAX_IT.value)
     assert (first.after, second.after) == ("surface-uzawa (matrix-free, safer metric)", "condensed-newton (condensed)")
@@ -230,10 +237,7 @@ def test_methods_that_fail_hand_the_step_on(
     assert (choice["method"], choice["because"]) == ("surface-uzawa", "solver.surface = matrix-free")
 
 
-def test_a_switch_on_the_same_bodies_lasts_for_one_step(
-    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    expected = forces(simulation_of(pressed(scene_of, method="condensed-newton")))
+def test_a_switch_on_the_same_bodies_lasts_for_one_step(monkeypatch: pytest.MonkeyPatch) -> None:
     calls, whole = list[None](), CondensedNewton.__call__
 
     def fails_once(self: CondensedNewton, *arguments: Any) -> Solution:
@@ -242,9 +246,8 @@ def test_a_switch_on_the_same_bodies_lasts_for_one_step(
 
     monkeypatch.setattr(CondensedNewton, "__call__", fails_once)
     monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 0)  # the step is not cut first
-    simulation = simulation_of(pressed(scene_of))
-    found = list(simulation.steps())
-    assert_allclose([step.contacts["base"].force for step in found], expected, rtol=0, atol=1e-7)
+    simulation = prepare(pressed())
+    found = agrees(simulation)
     (switch,) = simulation.stepper.chain.switches
     assert (switch.time, switch.after) == (1.0, "surface-uzawa (condensed)")
     assert [{row[-1] for row in step.history} for step in found] == [
@@ -259,35 +262,29 @@ POWER = {"law": "compliance", "c_n": 40.0, "m_n": 2.0}
 
 
 @pytest.mark.parametrize("normal", [{"law": "unilateral"}, POWER])
-def test_sweeps_are_the_last_resort_in_space(
-    normal: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sweeps_are_the_last_resort_in_space(normal: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scene_of(
         dim=3,
         contacts={"base": BASE["base"] | {"normal": normal}},
         supports={"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": 0.0, "z": -0.05}}},
         solver={"tolerance": 1e-10},
     )
-    expected = forces(simulation_of(scene))
+    expected = forces(prepare(scene))
     hasten(monkeypatch)
-    whole = CondensedNewton.__call__
-    monkeypatch.setattr(CondensedNewton, "__call__", lambda self, *rest: whole(replace(self, max_it=1), *rest))
+    hasten(monkeypatch, CondensedNewton, 1)
     monkeypatch.setattr("stickslip.solvers.stepping.halving.HALVINGS", 0)
-    simulation = simulation_of(scene)
+    simulation = prepare(scene)
     assert_allclose(forces(simulation), expected, rtol=0, atol=1e-8)
     assert [switch.after for switch in simulation.stepper.chain.switches] == [str(stage) for stage in DENSE[1:]]
 
 
-def test_a_step_that_cutting_does_not_help_is_tried_by_all_methods(
-    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_step_that_cutting_does_not_help_is_tried_by_all_methods(monkeypatch: pytest.MonkeyPatch) -> None:
     """From rest, in proportion to time: half of the step is the same problem again. The second half is not."""
     supports = {"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": -0.05}}}
     scene = scene_of(contacts=BASE, supports=supports)
-    expected = forces(simulation_of(scene))
-    whole = CondensedNewton.__call__
-    monkeypatch.setattr(CondensedNewton, "__call__", lambda self, *rest: whole(replace(self, max_it=1), *rest))
-    simulation = simulation_of(scene)
+    expected = forces(prepare(scene))
+    hasten(monkeypatch, CondensedNewton, 1)
+    simulation = prepare(scene)
     assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
     assert simulation.stepper.chain.switches[0].time == 0.5
     (step,) = list(simulation.steps())
@@ -296,33 +293,25 @@ def test_a_step_that_cutting_does_not_help_is_tried_by_all_methods(
     assert min(row[0] for row in step.history) == 0.5
 
 
-def test_a_linear_solve_that_fails_hands_the_step_on(
-    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    expected = forces(simulation_of(pressed(scene_of, method="condensed-newton")))
-    simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
+def test_a_linear_solve_that_fails_hands_the_step_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation = prepare(pressed(method="auto", surface="matrix-free"))
     monkeypatch.setattr("stickslip.solvers.linear.conjugate_gradients.MOST_ITERATIONS", 1)
-    assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
+    agrees(simulation)
     assert {switch.because for switch in simulation.stepper.chain.switches} == {Status.BROKEN.value}
 
 
-def test_a_linear_solve_that_fails_leaves_the_steps_before_it(
-    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    steps = simulation_of(pressed(scene_of, method="surface-uzawa", surface="matrix-free")).steps()
+def test_a_linear_solve_that_fails_leaves_the_steps_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = prepare(pressed(method="surface-uzawa", surface="matrix-free")).steps()
     assert next(steps).time == 1.0
     monkeypatch.setattr("stickslip.solvers.linear.conjugate_gradients.MOST_ITERATIONS", 0)
     with pytest.raises(StepError, match="a linear solve failed"):
         next(steps)
 
 
-def test_a_method_that_cannot_be_prepared_on_the_way_hands_the_step_on(
-    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_method_that_cannot_be_prepared_on_the_way_hands_the_step_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """The last one with this form of the bodies: another form is next."""
-    expected = forces(simulation_of(pressed(scene_of, method="condensed-newton")))
     hasten(monkeypatch)
-    simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
+    simulation = prepare(pressed(method="auto", surface="matrix-free"))
     whole = MethodChain._readied
 
     def unable(chain: MethodChain, *bodies: Any) -> Ready:
@@ -331,16 +320,14 @@ def test_a_method_that_cannot_be_prepared_on_the_way_hands_the_step_on(
         return whole(chain, *bodies)
 
     monkeypatch.setattr(MethodChain, "_readied", unable)
-    assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
+    agrees(simulation)
     last = simulation.stepper.chain.switches[-1]
     assert (last.after, last.because) == ("condensed-newton (condensed)", Status.BROKEN.value)
 
 
-def test_no_switch_to_what_memory_has_no_room_for(
-    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_switch_to_what_memory_has_no_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
     hasten(monkeypatch)
-    simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
+    simulation = prepare(pressed(method="auto", surface="matrix-free"))
     monkeypatch.setattr("stickslip.solvers.stepping.choice.available", lambda: 0)
     with pytest.raises(StepError, match="iterations ran out"):
         next(simulation.steps())
@@ -380,7 +367,7 @@ def test_a_factor_pays_in_many_steps() -> None:
     assert form(Size(2, 3180, 44_520, 868)) == "condensed"  # bars: many of the dofs are contact dofs
 
 
-def test_multigrid_is_not_for_slender_bodies_that_float(system_of: SystemOf) -> None:
+def test_multigrid_is_not_for_slender_bodies_that_float() -> None:
     beam = Size(3, 50_000, 4e6, 2000)
     assert (form(beam), form(replace(beam, slender=10.0))) == ("matrix-free", "condensed")
     system = system_of(bars())
@@ -395,9 +382,9 @@ def bars(*words: str) -> Scene:
 
 
 @pytest.mark.parametrize("words", [(), ("surface=matrix-free",)])
-def test_bars_of_which_one_floats(words: tuple[str, ...], simulation_of: SimulationOf) -> None:
+def test_bars_of_which_one_floats(words: tuple[str, ...]) -> None:
     """Conjugate gradients take hundreds of iterations for each solve: the step is handed on after some of them."""
-    simulation = simulation_of(bars(*words))
+    simulation = prepare(bars(*words))
     (*_, last) = simulation.steps()
     assert last.contacts["joint"].force[1] == pytest.approx(1e-3 * 9.81 * 10.0 * 0.3, rel=1e-9)  # its weight
     assert [switch.because for switch in simulation.stepper.chain.switches] == [Status.SLOW.value] * len(words)
@@ -412,7 +399,7 @@ def test_each_rank_of_a_machine_has_a_dense_stiffness_of_its_own() -> None:
     assert DENSE[0] not in chosen(replace(LARGE, ranks=4), Solver(), memory).stages
 
 
-def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_the_size_is_that_of_what_is_assembled() -> None:
     system = system_of(scene_of(2, {"cells": "tensor", "mesh_size": 0.05}, contacts=BASE))
     size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
     assert (size.dim, size.dofs, size.ranks) == (2, system.K_B.size[0], 1)
@@ -421,7 +408,7 @@ def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: Sys
     assert size.entries == pytest.approx(system.K_B.getInfo()["nz_used"], rel=0.1)  # fewer at the boundary
 
 
-def test_the_coarse_mesh_has_fewer_dofs(system_of: SystemOf) -> None:
+def test_the_coarse_mesh_has_fewer_dofs() -> None:
     fine = system_of(read("two_blocks"))
     coarse = CoarseMesh.beside(fine)
     assert coarse.system.constraints.free_total < fine.constraints.free_total / 2

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
-from shared.problems import SceneOf, SystemOf
+from shared.problems import scene_of
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.mesh.mesh import build_mesh
@@ -24,6 +24,7 @@ from stickslip.solvers.accuracy.nested_run import NestedRun, Places
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.results.step_result import Errors, Quantity, StepResult, quantities
 from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.workflows.lab.verification.prepared import system_of
 from stickslip.workflows.scene_file.read import read
 
 CORNERS = {"triangle": 3, "quadrilateral": 4}
@@ -164,7 +165,7 @@ def test_areas_that_agree_by_chance_are_not_exact(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("cells", ["simplex", "tensor"])
 @pytest.mark.parametrize("model", ["plane strain", "axisymmetric"])
-def test_forces_of_bubbles_are_those_of_order_3(model: str, cells: str, scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_forces_of_bubbles_are_those_of_order_3(model: str, cells: str) -> None:
     held = {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}}
     base = {"base": {"surface": "block.bottom", "against": "foundation"}}
     shape = {"order": 2, "mesh_size": 0.5, "cells": cells}

@@ -13,7 +13,7 @@ from scipy.linalg import null_space
 
 from shared.cases import every_nth
 from shared.discrete import random_problem
-from shared.problems import SceneOf, SimulationOf, surface_problem
+from shared.problems import FRICTION, NORMAL, pressed, scene_of, surface_problem
 from stickslip.geometry.arrays import CLOSE, EXACT, Array
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
@@ -37,40 +37,10 @@ from stickslip.solvers.newton.attempts import (
     first_starts,
 )
 from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, solve
-from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict, read
 
-NORMAL: dict[str, dict[str, Any]] = {
-    "unilateral": {"law": "unilateral"},
-    "bilateral": {"law": "bilateral"},
-    "linear": {"law": "compliance", "c_n": 20.0},
-    "power": {"law": "compliance", "c_n": 20.0, "m_n": 2.0},
-}
-FRICTION: dict[str, dict[str, Any]] = {
-    "coulomb": {"law": "coulomb", "mu": 0.4},
-    "tresca": {"law": "tresca", "bound": 0.02},
-    "stick": {"law": "stick"},
-    "penetration": {"law": "compliance", "c_T": 1.6},
-    "penetration squared": {"law": "compliance", "c_T": 8.0, "m_T": 2.0},
-    "soft coulomb": {"law": "coulomb", "mu": 0.1, "k_T": 5.0},
-    "soft tresca": {"law": "tresca", "bound": 0.02, "k_T": 5.0},
-    "soft stick": {"law": "stick", "k_T": 5.0},
-}
-
-
-def pressed(scene_of: SceneOf, dim: int, normal: str, friction: str, **solver: Any) -> Scene:
-    """Pressed and dragged in one step, by the top and by the foundation; in 3D along both axes."""
-    drag = {"x": 0.06, "y": -0.1} if dim == 2 else {"x": 0.06, "y": 0.03, "z": -0.1}
-    laws = {"normal": NORMAL[normal], "friction": FRICTION[friction]}
-    low = {"point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
-    return scene_of(
-        dim,
-        obstacles={"foundation": {"shape": "plane", "displacement": {"x": -0.01, "y": 0.02}} | low},
-        contacts={"base": {"surface": "block.bottom", "against": "foundation"} | laws},
-        supports={"top": {"boundary": "block.top", "displacement": drag}},
-        solver={"tolerance": 1e-11} | solver,
-    )
+TIGHT = {"tolerance": 1e-11}
 
 
 def trial_away_from_kinks(cone: AdmissibleSet, gamma: Array, seed: int) -> tuple[Array, NDArray[np.str_]]:
@@ -108,12 +78,10 @@ COMBINATIONS = [  # of laws
 
 
 @pytest.mark.parametrize(("laws", "dim"), every_nth(2, COMBINATIONS, [2, 3]))
-def test_linearised_laws_are_the_derivative_of_the_laws(
-    laws: tuple[str, str], dim: int, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_linearised_laws_are_the_derivative_of_the_laws(laws: tuple[str, str], dim: int) -> None:
     """One Newton step of p - P_C(p + gamma (w - gap)) = 0, by differences, has the linearised laws' solutions."""
     normal, friction = laws
-    problem = surface_problem(simulation_of(pressed(scene_of, dim, normal, friction)))
+    problem = surface_problem(prepare(pressed(dim, normal, friction, solver=TIGHT)))
     problem = replace(problem, gap=problem.gap + np.random.default_rng(6).normal(0.0, 0.1, len(problem.gap)))
     cone, gamma, rows = problem.cone, problem.gamma * 0.8, problem.cone.size
     p_hat, states = trial_away_from_kinks(cone, gamma, seed=4)
@@ -138,8 +106,8 @@ def test_linearised_laws_are_the_derivative_of_the_laws(
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_the_condensed_system_is_solved_with_its_laws(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    problem = surface_problem(simulation_of(pressed(scene_of, dim, "power", "coulomb")))
+def test_the_condensed_system_is_solved_with_its_laws(dim: int) -> None:
+    problem = surface_problem(prepare(pressed(dim, "power", "coulomb", solver=TIGHT)))
     p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws = linearise(problem, p_hat, problem.gamma)
     p, u_c = solve(laws, np.zeros(laws.problem.surface.size))
@@ -156,13 +124,11 @@ def test_the_condensed_system_is_solved_with_its_laws(dim: int, scene_of: SceneO
 @pytest.mark.parametrize(("normal", "friction"), [
     ("unilateral", "coulomb"), ("unilateral", "soft coulomb"), ("soft", "soft coulomb"), ("power", "coulomb"),
 ])  # fmt: skip
-def test_it_is_solved_with_floating_bodies_too(
-    normal: str, friction: str, dim: int, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_it_is_solved_with_floating_bodies_too(normal: str, friction: str, dim: int) -> None:
     laws: dict[str, Any] = {"normal": (NORMAL | {"soft": {"law": "compliance", "c_n": 0.5}})[normal]}
     laws |= {"friction": FRICTION[friction], "gap_offset": -0.01}
     drag = [0.005, -0.1] if dim == 2 else [0.005, 0.003, -0.1]
-    problem = surface_problem(simulation_of(scene_of(
+    problem = surface_problem(prepare(scene_of(
         dim,
         bodies={"block": {"E": 3.0, "nu": 0.3}},
         contacts={"base": {"surface": "block.bottom", "against": "foundation"} | laws},
@@ -185,17 +151,17 @@ def test_it_is_solved_with_floating_bodies_too(
         assert_allclose(resultant, 0.0, atol=1e-10 * np.abs(surface.forces(p)).sum())
 
 
-def test_rows_that_slip_are_known(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    problem = surface_problem(simulation_of(pressed(scene_of, 2, "unilateral", "coulomb")))
+def test_rows_that_slip_are_known() -> None:
+    problem = surface_problem(prepare(pressed(2, "unilateral", "coulomb", solver=TIGHT)))
     p_hat, states = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws, (place,) = linearise(problem, p_hat, problem.gamma), problem.cone.places
     assert laws.slip[place.tangential].tolist() == ((states == "slip") & place.rows.free[:, 0]).tolist()
     assert not laws.slip[place.normal].any()
 
 
-def test_a_direction_without_multiplier_has_no_law(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_a_direction_without_multiplier_has_no_law() -> None:
     """A point that slips in 3D, one of whose directions a support has taken: its row is p = 0."""
-    problem = surface_problem(simulation_of(pressed(scene_of, 3, "unilateral", "coulomb")))
+    problem = surface_problem(prepare(pressed(3, "unilateral", "coulomb", solver=TIGHT)))
     p_hat, states = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     (rows,), point = problem.cone.contacts, int(np.flatnonzero(states == "slip")[0])
     free = rows.free.copy()
@@ -211,9 +177,9 @@ def test_a_direction_without_multiplier_has_no_law(scene_of: SceneOf, simulation
     assert not laws.slip[row]
 
 
-def test_nan_goes_through_the_system(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_nan_goes_through_the_system() -> None:
     """It ends as Status.NOT_FINITE, not as an error."""
-    problem = surface_problem(simulation_of(pressed(scene_of, 2, "linear", "coulomb")))
+    problem = surface_problem(prepare(pressed(2, "linear", "coulomb", solver=TIGHT)))
     p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws = linearise(problem, p_hat, problem.gamma)
     surface = problem.surface
@@ -226,10 +192,8 @@ def test_nan_goes_through_the_system(scene_of: SceneOf, simulation_of: Simulatio
 @pytest.mark.parametrize(
     ("friction", "dim", "seed"), every_nth(3, ["coulomb", "tresca", "soft coulomb"], [2, 3], [4, 5, 6])
 )
-def test_unknown_tractions_and_unknown_motions_give_the_same_answer(
-    friction: str, dim: int, seed: int, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
-    problem = surface_problem(simulation_of(pressed(scene_of, dim, "unilateral", friction)))
+def test_unknown_tractions_and_unknown_motions_give_the_same_answer(friction: str, dim: int, seed: int) -> None:
+    problem = surface_problem(prepare(pressed(dim, "unilateral", friction, solver=TIGHT)))
     surface = problem.surface
     assert isinstance(surface, CondensedSurface)
     bodies = surface.row_stiffness(problem.cone.carrying)
@@ -248,12 +212,10 @@ def test_unknown_tractions_and_unknown_motions_give_the_same_answer(
     pytest.param(2, "power", "coulomb", marks=pytest.mark.slow),
     pytest.param(3, "power", "soft coulomb", marks=pytest.mark.slow),
 ])  # fmt: skip
-def test_uzawa_and_newton_find_the_same_answer(
-    dim: int, normal: str, friction: str, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_uzawa_and_newton_find_the_same_answer(dim: int, normal: str, friction: str) -> None:
     steps, problems = [], []
     for method in ("uzawa", "condensed-newton"):
-        simulation = simulation_of(pressed(scene_of, dim, normal, friction, method=method))
+        simulation = prepare(pressed(dim, normal, friction, solver=TIGHT | {"method": method}))
         steps += list(simulation.steps())
         problems.append(simulation.stepper.surface)
     one, other = steps
@@ -268,24 +230,22 @@ def test_uzawa_and_newton_find_the_same_answer(
     assert contact.dissipation > 0
 
 
-def test_friction_is_what_the_methods_see_of_mu(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    scene = pressed(scene_of, 2, "power", "coulomb")
+def test_friction_is_what_the_methods_see_of_mu() -> None:
+    scene = pressed(2, "power", "coulomb", solver=TIGHT)
     smooth = scene_of(
         contacts={"base": {"surface": "block.bottom", "against": "foundation", "normal": NORMAL["power"],
                            "friction": {"law": "coulomb", "mu": 0.0}}},
         supports={"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}},
     )  # fmt: skip
-    (rough,), (slippery,) = (list(simulation_of(s).steps()) for s in (scene, smooth))
+    (rough,), (slippery,) = (list(prepare(s).steps()) for s in (scene, smooth))
     assert slippery.contacts["base"].tangential_force == 0.0
     assert rough.contacts["base"].tangential_force <= 0.4 * rough.contacts["base"].normal_force * (1 + 1e-9)
 
 
 @pytest.mark.parametrize(("relaxation", "converges"), [(0.2, True), (1.99, True), (2.02, False)])
-def test_uzawa_converges_up_to_two_over_lambda_max_and_no_further(
-    relaxation: float, converges: bool, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_uzawa_converges_up_to_two_over_lambda_max_and_no_further(relaxation: float, converges: bool) -> None:
     """All points closed and sticking: Richardson's iteration, whose bound is sharp."""
-    problem = surface_problem(simulation_of(pressed(scene_of, 2, "bilateral", "stick")))
+    problem = surface_problem(prepare(pressed(2, "bilateral", "stick", solver=TIGHT)))
     method = Uzawa(alpha=relaxation / problem.surface.lambda_max, rtol=1e-8, max_it=20000)
     solution = method(problem, np.zeros(problem.cone.size))
     if converges:
@@ -297,8 +257,8 @@ def test_uzawa_converges_up_to_two_over_lambda_max_and_no_further(
         assert np.abs(solution.p).max() > 1e3 * problem.p_ref  # (2.02 - 1)^500 = 2e4, started at rounding or above
 
 
-def test_a_method_says_when_it_ran_out_of_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    problem = surface_problem(simulation_of(pressed(scene_of, 2, "unilateral", "coulomb")))
+def test_a_method_says_when_it_ran_out_of_iterations() -> None:
+    problem = surface_problem(prepare(pressed(2, "unilateral", "coulomb", solver=TIGHT)))
     nothing = np.zeros(problem.cone.size)
     solution = Uzawa(rtol=1e-12, max_it=3)(problem, nothing)
     assert (solution.status, solution.iterations, len(solution.history)) == (Status.MAX_IT, 3, 4)
@@ -336,14 +296,10 @@ PULLED = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}
 def problem_of(tables: dict[str, Any], normal: dict[str, Any] | None = None, mu: float = 0.4) -> SurfaceProblem:
     """A block pressed and dragged in one step."""
     laws = {"normal": normal or {"law": "unilateral"}, "friction": {"law": "coulomb", "mu": mu}}
-    scene = {
-        "model": "plane strain",
-        "geometry": {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.25},
-        "bodies": {"block": {"E": 3.0, "nu": 0.3}},
-        "obstacles": {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
-        "contacts": {"base": {"surface": "block.bottom", "against": "foundation", "gap_offset": -0.01} | laws},
-    }
-    return surface_problem(prepare(from_dict(scene | tables)))
+    base = {"surface": "block.bottom", "against": "foundation", "gap_offset": -0.01} | laws
+    return surface_problem(
+        prepare(scene_of(bodies={"block": {"E": 3.0, "nu": 0.3}}, contacts={"base": base}, **tables))
+    )
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from shared.problems import SceneOf, SimulationOf
+from shared.problems import scene_of, surface_problem, two_blocks
 from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -21,50 +21,22 @@ from stickslip.solvers.newton.attempts import Start
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.scene_file.read import from_dict
 
-FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
 DRIVEN = {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}
+PULLED = {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}
 COULOMB = {"law": "coulomb", "mu": 0.4}
 
 
 def block(normal: Any = None, friction: Any = None, dim: int = 2, **tables: Any) -> Scene:
     """A block pressed and dragged in one step."""
-    shape = {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.25} | ({"width": 1.0} if dim == 3 else {})
-    obstacle = {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
     laws = {"normal": normal or {"law": "unilateral"}} | ({"friction": friction} if friction else {})
-    scene = {
-        "model": "plane strain" if dim == 2 else "3d",
-        "geometry": shape,
-        "bodies": {"block": {"E": 1.0, "nu": 0.3}},
-        "obstacles": {"foundation": obstacle},
-        "contacts": {"base": {"surface": "block.bottom", "against": "foundation"} | laws},
-        "supports": DRIVEN,
-    }
-    return from_dict(scene | tables)
-
-
-def two_blocks() -> Scene:
-    """Of different cells, the upper one pressed and dragged."""
-    sizes = {"length": 2.0, "height": 0.5, "mesh_size": 0.25}
-    return from_dict(
-        {
-            "model": "plane strain",
-            "geometry": {"builder": "two_blocks", "lower_mesh_size": 0.3} | sizes,
-            "bodies": {"upper": {"E": 1.0, "nu": 0.3}, "lower": {"E": 3.0, "nu": 0.2}},
-            "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top", "friction": COULOMB}},
-            "supports": {
-                "bed": {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0}},
-                "top": {"boundary": "upper.top", "displacement": {"x": 0.06, "y": -0.05}},
-            },
-        }
-    )
+    base = {"surface": "block.bottom", "against": "foundation"} | laws
+    return scene_of(dim, **{"contacts": {"base": base}, "supports": DRIVEN} | tables)
 
 
 def floating() -> Scene:
     """Pressed and pulled by tractions, held by the contact alone."""
-    loads = {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}
-    return block(friction=COULOMB, supports={}, loads=loads)
+    return block(friction=COULOMB, supports={}, loads=PULLED)
 
 
 def gaps() -> Scene:
@@ -87,7 +59,12 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "much friction": lambda: block(friction={"law": "coulomb", "mu": 3.0}),
     "compliance": lambda: block({"law": "compliance", "c_n": 5.0}, COULOMB | {"k_T": 4.0}),
     "bound by penetration": lambda: block({"law": "compliance", "c_n": 5.0}, {"law": "compliance", "c_T": 2.0}),
-    "two bodies": two_blocks,
+    "two bodies": lambda: two_blocks(
+        2,
+        {"x": 0.06, "y": -0.05},
+        {"friction": COULOMB},
+        bodies={"upper": {"E": 1.0, "nu": 0.3}, "lower": {"E": 3.0, "nu": 0.2}},
+    ),
     "gaps": gaps,
     "bilateral": lambda: block({"law": "bilateral"}, COULOMB),
     "floating": floating,
@@ -98,8 +75,7 @@ HELD = [name for name in SCENES if name not in ("bilateral", "floating")]
 @cache
 def problem_of(name: str) -> SurfaceProblem:
     """The surface problem of the only step."""
-    stepper = prepare(SCENES[name]()).stepper
-    return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+    return surface_problem(prepare(SCENES[name]()))
 
 
 @cache
@@ -228,17 +204,15 @@ def test_the_same_path_is_followed_again() -> None:
 def test_it_is_for_piecewise_linear_problems_in_the_plane(normal: str, friction: Any, dim: int, expected: bool) -> None:
     laws = {"m_n = 2": {"law": "compliance", "c_n": 20.0, "m_n": 2.0}, "m_n = 1": {"law": "compliance", "c_n": 20.0}}
     drive = {"top": {"boundary": "block.top", "displacement": {"x": 0.01, "xyz"[dim - 1]: -0.1}}}
-    shape = {"mesh_size": 0.5, "builder": "block", "length": 2.0, "height": 1.0} | ({"width": 1.0} if dim == 3 else {})
-    scene = block(laws.get(normal), friction, dim, geometry=shape, supports=drive)
-    stepper = prepare(scene).stepper
-    problem = stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+    scene = block(laws.get(normal), friction, dim, geometry={"mesh_size": 0.5}, supports=drive)
+    problem = surface_problem(prepare(scene))
     assert path.applies(problem) is expected
     assert bool(list(path.path_from_open(problem))) is expected
 
 
 def test_the_bodies_have_to_be_condensed() -> None:
-    stepper = prepare(block(friction=COULOMB, solver={"surface": "matrix-free", "method": "surface-uzawa"})).stepper
-    assert not path.applies(stepper.reach(stepper.start(), 1.0, lambda row: None).problem)
+    solver = {"surface": "matrix-free", "method": "surface-uzawa"}
+    assert not path.applies(surface_problem(prepare(block(friction=COULOMB, solver=solver))))
 
 
 def test_floating_bodies_have_no_path() -> None:
@@ -246,50 +220,29 @@ def test_floating_bodies_have_no_path() -> None:
 
 
 MUCH = {"law": "coulomb", "mu": 2.0}
-DRAWN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
-PULLED = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}}
-SOFT = {"normal": {"law": "compliance", "c_n": 20.0}}
+SOFT = {"law": "compliance", "c_n": 20.0}
 
 
 WEDGED = {"x": [[1.0, 0.05], [2.0, 0.12]], "y": [[1.0, -0.036], [2.0, 0.0013]]}  # and lifted off, but for friction
 LIFTED = {"x": 0.1, "y": 0.02}
 
 
-@pytest.fixture
-def reached(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., Accepted]:
+def reached(mu_s: float, mu_k: float, slip_length: float, top: dict[str, Any], count: int) -> Accepted:
     """The last step of a block with friction that weakens from mu_s."""
-
-    def make(mu_s: float, mu_k: float, slip_length: float, top: dict[str, Any], count: int) -> Accepted:
-        law = {"law": "static_kinetic", "mu_s": mu_s, "mu_k": mu_k, "slip_length": slip_length}
-        stepper = simulation_of(
-            scene_of(
-                contacts={"base": {"surface": "block.bottom", "against": "foundation", "friction": law}},
-                supports={"top": {"boundary": "block.top", "displacement": top}},
-                steps={"end": float(count), "count": count},
-            )
-        ).stepper
-        state = stepper.start()
-        for time in range(1, count + 1):
-            accepted = stepper.reach(state, float(time), lambda row: None)
-            state = accepted.state
-        return accepted
-
-    return make
+    law = {"law": "static_kinetic", "mu_s": mu_s, "mu_k": mu_k, "slip_length": slip_length}
+    supports = {"top": {"boundary": "block.top", "displacement": top}}
+    stepper = prepare(block(friction=law, supports=supports, steps={"end": float(count), "count": count})).stepper
+    state = stepper.start()
+    for time in range(1, count + 1):
+        accepted = stepper.reach(state, float(time), lambda row: None)
+        state = accepted.state
+    return accepted
 
 
-@pytest.fixture
-def problem_of_several(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., SurfaceProblem]:
+def frictional(friction: dict[str, Any] | None = MUCH, normal: Any = None, held: bool = True) -> SurfaceProblem:
     """A block pressed and dragged in one step."""
-
-    def make(
-        friction: dict[str, Any] | None, normal: dict[str, Any] | None = None, tables: dict[str, Any] = DRAWN
-    ) -> SurfaceProblem:
-        base = {"surface": "block.bottom", "against": "foundation"} | (normal or {})
-        base |= {"friction": friction} if friction else {}
-        stepper = simulation_of(scene_of(contacts={"base": base}, **tables)).stepper
-        return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
-
-    return make
+    drive: dict[str, Any] = {} if held else {"supports": {}, "loads": PULLED}
+    return surface_problem(prepare(block(normal, friction, **drive)))
 
 
 @pytest.mark.parametrize(
@@ -301,13 +254,11 @@ def problem_of_several(scene_of: SceneOf, simulation_of: SimulationOf) -> Callab
         ({"law": "compliance", "c_T": 50.0}, SOFT, 2.5),  # c_T d under p = c_n d
     ],
 )
-def test_the_most_friction_is_that_of_the_laws(
-    friction: dict[str, Any] | None, normal: Any, most: float, problem_of_several: Callable[..., SurfaceProblem]
-) -> None:
-    assert path._most_friction(problem_of_several(friction, normal)) == pytest.approx(most)
+def test_the_most_friction_is_that_of_the_laws(friction: dict[str, Any] | None, normal: Any, most: float) -> None:
+    assert path._most_friction(frictional(friction, normal)) == pytest.approx(most)
 
 
-def test_points_that_have_slipped_hide_no_others(reached: Callable[..., Accepted]) -> None:
+def test_points_that_have_slipped_hide_no_others() -> None:
     """One end has mu = .9, the other points 2: it is wedged, and could as well be off the ground."""
     accepted = reached(2.0, 0.9, 1e-3, WEDGED, 2)
     (contact,) = accepted.problem.cone.contacts
@@ -319,33 +270,31 @@ def test_points_that_have_slipped_hide_no_others(reached: Callable[..., Accepted
 
 
 @pytest.mark.parametrize(
-    ("friction", "tables", "looked_for"),
+    ("friction", "held", "looked_for"),
     [
-        (MUCH, DRAWN, True),
-        ({"law": "coulomb", "mu": path.ENOUGH}, DRAWN, False),
-        (None, DRAWN, False),
-        ({"law": "stick"}, DRAWN, False),
-        ({"law": "tresca", "bound": 0.1}, DRAWN, False),
-        (MUCH, PULLED, False),
-        ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, DRAWN, False),
-        ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, PULLED, False),
+        (MUCH, True, True),
+        ({"law": "coulomb", "mu": path.ENOUGH}, True, False),
+        (None, True, False),
+        ({"law": "stick"}, True, False),
+        ({"law": "tresca", "bound": 0.1}, True, False),
+        (MUCH, False, False),
+        ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, True, False),
+        ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, False, False),
     ],
 )
 def test_others_are_looked_for_where_there_may_be_some(
-    friction: dict[str, Any] | None, tables: dict[str, Any], looked_for: bool,
-    problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
+    friction: dict[str, Any] | None, held: bool, looked_for: bool,
+    monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
-    problem, asked = problem_of_several(friction, tables=tables), list[int]()
+    problem, asked = frictional(friction, held=held), list[int]()
     monkeypatch.setattr(path, "path_from_open", lambda of, kinks: asked.append(kinks) or iter(()))
     assert not list(path.others(problem, np.zeros(len(problem.gap))))
     assert asked == ([path.FOLLOWED] if looked_for else [])
 
 
 @pytest.mark.parametrize("size", [1e-6, 1.0])
-def test_each_solution_is_said_once(
-    size: float, problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    problem = problem_of_several(MUCH)
+def test_each_solution_is_said_once(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = frictional(MUCH)
     p, other = size * np.random.default_rng(0).random((2, len(problem.gap)))
     met: list[tuple[Array, float]] = [
         (p * (1 + 0.5 * SLIGHT), 0.0),  # the known one
@@ -368,11 +317,9 @@ def test_each_solution_is_said_once(
     assert_array_equal(found, [other, -p, p * (1 - 2 * SLIGHT), 0 * p])
 
 
-def test_solutions_are_apart_by_a_part_of_the_larger_one(
-    problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_solutions_are_apart_by_a_part_of_the_larger_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside a known state that is all but open: what differs from it by little is measured by what is met."""
-    problem = problem_of_several(MUCH)
+    problem = frictional(MUCH)
     zero = np.zeros(len(problem.gap))
     one = zero + 1.0
     end = Start(p=one, u_c=np.zeros(problem.surface.size), p_hat=one)
@@ -382,10 +329,8 @@ def test_solutions_are_apart_by_a_part_of_the_larger_one(
     assert not list(path.others(problem, one))
 
 
-def test_tractions_that_are_rounding_are_no_other_solution(
-    problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    problem = problem_of_several(MUCH)
+def test_tractions_that_are_rounding_are_no_other_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = frictional(MUCH)
     touching = np.full(len(problem.gap), 1e-16 * problem.p_ref)
     end = Start(p=0 * touching, u_c=np.zeros(problem.surface.size), p_hat=0 * touching)
     monkeypatch.setattr(path, "path_from_open", lambda of, kinks: iter([end]))
@@ -393,7 +338,7 @@ def test_tractions_that_are_rounding_are_no_other_solution(
     assert not list(path.others(problem, touching))
 
 
-def test_others_have_the_friction_of_their_own_slip(reached: Callable[..., Accepted]) -> None:
+def test_others_have_the_friction_of_their_own_slip() -> None:
     """Three answers with mu = 3 everywhere: open, stick, and one that slips, which has not 3 then."""
     accepted = reached(3.0, 0.1, 0.01, LIFTED, 1)
     assert not accepted.state.p.any()

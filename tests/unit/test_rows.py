@@ -1,27 +1,23 @@
 """Rows of contact: their frames, weights, normals and couplings carry tractions over as nodal forces."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.cases import every_nth
 from shared.overlays import above, below
-from shared.problems import SceneOf, SimulationOf, SystemOf
-from stickslip.geometry.mesh.mesh import build_mesh
+from shared.problems import plane, scene_of
 from stickslip.geometry.surfaces.overlap import overlap
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import frames_of
 from stickslip.solvers.contact.mortar import _least, mortar_coupling, mortar_integrals
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.prepare import prepare_surface
-from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.system.system import assemble
-from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.lab.verification.prepared import prepare, system_of
 from stickslip.workflows.scene_file.read import from_dict, read
 
 SHAPES: dict[str, tuple[int, dict[str, Any]]] = {
@@ -52,12 +48,17 @@ def contact(
     return {"surface": f"block.{side}", "against": against, "normal": LAWS[law]} | (friction if mu else {})
 
 
-@pytest.mark.parametrize(("shape", "law"), every_nth(3, SHAPES, LAWS))
-def test_uniform_tractions_have_the_exact_resultant_and_nodal_forces(
-    shape: str, law: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+@cache
+def rows_of(shape: str, law: str) -> ContactRows:
+    """The contact of the block on its foundation."""
     dim, geometry = SHAPES[shape]
     (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact(law=law)})).contacts
+    return rows
+
+
+@pytest.mark.parametrize(("shape", "law"), every_nth(3, SHAPES, LAWS))
+def test_uniform_tractions_have_the_exact_resultant_and_nodal_forces(shape: str, law: str) -> None:
+    rows, dim = rows_of(shape, law), SHAPES[shape][0]
     n, size = len(rows.surface.nodes), 2.0  # 2 m (by 1 m)
     for weights in (rows.node_weights, rows.W_n, rows.W_t):
         assert_allclose(weights.sum(), size, rtol=1e-13)
@@ -77,10 +78,9 @@ def test_uniform_tractions_have_the_exact_resultant_and_nodal_forces(
 
 
 @pytest.mark.parametrize(("shape", "law"), every_nth(3, SHAPES, LAWS))
-def test_friction_sees_the_force_of_each_node(shape: str, law: str, scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_friction_sees_the_force_of_each_node(shape: str, law: str) -> None:
     """No pressure, however uneven, gives a negative mean, and the means add up to the normal force."""
-    dim, geometry = SHAPES[shape]
-    (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact(law=law)})).contacts
+    rows = rows_of(shape, law)
     assert rows.average.data.min() > -1e-15
     assert_allclose(rows.W_t @ rows.average, rows.W_n, rtol=1e-12)
     p_n = np.zeros(len(rows.W_n))
@@ -93,11 +93,8 @@ def test_friction_sees_the_force_of_each_node(shape: str, law: str, scene_of: Sc
 
 
 @pytest.mark.parametrize(("shape", "law"), every_nth(3, SHAPES, LAWS))
-def test_tractions_work_on_relative_displacement_as_nodal_forces_do(
-    shape: str, law: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
-    dim, geometry = SHAPES[shape]
-    (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact(law=law)})).contacts
+def test_tractions_work_on_relative_displacement_as_nodal_forces_do(shape: str, law: str) -> None:
+    rows = rows_of(shape, law)
     random = np.random.default_rng(0)
     u = random.normal(size=rows.surface.points.shape)
     p_n, t = random.normal(size=len(rows.W_n)), random.normal(size=rows.free.shape)
@@ -114,15 +111,9 @@ def test_tractions_work_on_relative_displacement_as_nodal_forces_do(
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_frames_are_right_angled_and_look_at_the_obstacle(shape: str, scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_frames_are_right_angled_and_look_at_the_obstacle(shape: str) -> None:
     dim, geometry = SHAPES[shape]
-    low = {
-        "foundation": {
-            "shape": "plane",
-            "point": [0.0] * (dim - 1) + [-0.2],
-            "normal": [0.1] + [0.0] * (dim - 2) + [2.0],
-        }
-    }
+    low = {"foundation": plane(dim) | {"point": [0.0] * (dim - 1) + [-0.2], "normal": [0.1, *[0.0] * (dim - 2), 2.0]}}
     scene = scene_of(dim, geometry, obstacles=low, contacts={"base": contact()})
     (rows,) = system_of(scene).contacts
     assert_allclose(
@@ -148,7 +139,7 @@ def carries_uniform_pressure(rows: ContactRows) -> None:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_neighbours_take_over_where_motion_is_prescribed(shape: str, scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_neighbours_take_over_where_motion_is_prescribed(shape: str) -> None:
     dim, geometry = SHAPES[shape]
     hold = {"clamp": {"boundary": "block.left", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}}
     (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact()}, supports=hold)).contacts
@@ -169,7 +160,7 @@ def test_neighbours_take_over_where_motion_is_prescribed(shape: str, scene_of: S
     carries_uniform_pressure(rows)
 
 
-def test_a_node_on_a_symmetry_plane_keeps_friction_along_the_plane(scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_a_node_on_a_symmetry_plane_keeps_friction_along_the_plane() -> None:
     symmetry = {"symmetry": {"boundary": "block.left", "displacement": {"normal": 0.0}}}
     (rows,) = system_of(scene_of(3, contacts={"base": contact()}, supports=symmetry)).contacts
     on_plane = np.isclose(rows.surface.points[:, 0], 0.0)
@@ -182,7 +173,7 @@ def test_a_node_on_a_symmetry_plane_keeps_friction_along_the_plane(scene_of: Sce
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_a_node_and_its_periodic_image_share_one_multiplier(dim: int, scene_of: SceneOf, system_of: SystemOf) -> None:
+def test_a_node_and_its_periodic_image_share_one_multiplier(dim: int) -> None:
     system = system_of(scene_of(dim, contacts={"base": contact()}, periodic=PERIODIC))
     (rows,) = system.contacts
     x = rows.surface.points
@@ -199,10 +190,10 @@ def full_row_rank(simulation: Simulation) -> tuple[int, int]:
     return rank, int((np.abs(B).max(axis=1) > 1e-12).sum())
 
 
-def test_two_contacts_in_one_corner_ask_nothing_twice(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_two_contacts_in_one_corner_ask_nothing_twice() -> None:
     ground = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
     both = {"base": contact("bottom"), "side": contact("left", "wall")}
-    simulation = simulation_of(scene_of(obstacles=ground | WALL, contacts=both))
+    simulation = prepare(scene_of(obstacles=ground | WALL, contacts=both))
     rank, rows = full_row_rank(simulation)
     assert rank == rows
     base, side = simulation.system.contacts
@@ -216,13 +207,13 @@ def test_two_contacts_in_one_corner_ask_nothing_twice(scene_of: SceneOf, simulat
         carries_uniform_pressure(rows_of)
 
 
-def test_parallel_planes_on_adjoining_sides_hold_a_corner_once(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_parallel_planes_on_adjoining_sides_hold_a_corner_once() -> None:
     # both obstacles face up and right: the corner of bottom and left has one normal motion for the two
     ground = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.1, 1.0]}}
     pit = {"wall": {"shape": "plane", "point": [0.0, -1.0], "normal": [0.2, 2.0]}}
     both = {"base": contact("bottom"), "side": contact("left", "wall", mu=0.0)}
     hold = {"lid": {"boundary": "block.top", "displacement": {"x": 0.0, "y": -0.1}}}
-    simulation = simulation_of(scene_of(obstacles=ground | pit, contacts=both, supports=hold))
+    simulation = prepare(scene_of(obstacles=ground | pit, contacts=both, supports=hold))
     rank, rows = full_row_rank(simulation)
     assert rank == rows
     base, side = simulation.system.contacts
@@ -232,15 +223,13 @@ def test_parallel_planes_on_adjoining_sides_hold_a_corner_once(scene_of: SceneOf
 
 
 @pytest.mark.parametrize("shape", ["graded triangles", "tetrahedra"])
-def test_rows_on_the_contact_dofs_measure_what_rows_on_the_nodes_do(
-    shape: str, scene_of: SceneOf, simulation_of: SimulationOf
-) -> None:
+def test_rows_on_the_contact_dofs_measure_what_rows_on_the_nodes_do(shape: str) -> None:
     dim, geometry = SHAPES[shape]
     hold = {"clamp": {"boundary": "block.left", "displacement": {"x": 0.0}}}
     scene = scene_of(dim, geometry, contacts={"base": contact()}, supports=hold, periodic={})
-    system = simulation_of(scene).system
+    system = prepare(scene).system
     (rows,) = system.contacts
-    surface = prepare_surface(system, simulation_of(scene).stepper.chain.volume)
+    surface = prepare_surface(system, prepare(scene).stepper.chain.volume)
     q = system.T.createVecRight()
     q.array[:] = np.random.default_rng(2).normal(size=q.getSize())
     (u,) = system.interface.displacement(system.T * q)
@@ -279,8 +268,7 @@ def rows(slave: str, master: str, operator: str, law: str, order: int = 1) -> Co
             "base": {"boundary": "lower.base", "displacement": {"x": 0.0, "y": 0.0}},
         },
     }  # fmt: skip
-    scene = from_dict(data)
-    (found,) = assemble(resolve(scene), build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters()).contacts
+    (found,) = system_of(from_dict(data)).contacts
     return found
 
 
@@ -348,8 +336,7 @@ def quarter() -> ContactRows:
             "base": {"boundary": "lower.base", "displacement": {"z": 0.0}},
         },
     }  # fmt: skip
-    scene = from_dict(data)
-    (found,) = assemble(resolve(scene), build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters()).contacts
+    (found,) = system_of(from_dict(data)).contacts
     return found
 
 

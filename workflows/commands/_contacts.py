@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.errors import FolderError, SceneError
-from stickslip.geometry.user_files.open_file import kind_of
+from stickslip.geometry.user_files.open_file import apart, kind_of
 from stickslip.geometry.user_files.parts import FACET_WORD
 from stickslip.geometry.user_files.touching import joined
 from stickslip.geometry.user_files.user_file import UserFile
@@ -84,7 +84,8 @@ def _list(source: str, unit: str | None, units: str | None, within: float | None
     names, word = proposal.side_names(found), FACET_WORD[found.dim]
     out.print(f"{len(found.outline.bodies)} bodies, {len(found.pairs)} pairs of sides that touch or nearly do")
     for (one, other), faces in joined(found.outline).items():
-        out.print(f"{one} and {other} are joined at {word} {', '.join(map(str, faces))}: no contact can open there")
+        at = f"{word} {', '.join(map(str, faces))}"
+        out.print(f"{one} and {other} are joined at {at}: no contact can open there unless you {apart(found.path)}")
     words = ("pair", "kind", "side", f"{word}s", "against", f"{word}s")
     sizes = map(found.units.label, ("area [m²]" if found.dim == 3 else "length [m]", "gap [m]", "overlap [m]"))
     table = table_of((*words, *sizes, "proposed"), (), (*words, "proposed"))

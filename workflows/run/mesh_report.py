@@ -132,6 +132,9 @@ def report_mesh(scene: Scene, mesh: Mesh, nodes: int, contacts: Sequence[Contact
 def _report_contact(scene: Scene, c: ContactRows, size: float) -> ContactReport:
     overlap = c.node_gap < -ROUNDING * size
     facing = c.node_weights > 0
+    changes = c.fields is not None and c.fields.change
+    times = scene.requested_times() if changes else ()
+    least = np.min([c.node_gap, *(c.at(t).node_gap for t in times)], axis=0)
     nearest = facing & (c.node_gap <= np.min(c.node_gap[facing], initial=np.inf) + ROUNDING * size)
     return ContactReport(
         normal_points=len(c.W_n),
@@ -143,7 +146,7 @@ def _report_contact(scene: Scene, c: ContactRows, size: float) -> ContactReport:
         largest_gap=float(c.node_gap.max()),
         overlapping_points=int(overlap.sum()),
         overlap_area=float(c.node_weights[overlap].sum()),
-        points_that_can_touch=int(np.sum(can_touch(scene, c.node_gap, size))),
+        points_that_can_touch=int(np.sum(can_touch(scene, least, size))),
         other_elements_across=None if c.master is None else elements_across(c.master),
         other_size=None if c.master is None else _size_at(c.master, faced(c, nearest)) / _size_at(c.surface, nearest),
     )

@@ -14,6 +14,8 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 
 from stickslip import Box, Builder, Key, Output, Scene, UserFile
 from stickslip.geometry.amplitude import Amplitude
+from stickslip.geometry.field import Field as PlaceAndTime
+from stickslip.geometry.field import HeightMap
 from stickslip.geometry.keys import ByKeys, Choice, Components, Noun
 from stickslip.solvers.effects import EFFECTS
 from stickslip.solvers.method_registry import METHODS
@@ -97,6 +99,10 @@ def _row(f: Field[Any], hint: Any) -> Row:
 
 
 def _type_text(kind: Any) -> str:
+    if isinstance(kind, type) and issubclass(kind, HeightMap):
+        return "map"
+    if kind == PlaceAndTime:
+        return "field"
     if kind == Amplitude or set(get_args(Amplitude)) <= set(get_args(kind)):
         return "value in time" + " or expression" * (str in get_args(kind))
     origin, parts = get_origin(kind), get_args(kind)

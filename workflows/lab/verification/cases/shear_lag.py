@@ -204,7 +204,7 @@ def coulomb(method: str, normal: NormalLaw = Unilateral()) -> list[Check]:  # no
     """Coulomb's bound follows the pressure, which the eccentric pull moves towards the end."""
     answer = solve(method, normal=normal, friction=COULOMB)
     out, _, pushed, _ = answer.tips
-    exact = [with_coulomb(STRIP, F, COULOMB.mu, HEIGHT).displacement for F in (FORCE, -FORCE)]
+    exact = [with_coulomb(STRIP, F, COULOMB.coefficient_now, HEIGHT).displacement for F in (FORCE, -FORCE)]
     pressed = min(float(base.pressure.min()) for base in answer.bases)
     return [
         # as without Coulomb, a strip is no bar: 100, 200 cells give 4.42872, 4.42868e-3 m

@@ -7,7 +7,7 @@ from stickslip.workflows.lab.verification.check import ONE, Check, close, proble
 from stickslip.workflows.lab.verification.prepared import solved
 from stickslip.workflows.scene_file.read import from_dict
 
-HARD, SOFT, STRETCH = 1000.0, 200.0, 3e-3  # [Pa], [Pa], [m]; squares of 1 m, nu = 0
+HARD, SOFT, STRETCH, PULL = 1000.0, 200.0, 3e-3, 1.0  # [Pa], [Pa], [m], [Pa]; squares of 1 m, nu = 0
 GEOMETRY = """SetFactory("OpenCASCADE");
 DefineConstant[ x = 1, y = 0 ];
 Rectangle(1) = {0, 0, 0, 1, 1};
@@ -27,9 +27,19 @@ def ends(x: int, y: int) -> dict[str, dict[str, list[float]]]:
     return {side: {"box": [a - 0.1, b - 0.1, -1.0, a + 0.1, b + 1.1, 1.0]} for side, (a, b) in boxes.items()}
 
 
-def stretched(x: int, y: int) -> tuple[float, float]:
-    """Force at the right end [N] and displacement of the middle [m], the second square at (x, y)."""
+def stretched(x: int, y: int, pull: float | None = None) -> tuple[float, float]:
+    """Force on the ends [N] and displacement of the middle [m], the second square at (x, y).
+
+    Args:
+        pull: traction at the right end [Pa], where nothing else holds it; None: it is moved by STRETCH.
+    """
     sides = ends(x, y)
+    moved = [side for side in sides if pull is None or side.endswith("left")]
+    supports = {
+        side.replace(".", "_"): {"boundary": side, "displacement": {"x": STRETCH * side.endswith("right"), "y": 0.0}}
+        for side in moved
+    }
+    loads = {side.replace(".", "_"): {"boundary": side, "traction": [pull, 0.0]} for side in sides if side not in moved}
     with TemporaryDirectory() as folder:
         (Path(folder) / "squares.geo").write_text(GEOMETRY, encoding="utf-8")
         scene = from_dict(
@@ -37,19 +47,14 @@ def stretched(x: int, y: int) -> tuple[float, float]:
                 "model": "plane stress",
                 "geometry": {"file": "squares.geo", "names": sides, "x": x, "y": y},
                 "bodies": {"hard": {"E": HARD, "nu": 0.0}, "soft": {"E": SOFT, "nu": 0.0}},
-                "supports": {
-                    side.replace(".", "_"): {
-                        "boundary": side,
-                        "displacement": {"x": STRETCH * side.endswith("right"), "y": 0.0},
-                    }
-                    for side in sides
-                },
+                "supports": supports,
+                "loads": loads,
                 "probes": {"middle": {"point": [0.5 * (x + 1), 0.5 * (y + 1)]}},
             },
             Path(folder),
         )
         _, (step,) = solved(scene)
-    force = sum(float(step.supports[side.replace(".", "_")].force[0]) for side in sides if side.endswith("right"))
+    force = -sum(float(support.force[0]) for name, support in step.supports.items() if name.endswith("left"))
     return force, float(step.probes["middle"].displacement[0])
 
 
@@ -57,13 +62,14 @@ def stretched(x: int, y: int) -> tuple[float, float]:
 def checks(method: str) -> list[Check]:
     """Springs in series and side by side; there is no contact, and the method of no account."""
     found = list[Check]()
-    for name, at, exact, share in (
-        ("in series", (1, 0), STRETCH / (1 / HARD + 1 / SOFT), SOFT / (HARD + SOFT)),
-        ("side by side", (0, 1), STRETCH * (HARD + SOFT), 0.5),
+    for name, at, exact, middle in (
+        ("in series", (1, 0), STRETCH / (1 / HARD + 1 / SOFT), STRETCH * SOFT / (HARD + SOFT)),
+        ("side by side", (0, 1), STRETCH * (HARD + SOFT), 0.5 * STRETCH),
+        ("in series, held at one end", (1, 0, PULL), PULL, PULL / HARD),
+        ("side by side, held at one end", (0, 1, PULL), 2 * PULL, None),
     ):
-        force, middle = stretched(*at)
-        found += [
-            close(f"{name}: force [N]", force, exact, 1e-9, exact),
-            close(f"{name}: displacement of the middle [m]", middle, share * STRETCH, 1e-9, STRETCH),
-        ]
+        force, displacement = stretched(*at)
+        found.append(close(f"{name}: force [N]", force, exact, 1e-9, exact))
+        if middle is not None:
+            found.append(close(f"{name}: displacement of the middle [m]", displacement, middle, 1e-9, STRETCH))
     return found

@@ -1,0 +1,210 @@
+"""Meshes of other programs: cells that are completed or split, and bodies that share nodes."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.drawn import scene_data
+from shared.problems import SimulationOf
+from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.mesh.gmsh_session import gmsh_session
+from stickslip.geometry.user_files.cells import SHAPES
+from stickslip.geometry.user_files.meshing import MeshOptions
+from stickslip.geometry.user_files.open_file import apart
+from stickslip.geometry.user_files.outline import Outline
+from stickslip.geometry.user_files.raw_mesh import FIRST_ORDER, LOCAL_FACETS, RawMesh
+from stickslip.geometry.user_files.reader import Question, ask
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.workflows.scene_file.read import from_dict
+
+BOX = """
+Point(1) = {0, 0, 0}; Point(2) = {2, 0, 0}; Point(3) = {2, 1, 0}; Point(4) = {0, 1, 0};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1, 2, 3, 4}; Plane Surface(1) = {1};
+Transfinite Curve{1, 3} = 4; Transfinite Curve{2, 4} = 3;
+"""
+PLANE = 'Physical Surface("a") = {1}; Physical Curve("a.bottom") = {1}; Physical Curve("a.top") = {3};'
+HALVES = """Point(5) = {1, 0, 0}; Point(6) = {1, 1, 0}; Line(5) = {1, 5}; Line(6) = {5, 2}; Line(7) = {5, 6};
+Line(8) = {3, 6}; Line(9) = {6, 4}; Curve Loop(2) = {5, 7, 9, 4}; Curve Loop(3) = {6, 2, 8, -7};
+Delete{Surface{1}; Curve{1, 3};} Plane Surface(1) = {2}; Plane Surface(2) = {3}; Recombine Surface{2};
+Transfinite Curve{:} = 3; Transfinite Surface{1, 2}; Physical Surface("a") = {1, 2};
+Physical Curve("a.bottom") = {5, 6}; Physical Curve("a.top") = {8, 9};"""
+SOLID = """out[] = Extrude{0, 0, 1} {Surface{1}; Layers{2}; Recombine;};
+Physical Volume("a") = {out[1]}; Physical Surface("a.bottom") = {1}; Physical Surface("a.top") = {out[0]};"""
+# hexahedra on a base of quadrilaterals and triangles, tetrahedra above, pyramids between
+TRANSITION = """out[] = Extrude{0, 0, 1} {Surface{1};};
+Transfinite Curve{:} = 4; Transfinite Surface{:}; Recombine Surface{1}; Transfinite Volume{:}; TransfQuadTri{out[1]};
+Physical Volume("a") = {out[1]}; Physical Surface("a.bottom") = {1}; Physical Surface("a.top") = {out[0]};"""
+KINDS = {
+    "quadrilaterals": (2, f"{BOX} Transfinite Surface{{1}}; Recombine Surface{{1}}; {PLANE}"),
+    "quadrilaterals and triangles": (2, f"{BOX} {HALVES}"),
+    "hexahedra": (3, f"{BOX} Transfinite Surface{{1}}; Recombine Surface{{1}}; {SOLID}"),
+    "wedges": (3, BOX + SOLID),
+    "pyramids": (3, BOX + TRANSITION),
+}
+ORDERS = {"1": (1, 0), "2": (2, 0), "2 without middle nodes": (2, 1)}
+
+
+def script(kind: str, order: str) -> str:
+    dim, text = KINDS[kind]
+    degree, incomplete = ORDERS[order]
+    return f"{text}\nMesh.ElementOrder = {degree}; Mesh.SecondOrderIncomplete = {incomplete};\nMesh {dim};\n"
+
+
+def test_tables_are_those_of_gmsh() -> None:
+    with gmsh_session() as gmsh:
+        for word, shape in SHAPES.items():
+            name, dim, order, count, flat, corners = gmsh.model.mesh.getElementProperties(shape.types[1])
+            assert (name.split()[0], order, count, corners) == (word, 2, shape.all, shape.corners)
+            at = np.reshape(flat, (-1, dim))
+            assert_allclose(at[shape.corners : shape.few], at[np.array(shape.edges)].mean(axis=1), atol=1e-12)
+            for node, quad in enumerate(shape.quads, start=shape.few):
+                assert_allclose(at[node], at[list(quad)].mean(axis=0), atol=1e-12)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_cells_become_usable_without_hanging_nodes(kind: str, order: str, tmp_path: Path) -> None:
+    path, dim = tmp_path / "a.geo", KINDS[kind][0]
+    path.write_text(script(kind, order))
+    options = MeshOptions(size=None, fine_size=None, fine_sides=(), periodic=(), order=ORDERS[order][0])
+    mesh = ask(Question(path=path, dim=dim, unit=1.0, mesh=options))
+    assert isinstance(mesh, RawMesh)
+    facets = mesh.cells["a"][:, np.array(LOCAL_FACETS[FIRST_ORDER[mesh.kind]])]
+    facets = np.sort(facets.reshape(-1, facets.shape[2]), axis=1)
+    wanted, times = np.unique(facets, axis=0, return_counts=True)
+    skin = mesh.points[wanted[times == 1]]
+    on_box = (np.isclose(skin, 0) | np.isclose(skin, [2, 1, 1])).all(axis=1)[:, :dim].any(axis=1)
+    assert on_box.all()  # a hanging node would leave facets of one cell alone inside
+    corners = np.sort(np.concatenate(list(mesh.facets.values()))[:, : wanted.shape[1]], axis=1)
+    assert set(map(tuple, corners.tolist())) <= set(map(tuple, wanted[times == 1].tolist()))
+
+
+@pytest.mark.parametrize(("kind", "order"), [*((kind, "2 without middle nodes") for kind in KINDS), ("pyramids", "1")])
+def test_a_uniform_pressure_is_exact_on_them(
+    kind: str, order: str, simulation_of: SimulationOf, tmp_path: Path
+) -> None:
+    """A block of height 1, nu = 0, is pressed onto a smooth floor by 1 %."""
+    path, dim = tmp_path / "a.geo", KINDS[kind][0]
+    path.write_text(script(kind, order))
+    data = scene_data(path, dim, "a", order=ORDERS[order][0])
+    data["bodies"] = {"a": {"E": 1000.0, "nu": 0.0}}
+    data["supports"] = {"top": {"boundary": "a.top", "displacement": [0.0] * (dim - 1) + [-0.01]}}
+    (step,) = simulation_of(from_dict(data)).steps()
+    (contact,) = step.contacts.values()
+    assert_allclose(contact.normal_force, 10.0 * 2, rtol=1e-9)
+    assert_allclose(contact.max_pressure, 10.0, rtol=1e-8)
+
+
+def test_what_was_done_is_said(tmp_path: Path) -> None:
+    for kind, order, says in (
+        ("wedges", "1", "wedges became"),
+        ("pyramids", "1", "pyramids became"),
+        ("hexahedra", "2 without middle nodes", "12 hexahedra of 8 or 20 nodes got nodes in their faces and middles"),
+        ("hexahedra", "2", ""),
+    ):
+        path = tmp_path / "a.geo"
+        path.write_text(script(kind, order))
+        outline = ask(Question(path=path, dim=3, unit=1.0))
+        assert isinstance(outline, Outline)
+        assert says in outline.note
+        assert bool(says) == bool(outline.note)
+
+
+def test_cells_of_order_3_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.geo"
+    path.write_text(f"{KINDS['quadrilaterals'][1]} Mesh.ElementOrder = 3;\nMesh 2;\n")
+    with pytest.raises(GeometryError, match="is made of cells that cannot be used, Quadrilateral 16"):
+        ask(Question(path=path, dim=2, unit=1.0))
+
+
+PIECES = """SetFactory("OpenCASCADE");
+DefineConstant[ turned = 0 ];
+For k In {0:2}
+  Box(k + 1) = {k, 0, 0, 1, 1, 1};
+EndFor
+If (turned > 0)
+  Rotate{{0, 0, 1}, {2, 1, 0}, turned} {Volume{3};}
+EndIf
+BooleanFragments{ Volume{1, 2, 3}; Delete; }{}
+Physical Volume("first") = {1}; Physical Volume("second") = {2}; Physical Volume("third") = {3};
+l() = Surface In BoundingBox{-0.1, -0.1, -0.1, 0.1, 1.1, 1.1}; Physical Surface("first.left") = {l()};
+Mesh.MeshSizeMax = 0.5;
+"""
+
+
+def row_of_boxes(folder: Path, suffix: str = ".geo", **geometry: Any) -> dict[str, Any]:
+    """Data of a scene: three boxes in a row that share nodes, the first one held at its end."""
+    path = folder / "row.geo"
+    path.write_text(PIECES)
+    if suffix == ".msh":
+        with gmsh_session() as gmsh:
+            gmsh.merge(str(path))
+            gmsh.model.mesh.generate(3)
+            path = path.with_suffix(suffix)
+            gmsh.write(str(path))
+    return {
+        "model": "3d",
+        "geometry": {"file": str(path)} | geometry,
+        "bodies": {name: {"E": 1.0, "nu": 0.0, "density": 1.0} for name in ("first", "second", "third")},
+        "supports": {"left": {"boundary": "first.left", "displacement": {"x": 0.0, "y": 0.0, "z": 0.0}}},
+        "gravity": {"acceleration": [1e-3, 0.0, 0.0]},
+    }
+
+
+@pytest.mark.parametrize("suffix", [".geo", ".msh"])
+def test_bodies_that_share_a_face_hold_each_other(suffix: str, tmp_path: Path, simulation_of: SimulationOf) -> None:
+    data = row_of_boxes(tmp_path, suffix)
+    scene = from_dict(data)
+    assert resolve(scene).unheld == ""
+    assert resolve(scene).rigid_modes.shape[1] == 0
+    (step,) = simulation_of(scene).steps()
+    assert_allclose(step.supports["left"].force[0], -3e-3, rtol=1e-9)
+
+
+def test_bodies_that_share_an_edge_alone_can_turn_about_it(tmp_path: Path) -> None:
+    scene = from_dict(row_of_boxes(tmp_path, turned=1.0))
+    problem = resolve(scene)
+    assert problem.rigid_modes.shape[1] == 1
+    assert problem.unheld == "rotation about z of bodies.third"
+
+
+def test_bodies_that_only_touch_do_not_hold_each_other(tmp_path: Path) -> None:
+    data = row_of_boxes(tmp_path)
+    path = Path(data["geometry"]["file"])
+    path.write_text(path.read_text().replace("BooleanFragments", "//"))
+    assert resolve(from_dict(data)).rigid_modes.shape[1] == 12
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (PIECES, "leave out BooleanFragments in row.geo"),
+        (PIECES.replace("BooleanFragments{ Volume{1, 2, 3}; Delete; }{}", "Coherence;"), "leave out Coherence in row"),
+    ],
+)
+def test_a_side_between_glued_bodies_says_what_to_leave_out(text: str, says: str, tmp_path: Path) -> None:
+    data, between = row_of_boxes(tmp_path), "Surface In BoundingBox{0.9, -0.1, -0.1, 1.1, 1.1, 1.1}"
+    lines = f'{text} m() = {between}; Physical Surface("second.left") = {{m()}};\n'
+    Path(data["geometry"]["file"]).write_text(lines)
+    with pytest.raises(
+        GeometryError, match=rf"second\.left: face \d+ lies inside, first and second share it; .*{says}"
+    ):
+        from_dict(data)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("a.geo", "Point(1) = {0, 0, 0};", "draw curves and points for each body apart"),
+        ("a.py", "model.occ.fragment([], [])", "leave out fragment in a.py"),
+        ("a.msh", "", "leave out fragment or Coherence where it is made"),
+        ("a.step", "", "export the bodies as parts apart"),
+    ],
+)
+def test_what_parts_bodies_is_told_for_each_kind_of_file(name: str, text: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    assert apart(tmp_path / name) == says
