@@ -123,18 +123,13 @@ def _crossings(slave: Surface, master: Surface, reach: float) -> _Points:
     u, v = (x[:, 1] - x[:, 0] for x in (one.points, other.points))
     apart, normals = other.points[:, 0] - one.points[:, 0], np.cross(u, v)
     size = np.linalg.norm(normals, axis=1)
-    lengths = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
     normals /= np.maximum(size, TINY)[:, None]
-    normals *= -np.sign(np.einsum("ed,ed->e", one.inward[:, 0], normals))[:, None]
+    normals *= np.where(np.einsum("ed,ed->e", one.inward[:, 0], normals) > 0, -1.0, 1.0)[:, None]
     signed = np.einsum("ed,ed->e", np.cross(u, v), normals)
-    s, t = (
-        np.divide(
-            np.einsum("ed,ed->e", np.cross(apart, x), normals), signed, out=np.full_like(size, np.inf), where=size > 0
-        )
-        for x in (v, u)
-    )
+    wide = size > np.sin(np.radians(BLUNT)) * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+    s, t = (np.einsum("ed,ed->e", np.cross(apart, x), normals) / np.where(wide, signed, 1.0) for x in (v, u))
     gap = np.einsum("ed,ed->e", apart, normals)
-    met = (size > np.sin(np.radians(BLUNT)) * lengths) & (np.abs(gap) <= reach)
+    met = wide & (np.abs(gap) <= reach)
     for x in (s, t):
         met &= (x >= -ROUNDING) & (x <= 1 + ROUNDING)
     for x, sign in ((one.inward, -1), (other.inward, 1)):
