@@ -1,7 +1,7 @@
 """Bodies that lie in each other, found on an outline's facets by rays: how deep, how much of them, and where.
 
-Rays along the axes fill the box that two bodies have in common; between an odd and an even crossing of its skin a ray is
-inside a body. The depth at a point is the shortest way through both bodies along the axes and between them. What is
+Rays along the axes fill the box that two bodies have in common; between an odd and an even crossing of its skin a ray
+is inside a body. The depth at a point is the shortest way through both bodies along the axes and between them. What is
 thinner than the facets' distance from the curved faces is left to the exact shapes of pairs, see `touching`.
 """
 
@@ -13,7 +13,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, Array
+from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.geometry.user_files.outline import Outline
 from stickslip.geometry.user_files.touching import sag_of, simplices
 
@@ -37,11 +37,11 @@ class Overlap:
     def said(self, length: str) -> str:
         """Return it in words, with the name of the unit of length."""
         one, other = self.bodies
-        power = {2: "²", 3: "³"}[len(self.place)]
-        at = ", ".join(f"{x:.4g}" for x in self.place)
+        plane = len(self.place) == 2
+        at, of = ", ".join(f"{x:.3g}" for x in self.place), "an area" if plane else "a volume"
         return (
-            f"{one} and {other} lie in each other, up to {self.depth:.3g} {length} deep at ({at}), in a "
-            f"{'volume' if power == '³' else 'area'} of {self.volume:.3g} {length}{power}"
+            f"{one} and {other} lie in each other, up to about {self.depth:.2g} {length} deep at ({at}), in {of} of "
+            f"about {self.volume:.2g} {length}{'²' if plane else '³'}"
         )
 
 
@@ -77,11 +77,12 @@ def _overlap(one: str, other: str, skins: dict[str, tuple[Array, float]], dim: i
             if begin < 0 < end:
                 ways[k, ray] = end - begin
     depth = ways.min(axis=0)
-    deepest = int(np.argmax(depth))
-    if depth[deepest] <= least:
+    if depth.max() <= least:
         return None
+    deep = chosen[depth >= (1 - SLIGHT) * depth.max()]  # of equally deep ones the one in their middle
+    place = deep[np.argmin(np.linalg.norm(deep - deep.mean(axis=0), axis=1))]
     volume, _ = _common(a, b, low, high, RAYS)
-    return Overlap((one, other), float(depth[deepest]), volume, chosen[deepest])
+    return Overlap((one, other), float(depth.max()), volume, place)
 
 
 def _common(a: Array, b: Array, low: Array, high: Array, rays: int) -> tuple[float, Array]:

@@ -23,6 +23,7 @@ from stickslip.geometry.mesh_sizes import filled, refined_near
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request, Shape
 from stickslip.geometry.units import LENGTHS, Units
+from stickslip.geometry.user_files.interpenetration import Overlap, overlaps
 from stickslip.geometry.user_files.meshing import MeshOptions, cut_to_sizes
 from stickslip.geometry.user_files.open_file import KINDS, Parameter, declared_unit, kind_of, parameter_names
 from stickslip.geometry.user_files.outline import Outline
@@ -240,6 +241,10 @@ class UserFile(Noun, Shape):
     def shared(self, dim: int) -> Mapping[tuple[str, str], Array]:
         return {bodies: points[:, :dim] for bodies, points in self.outline(dim).shared.items()}
 
+    def overlaps(self, dim: int) -> Sequence[Overlap]:
+        """Bodies that lie in each other, the deepest ones first."""
+        return _overlaps(self._metres, self._key(dim))
+
     def outline(self, dim: int) -> Outline:
         """Names, box and sample points of the file, without a volume mesh; read once."""
         return _outline_in(self._metres, self._key(dim))
@@ -346,6 +351,11 @@ def _outline(key: _Key) -> Outline:
 def _outline_in(metres: float, key: _Key) -> Outline:
     """The outline in a unit of this length."""
     return _outline(key).times(1 / metres, key.question.dim)
+
+
+@lru_cache(maxsize=8)
+def _overlaps(metres: float, key: _Key) -> Sequence[Overlap]:
+    return overlaps(_outline_in(metres, key), key.question.dim)
 
 
 @lru_cache(maxsize=8)
