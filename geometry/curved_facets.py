@@ -120,8 +120,8 @@ def find_bulging(gmsh: Gmsh, dim: int, unit: float) -> Bulging:
 def find_edges(gmsh: Gmsh, dim: int, sides: Mapping[str, Sequence[int]]) -> dict[str, Ints]:
     """Edges of sides as ends (2D) or edges (3D) of facets: their nodes (e, d-1) from 0, sorted.
 
-    They are where curves (2D) or faces of the CAD model meet at an angle, and the named points (2D) or curves. A side
-    that is left out has neither: nothing but its facets tells where it has edges.
+    They are where curves (2D) or faces of the CAD model meet at an angle; of a mesh without a model the named points
+    (2D) or curves. A side that is left out has neither: nothing but its facets tells where it has edges.
 
     Args:
         sides: gmsh's entities of each side.
@@ -132,11 +132,10 @@ def find_edges(gmsh: Gmsh, dim: int, sides: Mapping[str, Sequence[int]]) -> dict
             marked += [(dim - 2, int(tag)) for tag in gmsh.model.getEntitiesForPhysicalGroup(dim - 2, group)]
     named = [_ridges(gmsh, *entity) for entity in marked]
     for side, tags in sides.items():
-        rows = list(named)
-        if not any(gmsh.model.getType(dim - 1, tag).startswith("Discrete") for tag in tags):
-            rows += _between_entities(gmsh, dim, tags)
-        elif not named:
+        drawn = not any(gmsh.model.getType(dim - 1, tag).startswith("Discrete") for tag in tags)
+        if not drawn and not named:
             continue
+        rows = _between_entities(gmsh, dim, tags) if drawn else named
         found[side] = np.unique(np.concatenate([np.zeros((0, dim - 1), np.int64), *rows]), axis=0)
     return found
 

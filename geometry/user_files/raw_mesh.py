@@ -74,11 +74,14 @@ def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
     _check_volumes(gmsh, dim, kind, parts)
     check_neighbours(kind, cells)
     _check_facets(kind, cells, facets)
+    edges = {
+        side: rows[np.isin(rows, used - 1).all(axis=1)] for side, rows in find_edges(gmsh, dim, parts.sides).items()
+    }
     return RawMesh(
         dim, kind, points,
         {body: np.searchsorted(used, rows) for body, rows in cells.items()},
         {side: np.searchsorted(used, rows) for side, rows in facets.items()},
-        {side: np.searchsorted(used - 1, rows) for side, rows in find_edges(gmsh, dim, parts.sides).items()},
+        {side: np.searchsorted(used - 1, rows) for side, rows in edges.items()},
         find_bulging(gmsh, dim, 1.0).among(used - 1), note,
     )  # fmt: skip
 

@@ -474,3 +474,45 @@ def test_a_uniform_stress_goes_over_the_corners_of_a_pocket(
     # at a corner both faces press, and friction acts in what freedom that leaves
     dropped = simulation.system.contacts[0].dropped
     assert dropped > 0 if law else dropped == 0
+
+
+@pytest.mark.parametrize("against", ["slab.skin", "floor"])
+def test_a_named_point_of_a_smooth_side_changes_nothing(tmp_path: Path, against: str) -> None:
+    found = []
+    for named in (False, True):
+        with gmsh_session() as gmsh:
+            occ = gmsh.model.occ
+            for y, height in ((0, 2), (2, 3)):
+                occ.addRectangle(-4 if y == 0 else -2, y, 0, 8 if y == 0 else 4, height)
+            occ.synchronize()
+            groups = ((2, 1, "slab"), (2, 2, "block"), (1, 1, "slab.bottom"), (1, 3, "slab.skin"), (1, 5, "block.skin"))
+            for dim, tag, name in (*groups, (1, 7, "block.top")):
+                gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, [tag]), name)
+            gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+            gmsh.model.mesh.generate(2)
+            if named:
+                nodes, x, _ = gmsh.model.mesh.getNodes(1, 5)
+                at = nodes[np.argmin(np.abs(np.reshape(x, (-1, 3))[:, 0] - 0.5))]
+                gmsh.model.addDiscreteEntity(0, 99)
+                gmsh.model.mesh.addElementsByType(99, 15, [], [at])
+                gmsh.model.setPhysicalName(0, gmsh.model.addPhysicalGroup(0, [99]), "mark")
+            gmsh.write(str(tmp_path / "marked.msh"))
+        scene: dict[str, Any] = {
+            "model": "plane strain",
+            "geometry": {"file": "marked.msh"},
+            "bodies": {"slab": STEEL, "block": STEEL},
+            "contacts": {"c": {"surface": "block.skin", "against": against}},
+            "supports": {
+                "slab": {"boundary": "slab.bottom", "displacement": [0.0, 0.0]},
+                "block": {"boundary": "block.top", "displacement": [0.0, -0.001]},
+            },
+        }
+        if against == "floor":
+            scene["obstacles"] = {"floor": {"shape": "plane", "point": [0.0, 2.0], "normal": [0.0, 1.0]}}
+        simulation, (step,) = solved(from_dict(scene, tmp_path))
+        assert max(audit(simulation, step).values()) < 1e-8
+        found.append(step.contacts["c"])
+        assert (simulation.system.contacts[0].surface.faces is not None) == named
+    assert_allclose(found[1].normal_force, found[0].normal_force, rtol=1e-10)
+    assert_allclose(found[1].max_pressure, found[0].max_pressure, rtol=1e-10)
+    assert_allclose(found[1].contact_area, found[0].contact_area, rtol=1e-10)
