@@ -23,10 +23,6 @@ from stickslip.workflows.scene_file.read import READY, from_dict, read
 
 FILES = ("cad_part", "crack", "split_clamp")  # of geometries that take long to open
 SCENES = {p.stem: p.read_text(encoding="utf-8") for p in sorted(READY.glob("*.toml")) if p.stem not in FILES}
-    p.stem: p.read_text(encoding="utf-8")
-    for p in sorted(READY.glob("*.toml"))
-    if p.stem not in ("cad_part", "crack", "split_clamp")
-}
 SNIPPETS = [
     "", "\n", "[", "]", "[[", "{", "}", "=", ".", '"', "'", "#", ",", "-", "inf", "nan", "-1", "0", "1e308", "1e-308",
     "true", "[]", "{}", "[[0,0],[1]]", "[[]]", "[1]", "9" * 5000, "[" * 3000, "a." * 3000, "x" * 5000, "\0", "\ufeff",
