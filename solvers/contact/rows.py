@@ -48,7 +48,7 @@ def of_both(surface: Surface, master: Surface | None) -> Bools:
 
     They carry no contact; their neighbours carry theirs.
     """
-    return np.isin(surface.nodes, [] if master is None else master.nodes)
+    return np.asarray(np.isin(surface.nodes, [] if master is None else master.nodes))
 
 
 @dataclass(frozen=True, kw_only=True)
