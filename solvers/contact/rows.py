@@ -117,7 +117,7 @@ class ContactRows:
     @cached_property
     def ends(self) -> Bools:
         """Nodes (n,) of the slave, facing the other side, at which both sides of one body end; see `of_both`."""
-        return of_both(self.surface, self.master) & (self.node_weights != 0)
+        return np.asarray(of_both(self.surface, self.master) & (self.node_weights != 0))
 
     @property
     def part(self) -> Ints:
