@@ -26,6 +26,7 @@ class StoredFields:
     stress: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))  # (cells, 3, 3), by number in gmsh's model [Pa]
     von_mises: Array = field(default_factory=lambda: np.zeros(0))  # (cells,) [Pa]
     contacts: Mapping[str, Mapping[str, AnyArray]] = field(default_factory=dict)  # by contact, as in `ContactState`
+    moments: Mapping[str, Array] = field(default_factory=dict)  # by contact, as reported [N m]
 
 
 @dataclass(frozen=True, kw_only=True)
