@@ -342,13 +342,13 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
 
 def contact_sides(system: System) -> Iterator[tuple[str, Surface, Sparse]]:
     """Name, surface, and the sparse matrix (n d, c) from contact dofs to the displacement of the side's nodes."""
-    seen = set[str]()
+    seen = set[tuple[str, bytes]]()  # contacts may have different parts of a side
     for rows in system.contacts:
         pair, trace, first = system.problem.pairs[rows.name], system.interface.trace(rows), 0
         for name, side in ((pair.slave, rows.surface), (pair.master, rows.master)):
             if side is not None and name is not None:
-                last = first + side.dim * len(side.nodes)
-                if name not in seen:
+                last, key = first + side.dim * len(side.nodes), (name, side.nodes.tobytes())
+                if key not in seen:
                     yield name, side, trace[first:last]
-                seen.add(name)
+                seen.add(key)
                 first = last
