@@ -18,7 +18,7 @@ from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Sparse, UflExpr, UflForm, Vec
 from stickslip.geometry.surfaces.faces import split_at_edges
 from stickslip.geometry.surfaces.surface import Surface, gather_surface, own_nodes
-from stickslip.solvers.contact.pairing import pair_up
+from stickslip.solvers.contact.pairing import pair_up, sides_of
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.constraints import Constraints
@@ -157,9 +157,7 @@ class System:
             moved: displacement (n_all, d) [m] of the nodes of each sliding contact, by contact.
         """
         known = {c.name: c for c in self.contacts}
-        sides = {pair.slave: known[name].surface for name, pair in self.problem.pairs.items()}
-        masters = {pair.master: known[name].master for name, pair in self.problem.pairs.items()}
-        sides |= {name: side for name, side in masters.items() if name is not None and side is not None}
+        sides = {name: (c.surface, c.master) for name, c in known.items()}
         rows = pair_up(self.problem, sides, self.constraints, moved)
         self.counters.searches += sum(1 for c in rows if c.master)
         fresh = tuple(c if c.name in moved else known[c.name] for c in rows)
@@ -207,7 +205,8 @@ def contact_rows(
     """Rows of all contacts of the problem, their surfaces gathered on every rank; collective."""
     sides = {name: gather_surface(mesh, space, nodes, name) for name in problem.request.contact_sides}
     faces = {name: split_at_edges(side, mesh.edges.get(name)) for name, side in sides.items()}
-    return pair_up(problem, faces, constraints, {})
+    both = {name: sides_of(problem, pair, faces) for name, pair in problem.pairs.items()}
+    return pair_up(problem, both, constraints, {})
 
 
 def displacement_space(mesh: Mesh) -> FunctionSpace:
