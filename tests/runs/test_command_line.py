@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from shared.processes import running
 from stickslip import VERSION
 from stickslip.geometry.errors import SolverError, StickslipError
 from stickslip.geometry.user_files.child_process import child_environment
+from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.workflows import commands as rooms
 from stickslip.workflows.commands.cli import FIRST, app, commands, guarded
@@ -91,7 +93,11 @@ def test_scenes_lists_every_ready_scene_with_its_title(call: Call) -> None:
 def test_new_copies_a_ready_scene_that_reads_back_the_same(name: str, call: Call, folder: Path) -> None:
     out = output_of(call("new", name, "mine.toml"))
     assert "mine.toml" in out
-    assert read(folder / "mine.toml") == read(name)
+    own, ready = read(folder / "mine.toml"), read(name)
+    if isinstance(own.geometry, UserFile) and isinstance(ready.geometry, UserFile):  # its file is copied too
+        assert Path(own.geometry.file).read_bytes() == Path(ready.geometry.file).read_bytes()
+        own = replace(own, geometry=replace(own.geometry, file=ready.geometry.file))
+    assert own == ready
 
 
 def test_new_names_its_file_after_the_scene_and_never_overwrites(call: Call, folder: Path) -> None:
