@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.json_schema import SkipJsonSchema
 
-from stickslip.geometry.arrays import ROUNDING, Array
+from stickslip.geometry.arrays import ROUNDING, Array, Ints
 from stickslip.geometry.curved_facets import Bulging
 from stickslip.geometry.errors import GeometryError, SceneError, nearest, prefixed, require
 from stickslip.geometry.keys import Key, Noun
@@ -279,15 +279,19 @@ class UserFile(Noun, Shape):
         if self.own_mesh and sizes is not None:
             mesh = cut_to_sizes(mesh, sizes)
         mesh.put(gmsh)
-        self._placed["bulging"] = mesh.bulging and mesh.bulging.times(unit)
+        self._placed["mesh"] = mesh
         return unit
 
     def bulging(self, gmsh: Gmsh, dim: int, unit: float) -> Bulging:
-        known = self._placed.pop("bulging")  # gmsh's model has the mesh alone, without the surfaces
-        return super().bulging(gmsh, dim, unit) if known is None else known
+        known = self._placed["mesh"].bulging  # gmsh's model has the mesh alone, without the surfaces
+        return super().bulging(gmsh, dim, unit) if known is None else known.times(unit)
+
+    def edges(self, gmsh: Gmsh, sides: Mapping[str, Sequence[int]], dim: int) -> Mapping[str, Ints]:
+        known = self._placed.pop("mesh").edges
+        return {side: known[side] for side in sides if side in known}
 
     @cached_property
-    def _placed(self) -> dict[str, Bulging | None]:
+    def _placed(self) -> dict[str, RawMesh]:
         return {}
 
     def question(self, dim: int, mesh: MeshOptions | None = None) -> Question:

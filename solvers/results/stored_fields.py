@@ -209,9 +209,10 @@ class MultiplierForces:
 
     def _weigh(self) -> None:
         """W_j = ∫ phi~_j ds of the side as it lies."""
-        nodal, surface, carries = self._nodal, self._nodal.rows.surface, self._nodal.rows.node_weights > 0
+        nodal, surface = self._nodal, self._nodal.rows.surface
+        part = nodal.rows.node_weights / surface.node_weights()  # 1, but at edges
         areas = nodal.assembled_at_nodes(self._areas).reshape(-1, surface.dim)[:, 0] * surface.shares_at_edges
-        nodal.weigh(np.where(carries, surface.forces_transform @ areas, 0.0))
+        nodal.weigh(part * (surface.forces_transform @ areas))
 
     def __call__(self, rows: ContactRows, p_n: Array, t: Array, s: Array, scale: float, moved: Array | None) -> Vec:
         """Nodal forces over all displacements [N]; collective.

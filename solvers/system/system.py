@@ -190,8 +190,9 @@ def contact_rows(
     problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes, constraints: Constraints
 ) -> tuple[ContactRows, ...]:
     """Rows of all contacts of the problem, their surfaces gathered on every rank; collective."""
-    sides = {s: split_at_edges(gather_surface(mesh, space, nodes, s)) for s in problem.request.contact_sides}
-    return pair_up(problem, sides, constraints, {})
+    sides = {name: gather_surface(mesh, space, nodes, name) for name in problem.request.contact_sides}
+    faces = {name: split_at_edges(side, mesh.edges.get(name)) for name, side in sides.items()}
+    return pair_up(problem, faces, constraints, {})
 
 
 def displacement_space(mesh: Mesh) -> FunctionSpace:
