@@ -51,5 +51,8 @@ def _copy(name: str, path: Path) -> None:
     if name not in ready:
         raise SceneError(f"{name}: no such ready scene; {nearest(name, ready)}")
     refuse_name(path)
-    write_new(path, ready[name].read_text(encoding="utf-8"))
+    text = ready[name].read_text(encoding="utf-8")
+    tables = [table for table in READY.glob("*.csv") if table.name in text]
+    for source, target in [(ready[name], path), *((table, path.parent / table.name) for table in tables)]:
+        write_new(target, source.read_text(encoding="utf-8"))
     typer.echo(f"wrote {path}; solve it with: stickslip run {path}")
