@@ -130,16 +130,16 @@ def check_neighbours(kind: int, cells: dict[str, Ints]) -> None:
     """Check that no cell is there twice, and that no facet bounds three: dolfinx crashes on such meshes."""
     pattern = np.array(LOCAL_FACETS[FIRST_ORDER[kind]])
     corners = np.concatenate(list(cells.values()))[:, : pattern.max() + 1]
-    twice = len(corners) - _different(corners)[0].size
+    twice = len(corners) - different(corners)[0].size
     if twice:
         raise GeometryError(f"names {twice} of its cells twice")
-    shared, times = _different(corners[:, pattern].reshape(-1, pattern.shape[1]))
+    shared, times = different(corners[:, pattern].reshape(-1, pattern.shape[1]))
     if np.any(times > 2):
         nodes = sorted(corners[:, pattern].reshape(-1, pattern.shape[1])[shared[times > 2][0]].tolist())
         raise GeometryError(f"the facet of the nodes {nodes} bounds {int(times.max())} cells, and can bound two")
 
 
-def _different(rows: Ints) -> tuple[Ints, Ints]:
+def different(rows: Ints) -> tuple[Ints, Ints]:
     """One of each set of nodes, rows of `rows` (n, k), and how often the set is there."""
     ordered = np.ascontiguousarray(np.sort(rows, axis=1), np.int64)
     as_one = ordered.view(np.dtype((np.void, ordered.dtype.itemsize * ordered.shape[1]))).ravel()

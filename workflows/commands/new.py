@@ -52,7 +52,7 @@ def _copy(name: str, path: Path) -> None:
         raise SceneError(f"{name}: no such ready scene; {nearest(name, ready)}")
     refuse_name(path)
     text = ready[name].read_text(encoding="utf-8")
-    tables = [table for table in READY.glob("*.csv") if table.name in text]
-    for source, target in [(ready[name], path), *((table, path.parent / table.name) for table in tables)]:
-        write_new(target, source.read_text(encoding="utf-8"))
+    for beside in (p for p in READY.iterdir() if f'"{p.name}"' in text):  # its geometry, and its tables
+        write_new(path.with_name(beside.name), beside.read_text(encoding="utf-8"))
+    write_new(path, text)
     typer.echo(f"wrote {path}; solve it with: stickslip run {path}")
