@@ -26,7 +26,7 @@ PAGES = ROOT / "docs" / "gallery"
 RUNS = ROOT / "build" / "gallery"
 MACHINES = (  # what is built and worn
     "arch", "cad_part", "dam", "dovetail", "fretting", "lap_joint", "ring", "rotor", "rubber_mount", "shaft",
-    "shrink_fit", "spruce",
+    "shrink_fit", "split_clamp", "spruce",
 )  # fmt: skip
 FACTS = re.compile(r"^<!-- facts: (.*) -->$", re.MULTILINE)
 WIDTH, COLOURS = 1000, 256  # of the pictures
