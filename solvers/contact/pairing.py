@@ -9,6 +9,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import SceneError
+from stickslip.geometry.surfaces.faces import near
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import build_rows
 from stickslip.solvers.contact.coupling import Coupling, nodal_coupling, rigid_coupling
@@ -61,6 +62,8 @@ def pair_up(
         reach = known.contact.search_distance or REACH * _spread(sides[known.slave], sides[known.master])
         operator = OPERATORS[known.contact.operator or "mortar"]
         reach *= 1 + CLOSE  # as wide a gap to rounding
+        if not known.contact.sliding and (slave.faces is not None or master.faces is not None):
+            slave, master = near(slave, master, reach), near(master, slave, reach)  # sides may be whole skins
         couplings[name] = known.contact, with_edges(operator(slave, master, reach), reach)
         if not np.any(couplings[name][1].weights > 0):
             raise SceneError(

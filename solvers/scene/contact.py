@@ -20,7 +20,7 @@ class Contact(Noun):
     """Contact of a slave surface with a rigid obstacle or another body."""
 
     surface: Annotated[str, Key("-", "side of a body, as body.side: the slave, see `slave`; resultants act on it")]
-    against: Annotated[str, Key("-", "name of an obstacle, or another body's side")]
+    against: Annotated[str, Key("-", "name of an obstacle, or another side, of the same body too")]
     normal: Annotated[NormalLaw, Key("-", "normal law")] = Unilateral()
     friction: Annotated[FrictionLaw | None, Key("-", "friction law; absent: none")] = None
 
