@@ -190,6 +190,8 @@ class Auditor:
         nodal = nodal + np.einsum("nd,nd->n", rows.frames[:, 0], side.transform @ moved)
         if not rows.normal.at_quadrature:
             return np.asarray(rows.psi.T @ nodal / rows.W_n), nodal
+        if self.system.problem.shares(rows.name):  # its points are some of the side's
+            return rows.gap, nodal
         basis = side.quadrature(pair.contact.degree(side.degree))[1]
         x = np.einsum("qk,fkd->fqd", basis, at[side.facets]).reshape(-1, side.dim)
         return np.asarray(gap(obstacle, x)) + offset + rows.N_n @ moved.ravel(), nodal
@@ -415,6 +417,7 @@ class Auditor:
         assert isinstance(law, Compliance)
         pair = system.problem.pairs[rows.name]
         formula = pair.obstacle is not None and system.problem.obstacles[pair.obstacle].written_in_operators
+        formula = formula and not system.problem.shares(rows.name)
         if rows.name in record.searched or not formula or not isinstance(pair.contact.gap_offset, float | int):
             p_n = self._pressure_of_law(rows, record)
             return system.interface.force_of(rows, p_n, np.zeros(rows.free.shape))

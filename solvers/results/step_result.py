@@ -168,6 +168,7 @@ class Numbers:
     obstacles: Mapping[str, ObstacleState]
     energy: Energy  # totals since t = 0 [J]
     effects: Mapping[str, Mapping[str, Record]] = field(default_factory=dict)  # records by table and name
+    sums: Mapping[str, ContactNumbers] = field(default_factory=dict)  # of each contact with several partners
 
     def __getattr__(self, name: str) -> Mapping[str, Record]:
         """A table of an effect.
@@ -243,6 +244,7 @@ def tables_of(step: Numbers) -> dict[str, Mapping[str, Record]]:
     """All records of a step by table and name; that of a table without names is at ""."""
     own = {f.name for f in fields(step)} - {"energy"}
     tables = {table: getattr(step, table) for table in RECORDS if table in own}
+    tables["contacts"] = dict(step.contacts) | dict(step.sums)
     return tables | dict(step.effects) | {"energy": {"": step.energy}}
 
 

@@ -70,7 +70,7 @@ class ContactTables(TableWriter):
     """contact_NAME.csv: the points of a contact surface, one row a step and point."""
 
     def names(self) -> list[str]:
-        return [contact_table(name) for name in self.job.scene.contacts]
+        return [contact_table(name) for name in self.job.scene.pairs]
 
     def tables(self, index: int, result: StepResult) -> Iterator[Table]:
         for name, contact in result.contacts.items():
