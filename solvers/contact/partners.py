@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from scipy import sparse
@@ -109,24 +109,31 @@ def among_partners(partners: Sequence[Partner]) -> list[tuple[Coupling, Facing |
         return overlap(slave, joined([facing.master for facing in plain]), reach, degree)
 
     full, left, found = slave.node_weights(), np.ones(len(slave.nodes)), dict[int, tuple[Coupling, Facing | None]]()
+    areas = slave.quadrature(2 * slave.degree)[0].sum(axis=1)
+    bare = np.ones(len(areas))  # part of each facet that no body faces
     for k, (partner, own) in enumerate(zip(bodies, plain, strict=True)):
         facing = AmongPartners(own.slave, own.master, own.reach, plain[:k], plain[k + 1 :], every, nearest)
         coupling = partner.operator(facing)
-        taken = coupling.weights
+        taken, faced = coupling.weights, (coupling.weights / full)[slave.facets].mean(axis=1)
         if partner.operator is mortar_coupling:
             points = coupling.points(0)
             taken = np.asarray(shares(points.own, slave, points.weights).sum(axis=1)).ravel()
-        left -= taken / full
+            faced = np.bincount(points.own.facet, points.weights, len(areas)) / areas
+        left, bare = left - taken / full, np.maximum(bare - faced, 0.0)
         found[id(partner)] = coupling, facing
     left[np.abs(left) <= ROUNDING] = 0.0
-    on, along = on_nodes(slave, np.ones(len(left), bool)), slave.node_normals()
-    distances = [partner.distance(on, along) for partner in rigid]
-    for partner, distance in zip(rigid, distances, strict=True):
-        assert isinstance(partner.other, Obstacle)
-        own = distance <= np.min(distances, axis=0)
-        coupling = rigid_coupling(partner.slave, partner.other)
-        found[id(partner)] = _part(coupling, np.where(own, left, 0.0), partner.at_quadrature), None
-        left = np.where(own, 0.0, left)
+    normals = slave.node_normals()
+
+    def owned(k: int, on: On, along: Array) -> Array:
+        distances = np.array([each.distance(on, along) for each in rigid])
+        return np.asarray(distances.argmin(axis=0) == k, float)
+
+    def at_points(k: int, on: On) -> Array:
+        return owned(k, on, on.basis(slave) @ normals) * bare[on.facet]
+
+    for k, partner in enumerate(rigid):
+        parts = left * owned(k, on_nodes(slave, np.ones(len(left), bool)), normals)
+        found[id(partner)] = _part(partner, parts, partial(at_points, k)), None
     return [found[id(partner)] for partner in partners]
 
 
@@ -134,26 +141,37 @@ def _places(found: Overlap) -> On:
     return On(found.slave_facet, found.slave_local)
 
 
-def _part(coupling: Coupling, parts: Array, at_quadrature: bool) -> Coupling:
-    """The coupling with an obstacle of parts (n,) of the nodes' areas; less than a little goes to neighbours."""
-    surface, full = coupling.surface, coupling.weights
-    spread = surface.forces_transform.T @ parts  # sum of parts of phi~ at points is that of these values of phi
+def _part(partner: Partner, parts: Array, at_points: Callable[[On], Array]) -> Coupling:
+    """Coupling with an obstacle of a part of a side; where it is less than a little of a node's, it goes to neighbours.
+
+    Args:
+        parts: of the nodes' areas (n,).
+        at_points: takes integration points, and returns the parts of theirs (q,).
+    """
+    assert isinstance(partner.other, Obstacle)
+    coupling, surface, at_quadrature = (
+        rigid_coupling(partner.slave, partner.other),
+        partner.slave,
+        partner.at_quadrature,
+    )
+    full = coupling.weights
     weights = parts * full
     if at_quadrature:
         points = coupling.points(2 * surface.degree * (1 + (surface.shape == "quadrilateral")) + surface.axisymmetric)
-        weights = points.phi @ np.clip(points.own.basis(surface) @ spread, 0.0, 1.0)
+        weights = points.phi @ at_points(points.own)
         weights[weights <= ROUNDING * full] = 0.0
     share = positive_shares(surface, weights, weights > LITTLE * full)
     total = np.asarray(share @ weights)
     each = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
-    mean = (sparse.diags(each) @ share @ sparse.diags(weights)).tocsr()
+    elsewhere = sparse.diags((total == 0).astype(float))  # nodes of other partners keep their distance and motion
+    mean = (sparse.diags(each) @ share @ sparse.diags(weights) + elsewhere).tocsr()
 
     def of_part(degree: int) -> Points:
         points = coupling.points(degree)
         if not at_quadrature:
             own = (share @ sparse.diags(parts)).tocsr()
             return replace(points, psi=(own @ points.psi).tocsr(), phi=(own @ points.phi).tocsr())
-        size = np.clip(points.own.basis(surface) @ spread, 0.0, 1.0)
+        size = at_points(points.own)
         kept = np.flatnonzero(size > ROUNDING)
         scale = sparse.diags(size).tocsc()[:, kept]
         return Points(
@@ -171,7 +189,7 @@ def _part(coupling: Coupling, parts: Array, at_quadrature: bool) -> Coupling:
         coupling,
         weights=total,
         relative=(mean @ coupling.relative).tocsr(),
-        gap=np.where(total > 0, mean @ coupling.gap, coupling.gap),
+        gap=mean @ coupling.gap,
         carries=total > 0,
         points=of_part,
     )

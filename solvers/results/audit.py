@@ -391,13 +391,13 @@ class Auditor:
     def _contact_force(self, place: ContactBlock, u: Vec, record: Record, scales: Scales) -> Vec:
         """Nodal forces B^T p of one contact over all displacement dofs [N]; with compliance p_n is that of u.
 
-        Against a rigid obstacle those of multipliers come from forms. Between bodies no form over one mesh has them:
-        there they are the rows' own, N^T W p.
+        Against a rigid obstacle those of multipliers come from forms. Between bodies, and on a part of a side, no form
+        over one mesh has them: there they are the rows' own, N^T W p.
         """
         system, rows = self.system, place.rows
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         compliant = isinstance(rows.normal, Compliance)
-        if rows.master is not None:
+        if rows.master is not None or system.problem.shares(rows.name):
             return system.interface.force_of(rows, self._pressure_of_law(rows, record) if compliant else p_n, t)
         force = self._compliant_force(rows, u, record) if compliant else system.vector()
         if compliant and rows.friction is None:

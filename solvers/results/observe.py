@@ -217,8 +217,8 @@ class Observer:
 
     def _sum(self, pairs: Sequence[str], contacts: Mapping[str, ContactState], accepted: Accepted) -> ContactNumbers:
         """Numbers of a contact of several partners: sums of those of its pairs, or the largest of them."""
-        rows, parts = self.stepper.system.contacts, [contacts[pair] for pair in pairs]
-        tangential = [self._tangential(i, c, accepted.state) for i, c in enumerate(rows) if c.name in pairs]
+        rows, parts = accepted.stepper.system.contacts, [contacts[pair] for pair in pairs]
+        tangential = [self._tangential(i, c, accepted) for i, c in enumerate(rows) if c.name in pairs]
         merged: dict[str, Any] = {
             key: (np.max if key.startswith("max") else np.sum)([getattr(part, key) for part in parts], axis=0)
             for key in numbers_of(ContactNumbers)
@@ -226,9 +226,10 @@ class Observer:
         merged = {key: value if np.ndim(value) else float(value) for key, value in merged.items()}
         return ContactNumbers(**merged | {"tangential_force": float(np.linalg.norm(np.sum(tangential, axis=0)))})
 
-    def _tangential(self, index: int, c: ContactRows, state: State) -> Array:
+    def _tangential(self, index: int, c: ContactRows, accepted: Accepted) -> Array:
         """Resultant (d,) [N] of the multipliers along one contact, on its slave with the opposite sign."""
-        p_n, t = (parts[index] for parts in self.stepper.split(state.p))
+        state = accepted.state
+        p_n, t = (parts[index] for parts in accepted.stepper.split(state.p))
         own = slice(len(c.surface.points))
         between = (state.forces[c.name] - c.nodal_forces(p_n, t))[own]  # the friction of a state with bubbles
         found = (c.node_weights[:, None] * c.node_traction(t) + between).sum(axis=0)
@@ -304,7 +305,7 @@ class Observer:
         own = np.arange(len(c.points)) < len(c.surface.points)
         on = own if pair.slave == pair.contact.surface else ~own  # nodes of the side that the scene calls the surface
         x, forces = c.points[on], -state.forces[c.name][on]
-        resultant, tangential = forces.sum(axis=0), self._tangential(index, c, state)
+        resultant, tangential = forces.sum(axis=0), self._tangential(index, c, accepted)
         moment = np.atleast_1d(cross(x, forces).sum(axis=0))
         if c.surface.axisymmetric:  # over the full circle the radial parts balance
             resultant, moment = resultant * [0, 1], 0 * moment

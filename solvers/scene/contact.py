@@ -15,6 +15,15 @@ from stickslip.solvers.laws.friction import Stick
 from stickslip.solvers.laws.normal import Unilateral
 
 
+def table_of(name: str) -> str:
+    """Name of the table that a contact comes from: that of one among several partners has the partner's behind it.
+
+    >>> table_of("rest.left"), table_of("base")
+    ('rest', 'base')
+    """
+    return name.partition(".")[0]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Contact(Noun):
     """Contact of a slave surface with a rigid obstacle or another body."""
