@@ -1,4 +1,5 @@
-"""Facets that stand for a curved surface: their normals, quadratic ones, and how far the surface bulges out of them.
+"""Facets that stand for a curved surface: their normals, quadratic ones, how far the surface bulges out of them, and
+where it has an edge.
 
 Between two nodes at a distance L, with the unit tangents t_a and t_b of a curve, its middle lies L/8 (t_a - t_b) beside
 that of the chord, and 2/3 of it is the mean along the chord. With the unit normals n_a and n_b of a surface an edge
@@ -11,7 +12,10 @@ Source: of curves Hermite's cubic; of surfaces Vlachos, Peters, Boyd & Mitchell,
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -60,6 +64,7 @@ def curved(corners: Array, bulge: Array, at: Array) -> tuple[Array, Array]:
 FLAT = ("Line", "Plane")  # entities as gmsh calls them
 CORNERS = {1: 2, 2: 3, 3: 4}  # of gmsh's lines, triangles and quadrilaterals of order 1
 AROUND = {2: ((0, 1), (1, 2), (2, 0)), 3: ((0, 1), (1, 2), (2, 3), (3, 0))}  # edges of facets in 3D
+TANGENT = 2.0  # [degrees] between the surfaces of a CAD model; where they meet at less they go on smoothly
 
 
 @dataclass(frozen=True)
@@ -110,6 +115,67 @@ def find_bulging(gmsh: Gmsh, dim: int, unit: float) -> Bulging:
         return Bulging(edges, unit * beside[:, :2], none.edges, none.beside)
     facets, out = (np.concatenate(x) for x in zip((none.facets, np.zeros((0, 3))), *surfaces, strict=True))
     return Bulging(facets, unit * out, edges, unit * beside)
+
+
+def find_edges(gmsh: Gmsh, dim: int, sides: Mapping[str, Sequence[int]]) -> dict[str, Ints]:
+    """Edges of sides as ends (2D) or edges (3D) of facets: their nodes (e, d-1) from 0, sorted.
+
+    They are where curves (2D) or faces of the CAD model meet at an angle; of a mesh without a model the named points
+    (2D) or curves. A side that is left out has neither: nothing but its facets tells where it has edges.
+
+    Args:
+        sides: gmsh's entities of each side.
+    """
+    found, marked = dict[str, Ints](), list[tuple[int, int]]()
+    for _, group in gmsh.model.getPhysicalGroups(dim - 2):
+        if gmsh.model.getPhysicalName(dim - 2, group):
+            marked += [(dim - 2, int(tag)) for tag in gmsh.model.getEntitiesForPhysicalGroup(dim - 2, group)]
+    named = [_ridges(gmsh, *entity) for entity in marked]
+    for side, tags in sides.items():
+        drawn = not any(gmsh.model.getType(dim - 1, tag).startswith("Discrete") for tag in tags)
+        if not drawn and not named:
+            continue
+        rows = _between_entities(gmsh, dim, tags) if drawn else named
+        found[side] = np.unique(np.concatenate([np.zeros((0, dim - 1), np.int64), *rows]), axis=0)
+    return found
+
+
+def _between_entities(gmsh: Gmsh, dim: int, tags: Sequence[int]) -> Iterator[Ints]:
+    """Edges between the entities of a side."""
+    beside = defaultdict[int, list[int]](list)
+    for tag in tags if len(tags) > 1 else ():
+        for _, end in gmsh.model.getBoundary([(dim - 1, tag)], oriented=False):
+            beside[int(end)].append(tag)
+    points = _points(gmsh) if any(len(both) > 1 for both in beside.values()) else np.zeros((0, 3))
+    for end, both in beside.items():
+        rows = _ridges(gmsh, dim - 2, end) if len(both) > 1 else np.zeros((0, dim - 1), np.int64)
+        for pair in combinations(both, 2):
+            nodes, at = np.unique(rows, return_inverse=True)
+            one, other = (_directions(gmsh, dim - 1, tag, nodes, points) for tag in pair)
+            cosine = np.abs(np.einsum("ni,ni->n", one, other))[at.reshape(rows.shape)].min(axis=1)
+            yield rows[cosine < np.cos(np.radians(TANGENT))]
+
+
+def _ridges(gmsh: Gmsh, dim: int, tag: int) -> Ints:
+    """Nodes (m, dim + 1) of the mesh on a point or a curve, those between corners left out, from 0 and sorted."""
+    kinds, _, flat = gmsh.model.mesh.getElements(dim, tag)
+    counts = [int(gmsh.model.mesh.getElementProperties(kind)[3]) for kind in kinds]
+    rows = [np.reshape(nodes, (-1, n))[:, : dim + 1] for nodes, n in zip(flat, counts, strict=True)]
+    if not rows and dim == 0:
+        rows = [np.reshape(gmsh.model.mesh.getNodes(0, tag)[0], (-1, 1))]
+    return np.sort(np.concatenate([np.zeros((0, dim + 1)), *rows]).astype(np.int64) - 1, axis=1)
+
+
+def _directions(gmsh: Gmsh, dim: int, tag: int, nodes: Ints, points: Array) -> Array:
+    """Unit tangents of a curve or normals of a surface (n, 3) at nodes of it, by the CAD kernel or by the facets."""
+    kinds, _, flat = gmsh.model.mesh.getElements(dim, tag)
+    total = np.zeros((len(points), 3))
+    for kind, numbers in zip(kinds, flat, strict=True):
+        _, _, _, count, _, corners = gmsh.model.mesh.getElementProperties(kind)
+        at = np.reshape(numbers, (-1, count))[:, :corners].astype(np.int64) - 1
+        along = points[at[:, 1]] - points[at[:, 0]] if dim == 1 else normals_of(points[at])
+        np.add.at(total, at, along[:, None])
+    return _of_kernel(gmsh, dim, tag, nodes, _unit(total[nodes]))
 
 
 def _renumbered(rows: Ints, values: Array, nodes: Ints) -> tuple[Ints, Array]:

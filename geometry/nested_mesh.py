@@ -11,7 +11,7 @@ the new mesh is not exactly nested.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import pairwise
 
@@ -49,6 +49,7 @@ class ArrayMesh(Shape):
     body: Ints  # (c,) index in `names`
     names: tuple[str, ...]  # of the bodies
     sides: Mapping[str, Ints]  # body.side -> nodes of its facets (f, k), the corners first
+    edges_of: Mapping[str, Ints] = field(default_factory=dict)  # body.side -> nodes, see `find_edges`
 
     def refuse_too_large(self, request: Request, free: float = np.inf) -> None:
         """The cells are there already."""
@@ -62,6 +63,10 @@ class ArrayMesh(Shape):
         points = np.pad(self.points[used], ((0, 0), (0, 3 - request.dim)))
         RawMesh(request.dim, kind, points, bodies, sides).put(gmsh)
         return 1.0
+
+    def edges(self, gmsh: Gmsh, sides: Mapping[str, Sequence[int]], dim: int) -> Mapping[str, Ints]:
+        used = np.unique(self.cells[:, GMSH[self.kind][1]])
+        return {name: np.searchsorted(used, rows) for name, rows in self.edges_of.items() if name in sides}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +88,7 @@ class FlatMesh(ArrayMesh):
     def degree(self) -> int:
         return 2
 
-    def edges(self) -> tuple[Ints, Ints]:
+    def lines(self) -> tuple[Ints, Ints]:
         """All edges (e, 3), the ends in increasing order and the node between, and those of each cell (c, k)."""
         local = np.array(EDGES[self.kind])
         found = self.cells[:, local].reshape(-1, 3)
@@ -93,12 +98,12 @@ class FlatMesh(ArrayMesh):
 
     def boundary(self) -> Ints:
         """Edges (e, 3) of one cell alone."""
-        edges, of_cells = self.edges()
+        edges, of_cells = self.lines()
         return np.asarray(edges[np.bincount(of_cells.ravel(), minlength=len(edges)) == 1])
 
     def cut(self, cells: Bools) -> FlatMesh:
         """The mesh with all edges of some cells (c,) halved, and those that have to be halved with them."""
-        edges, of_cells = self.edges()
+        edges, of_cells = self.lines()
         twins, halved = self._twins(edges), np.isin(np.arange(len(edges)), of_cells[cells])
         while True:
             before = halved.copy()

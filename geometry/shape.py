@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self, cast
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
-from stickslip.geometry.curved_facets import Bulging, find_bulging
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.curved_facets import Bulging, find_bulging, find_edges
 from stickslip.geometry.errors import require
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Gmsh
@@ -156,6 +156,10 @@ class Shape:
             unit: length of the gmsh model's unit [m].
         """
         return find_bulging(gmsh, dim, unit)
+
+    def edges(self, gmsh: Gmsh, sides: Mapping[str, Sequence[int]], dim: int) -> Mapping[str, Ints]:
+        """Find the edges of sides in the current gmsh model, after `put`; see `find_edges`."""
+        return find_edges(gmsh, dim, sides)
 
 
 def _gigabytes(needed: float, free: float) -> str:

@@ -34,6 +34,7 @@ class NamedParts:
     joints: Joints  # nodes that several parts share
     seams: Mapping[str, int]  # see `open_seams`
     bulging: Bulging  # facets of curved surfaces
+    edges: Mapping[str, Ints]  # by contact side, see `find_edges`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,14 +169,17 @@ def _made(gmsh: Gmsh, shape: Shape, request: Request) -> tuple[NamedParts, Ints,
         raise SceneError(f"geometry.{error}") from None
     dim, unit = request.dim, mesh_shape(gmsh, shape, request)
     bodies, (part, joints) = _group_names(gmsh, dim), find_parts(gmsh, dim, unit)
+    sides = _group_names(gmsh, dim - 1)
+    of_sides = {s: gmsh.model.getEntitiesForPhysicalGroup(dim - 1, sides[s]).tolist() for s in request.contact_sides}
     named = NamedParts(
         bodies=bodies,
-        sides=_group_names(gmsh, dim - 1),
+        sides=sides,
         node_count=len(part),
         part_count=int(part.max()) + 1,
         joints=joints,
         seams=open_seams(gmsh, dim, part, bodies),
         bulging=shape.bulging(gmsh, dim, unit),
+        edges=shape.edges(gmsh, of_sides, dim),
     )
     return named, part, unit
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.surfaces.surface import Surface
@@ -25,15 +26,23 @@ RIDGES = {  # nodes of a facet on each of its ends (2D) or edges (3D): corners f
 }
 
 
-def split_at_edges(surface: Surface) -> Surface:
+def split_at_edges(surface: Surface, edges: Ints | None = None) -> Surface:
     """The same surface with a node for each face at the nodes of its edges; itself where it has none.
 
     Faces that are smooth round the end of an edge share the node there.
+
+    Args:
+        edges: nodes (e, d-1) of ends (2D) or edges (3D) of facets that are edges, by number in the gmsh model, sorted;
+            None: those that the angles between facets tell.
     """
     facets, (f, k) = surface.facets, surface.facets.shape
     ridges = np.array([nodes[: 1 + (surface.dim == 3) * surface.degree] for nodes in RIDGES[surface.shape]])
     one, other = _pairs(np.sort(facets[:, ridges[:, : surface.dim - 1]], axis=2))
-    sharp = _sharp(surface, ridges, one, other)
+    if edges is None:
+        sharp = _sharp(surface, ridges, one, other)
+    else:
+        nodes = np.sort(surface.input[facets[one[:, :1], ridges[one[:, 1], : surface.dim - 1]]], axis=1)
+        sharp = np.isin(_numbers(nodes), _numbers(edges))
     if not sharp.any():
         return surface
     edge = np.zeros(len(surface.nodes), bool)
@@ -64,6 +73,34 @@ def split_at_edges(surface: Surface) -> Surface:
         parts=None if surface.parts is None else surface.parts[old],
         faces=of_face + (face.max() + 1) * again,
     )
+
+
+def near(surface: Surface, other: Surface, reach: float) -> Surface:
+    """The part of a surface whose facets may lie within `reach` [m] of another one; all of it if that is all."""
+    parts = [side.points[side.facets] for side in (surface, other)]
+    (centre, radius), (there, radius_there) = [
+        (x.mean(axis=1), np.linalg.norm(x - x.mean(axis=1, keepdims=True), axis=2).max(axis=1)) for x in parts
+    ]
+    away = cKDTree(there).query(centre)[0]
+    kept = away <= reach + 2 * (radius + radius_there.max())  # curved facets bulge out of the balls around their nodes
+    if kept.all() or not kept.any():
+        return surface
+    nodes, facets = np.unique(surface.facets[kept], return_inverse=True)
+    return replace(
+        surface,
+        nodes=surface.nodes[nodes],
+        input=surface.input[nodes],
+        points=surface.points[nodes],
+        facets=facets.reshape(-1, surface.facets.shape[1]),
+        outward=surface.outward[kept],
+        parts=None if surface.parts is None else surface.parts[nodes],
+        faces=None if surface.faces is None else surface.faces[nodes],
+    )
+
+
+def _numbers(rows: Ints) -> Ints:
+    """One number for one or two numbers of nodes (e, 1 or 2)."""
+    return np.asarray(rows[:, 0] if rows.shape[1] == 1 else (rows[:, 0] << 32) + rows[:, 1])
 
 
 def edges_of(split: Surface) -> tuple[Ints, Ints]:

@@ -218,6 +218,7 @@ class OwnNodes:
 
     local: Ints  # (n,) local numbers
     normals: Array  # (n, d) unit outward, see `Surface.node_normals`
+    weights: Array  # (n,) integrals of phi_j over the side [m^(d-1)]
 
 
 def own_nodes(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> OwnNodes:
@@ -225,10 +226,13 @@ def own_nodes(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> OwnN
     local, facets = _own_facets(mesh, space, nodes, side)
     total, count = np.zeros(nodes.points.shape), np.zeros(nodes.points.shape)
     total[local], count[local] = facets._sums_of_normals(), 1.0
+    weights, basis = facets.quadrature(2 * facets.degree)
+    count[local, 1] = facets.scatter(weights @ basis)
     total, count = dx.sums_on_owners(space, total), dx.sums_on_owners(space, count)
     found = np.flatnonzero(count[:, 0])
     found = found[np.argsort(nodes.input[found])]
-    return OwnNodes(found, total[found] / np.linalg.norm(total[found], axis=1, keepdims=True))
+    normals = total[found] / np.linalg.norm(total[found], axis=1, keepdims=True)
+    return OwnNodes(found, normals, count[found, 1])
 
 
 def _own_facets(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> tuple[Ints, Surface]:

@@ -142,6 +142,8 @@ def cut_to_sizes(mesh: RawMesh, sizes: SizeField) -> RawMesh:
     body = np.repeat(np.arange(len(mesh.cells)), [len(rows) for rows in mesh.cells.values()])
     facets = np.concatenate([np.zeros((0, d), np.int64), *mesh.facets.values()])
     side = np.repeat(np.arange(len(mesh.facets)), [len(rows) for rows in mesh.facets.values()])
+    ridges = np.concatenate([np.zeros((0, d - 1), np.int64), *mesh.edges.values()])
+    of_side = np.repeat(np.arange(len(mesh.edges)), [len(rows) for rows in mesh.edges.values()])
     tree, wanted = cKDTree(sizes.points), np.log(sizes.sizes)
     for _ in range(PASSES):
         x = points[:, :d]
@@ -154,12 +156,15 @@ def cut_to_sizes(mesh: RawMesh, sizes: SizeField) -> RawMesh:
         middles = len(points) + np.arange(len(edges))
         cells, body = _halved(cells, body, edges, middles)
         facets, side = _halved(facets, side, edges, middles)
+        if d == 3 and len(ridges):
+            ridges, of_side = _halved(ridges, of_side, edges, middles)
         points = np.concatenate([points, points[edges].mean(axis=1)])
     return replace(
         mesh,
         points=points,
         cells={name: cells[body == k] for k, name in enumerate(mesh.cells)},
         facets={name: facets[side == k] for k, name in enumerate(mesh.facets)},
+        edges={name: ridges[of_side == k] for k, name in enumerate(mesh.edges)},
         bulging=None,
     )
 

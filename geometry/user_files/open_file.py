@@ -12,9 +12,12 @@ from pathlib import Path
 
 from stickslip.geometry.errors import GeometryError, shortened
 from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.user_files.foreign import put_foreign
 
 Parameter = bool | int | float | str
 KINDS = {".geo": "geo", ".step": "cad", ".stp": "cad", ".brep": "cad", ".msh": "msh", ".py": "py"}
+FOREIGN = (".inp", ".unv", ".med", ".vtu", ".vtk", ".bdf")  # meshes that gmsh does not read, or not with their sets
+KINDS |= dict.fromkeys(FOREIGN, "msh")
 # How files of a kind begin; gmsh would run any other content as a .geo script.
 BEGINS = {".msh": "$MeshFormat", ".step": "ISO-10303-21", ".stp": "ISO-10303-21", ".brep": "CASCADE Topology"}
 HEAD = 4096  # bytes in which that must occur
@@ -81,6 +84,9 @@ def open_file(gmsh: Gmsh, path: Path, parameters: Mapping[str, Parameter]) -> No
     begins = BEGINS.get(suffix)
     if begins is not None and begins.encode() not in path.read_bytes()[:HEAD]:
         raise GeometryError(f"is not a {suffix} file: it does not begin with {begins}")
+    if suffix in FOREIGN:
+        put_foreign(gmsh, path)
+        return
     gmsh.logger.start()
     gmsh.merge(str(path))
     raise_gmsh_error(gmsh, path.parent)

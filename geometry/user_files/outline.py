@@ -265,17 +265,22 @@ class Shell:
 
 
 def _sample(corners: Array, normals: Array) -> tuple[Array, Array]:
-    """Extreme points of a side in 26 directions; if it is not flat, also facets with extreme normals."""
+    """Extreme points of a side in 26 directions, of each of its faces if they are flat; else also extreme normals."""
     units = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     k = corners.shape[1]
-    reach = corners.reshape(-1, 3) @ DIRECTIONS.T
-    ends = np.argmax(reach, axis=0)
-    points, outward = corners.reshape(-1, 3)[ends], units[ends // k]
-    if np.ptp(units, axis=0).max() > CLOSE:  # a side is flat if the components of its unit normals differ by less
+    # a side is flat if the components of its unit normals differ by less
+    faces, face = np.unique((units / CLOSE).round(), axis=0, return_inverse=True)
+    flat = len(faces) <= len(DIRECTIONS)
+    points, outward = [], []
+    for facets in [np.flatnonzero(face.ravel() == n) for n in range(len(faces))] if flat else [np.arange(len(units))]:
+        ends = np.argmax(corners[facets].reshape(-1, 3) @ DIRECTIONS.T, axis=0)
+        points.append(corners[facets].reshape(-1, 3)[ends])
+        outward.append(units[facets][ends // k])
+    if not flat:
         facing = np.argmax(units @ DIRECTIONS.T, axis=0)
-        points = np.concatenate([points, corners.mean(axis=1)[facing]])
-        outward = np.concatenate([outward, units[facing]])
-    return points, outward
+        points.append(corners.mean(axis=1)[facing])
+        outward.append(units[facing])
+    return np.concatenate(points), np.concatenate(outward)
 
 
 def _mesh_facets(gmsh: Gmsh, dim: int) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from stickslip.geometry.arrays import ROUNDING, Array, Ints
-from stickslip.geometry.curved_facets import Bulging, find_bulging
+from stickslip.geometry.curved_facets import Bulging, find_bulging, find_edges
 from stickslip.geometry.errors import GeometryError, GluedError
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.cells import SHAPES, usable
@@ -28,6 +28,7 @@ class RawMesh:
     points: Array  # (n, 3)
     cells: dict[str, Ints]  # body -> nodes (c, k) of its cells, rows of `points`
     facets: dict[str, Ints]  # body.side -> nodes (f, k) of its facets
+    edges: dict[str, Ints] = field(default_factory=dict)  # body.side -> nodes, see `find_edges`
     bulging: Bulging | None = None  # nodes are rows of `points`; lengths in the file's unit; None: not known
     note: str = ""  # what was done to the file's cells, in a line
 
@@ -73,10 +74,14 @@ def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
     _check_volumes(gmsh, dim, kind, parts)
     check_neighbours(kind, cells)
     _check_facets(kind, cells, facets)
+    edges = {
+        side: rows[np.isin(rows, used - 1).all(axis=1)] for side, rows in find_edges(gmsh, dim, parts.sides).items()
+    }
     return RawMesh(
         dim, kind, points,
         {body: np.searchsorted(used, rows) for body, rows in cells.items()},
         {side: np.searchsorted(used, rows) for side, rows in facets.items()},
+        {side: np.searchsorted(used - 1, rows) for side, rows in edges.items()},
         find_bulging(gmsh, dim, 1.0).among(used - 1), note,
     )  # fmt: skip
 
@@ -125,16 +130,16 @@ def check_neighbours(kind: int, cells: dict[str, Ints]) -> None:
     """Check that no cell is there twice, and that no facet bounds three: dolfinx crashes on such meshes."""
     pattern = np.array(LOCAL_FACETS[FIRST_ORDER[kind]])
     corners = np.concatenate(list(cells.values()))[:, : pattern.max() + 1]
-    twice = len(corners) - _different(corners)[0].size
+    twice = len(corners) - different(corners)[0].size
     if twice:
         raise GeometryError(f"names {twice} of its cells twice")
-    shared, times = _different(corners[:, pattern].reshape(-1, pattern.shape[1]))
+    shared, times = different(corners[:, pattern].reshape(-1, pattern.shape[1]))
     if np.any(times > 2):
         nodes = sorted(corners[:, pattern].reshape(-1, pattern.shape[1])[shared[times > 2][0]].tolist())
         raise GeometryError(f"the facet of the nodes {nodes} bounds {int(times.max())} cells, and can bound two")
 
 
-def _different(rows: Ints) -> tuple[Ints, Ints]:
+def different(rows: Ints) -> tuple[Ints, Ints]:
     """One of each set of nodes, rows of `rows` (n, k), and how often the set is there."""
     ordered = np.ascontiguousarray(np.sort(rows, axis=1), np.int64)
     as_one = ordered.view(np.dtype((np.void, ordered.dtype.itemsize * ordered.shape[1]))).ravel()

@@ -73,7 +73,7 @@ class Side:
     @property
     def sag(self) -> float:
         """Largest distance of straight facets from the side [m]."""
-        return max(_sag(face) for face in self.faces)
+        return max(sag_of(face) for face in self.faces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ def touching(outline: Outline, dim: int, within: float | None = None) -> list[Pa
     faces = [face for face in outline.entities if len(face.bodies) == 1]
     if not faces:
         return []
-    sag = np.array([_sag(face) for face in faces])
+    sag = np.array([sag_of(face) for face in faces])
     low, high = (np.array([face.box[i] for face in faces]) for i in (0, 1))
     body = np.array([face.bodies[0] for face in faces])
     slack = (reach + sag)[:, None]
@@ -198,7 +198,7 @@ def _sides(faces: Sequence[Facets], outline: Outline, dim: int) -> list[Side]:
     return sides
 
 
-def _sag(face: Facets) -> float:
+def sag_of(face: Facets) -> float:
     """Largest distance of a face's facets from the curved face [m]: by their bulge, and the turn of normals."""
     corners, normals = face.corners, face.normals()
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""A geometry from a user's file: .geo, .step, .brep, .msh or .py, by its ending."""
+"""A geometry from a user's file: .geo, .step, .brep, .py, or a mesh, by its ending."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.json_schema import SkipJsonSchema
 
-from stickslip.geometry.arrays import ROUNDING, Array
+from stickslip.geometry.arrays import ROUNDING, Array, Ints
 from stickslip.geometry.curved_facets import Bulging
 from stickslip.geometry.errors import GeometryError, SceneError, nearest, prefixed, require
 from stickslip.geometry.keys import Key, Noun
@@ -23,6 +23,7 @@ from stickslip.geometry.mesh_sizes import filled, refined_near
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request, Shape
 from stickslip.geometry.units import LENGTHS, Units
+from stickslip.geometry.user_files.interpenetration import Overlap, overlaps
 from stickslip.geometry.user_files.meshing import MeshOptions, cut_to_sizes
 from stickslip.geometry.user_files.open_file import KINDS, Parameter, declared_unit, kind_of, parameter_names
 from stickslip.geometry.user_files.outline import Outline
@@ -62,7 +63,14 @@ class Box(Noun):
 class UserFile(Noun, Shape):
     """A user's file; all other keys are parameters of a .geo or .py file."""
 
-    file: Annotated[str, Key("-", ".geo, .step, .brep, .msh or .py (or any of these .gz), relative to the scene file")]
+    file: Annotated[
+        str,
+        Key(
+            "-",
+            ".geo, .step, .brep, .msh or .py, or a mesh of another program, .inp, .unv, .med, .vtu, .vtk or .bdf "
+            "(or any of these .gz), relative to the scene file",
+        ),
+    ]
     length_unit: Annotated[
         Literal["m", "dm", "cm", "mm", "um", "nm", "km", "in", "ft"] | None,
         Key(
@@ -111,7 +119,7 @@ class UserFile(Noun, Shape):
         for key in ("mesh_size", "contact_mesh_size"):
             value = getattr(self, key)
             require(value is None or value > 0, key, value, "must be positive, in metres")
-            require(value is None or kind != "msh", key, value, "a .msh file has its own mesh; remove the key")
+            require(value is None or kind != "msh", key, value, "a mesh file has its own mesh; remove the key")
         limit = self.time_limit
         require(limit is None or limit > 0, "time_limit", limit, "must be positive, in seconds")
         fine = self.contact_mesh_size
@@ -233,13 +241,17 @@ class UserFile(Noun, Shape):
     def shared(self, dim: int) -> Mapping[tuple[str, str], Array]:
         return {bodies: points[:, :dim] for bodies, points in self.outline(dim).shared.items()}
 
+    def overlaps(self, dim: int) -> Sequence[Overlap]:
+        """Bodies that lie in each other, the deepest ones first."""
+        return _overlaps(self._metres, self._key(dim))
+
     def outline(self, dim: int) -> Outline:
         """Names, box and sample points of the file, without a volume mesh; read once."""
         return _outline_in(self._metres, self._key(dim))
 
     def refined(self, factor: float) -> Self:
         size, fine = self.mesh_size, self.contact_mesh_size
-        own = "a .msh file has its own mesh" if self.own_mesh else "missing; name one, in metres"
+        own = "a mesh file has its own mesh" if self.own_mesh else "missing; name one, in metres"
         if size is None:
             raise SceneError(f"mesh_size: there is none to refine, {own}")
         return replace(self, mesh_size=factor * size, contact_mesh_size=None if fine is None else factor * fine)
@@ -251,7 +263,7 @@ class UserFile(Noun, Shape):
 
     def refuse_sizes(self, request: Request) -> None:
         if self.own_mesh and request.periodic:
-            raise SceneError("periodic: a .msh file has its own mesh, and cells that are cut would match no more")
+            raise SceneError("periodic: a mesh file has its own mesh, and cells that are cut would match no more")
 
     def put(self, gmsh: Gmsh, request: Request) -> float:
         unit = self.unit
@@ -279,15 +291,19 @@ class UserFile(Noun, Shape):
         if self.own_mesh and sizes is not None:
             mesh = cut_to_sizes(mesh, sizes)
         mesh.put(gmsh)
-        self._placed["bulging"] = mesh.bulging and mesh.bulging.times(unit)
+        self._placed["mesh"] = mesh
         return unit
 
     def bulging(self, gmsh: Gmsh, dim: int, unit: float) -> Bulging:
-        known = self._placed.pop("bulging")  # gmsh's model has the mesh alone, without the surfaces
-        return super().bulging(gmsh, dim, unit) if known is None else known
+        known = self._placed["mesh"].bulging  # gmsh's model has the mesh alone, without the surfaces
+        return super().bulging(gmsh, dim, unit) if known is None else known.times(unit)
+
+    def edges(self, gmsh: Gmsh, sides: Mapping[str, Sequence[int]], dim: int) -> Mapping[str, Ints]:
+        known = self._placed.pop("mesh").edges
+        return {side: known[side] for side in sides if side in known}
 
     @cached_property
-    def _placed(self) -> dict[str, Bulging | None]:
+    def _placed(self) -> dict[str, RawMesh]:
         return {}
 
     def question(self, dim: int, mesh: MeshOptions | None = None) -> Question:
@@ -335,6 +351,11 @@ def _outline(key: _Key) -> Outline:
 def _outline_in(metres: float, key: _Key) -> Outline:
     """The outline in a unit of this length."""
     return _outline(key).times(1 / metres, key.question.dim)
+
+
+@lru_cache(maxsize=8)
+def _overlaps(metres: float, key: _Key) -> Sequence[Overlap]:
+    return overlaps(_outline_in(metres, key), key.question.dim)
 
 
 @lru_cache(maxsize=8)

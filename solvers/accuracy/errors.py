@@ -181,13 +181,17 @@ def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> St
 
 
 def joined(
-    contacts: Sequence[ContactRows], steps: Sequence[StepResult], *found_later: Sequence[Errors]
+    contacts: Sequence[ContactRows],
+    steps: Sequence[StepResult],
+    *found_later: Sequence[Errors],
+    of_pairs: Sequence[Values | None] = (),
 ) -> tuple[Errors, ...]:
     """All errors of the numbers of each step.
 
     Args:
         contacts: of the run's mesh.
         found_later: those that are found at the end of a run, each for as many steps as they are known for.
+        of_pairs: see `KeptPairs`; they are added to those of the geometry.
     """
     found = []
     for k, step in enumerate(steps):
@@ -195,5 +199,14 @@ def joined(
         own = {key: step.errors.get(str(key), ErrorParts()) for key in quantities(step)}
         for errors in later:
             own = {key: parts.joined(errors.get(key, ErrorParts())) for key, parts in own.items()}
+        if of_pairs:
+            off = of_pairs[k]
+            own = {key: _with_pairs(parts, None if off is None else off[key]) for key, parts in own.items()}
         found.append(with_unresolved(contacts, step, own))
     return tuple(found)
+
+
+def _with_pairs(parts: ErrorParts, off: Value | None) -> ErrorParts:
+    """The errors of a number with that of the pairs, None: it is not known."""
+    known = None if off is None or parts.geometry is None else parts.geometry + off
+    return replace(parts, geometry=known)

@@ -113,14 +113,18 @@ def on_other_mesh(own: System, mesh: Shape, counters: Counters) -> Stepper:
     return Stepper(system, MethodChain(system))
 
 
-def sides_of(system: System) -> Mapping[str, Ints]:
-    """Facets (f, k) of all sides of a system's mesh by the numbers of all its nodes, on rank 0; collective."""
+def sides_of(system: System) -> tuple[Mapping[str, Ints], Mapping[str, Ints]]:
+    """Facets (f, k) of all sides of a system's mesh by the numbers of all its nodes, and edges of sides; collective.
+
+    Both are on rank 0 alone.
+    """
     mesh, nodes = system.mesh, system.nodes
     known = nodes_of(mesh, nodes)(nodes.input[: nodes.owned])
     sides = {name: gather_surface(mesh, system.space, nodes, name) for name in mesh.sides}
     if mesh.comm.rank:
-        return {}
-    return {name: np.searchsorted(known, side.input)[side.facets] for name, side in sides.items()}
+        return {}, {}
+    facets = {name: np.searchsorted(known, side.input)[side.facets] for name, side in sides.items()}
+    return facets, {name: np.searchsorted(known, rows) for name, rows in mesh.edges.items()}
 
 
 FACTOR = 2.0
@@ -178,11 +182,17 @@ class LowerOrderRun(OtherMeshRun):
 
     def _of_order_1(self) -> CornerMesh | None:
         """The cells of the run with their corners alone, on rank 0; collective."""
-        data, sides = self._data, sides_of(self._stepper.system)
+        data, (sides, edges) = self._data, sides_of(self._stepper.system)
         if self._stepper.system.mesh.comm.rank:
             return None
         return CornerMesh(
-            kind=data.shape, points=data.points, cells=data.cells, body=data.body, names=data.bodies, sides=sides
+            kind=data.shape,
+            points=data.points,
+            cells=data.cells,
+            body=data.body,
+            names=data.bodies,
+            sides=sides,
+            edges_of=edges,
         )
 
 

@@ -221,7 +221,7 @@ class NestedRun(OtherMeshRun):
     def _flat(self) -> FlatMesh | None:
         """The mesh of the run, on rank 0; collective."""
         system, data = self._stepper.system, self._data
-        sides = sides_of(system)
+        sides, edges = sides_of(system)
         if system.mesh.comm.rank:
             return None
         return FlatMesh(
@@ -231,6 +231,7 @@ class NestedRun(OtherMeshRun):
             body=data.body,
             names=data.bodies,
             sides=sides,
+            edges_of=edges,
             periodic=system.problem.request.periodic,
         )
 

@@ -126,18 +126,13 @@ def _crossings(slave: Surface, master: Surface, reach: float) -> _Points:
     u, v = (x[:, 1] - x[:, 0] for x in (one.points, other.points))
     apart, normals = other.points[:, 0] - one.points[:, 0], np.cross(u, v)
     size = np.linalg.norm(normals, axis=1)
-    lengths = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
     normals /= np.maximum(size, TINY)[:, None]
-    normals *= -np.sign(np.einsum("ed,ed->e", one.inward[:, 0], normals))[:, None]
+    normals *= np.where(np.einsum("ed,ed->e", one.inward[:, 0], normals) > 0, -1.0, 1.0)[:, None]
     signed = np.einsum("ed,ed->e", np.cross(u, v), normals)
-    s, t = (
-        np.divide(
-            np.einsum("ed,ed->e", np.cross(apart, x), normals), signed, out=np.full_like(size, np.inf), where=size > 0
-        )
-        for x in (v, u)
-    )
+    wide = size > np.sin(np.radians(BLUNT)) * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+    s, t = (np.einsum("ed,ed->e", np.cross(apart, x), normals) / np.where(wide, signed, 1.0) for x in (v, u))
     gap = np.einsum("ed,ed->e", apart, normals)
-    met = (size > np.sin(np.radians(BLUNT)) * lengths) & (np.abs(gap) <= reach)
+    met = wide & (np.abs(gap) <= reach)
     for x in (s, t):
         met &= (x >= -ROUNDING) & (x <= 1 + ROUNDING)
     for x, sign in ((one.inward, -1), (other.inward, 1)):
@@ -175,16 +170,37 @@ def _with_rows(coupling: Coupling, points: _Points) -> Coupling:
 
 
 def _once(coupling: Coupling) -> Coupling:
-    """Drop nodes at edges that press on the same face of the other side as a better one, see `with_edges`."""
-    surface, kept = coupling.surface, np.ones(len(coupling.weights), bool)
+    """Let faces that meet at an edge press once on what is one face of the other side, see `with_edges`.
+
+    Where that face is smooth, normals that differ by the angle of a crease are its own at two places. A node that is
+    left out has its part in the row of the better one if their faces hardly bend.
+    """
+    surface, n = coupling.surface, len(coupling.weights)
     rows = np.flatnonzero((surface.at_edge > 0) & (coupling.weights != 0))
     if not len(rows):
         return coupling
-    flat = np.einsum("nd,nd->n", surface.node_normals()[rows], coupling.normals[rows])
+    own, (crease, blunt) = surface.node_normals(), np.cos(np.radians([CREASE, BLUNT]))
+    smooth = np.ones(n, bool)
+    if coupling.master is not None:
+        smooth = abs(coupling.relative[:, n:]) @ coupling.master.at_edge == 0
+    flat = np.einsum("nd,nd->n", own[rows], coupling.normals[rows])
     rows = rows[np.lexsort((-flat.round(DIGITS), surface.nodes[rows]))]
-    ends = np.flatnonzero(np.diff(surface.nodes[rows], append=-1)) + 1
+    ends, better = np.flatnonzero(np.diff(surface.nodes[rows], append=-1)) + 1, np.arange(n)
     for group in np.split(rows, ends[:-1]):
-        alike = coupling.normals[group] @ coupling.normals[group].T > np.cos(np.radians(CREASE))
+        alike = coupling.normals[group] @ coupling.normals[group].T > np.where(smooth[group], crease, blunt)[:, None]
         for k in range(1, len(group)):
-            kept[group[k]] = not (kept[group[:k]] & alike[k, :k]).any()
-    return replace(coupling, weights=np.where(kept, coupling.weights, 0.0), carries=coupling.carries & kept)
+            same = np.flatnonzero(alike[k, :k] & (better[group[:k]] == group[:k]))
+            better[group[k]] = group[same[0]] if len(same) else group[k]
+    kept = better == np.arange(n)
+    part = kept | (np.einsum("nd,nd->n", own, own[better]) > crease)
+    share = sparse.csr_matrix((part * coupling.weights, (better, np.arange(n))), (n, n))
+    weights = np.asarray(share.sum(axis=1)).ravel()
+    each = np.where(kept & (weights != coupling.weights), 1 / np.where(weights > 0, weights, 1.0), 0.0)  # that changes
+    mean = sparse.diags(each) @ share + sparse.diags((each == 0).astype(float))
+    return replace(
+        coupling,
+        weights=weights,
+        relative=(mean @ coupling.relative).tocsr(),
+        gap=mean @ coupling.gap,
+        carries=coupling.carries & kept,
+    )

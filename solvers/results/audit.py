@@ -8,7 +8,7 @@ from the stored displacement; laws, gaps and supports are written a second time.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,7 @@ from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.results.closed_formulas import bound, gap, penetration, prescribed, pressure, remembered
+from stickslip.solvers.results.resultants import acting
 from stickslip.solvers.results.stored_fields import (
     MultiplierForces,
     Record,
@@ -55,6 +56,9 @@ class Audit:
     """
 
     equilibrium: float  # sum |nodal force out of balance| / sum |nodal force|
+    # largest |moment that a contact reports - that of its forces on the other side, where both sides are now|, less
+    # forces times slips and gaps, the square of the motion / (sum |nodal force| extent)
+    moment: float
     rounding: float  # how much of `equilibrium` the last digit of the stored displacement decides
     supports: float  # largest |displacement - prescribed| / largest |displacement|
     penetration: float  # max (u_n - g)_+ / u_top; with compliance, distance of p_n and u_n - g from the law
@@ -150,6 +154,7 @@ class Auditor:
         equilibrium, rounding = self._equilibrium(record, u, inner, scales)
         found = Audit(
             equilibrium=equilibrium,
+            moment=_largest([self._moment(place, record) for place in self.cone.places]),
             rounding=rounding,
             supports=self._supports(record, u),
             penetration=_largest([n[0] for n in normal]),
@@ -267,6 +272,28 @@ class Auditor:
             self._gap_digits(place, record) * _law_stiffness(place, record.p) for place in self.cone.places
         )
         return float(found), float((sum_of_sizes(last_digit) + of_laws) / scale)
+
+    def _moment(self, place: ContactBlock, record: Record) -> float:
+        """Moment of a contact that its other side does not feel, see `Audit` [-]."""
+        system, rows, told = self.system, place.rows, record.stored.moments.get(place.rows.name)
+        pair, moved = system.problem.pairs[rows.name], record.displacement[rows.input]
+        forces = rows.nodal_forces(record.p[place.normal], record.p[place.tangential].reshape(-1, place.components))
+        acts = acting(system, rows, forces, moved, record.searched, (record.time, record.driven))
+        pushed, size = acts.forces.any(axis=1), np.linalg.norm(acts.forces, axis=1)
+        given = rows.normal.ties or pair.contact.gap is not None  # not the gap between the sides as they are meshed
+        if told is None or system.mesh.axisymmetric or given or not pushed.any():
+            return 0.0
+        if pair.obstacle is None:
+            apart = rows.relative @ (rows.points + moved)
+        else:
+            obstacle, apart = system.problem.obstacles[pair.obstacle], np.zeros_like(acts.points)
+            x = (acts.points - system.obstacles.translation(pair.obstacle, record.time, record.driven))[pushed]
+            apart[pushed] = obstacle.signed_gap(x)[:, None] * obstacle.normals(x)
+        other = replace(acts, points=acts.points - apart).moment * (1 if pair.slave == pair.contact.surface else -1)
+        open_now = self._gap(rows, record)[1] - rows.node_motion(self._motion(rows, record))[0]
+        offset = rows.fields.offsets(record.time)[1] if rows.fields else 0.0
+        allowed = np.linalg.norm(rows.tangential_part(apart), axis=1) + np.abs(open_now) + np.abs(offset)
+        return max(float(np.linalg.norm(told - other) - size @ allowed), 0.0) / float(size.sum() * system.extent)
 
     def _gap_digits(self, place: ContactBlock, record: Record) -> float:
         """Size of the numbers whose last digit decides a gap [m]: coordinates along the normals, and motions.

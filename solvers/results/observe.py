@@ -20,6 +20,7 @@ from stickslip.solvers.effects import active
 from stickslip.solvers.effects.effect import Equilibrium
 from stickslip.solvers.parallel.gather import Gather, cells_of, nodes_of
 from stickslip.solvers.results.recovered_stress import RecoveredStress
+from stickslip.solvers.results.resultants import acting, moved_along
 from stickslip.solvers.results.step_result import (
     OPEN,
     SLIP,
@@ -206,6 +207,8 @@ class Observer:
         system, state = accepted.stepper.system, accepted.state
         contacts = {c.name: self._contact(i, c.at(state.time), accepted) for i, c in enumerate(system.contacts)}
         reactions = system.reactions(state.residual) if state.reactions is None else state.reactions
+        held = {**reactions, **system.ground.by_key(state.ground, system.mesh.dim)}
+        reactions = moved_along(system, state.u, held)
         return Numbers(
             contacts=contacts,
             obstacles=self._obstacles(state, contacts),
@@ -250,7 +253,7 @@ class Observer:
             value=partial(system.course.value, time=state.time),
             links={".".join(place): force for place, force in forces.items()},
             couplings={each.coupling.key: state.remote[own] for each, own in motions},
-            reactions={**reactions, **system.ground.by_key(state.ground, system.mesh.dim)},
+            reactions=reactions,
             strains={e.drive: (float(x), float(work)) for e, x, work in strained if isinstance(e.drive, Place)},
         )
         return {effect.name: effect.read(reached) for effect in reporting}
@@ -291,7 +294,8 @@ class Observer:
         state = accepted.state
         stepper = accepted.stepper
         p_n, t = (parts[index] for parts in stepper.split(state.p))
-        u_n = c.node_motion(stepper.system.interface.displacement(state.u)[index] - state.motion[c.name])[0]
+        displaced = stepper.system.interface.displacement(state.u)[index]
+        u_n = c.node_motion(displaced - state.motion[c.name])[0]
         if state.surplus_motion is not None:
             u_n = u_n + np.einsum("nd,nd->n", c.frames[:, 0], state.surplus_motion[c.name])
         pressure, multiplier, gap = c.node_pressure(p_n), c.node_traction(t), c.node_gap - u_n
@@ -304,9 +308,18 @@ class Observer:
         weight, pair = c.node_weights, stepper.system.problem.pairs[c.name]
         own = np.arange(len(c.points)) < len(c.surface.points)
         on = own if pair.slave == pair.contact.surface else ~own  # nodes of the side that the scene calls the surface
+<<<<<<< HEAD
         x, forces = c.points[on], -state.forces[c.name][on]
         resultant, tangential = forces.sum(axis=0), self._tangential(index, c, accepted)
         moment = np.atleast_1d(cross(x, forces).sum(axis=0))
+=======
+        forces = -state.forces[c.name][on]
+        between = (state.forces[c.name] - c.nodal_forces(p_n, t))[own]  # the friction of a state with bubbles
+        resultant, tangential = forces.sum(axis=0), (weight[:, None] * multiplier + between).sum(axis=0)
+        here = state.time, state.driven
+        acts = acting(stepper.system, c, state.forces[c.name], displaced, state.searched, here)
+        moment = acts.moment if pair.slave == pair.contact.surface else -acts.moment
+>>>>>>> main
         if c.surface.axisymmetric:  # over the full circle the radial parts balance
             resultant, moment = resultant * [0, 1], 0 * moment
         return ContactState(
@@ -343,7 +356,7 @@ class Observer:
             touching = [contacts[pair.name] for pair in system.problem.pairs.values() if pair.obstacle == name]
             force = sum((c.force for c in touching), np.zeros(system.mesh.dim))
             moment = sum((c.moment for c in touching), np.zeros(1 if system.mesh.dim == 2 else 3))
-            axis_point = np.array(obstacle.rotation.point) if obstacle.rotation else np.zeros(system.mesh.dim)
+            axis_point = np.array(obstacle.rotation.point) + moved if obstacle.rotation else np.zeros(system.mesh.dim)
             found[name] = ObstacleState(displacement=moved, force=force, moment=moment - cross(axis_point, force))
         return found
 

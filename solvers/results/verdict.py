@@ -12,6 +12,7 @@ ITERATE, UNITS = "try a smaller solver.tolerance or another solver.method", "che
 DEFECT = "no setting of the scene decides that: it is a defect of the program or of the files; please report it"
 HINTS: Mapping[str, str] = {  # what to do about each number of the audit
     "equilibrium": f"{ITERATE}, and {UNITS}",
+    "moment": DEFECT,
     "rounding": f"the last digit of the displacements decides the forces; {UNITS}, or keep bodies from moving far",
     "supports": DEFECT,
     "penetration": ITERATE,
@@ -38,6 +39,7 @@ def limits(tolerance: float, law_error: float = 0.0, rounding: float = 0.0) -> A
         # out of balance; the ready scenes stay below 2e-9
         # rounding of the displacement, beyond which stresses and forces are noise: the solver's own comes on top
         equilibrium=max(CLOSE, iterated, 10 * min(rounding, SLIGHT)),
+        moment=SLIGHT,  # facets beside curved sides
         rounding=SLIGHT,
         # what no iteration decides: supports, and fields that follow from displacement and tractions
         supports=ROUNDING,

@@ -52,7 +52,10 @@ def planned(scene: Scene) -> Problem:
     if problem.unheld:
         faint = [name for name, pair in problem.pairs.items() if is_faint(problem, pair)]
         but = f" (contacts.{faint[0]}.friction.k_T is too soft beside the bodies)" if faint else ""
-        raise SceneError(f"supports: nothing resists the {problem.unheld}{but}; add a support, a contact or friction")
+        inside = "".join(f"; {line.removeprefix('geometry.file: ')}" for line in _overlapping(problem))
+        raise SceneError(
+            f"supports: nothing resists the {problem.unheld}{but}; add a support, a contact or friction{inside}"
+        )
     for effect in active(problem):
         if effect.other_stiffness(problem) and problem.rigid_modes.shape[1]:
             raise SceneError(f"{effect.name}: needs bodies that their supports hold; add a support")
@@ -63,7 +66,7 @@ def planned(scene: Scene) -> Problem:
 
 def warnings(scene: Scene) -> tuple[str, ...]:
     """Warnings (one line each) about a scene that can be solved, but only with a large error or at a risk."""
-    found = (_uncontained, _of_another_unit, _cut, _locking, _weakening)
+    found = (_uncontained, _of_another_unit, _overlapping, _cut, _locking, _weakening)
     setup = set_up(scene)
     return tuple(line for lines in found for line in lines(setup))
 
@@ -87,6 +90,23 @@ def _of_another_unit(setup: Setup) -> tuple[str, ...]:
         f"geometry.file: gmsh gives coordinates of STEP files in {shape.other_unit}; {shape.as_read(setup.dim)}: "
         f'write length_unit = "{shape.other_unit}", or "{setup.labels.length}" if that is meant',
     )
+
+
+def _overlapping(setup: Setup) -> Iterator[str]:
+    """Bodies that lie in each other, but for those that the gap of a contact puts apart."""
+    between = {
+        frozenset(side.split(".")[0] for side in (pair.slave, pair.master)): pair.contact
+        for pair in setup.pairs.values()
+        if pair.master is not None
+    }
+    for overlap in setup.shape.overlaps(setup.dim) if isinstance(setup.shape, UserFile) else ():
+        contact, said = between.get(frozenset(overlap.bodies)), overlap.said(setup.labels.length)
+        if contact is None:
+            yield f"geometry.file: {said}; no contact pushes them apart"
+        elif contact.gap is None:
+            yield f"geometry.file: {said}; contact pushes them apart"
+        elif contact.gap < 0:
+            yield f"geometry.file: {said}, of which the gap of their contact leaves {-contact.gap:.3g}"
 
 
 def _cut(setup: Setup) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.accuracy.errors import joined, with_errors
+from stickslip.solvers.accuracy.kept_pairs import KeptPairs
 from stickslip.solvers.accuracy.lower_order import LowerOrderRun
 from stickslip.solvers.accuracy.nested_run import NestedRun
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
@@ -172,13 +173,16 @@ class Simulation:
     def errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
     ) -> tuple[Errors, ...]:
-        """Errors of every number by their parts, see `time_step_errors` and `mesh_errors`; collective.
+        """Errors of every number by their parts, see `time_step_errors`, `mesh_errors` and `KeptPairs`; collective.
 
         Returns:
             For each step its numbers' errors; a part that is not known is None.
         """
         of_time = self.time_step_errors(steps, on_iteration)
-        return joined(self.system.contacts, steps, of_time, self.mesh_errors(steps, on_iteration))
+        of_mesh = self.mesh_errors(steps, on_iteration)
+        with self.clock.phase("error", "pairs"):
+            of_pairs = KeptPairs(self.stepper, on_iteration)(steps)
+        return joined(self.system.contacts, steps, of_time, of_mesh, of_pairs=of_pairs)
 
     def time_step_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None

@@ -11,13 +11,13 @@ from petsc4py import PETSc
 from scipy.linalg import block_diag
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Sparse, UflExpr, UflForm, Vec
 from stickslip.geometry.surfaces.faces import split_at_edges
-from stickslip.geometry.surfaces.surface import Surface, gather_surface
+from stickslip.geometry.surfaces.surface import Surface, gather_surface, own_nodes
 from stickslip.solvers.contact.pairing import pair_up
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
@@ -25,7 +25,7 @@ from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.mean_dilatation import MeanDilatation
 from stickslip.solvers.fem.rigid_modes import RigidModes
-from stickslip.solvers.fem.springs import GroundSprings, Links
+from stickslip.solvers.fem.springs import GroundSprings, Links, vertex_at
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.fem.terms import InitialStrain
 from stickslip.solvers.parallel.counters import Counters
@@ -176,6 +176,21 @@ class System:
         return self.constraints.reactions(residual.array_r.reshape(-1, self.mesh.dim))
 
     @cached_property
+    def held_places(self) -> dict[str, tuple[Ints, Array]]:
+        """Own local nodes (n,) that supports and springs to the ground hold, and their weights, by name; collective."""
+        held = {name: each.boundary or np.array(each.point) for name, each in self.problem.supports.items()}
+        sprung = {each.key: each.boundary for each in self.problem.springs}
+        return {key: self._held_at(key, place) for key, place in (held | sprung).items()}
+
+    def _held_at(self, key: str, place: str | Array) -> tuple[Ints, Array]:
+        if isinstance(place, str):
+            side = own_nodes(self.mesh, self.space, self.nodes, place)
+            return side.local, side.weights
+        found = vertex_at(self.mesh, self.nodes, place, key)[0] - self.nodes.offset
+        found = found[(found >= 0) & (found < self.nodes.owned)]
+        return found, np.ones(len(found))
+
+    @cached_property
     def box(self) -> Array:
         """Lower and upper corner of the bodies' bounding box (2, d) [m]."""
         return self.mesh.box()
@@ -190,8 +205,9 @@ def contact_rows(
     problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes, constraints: Constraints
 ) -> tuple[ContactRows, ...]:
     """Rows of all contacts of the problem, their surfaces gathered on every rank; collective."""
-    sides = {s: split_at_edges(gather_surface(mesh, space, nodes, s)) for s in problem.request.contact_sides}
-    return pair_up(problem, sides, constraints, {})
+    sides = {name: gather_surface(mesh, space, nodes, name) for name in problem.request.contact_sides}
+    faces = {name: split_at_edges(side, mesh.edges.get(name)) for name, side in sides.items()}
+    return pair_up(problem, faces, constraints, {})
 
 
 def displacement_space(mesh: Mesh) -> FunctionSpace:
@@ -326,13 +342,13 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
 
 def contact_sides(system: System) -> Iterator[tuple[str, Surface, Sparse]]:
     """Name, surface, and the sparse matrix (n d, c) from contact dofs to the displacement of the side's nodes."""
-    seen = set[str]()
+    seen = set[tuple[str, bytes]]()  # contacts may have different parts of a side
     for rows in system.contacts:
         pair, trace, first = system.problem.pairs[rows.name], system.interface.trace(rows), 0
         for name, side in ((pair.slave, rows.surface), (pair.master, rows.master)):
             if side is not None and name is not None:
-                last = first + side.dim * len(side.nodes)
-                if name not in seen:
+                last, key = first + side.dim * len(side.nodes), (name, side.nodes.tobytes())
+                if key not in seen:
                     yield name, side, trace[first:last]
-                seen.add(name)
+                seen.add(key)
                 first = last

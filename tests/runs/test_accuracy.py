@@ -119,7 +119,7 @@ def test_the_cells_of_a_mesh_of_ones_own_are_cut(cells: str, stickslip: Sticksli
     code, said = stickslip(str(tmp_path / "mine.toml"), *words)
     if cells == "tensor":
         assert code == 3
-        assert "of base.normal_force; geometry.mesh_size: there is none to refine, a .msh file has its own mesh" in said
+        assert "of base.normal_force; geometry.mesh_size: there is none to refine, a mesh file has its own mesh" in said
         return
     assert code == 0, said
     assert "mine.msh: its cells are cut; curved sides stay the facets that they are" in said

@@ -19,7 +19,8 @@ def solved(scene: Scene) -> tuple[Simulation, list[StepResult]]:
 def stored_by(step: StepResult) -> StoredFields:
     """The fields for readers."""
     contacts = {name: vars(contact) for name, contact in step.contacts.items()}
-    return StoredFields(stress=step.stress, von_mises=step.von_mises, contacts=contacts)
+    moments = {name: contact.moment for name, contact in step.contacts.items()}
+    return StoredFields(stress=step.stress, von_mises=step.von_mises, contacts=contacts, moments=moments)
 
 
 def audit(simulation: Simulation, step: StepResult) -> dict[str, float]:

@@ -125,7 +125,7 @@ def test_the_case_has_everything_that_can_go_wrong(case: Case) -> None:
 def test_an_accepted_step_is_clean(case: Case) -> None:
     found = case.defects(case.record)
     laws = {"penetration", "negative_pressure", "cone", "complementarity", "dissipation"}
-    assert set(found) == {"equilibrium", "rounding", "supports", "fields"} | laws
+    assert set(found) == {"equilibrium", "moment", "rounding", "supports", "fields"} | laws
     assert max(found.values()) < CLEAN
     assert found["equilibrium"] < 1e-12  # rounding
     assert case.broken(case.with_p(case.record.p)) == set()  # the compensation itself is clean

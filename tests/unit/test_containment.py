@@ -415,10 +415,8 @@ def test_time_limit_ends_also_what_prints_without_end(tmp_path: Path) -> None:
         error = why(tmp_path / "b.py", f"import os\nwhile True:\n    {loop}\n", time_limit=1.0)
         assert "gmsh does not finish reading it within 1 s; try a longer geometry.time_limit" in str(error)
     error = why(tmp_path / "b.geo", FINE, mesh=MESH, time_limit=1.0)
-    assert (
-        "gmsh does not finish meshing it within 1 s and is at face 1 (Plane); try a larger mesh_size or a longer"
-        in str(error)
-    )
+    said = r"gmsh does not finish meshing it within 1 s( and is at [^;]+)?; try a larger mesh_size or a longer"
+    assert re.search(said, str(error))
 
 
 FULL = """

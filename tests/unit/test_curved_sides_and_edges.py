@@ -488,7 +488,7 @@ def test_both_sides_feel_it_in_balance() -> None:
     contact, floor, top = (last.corrected[str(Quantity(*name, "moment"))][2] for name in names)
     moment = last.contacts["base"].moment[2]
     assert abs(contact - moment) > 1e-3 * abs(moment)
-    assert_allclose(contact, floor, rtol=1e-6)
+    assert_allclose(contact, floor, rtol=1e-4)  # the top turns by 1e-4: to the square of the motion
     assert_allclose(top, -floor, rtol=0.01)
 
 

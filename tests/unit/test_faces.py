@@ -10,6 +10,8 @@ from numpy.testing import assert_allclose
 
 from shared.audited import audit, solved
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.curved_facets import find_edges
+from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.surfaces.faces import edges_of, split_at_edges
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.results.step_result import StepResult
@@ -315,3 +317,202 @@ def test_edges_that_cross_press_along_both_their_normals(tmp_path: Path, turn: f
         assert_allclose(np.abs(contact.moment), [abs(arm) * size, 0.0, 0.0], atol=1e-9 * size)
         forces.append(size)
     assert_allclose(forces, forces[0], rtol=1e-9)
+
+
+def built_in(geo: Any) -> list[int]:
+    """A roof, 8 degrees steep on its right, then a quarter of a circle; then down."""
+    x = [(0, 0), (1, 0), (2, 1 * np.tan(np.radians(8))), (3, np.tan(np.radians(8)))]
+    points = [geo.addPoint(*at, 0) for at in (*x, (3, 1 + x[2][1]), (4, 1 + x[2][1]))]
+    return [
+        geo.addLine(*points[:2]),
+        geo.addLine(*points[1:3]),
+        geo.addLine(*points[2:4]),
+        geo.addCircleArc(points[3], points[4], points[5]),
+    ]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("kernel", ["geo", "occ"])
+def test_a_model_tells_where_its_curves_bend(kernel: str, order: int) -> None:
+    with gmsh_session() as gmsh:
+        kind = getattr(gmsh.model, kernel)
+        tags = built_in(kind)
+        kind.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 1.0)
+        gmsh.model.mesh.generate(1)
+        gmsh.model.mesh.setOrder(order)
+        found = find_edges(gmsh, 2, {"a": tags, "smooth": tags[2:], "one": tags[:1]})
+    assert found["a"].ravel().tolist() == [1, 2]  # the two bends by 8 degrees; the arc goes on smoothly
+    assert not len(found["smooth"])
+    assert not len(found["one"])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_rounded_edge_of_a_solid_is_none(order: int) -> None:
+    with gmsh_session() as gmsh:
+        occ = gmsh.model.occ
+        box = occ.addBox(0, 0, 0, 1, 1, 1)
+        occ.synchronize()
+        upright = [t for _, t in gmsh.model.getEntitiesInBoundingBox(-0.1, -0.1, -0.1, 0.1, 0.1, 1.1, 1)]
+        occ.fillet([box], upright, [0.3])
+        occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(order)
+        faces = {tuple(np.round(occ.getCenterOfMass(2, t), 2)): t for _, t in gmsh.model.getEntities(2)}
+        flanks = [t for x, t in faces.items() if x[2] == 0.5]
+        low = [t for x, t in faces.items() if x[2] == 0.0]
+        found = find_edges(
+            gmsh,
+            3,
+            {
+                "flanks": flanks,
+                "rounded": [t for t in flanks if gmsh.model.getType(2, t) != "Plane"]
+                + [t for x, t in faces.items() if x in ((0.0, 0.65, 0.5), (0.65, 0.0, 0.5))],
+                "low": flanks + low,
+            },
+        )
+        x = np.reshape(gmsh.model.mesh.getNodes()[1], (-1, 3))[np.argsort(gmsh.model.mesh.getNodes()[0])]
+    assert len(flanks) == 5
+    assert not len(found["rounded"])
+    uprights = x[found["flanks"]].mean(axis=1)[:, :2]
+    assert {tuple(at) for at in uprights.round(6)} == {(0.0, 1.0), (1.0, 0.0), (1.0, 1.0)}
+    around = found["low"][np.abs(x[found["low"]][:, :, 2]).max(axis=1) < 1e-9]
+    assert_allclose(np.linalg.norm(x[around[:, 1]] - x[around[:, 0]], axis=1).sum(), 3.4 + 0.15 * np.pi, rtol=0.02)
+
+
+def test_named_points_are_the_edges_of_a_mesh_without_a_model() -> None:
+    with gmsh_session() as gmsh:
+        for tag in (1, 2):
+            gmsh.model.addDiscreteEntity(2 - tag, tag)
+        x = np.array([[0, 0, 0], [1, 0, 0], [2, 1, 0], [3, 2, 0]], float)
+        gmsh.model.mesh.addNodes(1, 1, [1, 2, 3, 4], x.ravel())
+        gmsh.model.mesh.addElementsByType(1, 1, [], [1, 2, 2, 3, 3, 4])
+        assert find_edges(gmsh, 2, {"a": [1]}) == {}
+        gmsh.model.mesh.addElementsByType(2, 15, [], [3])
+        gmsh.model.setPhysicalName(0, gmsh.model.addPhysicalGroup(0, [2]), "tip")
+        assert find_edges(gmsh, 2, {"a": [1]})["a"].tolist() == [[2]]
+
+
+def test_known_edges_are_all_there_are() -> None:
+    square = chain(turned(np.array([90.0, 90.0])))
+    assert edges(square) == 2
+    assert len(split_at_edges(square, np.array([[2]])).nodes) == 5
+    assert split_at_edges(square, np.zeros((0, 1), np.int64)) is square
+
+
+POCKET = """
+SetFactory("OpenCASCADE");
+DefineConstant[slant=0];
+Point(1)={0,0,0}; Point(2)={6,0,0}; Point(3)={6,4,0}; Point(4)={4.5-slant,4,0};
+Point(5)={4.5+slant,2,0}; Point(6)={1.5-slant,2,0}; Point(7)={1.5+slant,4,0}; Point(8)={0,4,0};
+Line(1)={1,2}; Line(2)={2,3}; Line(3)={3,4}; Line(4)={4,5}; Line(5)={5,6}; Line(6)={6,7}; Line(7)={7,8}; Line(8)={8,1};
+Curve Loop(1)={1,2,3,4,5,6,7,8}; Plane Surface(1)={1};
+Point(14)={4.5-slant,4,0}; Point(15)={4.5+slant,2,0}; Point(16)={1.5-slant,2,0}; Point(17)={1.5+slant,4,0};
+Line(14)={14,15}; Line(15)={15,16}; Line(16)={16,17}; Line(17)={17,14};
+Curve Loop(2)={14,15,16,17}; Plane Surface(2)={2};
+MeshSize{1:8}=.5; MeshSize{14:17}=.31;
+Physical Surface("pan")={1}; Physical Surface("plug")={2};
+Physical Curve("pan.skin")={4,5,6}; Physical Curve("pan.bottom")={1}; Physical Curve("pan.left")={8};
+Physical Curve("pan.right")={2}; Physical Curve("pan.rim")={3,7};
+Physical Curve("plug.skin")={14,15,16}; Physical Curve("plug.top")={17};
+"""
+
+TRAY = """
+def build(model, parameters):
+    occ = model.occ
+    (pan,), _ = occ.cut([(3, occ.addBox(0, 0, 0, 4, 4, 3))], [(3, occ.addBox(1, 1, 1, 2, 2, 2))])
+    plug = 3, occ.addBox(1, 1, 1, 2, 2, 2)
+    occ.synchronize()
+    for name, body in (("pan", pan), ("plug", plug)):
+        model.setPhysicalName(3, model.addPhysicalGroup(3, [body[1]]), name)
+        sides = {}
+        for _, tag in model.getBoundary([body], oriented=False):
+            x, y, z = occ.getCenterOfMass(2, tag)
+            outer = {"bottom": z < 0.1, "left": x < 0.1, "front": y < 0.1, "right": max(x, y) > 3.9, "rim": z > 2.9}
+            sides.setdefault(next((side for side, on in outer.items() if on), "skin"), []).append(tag)
+        for side, tags in sides.items():
+            model.setPhysicalName(2, model.addPhysicalGroup(2, tags), f"{name}.{side}")
+    model.mesh.setSize(model.getEntities(0), 1.0)
+    model.mesh.setSize(model.getBoundary([plug], recursive=True), 0.7)
+"""
+
+
+@pytest.mark.parametrize("law", [{}, {"friction": {"law": "coulomb", "mu": 0.3}}, {"normal": {"law": "tied"}}])
+@pytest.mark.parametrize("sides", [("plug", "pan"), ("pan", "plug")])
+@pytest.mark.parametrize(("dim", "order", "slant"), [(2, 1, 0.0), (2, 1, -0.4), (2, 2, 0.6), (3, 1, 0.0)])
+def test_a_uniform_stress_goes_over_the_corners_of_a_pocket(
+    tmp_path: Path, dim: int, order: int, slant: float, sides: tuple[str, str], law: dict[str, Any]
+) -> None:
+    file = tmp_path / ("pocket.geo" if dim == 2 else "tray.py")
+    file.write_text(POCKET if dim == 2 else TRAY)
+    outer = ["left", *(["front"] if dim == 3 else []), "bottom"]
+    parameters = {"slant": slant} if dim == 2 else {}
+    scene = {
+        "model": "plane strain" if dim == 2 else "3d",
+        "units": "mm-N-MPa",
+        "geometry": {"file": file.name, "order": order} | parameters,
+        "bodies": {"pan": STEEL, "plug": STEEL},
+        "contacts": {"c": {"surface": f"{sides[0]}.skin", "against": f"{sides[1]}.skin", "search_distance": 0.5} | law},
+        "supports": {
+            side: {"boundary": f"pan.{side}", "displacement": {axis: 0.0}}
+            for side, axis in zip(outer, "xyz"[:dim], strict=True)
+        },
+        "loads": {
+            side.replace(".", "_"): {"boundary": side, "pressure": 100.0}
+            for side in ("pan.right", "pan.rim", "plug.top" if dim == 2 else "plug.rim")
+        },
+        "solver": {"tolerance": 1e-11},
+    }
+    simulation, (step,) = solved(from_dict(scene, tmp_path))
+    assert_allclose(
+        step.stress[:, :dim, :dim], np.broadcast_to(-100 * np.eye(dim), (len(step.stress), dim, dim)), atol=1e-6
+    )
+    contact = step.contacts["c"]
+    assert_allclose(contact.pressure, 100.0, rtol=1e-8)
+    assert_allclose(contact.traction, 0.0, atol=1e-6)
+    # at a corner both faces press, and friction acts in what freedom that leaves
+    dropped = simulation.system.contacts[0].dropped
+    assert dropped > 0 if law else dropped == 0
+
+
+@pytest.mark.parametrize("against", ["slab.skin", "floor"])
+def test_a_named_point_of_a_smooth_side_changes_nothing(tmp_path: Path, against: str) -> None:
+    found = []
+    for named in (False, True):
+        with gmsh_session() as gmsh:
+            occ = gmsh.model.occ
+            for y, height in ((0, 2), (2, 3)):
+                occ.addRectangle(-4 if y == 0 else -2, y, 0, 8 if y == 0 else 4, height)
+            occ.synchronize()
+            groups = ((2, 1, "slab"), (2, 2, "block"), (1, 1, "slab.bottom"), (1, 3, "slab.skin"), (1, 5, "block.skin"))
+            for dim, tag, name in (*groups, (1, 7, "block.top")):
+                gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, [tag]), name)
+            gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+            gmsh.model.mesh.generate(2)
+            if named:
+                nodes, x, _ = gmsh.model.mesh.getNodes(1, 5)
+                at = nodes[np.argmin(np.abs(np.reshape(x, (-1, 3))[:, 0] - 0.5))]
+                gmsh.model.addDiscreteEntity(0, 99)
+                gmsh.model.mesh.addElementsByType(99, 15, [], [at])
+                gmsh.model.setPhysicalName(0, gmsh.model.addPhysicalGroup(0, [99]), "mark")
+            gmsh.write(str(tmp_path / "marked.msh"))
+        scene: dict[str, Any] = {
+            "model": "plane strain",
+            "geometry": {"file": "marked.msh"},
+            "bodies": {"slab": STEEL, "block": STEEL},
+            "contacts": {"c": {"surface": "block.skin", "against": against}},
+            "supports": {
+                "slab": {"boundary": "slab.bottom", "displacement": [0.0, 0.0]},
+                "block": {"boundary": "block.top", "displacement": [0.0, -0.001]},
+            },
+        }
+        if against == "floor":
+            scene["obstacles"] = {"floor": {"shape": "plane", "point": [0.0, 2.0], "normal": [0.0, 1.0]}}
+        simulation, (step,) = solved(from_dict(scene, tmp_path))
+        assert max(audit(simulation, step).values()) < 1e-8
+        found.append(step.contacts["c"])
+        assert (simulation.system.contacts[0].surface.faces is not None) == named
+    assert_allclose(found[1].normal_force, found[0].normal_force, rtol=1e-10)
+    assert_allclose(found[1].max_pressure, found[0].max_pressure, rtol=1e-10)
+    assert_allclose(found[1].contact_area, found[0].contact_area, rtol=1e-10)

@@ -74,7 +74,7 @@ def areas(mesh: FlatMesh) -> Array:
 @pytest.mark.parametrize("marked", [[0], [1, 2], [0, 3]])
 def test_cut_cells_are_conforming_and_fill_the_same_bodies(kind: str, marked: list[int]) -> None:
     mesh = grid(kind)
-    edges = mesh.edges()[0]
+    edges = mesh.lines()[0]
     shared = edges[(edges[:, :2] == [2, 7]).all(axis=1)][0, 2]
     mesh.points[shared] += 0.1, 0.05  # curved: each body has its area only if the new nodes lie on this very curve
     once = mesh.cut(np.isin(np.arange(len(mesh.cells)), marked))
@@ -82,7 +82,7 @@ def test_cut_cells_are_conforming_and_fill_the_same_bodies(kind: str, marked: li
     for finer in (once, twice):
         assert len(finer.cells) > len(mesh.cells)
         assert_allclose(areas(finer), areas(mesh), rtol=1e-14)
-        found, of_cells = finer.edges()
+        found, of_cells = finer.lines()
         assert len(np.unique(found[:, :2], axis=0)) == len(found)
         assert set(np.bincount(of_cells.ravel())) == {1, 2}
         assert set(np.unique(finer.cells)) == set(range(len(finer.points)))

@@ -279,11 +279,13 @@ def test_what_springs_exert_is_in_balance(model: str, order: int) -> None:
     size = top.normal_force
     assert_allclose(bed.force + top.force + push, 0.0, atol=1e-7 * size)
     turned = -push[0] / 2 if model == "plane strain" else push[0] * np.array([0.0, 0.5, -0.5]) if model == "3d" else 0.0
-    assert_allclose(bed.moment + top.moment + turned, 0.0, atol=1e-7 * size)
+    motion = float(np.abs(last.displacement).max())  # moments are in balance to its square
+    assert_allclose(bed.moment + top.moment + turned, 0.0, atol=motion * (size + abs(push[0])))
     if order == 1:
         for key, loads, most in (("force", push, 1e-3), ("moment", turned, 2e-3)):
             names = (str(Quantity(*of, key)) for of in (("elastic_support", "bed"), ("contacts", "top")))
-            assert_allclose(sum(np.asarray(last.corrected[name]) for name in names) + loads, 0.0, atol=most * size)
+            left = sum(np.asarray(last.corrected[name]) for name in names) + loads
+            assert_allclose(left, 0.0, atol=most * size + (key == "moment") * motion * (size + abs(push[0])))
 
 
 def test_its_error_is_stated() -> None:
@@ -354,9 +356,9 @@ def test_a_support_may_share_nodes_with_a_rigid_side() -> None:
     assert_allclose(point.displacement[0], FX * LENGTH / MODULUS, rtol=1e-8)
     assert_allclose(step.supports["base"].force[1], -FY, rtol=1e-8)
     assert_allclose(step.supports["left"].force[0], -FX, rtol=1e-8)
-    assert_allclose(
-        step.supports["left"].moment + step.supports["base"].moment, -FY * (LENGTH + ARM) + FX * 0.5, rtol=1e-8
-    )
+    moment = step.supports["left"].moment + step.supports["base"].moment  # where points are now: to the square of it
+    motion = float(np.abs(step.displacement).max())
+    assert_allclose(moment, -FY * (LENGTH + ARM) + FX * 0.5, atol=2 * motion * (abs(FX) + abs(FY)))
 
 
 @pytest.mark.parametrize(

@@ -409,7 +409,7 @@ def test_a_run_goes_on_and_tells_of_the_file_that_it_meshed(becomes: str | None,
         ("b.geo", {"names": {"blok.left": ["edge 4"]}}, "no such body; did you mean block?"),
         ("b.geo", {"names": {"block.left": ["edge 1"]}}, "edge 1 is in two sides, block.bottom and block.left"),
         ("b.geo", {"names": {"block.top": ["edge 4"]}}, "has a side of this name already"),
-        ("b.msh", {"mesh_size": 0.1}, r"geometry\.mesh_size = 0\.1: a \.msh file has its own mesh"),
+        ("b.msh", {"mesh_size": 0.1}, r"geometry\.mesh_size = 0\.1: a mesh file has its own mesh"),
         ("b.msh", {"mesh_sise": 0.1}, r"geometry\.mesh_sise: unknown key; did you mean mesh_size\?"),
     ],
 )  # fmt: skip

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.errors import FolderError, SceneError
-from stickslip.geometry.user_files.open_file import apart, kind_of
+from stickslip.geometry.user_files.open_file import KINDS, apart, kind_of
 from stickslip.geometry.user_files.parts import FACET_WORD
 from stickslip.geometry.user_files.touching import joined
 from stickslip.geometry.user_files.user_file import UserFile
@@ -86,6 +86,8 @@ def _list(source: str, unit: str | None, units: str | None, within: float | None
     for (one, other), faces in joined(found.outline).items():
         at = f"{word} {', '.join(map(str, faces))}"
         out.print(f"{one} and {other} are joined at {at}: no contact can open there unless you {apart(found.path)}")
+    for overlap in found.geometry.overlaps(found.dim):
+        out.print(overlap.said(found.units.length), soft_wrap=True)
     words = ("pair", "kind", "side", f"{word}s", "against", f"{word}s")
     sizes = map(found.units.label, ("area [m²]" if found.dim == 3 else "length [m]", "gap [m]", "overlap [m]"))
     table = table_of((*words, *sizes, "proposed"), (), (*words, "proposed"))
@@ -134,7 +136,7 @@ def _draw(found: proposal.Assembly, folder: Path) -> None:
 
 def _write(path: Path, unit: str | None, units: str | None, within: float | None, target: Path) -> None:
     if kind_of(path) is None:
-        raise SceneError(f"--from {path}: expected a geometry file: .step, .stp, .brep, .geo, .msh or .py")
+        raise SceneError(f"--from {path}: expected a geometry file: one of {', '.join(KINDS)}")
     refuse_name(target)
     if target.exists():
         raise SceneError(f"{target}: exists already; choose another name")
@@ -143,6 +145,8 @@ def _write(path: Path, unit: str | None, units: str | None, within: float | None
     write_new(target, text)
     out = console(160)
     out.print(f"wrote {target}: {len(found.outline.bodies)} bodies, {len(found.pairs)} contacts")
+    for overlap in found.geometry.overlaps(found.dim):
+        out.print(f"warning: {overlap.said(found.units.length)}", soft_wrap=True)
     out.print(f"change what holds and loads it, then solve it with: stickslip run {target}", soft_wrap=True)
 
 

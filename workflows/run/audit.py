@@ -39,7 +39,7 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
     comm, auditor = simulation.mesh.comm, Auditor(simulation.problem, simulation.mesh)
     audits, before = list[Audit | None](), None
     for index, step in enumerate(steps, start=1):
-        record = from_rank_0(comm, partial(_record, folder, index, simulation.mesh.dim))
+        record = from_rank_0(comm, partial(_record, folder, index, simulation.mesh.dim, step))
         audits.append(None if record is None else auditor(record, before if step.substeps == 1 else None))
         before = record
     simulation.counters.forms += auditor.start.counters.forms
@@ -54,12 +54,13 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
     return Audited(audits=tuple(audits), shared=auditor.shared, passed=tuple(over))
 
 
-def _record(folder: Path, index: int, dim: int) -> Record | None:
-    """Read a step's file; None if it is a light one."""
+def _record(folder: Path, index: int, dim: int, step: StepResult) -> Record | None:
+    """Read a step's file, and the moments that are reported; None if it is a light one."""
     path = folder / step_name(index)
     if (folder / light_name(index)).exists() and not path.exists():
         return None
     stored = read_step(path)
     contacts = {name: vars(contact) for name, contact in stored.contacts.items()}
-    fields = StoredFields(stress=stored.stress, von_mises=stored.von_mises, contacts=contacts)
+    moments = {name: contact.moment for name, contact in step.contacts.items()}
+    fields = StoredFields(stress=stored.stress, von_mises=stored.von_mises, contacts=contacts, moments=moments)
     return replace(Record.of(stored), displacement=stored.displacement[:, :dim], stored=fields)

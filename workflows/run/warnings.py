@@ -11,6 +11,7 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, inverse_and_determinant
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.errors import elements_touched, unresolved
+from stickslip.solvers.accuracy.kept_pairs import facet_length, moved_on_obstacle
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.step_result import OPEN, ContactState, Errors, MeshData, Quantity, StepResult
 from stickslip.solvers.scene.contact import table_of
@@ -258,7 +259,7 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
     """A slip beyond a facet of the master; on an obstacle one that leaves its surface. A plane is alike everywhere."""
     closed, length = [(state, state.status != OPEN) for state in states], problem.labels.length
     if rows.master is not None:
-        facet = float(np.median(_lengths(rows.master.points, rows.master.facets)))
+        facet = facet_length(rows)
         slid = max(state.max_slip for state in states)
         if slid > facet:
             yield (
@@ -269,13 +270,13 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
     obstacle = problem.obstacles[str(problem.pairs[rows.name].obstacle)]
     if obstacle.rotation is not None:  # of the slip, nothing moves the body along a surface that turns in itself
         return
-    normal, missed, worst = rows.frames[:, 0], 0.0, 0.0
+    missed, worst = 0.0, 0.0
     for state, touching in closed:
         if not touching.any():
             continue
-        moved = state.slip - state.gap[:, None] * normal + rows.node_gap[:, None] * normal  # u_T + u_n n
+        moved = moved_on_obstacle(rows, state)
         off = obstacle.signed_gap(rows.surface.points + moved) - obstacle.signed_gap(rows.surface.points)
-        off += np.einsum("nd,nd->n", moved, normal)  # of second order
+        off += np.einsum("nd,nd->n", moved, rows.frames[:, 0])  # of second order
         miss = float(np.abs(off[touching]).max()) / _motion(rows, problem, state)
         if miss > missed:
             missed, worst = miss, state.max_slip
