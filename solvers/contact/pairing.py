@@ -9,13 +9,12 @@ import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import SceneError
-from stickslip.geometry.surfaces.faces import near
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import build_rows
 from stickslip.solvers.contact.coupling import Coupling, nodal_coupling
 from stickslip.solvers.contact.edges import with_edges
 from stickslip.solvers.contact.mortar import mortar_coupling
-from stickslip.solvers.contact.partners import Operator, Partner, alone, among_partners
+from stickslip.solvers.contact.partners import Operator, Partner, alone, among_partners, within_reach
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.scene.contact import Contact
@@ -45,7 +44,6 @@ def pair_up(
     """
     sharing = dict[str, list[str]]()
     for name, known in problem.pairs.items():
-<<<<<<< HEAD
         sharing.setdefault(known.slave, []).append(name)
     couplings = dict[str, tuple[Contact, Coupling]]()
     for side, names in sharing.items():
@@ -54,6 +52,8 @@ def pair_up(
         positive = any(pair.contact.normal.at_quadrature and pair.contact.friction is not None for pair in pairs)
         if positive:  # friction bounds are means of pressures with phi~
             partners = [replace(each, slave=replace(each.slave, positive=True)) for each in partners]
+        if not any(pair.contact.sliding for pair in pairs):
+            partners = within_reach(partners)
         found = among_partners(partners) if len(partners) > 1 else [alone(partners[0])]
         found = [(with_edges(coupling, facing), facing) for coupling, facing in found]
         touching = [bool(np.any(coupling.weights > 0)) for coupling, _ in found]
@@ -66,33 +66,6 @@ def pair_up(
                 hidden += "search_distance, or let the contact slide"
                 raise SceneError(hidden if any(touching) else nowhere)
     couplings = {name: couplings[name] for name in problem.pairs}
-=======
-        slave = sides[known.slave]
-        master = sides[known.master] if known.master is not None else None
-        if known.contact.normal.at_quadrature and known.contact.friction is not None:
-            slave = replace(slave, positive=True)  # friction bounds are means of pressures with phi~
-        if name in moved:
-            own, other = np.split(moved[name], [len(slave.nodes)])
-            slave = replace(slave, points=slave.points + own)
-            master = master and replace(master, points=master.points + other)
-        if known.obstacle is not None:
-            couplings[name] = known.contact, with_edges(rigid_coupling(slave, problem.obstacles[known.obstacle]), 0.0)
-            continue
-        assert master is not None
-        assert known.master is not None
-        # of the start, and the same for a scene that is turned as a whole
-        reach = known.contact.search_distance or REACH * _spread(sides[known.slave], sides[known.master])
-        operator = OPERATORS[known.contact.operator or "mortar"]
-        reach *= 1 + CLOSE  # as wide a gap to rounding
-        if not known.contact.sliding and (slave.faces is not None or master.faces is not None):
-            slave, master = near(slave, master, reach), near(master, slave, reach)  # sides may be whole skins
-        couplings[name] = known.contact, with_edges(operator(slave, master, reach), reach)
-        if not np.any(couplings[name][1].weights > 0):
-            raise SceneError(
-                f"contacts.{name}: nothing of {known.slave} faces {known.master} within {reach:g} "
-                f"{problem.labels.length}; set search_distance, or exchange the sides"
-            )
->>>>>>> main
     return tuple(build_rows(couplings, constraints, moved, problem.timeline.end))
 
 

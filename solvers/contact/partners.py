@@ -16,6 +16,7 @@ from scipy import sparse
 
 from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
 from stickslip.geometry.obstacles import Obstacle
+from stickslip.geometry.surfaces.faces import near
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.search import Pairing, pair
 from stickslip.geometry.surfaces.surface import Surface, joined
@@ -81,6 +82,21 @@ class AmongPartners(Facing):
             for other in others:
                 found &= farther(size, np.abs(pair(points, along, other.master, other.reach).gap))
         return np.asarray(found)
+
+
+def within_reach(partners: Sequence[Partner]) -> list[Partner]:
+    """The same with those parts alone that may touch, where surfaces have edges and so may be all of a body's skin."""
+    slave, others = partners[0].slave, [each.other for each in partners if isinstance(each.other, Surface)]
+    if not others or all(side.faces is None for side in (slave, *others)):
+        return list(partners)
+    if len(others) == len(partners):
+        slave = near(slave, joined(others), max(partner.reach for partner in partners))
+    return [
+        replace(each, slave=slave, other=near(each.other, slave, each.reach))
+        if isinstance(each.other, Surface)
+        else each
+        for each in partners
+    ]
 
 
 def alone(partner: Partner) -> tuple[Coupling, Facing | None]:

@@ -308,18 +308,11 @@ class Observer:
         weight, pair = c.node_weights, stepper.system.problem.pairs[c.name]
         own = np.arange(len(c.points)) < len(c.surface.points)
         on = own if pair.slave == pair.contact.surface else ~own  # nodes of the side that the scene calls the surface
-<<<<<<< HEAD
-        x, forces = c.points[on], -state.forces[c.name][on]
-        resultant, tangential = forces.sum(axis=0), self._tangential(index, c, accepted)
-        moment = np.atleast_1d(cross(x, forces).sum(axis=0))
-=======
         forces = -state.forces[c.name][on]
-        between = (state.forces[c.name] - c.nodal_forces(p_n, t))[own]  # the friction of a state with bubbles
-        resultant, tangential = forces.sum(axis=0), (weight[:, None] * multiplier + between).sum(axis=0)
+        resultant, tangential = forces.sum(axis=0), self._tangential(index, c, accepted)
         here = state.time, state.driven
         acts = acting(stepper.system, c, state.forces[c.name], displaced, state.searched, here)
         moment = acts.moment if pair.slave == pair.contact.surface else -acts.moment
->>>>>>> main
         if c.surface.axisymmetric:  # over the full circle the radial parts balance
             resultant, moment = resultant * [0, 1], 0 * moment
         return ContactState(
