@@ -93,8 +93,8 @@ Effects           BodyForce, Bolt, Centrifugal, ElasticSupport, Gravity, Periodi
 Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
                   HistoryTuple, Step, Status
 Results           StepResult, ContactState, ContactNumbers, OPEN, SLIP, STICK, BodyState, Reaction,
-                  ObstacleState, SpringForce, BoltState, RemoteState, ProbeValue, Energy, MeshData, SurfaceMesh,
-                  Convergence; errors: Quantity, ErrorParts
+                  ObstacleState, SpringForce, BoltState, RemoteState, ProbeValue, Energy, MeshData,
+                  SurfaceMesh, Convergence; errors: Quantity, ErrorParts
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended);
                   Loaded; sweeps: Sweep, Solved
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,
