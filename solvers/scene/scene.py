@@ -430,9 +430,6 @@ class Scene(Noun):
         """Check that `against` is an obstacle or a side of another body, and that the model has the operator."""
         known = (*self.obstacles, *self.sides())
         require_known(f"contacts.{name}.against", against, known, "no such obstacle or side")
-        own = contact.surface.split(".")[0]
-        itself = against not in self.obstacles and against.split(".")[0] == own
-        require(not itself, f"contacts.{name}.against", against, "a side of the same body; contact needs two bodies")
         rigid = against in self.obstacles
         alone = all(partner in self.obstacles for partner in contact.partners)
         require(not rigid or contact.slave != "against", f"contacts.{name}.slave", "against", "an obstacle is no slave")

@@ -168,7 +168,6 @@ def test_numbers_by_partner_and_in_sum_have_names(tmp_path: Path) -> None:
     [
         ({"against": []}, "against = .*name at least one, and each once"),
         ({"against": ["left.upper", "left.upper"]}, "against = .*name at least one, and each once"),
-        ({"against": ["left.upper", "top.upper"]}, "seat.against = top.upper: a side of the same body"),
         ({"against": ["left.upper", "rihgt.upper"]}, r"did you mean right\.upper"),
     ],
 )

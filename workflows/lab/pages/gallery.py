@@ -25,8 +25,8 @@ ROOT = Path(__file__).resolve().parents[3]
 PAGES = ROOT / "docs" / "gallery"
 RUNS = ROOT / "build" / "gallery"
 MACHINES = (  # what is built and worn
-    "arch", "cad_part", "dam", "fretting", "lap_joint", "ring", "rotor", "rubber_mount", "shaft", "shrink_fit",
-    "spruce",
+    "arch", "cad_part", "dam", "dovetail", "fretting", "lap_joint", "ring", "rotor", "rubber_mount", "shaft",
+    "shrink_fit", "split_clamp", "spruce",
 )  # fmt: skip
 FACTS = re.compile(r"^<!-- facts: (.*) -->$", re.MULTILINE)
 WIDTH, COLOURS = 1000, 256  # of the pictures
