@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import SceneError
-from stickslip.geometry.surfaces.faces import halves, near
+from stickslip.geometry.surfaces.faces import halves
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import build_rows
-from stickslip.solvers.contact.coupling import Coupling, nodal_coupling, rigid_coupling
+from stickslip.solvers.contact.coupling import Coupling, nodal_coupling
 from stickslip.solvers.contact.edges import with_edges
 from stickslip.solvers.contact.mortar import mortar_coupling
+from stickslip.solvers.contact.partners import Operator, Partner, alone, among_partners, within_reach
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import Constraints
+from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.problem import Pair, Problem
-
-Operator = Callable[[Surface, Surface, float], Coupling]  # slave, master, reach [m]: farthest gap looked across
 
 OPERATORS: Mapping[str, Operator] = {
     "mortar": mortar_coupling,
@@ -28,79 +28,88 @@ OPERATORS: Mapping[str, Operator] = {
 }
 
 
-Sides = tuple[Surface, Surface | None]
 REACH = 0.2  # of the sides' extent: as far as contact is searched for where the scene does not say
 
 
-def sides_of(problem: Problem, known: Pair, sides: Mapping[str, Surface]) -> Sides:
-    """The surfaces of a contact, that of the slave first; of one side that touches itself two halves.
+def with_halves(problem: Problem, sides: Mapping[str, Surface]) -> Mapping[str, Surface]:
+    """Sides by name, with the halves of those that touch themselves, see `Pair.surfaces`.
 
-    Args:
-        sides: by name, body.side.
+    Raises:
+        SceneError: a side is flat.
     """
-    slave = sides[known.slave]
-    if known.master is None:
-        return replace(slave, depth=None), None
-    if known.master == known.slave:
-        parts = halves(slave, _reach(known, slave))
-        if not all(len(part.facets) for part in parts):
-            raise _faces_nothing(problem, known, slave)
-        return parts
-    one_body = len(set(known.bodies)) == 1
-    found = slave, sides[known.master]
-    return found if one_body else (replace(found[0], depth=None), replace(found[1], depth=None))
-
-
-def _reach(known: Pair, *sides: Surface) -> float:
-    """Farthest gap [m] across which the sides of a contact are looked at."""
-    return known.contact.search_distance or REACH * _spread(*sides)
-
-
-def _faces_nothing(problem: Problem, known: Pair, *sides: Surface) -> SceneError:
-    """Explain that nothing of a contact's slave faces its master."""
-    return SceneError(
-        f"contacts.{known.name}: nothing of {known.slave} faces {known.master} within "
-        f"{(1 + CLOSE) * _reach(known, *sides):g} {problem.labels.length}; set search_distance, or exchange the sides"
-    )
+    found = dict(sides)
+    for known in problem.pairs.values():
+        if known.slave == known.master:
+            side = sides[known.slave]
+            parts = halves(side, known.contact.search_distance or REACH * _spread(side))
+            if not all(len(part.facets) for part in parts):
+                raise SceneError(f"contacts.{known.name}: nothing of {known.slave} can face itself: it is flat")
+            found |= zip(map(str, known.surfaces), parts, strict=True)
+    return found
 
 
 def pair_up(
-    problem: Problem, sides: Mapping[str, Sides], constraints: Constraints, moved: Mapping[str, Array]
+    problem: Problem, sides: Mapping[str, Surface], constraints: Constraints, moved: Mapping[str, Array]
 ) -> tuple[ContactRows, ...]:
     """Rows of all pairs.
 
     Args:
-        sides: surfaces of each contact in the reference configuration, that of the slave first.
+        sides: surfaces in the reference configuration, see `Pair.surfaces`.
         moved: displacement (n_all, d) [m] of the nodes of pairs that slide, relative to a rigid obstacle.
 
     Raises:
         SceneError: nothing of a slave side faces its master within reach.
     """
-    couplings = {}
+    sharing = dict[str, list[str]]()
     for name, known in problem.pairs.items():
-        slave, master = sides[name]
-        if known.contact.normal.at_quadrature and known.contact.friction is not None:
-            slave = replace(slave, positive=True)  # friction bounds are means of pressures with phi~
-        if name in moved:
-            own, other = np.split(moved[name], [len(slave.nodes)])
-            slave = replace(slave, points=slave.points + own)
-            master = master and replace(master, points=master.points + other)
-        if known.obstacle is not None:
-            couplings[name] = known.contact, with_edges(rigid_coupling(slave, problem.obstacles[known.obstacle]), 0.0)
-            continue
-        assert master is not None
-        assert known.master is not None
-        # of the start, and the same for a scene that is turned as a whole
-        both = [side for side in sides[name] if side is not None]
-        reach = _reach(known, *both)
-        operator = OPERATORS[known.contact.operator or "mortar"]
-        reach *= 1 + CLOSE  # as wide a gap to rounding
-        if not known.contact.sliding and (slave.faces is not None or master.faces is not None):
-            slave, master = near(slave, master, reach), near(master, slave, reach)  # sides may be whole skins
-        couplings[name] = known.contact, with_edges(operator(slave, master, reach), reach)
-        if not np.any(couplings[name][1].weights > 0):
-            raise _faces_nothing(problem, known, *both)
+        sharing.setdefault(known.surfaces[0], []).append(name)
+    couplings = dict[str, tuple[Contact, Coupling]]()
+    for side, names in sharing.items():
+        pairs = [problem.pairs[name] for name in names]
+        partners = [_partner(problem, known, sides, moved.get(known.name)) for known in pairs]
+        if any(len(known.bodies) != 2 or len({*known.bodies}) > 1 for known in pairs):  # of one body behind is the body
+            partners = [replace(each, slave=replace(each.slave, depth=None)) for each in partners]
+        positive = any(pair.contact.normal.at_quadrature and pair.contact.friction is not None for pair in pairs)
+        if positive:  # friction bounds are means of pressures with phi~
+            partners = [replace(each, slave=replace(each.slave, positive=True)) for each in partners]
+        if not any(pair.contact.sliding for pair in pairs):
+            partners = within_reach(partners)
+        found = among_partners(partners) if len(partners) > 1 else [alone(partners[0])]
+        found = [(with_edges(coupling, facing), facing) for coupling, facing in found]
+        touching = [bool(np.any(coupling.weights > 0)) for coupling, _ in found]
+        for known, partner, (coupling, _), touches in zip(pairs, partners, found, touching, strict=True):
+            couplings[known.name] = known.contact, coupling
+            if not touches and not (known.contact.sliding and any(touching)):
+                nowhere = f"contacts.{known.name}: nothing of {side} faces {known.master} within {partner.reach:g} "
+                nowhere += f"{problem.labels.length}; set search_distance, or exchange the sides"
+                hidden = f"contacts.{known.name}: all of {side} reaches other partners first; leave this one out, set "
+                hidden += "search_distance, or let the contact slide"
+                raise SceneError(hidden if any(touching) else nowhere)
+    couplings = {name: couplings[name] for name in problem.pairs}
     return tuple(build_rows(couplings, constraints, moved, problem.timeline.end))
+
+
+def _partner(problem: Problem, known: Pair, sides: Mapping[str, Surface], moved: Array | None) -> Partner:
+    """Both sides of a pair, where their nodes have moved to (n_all, d) [m]."""
+    (one, two), contact = known.surfaces, known.contact
+    slave = sides[one]
+    own, other = (None, None) if moved is None else np.split(moved, [len(slave.nodes)])
+    at_quadrature, here = contact.normal.at_quadrature, _displaced(slave, own)
+    if two is None:
+        return Partner(slave=here, other=problem.obstacles[str(known.obstacle)], at_quadrature=at_quadrature)
+    # of the start, and the same for a scene that is turned as a whole
+    reach = contact.search_distance or REACH * _spread(slave, sides[two])
+    return Partner(
+        slave=here,
+        other=_displaced(sides[two], other),
+        reach=reach * (1 + CLOSE),  # as wide a gap to rounding
+        operator=OPERATORS[contact.operator or "mortar"],
+        at_quadrature=at_quadrature,
+    )
+
+
+def _displaced(side: Surface, moved: Array | None) -> Surface:
+    return side if moved is None else replace(side, points=side.points + moved)
 
 
 def _spread(*sides: Surface) -> float:

@@ -6,7 +6,7 @@ It is made in two steps: `Setup` follows from the scene's names alone; `Problem`
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,12 @@ class Pair:
     obstacle: str | None  # name of the rigid obstacle; None: contact with another body
 
     @property
+    def surfaces(self) -> tuple[str, str | None]:
+        """Names of the surfaces that touch: the sides, or of one that touches itself its halves."""
+        halves = f"{self.slave}, one half", f"{self.slave}, other half"
+        return halves if self.slave == self.master else (self.slave, self.master)
+
+    @property
     def bodies(self) -> tuple[str, ...]:
         """The body of the slave, and that of the master if there is one."""
         return tuple(side.split(".")[0] for side in (self.slave, self.master) if side is not None)
@@ -69,6 +75,7 @@ class Setup:
     timeline: Timeline
     solver: Solver
     labels: Units = SI  # of all numbers, in what is said of them
+    sums: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # contacts of several partners, and their pairs
 
     @property
     def dim(self) -> int:
@@ -79,6 +86,10 @@ class Setup:
     def axisymmetric(self) -> bool:
         """Whether x is the radius about the axis of symmetry."""
         return self.model == "axisymmetric"
+
+    def shares(self, name: str) -> bool:
+        """Whether the slave side of a pair is that of another one too, so that a part of it is the pair's."""
+        return sum(pair.slave == self.pairs[name].slave for pair in self.pairs.values()) > 1
 
     @property
     def extent(self) -> float:

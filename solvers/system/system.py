@@ -18,7 +18,7 @@ from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Sparse, UflExpr, UflForm, Vec
 from stickslip.geometry.surfaces.faces import split_at_edges
 from stickslip.geometry.surfaces.surface import Surface, gather_surface, own_nodes
-from stickslip.solvers.contact.pairing import pair_up, sides_of
+from stickslip.solvers.contact.pairing import pair_up, with_halves
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.constraints import Constraints
@@ -157,7 +157,10 @@ class System:
             moved: displacement (n_all, d) [m] of the nodes of each sliding contact, by contact.
         """
         known = {c.name: c for c in self.contacts}
-        sides = {name: (c.surface, c.master) for name, c in known.items()}
+        last = sorted(self.problem.pairs.items(), key=lambda each: each[0] in moved)  # others have parts of their sides
+        sides = {pair.surfaces[0]: known[name].surface for name, pair in last}
+        masters = {pair.surfaces[1]: known[name].master for name, pair in last}
+        sides |= {name: side for name, side in masters.items() if name is not None and side is not None}
         rows = pair_up(self.problem, sides, self.constraints, moved)
         self.counters.searches += sum(1 for c in rows if c.master)
         fresh = tuple(c if c.name in moved else known[c.name] for c in rows)
@@ -205,8 +208,7 @@ def contact_rows(
     """Rows of all contacts of the problem, their surfaces gathered on every rank; collective."""
     sides = {name: gather_surface(mesh, space, nodes, name) for name in problem.request.contact_sides}
     faces = {name: split_at_edges(side, mesh.edges.get(name)) for name, side in sides.items()}
-    both = {name: sides_of(problem, pair, faces) for name, pair in problem.pairs.items()}
-    return pair_up(problem, both, constraints, {})
+    return pair_up(problem, with_halves(problem, faces), constraints, {})
 
 
 def displacement_space(mesh: Mesh) -> FunctionSpace:
