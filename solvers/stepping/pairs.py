@@ -44,7 +44,6 @@ class PairSearch:
     def around(self, inner: Substep) -> Substep:
         def searching(state: State, end: float) -> Attempt:
             first = self._solver
-            first.follow_bodies()  # the solvers of other pairs share what it stores
             searched = relative_positions(first.system, state, self._names)
             for _ in range(SEARCHES):
                 try:
@@ -69,6 +68,7 @@ class PairSearch:
 
     def found(self, searched: Mapping[str, Array]) -> SubstepSolver:
         """A solver for the same bodies, with the pairs that are found at these `relative_positions`; collective."""
+        self._solver.follow_bodies()  # whose form may be another; the solvers of other pairs share what it stores
         other = SubstepSolver(self._solver.system.searched(searched), self._solver.chain)
         other.surface.adopt(self._solver.surface)
         return other

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from stickslip.geometry.surfaces.faces import halves
 from stickslip.geometry.surfaces.overlap import overlap
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.stepping import pairs
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict, read
 
@@ -267,3 +269,58 @@ def test_only_mortar_cuts_a_side_into_two(tmp_path: Path) -> None:
     data["contacts"]["crack"] |= {"against": "block.below", "operator": "node-to-segment"}
     with pytest.raises(SceneError, match="a side that touches itself needs mortar"):
         from_dict(data)
+
+
+SPLIT = """
+def build(model, parameters):
+    occ = model.occ
+    corners = [(0, 0), (40, 0), (40, 20), (0, 20), (0, 10.5), (30, 10), (0, 9.5)]
+    points = [occ.addPoint(x, 0, z) for x, z in corners]
+    lines = [occ.addLine(a, b) for a, b in zip(points, points[1:] + points[:1])]
+    base = occ.addPlaneSurface([occ.addCurveLoop(lines)])
+    out = occ.extrude([(2, base)], 0, 10, 0)
+    occ.synchronize()
+    walls = [tag for dim, tag in out if dim == 2][1:]
+    sides = {"skin": [base, out[0][1], *walls]} if parameters["skin"] else {"upper": [walls[4]], "lower": [walls[5]]}
+    for name, tags in sides.items():
+        model.setPhysicalName(2, model.addPhysicalGroup(2, tags), f"c.{name}")
+    model.setPhysicalName(3, model.addPhysicalGroup(3, [out[1][1]]), "c")
+"""  # 40 mm x 10 mm x 20 mm, with a wedge of 30 mm cut out that is 1 mm wide at its mouth
+
+
+@pytest.mark.parametrize("sliding", [False, True])
+def test_the_skin_of_a_split_block_touches_itself_in_3d_as_the_sides_of_its_split(
+    sliding: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "split.py").write_text(SPLIT)
+    found = []
+    for sides in (("upper", "lower"), ("skin", "skin")):
+        skin = int(sides[0] == "skin")
+        still = {"a": [0.0, 0.0], "b": [40.0, 0.0], "c": [40.0, 10.0], "d": [0.0, 10.0]}
+        supports = {k: {"point": [*at, 0.0], "displacement": {"z": 0.0}} for k, at in still.items()}
+        supports["a"]["displacement"] = {"x": 0.0, "y": 0.0, "z": 0.0}
+        supports["b"]["displacement"] = {"y": 0.0, "z": 0.0}
+        data = {
+            "model": "3d", "units": "mm-N-MPa",
+            "geometry": {"file": str(tmp_path / "split.py"), "mesh_size": 3.0, "parameters": {"skin": skin}},
+            "bodies": {"c": {"E": 2000.0, "nu": 0.3, "density": 1.0}},
+            "contacts": {"slot": {"surface": f"c.{sides[0]}", "against": f"c.{sides[1]}", "sliding": sliding}},
+            "gravity": {"acceleration": [0.0, 0.0, -0.3]}, "supports": supports,
+            "solver": {"method": "condensed-newton"},
+        }  # fmt: skip
+        simulation, step = last(data)
+        assert audit(simulation, step)["equilibrium"] < 1e-9
+        found.append(step.contacts["slot"].normal_force)
+    assert found[0] > 400
+    assert_allclose(found[1], found[0], rtol=0.01)
+
+
+def test_a_search_takes_over_bodies_whose_form_has_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    adopted = list[str]()
+    other = SimpleNamespace(surface=SimpleNamespace(adopt=adopted.append))
+    monkeypatch.setattr(pairs, "SubstepSolver", lambda system, chain: other)
+    system = SimpleNamespace(searched=lambda moved: None, contacts=(), problem=SimpleNamespace(pairs={}))
+    solver: Any = SimpleNamespace(system=system, chain=None, surface="before")
+    solver.follow_bodies = lambda: setattr(solver, "surface", "now")
+    assert pairs.PairSearch(solver).found({}) is other
+    assert adopted == ["now"]
