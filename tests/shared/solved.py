@@ -64,7 +64,8 @@ def coarse(name: str) -> list[str]:
     """Overrides for a coarser mesh, fewer steps, a probe more, and no pictures (they have tests of their own)."""
     scene = read(name)
     sizes = {key: getattr(scene.geometry, key, None) for key in SIZES}
-    contact, support = (next(iter(table.values()), None) for table in (scene.contacts, scene.supports))
+    held = scene.supports or scene.sections.get("elastic_support", {})
+    contact, support = (next(iter(table.values()), None) for table in (scene.contacts, held))
     alone = support is None or contact.against in scene.obstacles  # else another body may reach over the contact side
     side = contact.surface if alone else support.boundary
     corner = list(support.point) if side is None else scene.geometry.sample(side, scene.dim)[0][0].tolist()

@@ -37,7 +37,7 @@ LIMITS = {  # what the house may weigh; a limit is lowered when the house got li
     ("outside tests", "files"): 417,
     ("outside tests", "gross"): 69_900,
     ("outside tests", "net"): 46_600,
-    ("product", "gross"): 53_340,
+    ("product", "gross"): 53_600,
     ("product", "small"): 65,
     ("outside tests", "constants"): 940,
     ("tests", "gross"): 41_700,
