@@ -120,7 +120,7 @@ class FieldTable:
         def accept(value: Any) -> Any:
             if isinstance(value, HeightMap):
                 return value
-            if not isinstance(value, Mapping):
+            if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
                 raise PydanticKnownError("tuple_type")
             if "csv" not in value:
                 return HeightMap(**value)

@@ -58,7 +58,7 @@ class Graph(Obstacle):
         """Distance (m,) [m] of `points` (m, d) from the nearest point of the surface, positive where the body may be.
 
         >>> Graph(height="x").signed_gap(np.array([[0.0, 2.0], [1.0, 1.0]])).round(6)
-        array([1.41421356, 0.        ])
+        array([1.414214, 0.      ])
         """
         foot, _ = self._nearest(points)
         above = np.sign(points[:, -1] - self._heights(points[:, :-1]))

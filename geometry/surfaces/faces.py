@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.surfaces.surface import Surface
@@ -71,6 +72,29 @@ def split_at_edges(surface: Surface, edges: Ints | None = None) -> Surface:
         facets=number[part].reshape(f, k),
         parts=None if surface.parts is None else surface.parts[old],
         faces=of_face + (face.max() + 1) * again,
+    )
+
+
+def near(surface: Surface, other: Surface, reach: float) -> Surface:
+    """The part of a surface whose facets may lie within `reach` [m] of another one; all of it if that is all."""
+    parts = [side.points[side.facets] for side in (surface, other)]
+    (centre, radius), (there, radius_there) = [
+        (x.mean(axis=1), np.linalg.norm(x - x.mean(axis=1, keepdims=True), axis=2).max(axis=1)) for x in parts
+    ]
+    away = cKDTree(there).query(centre)[0]
+    kept = away <= reach + 2 * (radius + radius_there.max())  # curved facets bulge out of the balls around their nodes
+    if kept.all() or not kept.any():
+        return surface
+    nodes, facets = np.unique(surface.facets[kept], return_inverse=True)
+    return replace(
+        surface,
+        nodes=surface.nodes[nodes],
+        input=surface.input[nodes],
+        points=surface.points[nodes],
+        facets=facets.reshape(-1, surface.facets.shape[1]),
+        outward=surface.outward[kept],
+        parts=None if surface.parts is None else surface.parts[nodes],
+        faces=None if surface.faces is None else surface.faces[nodes],
     )
 
 

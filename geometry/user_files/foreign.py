@@ -1,10 +1,10 @@
 """Meshes of CalculiX and Abaqus (.inp), Salome (.med, .unv), ParaView (.vtu, .vtk) and Nastran (.bdf), put into gmsh.
 
 Sets of cells are bodies: those of *SOLID SECTION where there are such; else the smallest ones if they fill the mesh, or
-the largest ones; `part` is what is left. Surfaces, sets of facets and sets of nodes are sides of the bodies that they
-bound; one that overlaps another that came first (in this order, the smallest first) is left out. The skin that no set
-names is parted into smooth faces. Without sets, bodies and sides are the values of the first array of whole numbers on
-the cells, such as Nastran's properties.
+the largest ones; `part` is what is left. Pieces that share no node are bodies of their own. Surfaces, sets of facets
+and sets of nodes are sides of the bodies that they bound; one that overlaps another that came first (in this order, the
+smallest first) is left out. The skin that no set names is parted into smooth faces. Without sets, bodies and sides are
+the values of the first array of whole numbers on the cells, such as Nastran's properties.
 """
 
 from __future__ import annotations
@@ -57,9 +57,7 @@ class Cells:
 
     def __init__(self, content: Content) -> None:
         ids = np.array(list(content.points), np.int64)
-        self.points = np.zeros((len(ids), 3))
-        x = np.array(list(content.points.values()), float).reshape(len(ids), -1)[:, :3]
-        self.points[:, : x.shape[1]] = x
+        self.points = np.array([(*x, 0.0)[:3] for x in content.points.values()], float).reshape(-1, 3)
         self.row = dict(zip(ids.tolist(), range(len(ids)), strict=True))
         by_kind = defaultdict[str, list[int]](list)
         for number, (kind, _) in content.elements.items():
@@ -80,6 +78,8 @@ class Cells:
             self.number |= {number: len(self.number) + k for k, number in enumerate(numbers)}
             word = WORDS[_stem(kind)]
             self.blocks.append((word, _turned(word, in_order_of_gmsh(kind, rows), self.points)))
+        if len({rows.shape[1] > SHAPES[word].corners for word, rows in self.blocks}) > 1:
+            raise GeometryError("mixes cells of orders 1 and 2")
         facets, owner, count = list[Ints](), list[Ints](), 0
         for word, rows in self.blocks:
             for facet in SHAPES[word].facets:
@@ -108,6 +108,17 @@ class Cells:
         known = FACETS.get(word) or (SHAPES[word].facets if word else ())
         k = int(facet[1:]) - 1 if re.fullmatch(r"S[1-9]", facet) else len(known)
         return [self.row[nodes[c]] for c in known[k]] if k < len(known) else []
+
+    def pieces(self, body: Ints) -> Ints:
+        """Return the number (c,) of the piece of its body that each cell belongs to: cells that share nodes."""
+        at = [np.repeat(np.arange(len(rows)), rows.shape[1]) for _, rows in self.blocks]
+        first = np.cumsum([0, *(len(rows) for _, rows in self.blocks)])
+        cell = np.concatenate([start + own for start, own in zip(first, at, strict=False)])
+        node = np.concatenate([rows.ravel() for _, rows in self.blocks]) + len(self.points) * (1 + body[cell])
+        _, place = np.unique(node, return_inverse=True)
+        size = self.count + place.max() + 1
+        graph = sparse.coo_matrix((np.ones(len(cell)), (cell, self.count + place)), shape=(size, size))
+        return np.asarray(connected_components(graph, directed=False)[1][: self.count], np.int64)
 
     def smooth(self, rows: Ints) -> list[Ints]:
         """Part facets of the skin into those that join smoothly."""
@@ -230,9 +241,12 @@ def _bodies(cells: Cells, content: Content) -> dict[str, Ints]:
                 chosen.append(name)
         if np.all(body >= 0):
             break
-    names = numbered(label(name, DEFAULT) for name in (*chosen, DEFAULT))
-    found = {names[k]: np.flatnonzero(body == k) for k in (*range(len(chosen)), -1)}
-    return {name: of for name, of in found.items() if len(of)}
+    whole = [(name, np.flatnonzero(body == k)) for k, name in enumerate(chosen)]
+    whole.append((DEFAULT, np.flatnonzero(body < 0)))
+    pieces = cells.pieces(body)
+    parts = [(name, of[pieces[of] == k]) for name, of in whole for k in dict.fromkeys(pieces[of].tolist())]
+    names = numbered(label(name, DEFAULT) for name, _ in parts)
+    return {name: of for name, (_, of) in zip(names, parts, strict=True)}
 
 
 def _facets(cells: Cells, content: Content) -> list[tuple[str, Ints]]:

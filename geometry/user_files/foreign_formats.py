@@ -83,8 +83,9 @@ def _read_inp(path: Path, content: Content) -> None:
 
 
 def _nodes(content: Content, options: Options, lines: Lines) -> None:
-    for number, *x in lines:
-        if content.points.setdefault(int(number), tuple(map(float, x))) != tuple(map(float, x)):
+    for number, *words in lines:
+        x = (*map(float, words), 0.0, 0.0, 0.0)[:3]
+        if content.points.setdefault(int(number), x) != x:
             raise GeometryError(f"has two nodes {number}: expected a deck of one part")
     content.nodes[options.get("NSET", "")] += [int(line[0]) for line in lines]
 
@@ -97,9 +98,13 @@ def _elements(content: Content, options: Options, lines: Lines) -> None:
     kind = (SOLID if found[1] else FLAT if found[2] else THIN).get(count)
     if kind is None:
         raise GeometryError(f"is made of cells that cannot be used, {options['TYPE']}")
-    rows = np.reshape([int(word) for line in lines for word in line], (-1, count + 1)).tolist()
-    content.elements |= {number: (kind, nodes) for number, *nodes in rows}
-    content.groups[options.get("ELSET", "")] += [row[0] for row in rows]
+    row = list[int]()
+    for line in lines:
+        row += map(int, line)
+        if len(row) > count:  # more nodes on the same line are of no account
+            content.elements[row[0]] = (kind, row[1 : count + 1])
+            content.groups[options.get("ELSET", "")].append(row[0])
+            row = []
 
 
 def _set(sets: dict[str, list[int]], name: str, options: Options, lines: Lines) -> None:

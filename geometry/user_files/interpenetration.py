@@ -14,7 +14,7 @@ from itertools import combinations, product
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
-from stickslip.geometry.user_files.outline import Outline
+from stickslip.geometry.user_files.outline import Outline, crossings
 from stickslip.geometry.user_files.touching import sag_of, simplices
 
 FEW, RAYS, DEEPEST = (
@@ -106,27 +106,10 @@ def _common(a: Array, b: Array, low: Array, high: Array, rays: int) -> tuple[flo
 
 def _inside_both(a: Array, b: Array, start: Array, direction: Array) -> Iterator[tuple[int, float, float]]:
     """Yield the spans of rays (r, d), by distance from their start, that lie inside both of two skins (f, d, d)."""
-    ways = [_crossings(skin, start, direction) for skin in (a, b)]
+    ways = [crossings(skin, start, direction) for skin in (a, b)]
     for ray, (one, other) in enumerate(zip(*ways, strict=True)):
         for (p, q), (r, s) in product(
             zip(one[::2], one[1::2], strict=False), zip(other[::2], other[1::2], strict=False)
         ):
             if max(p, r) < min(q, s):
                 yield ray, max(p, r), min(q, s)
-
-
-def _crossings(skin: Array, start: Array, direction: Array) -> list[list[float]]:
-    """Return the distances, in order, at which whole lines through points (r, d) cross facets (f, d, d)."""
-    across = np.linalg.svd(direction[None])[2][1:]
-    flat, along, at = skin @ across.T, skin @ direction, start @ across.T
-    sides = flat[:, 1:] - flat[:, :1]
-    keep = np.abs(np.linalg.det(sides)) > 0
-    keep &= np.all((flat.max(axis=1) >= at.min(axis=0)) & (flat.min(axis=1) <= at.max(axis=0)), axis=1)
-    flat, along, inverse = flat[keep], along[keep], np.linalg.inv(sides[keep])
-    found = []
-    for point, begin in zip(at, start @ direction, strict=True):
-        where = np.einsum("fk,fkl->fl", point - flat[:, 0], inverse)
-        hit = np.all(where >= 0, axis=1) & (where.sum(axis=1) <= 1)
-        far = along[hit, 0] + np.einsum("fk,fk->f", where[hit], along[hit, 1:] - along[hit, :1]) - begin
-        found.append(np.sort(far).tolist())
-    return found

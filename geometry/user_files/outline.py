@@ -9,7 +9,7 @@ from itertools import combinations, product
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, TINY, Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, TINY, Array, Ints
 from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
 from stickslip.geometry.errors import GeometryError, GluedError
 from stickslip.geometry.mesh.gmsh_session import generate
@@ -230,13 +230,8 @@ class Shell:
             parts.append(np.concatenate([x[:, [0, last - 1, last]] if dim == 3 else x for last in lasts]))
             facet.append(np.tile(np.arange(len(x)), len(lasts)))
         self.boundary, self.dim = boundary, dim
-        self.corners, self.facet = np.concatenate(parts), np.concatenate(facet)
+        self.corners, self.facet = np.concatenate(parts)[..., :dim], np.concatenate(facet)
         self.entity = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-        self.along = RAY * ([1, 1, 0] if dim == 2 else 1)
-        self.across = np.linalg.svd(self.along[None, :dim])[2][1:]  # the ray is a point in this projection
-        seen = self.corners[..., :dim] @ self.across.T
-        slack = ROUNDING * np.ptp(seen.reshape(-1, dim - 1), axis=0)
-        self.low, self.high = seen.min(axis=1) - slack, seen.max(axis=1) + slack
 
     def outward(self, entity: int) -> bool:
         """Whether the normals of an entity point out of what the boundary encloses.
@@ -244,24 +239,30 @@ class Shell:
         The ray begins on the facet that is the largest as seen along it, and that facet itself is not counted: the
         body may be as thin as it likes.
         """
-        corners = self.boundary[entity]
-        seen = normals_of(corners) @ self.along
+        corners, along = self.boundary[entity], RAY[: self.dim]
+        seen = normals_of(corners)[:, : self.dim] @ along
         facet = int(np.argmax(np.abs(seen)))
-        others = (self.entity != entity) | (self.facet != facet)
-        return bool((self._crossed(corners[facet].mean(axis=0), others) % 2 == 0) == (seen[facet] > 0))
+        others = self.corners[(self.entity != entity) | (self.facet != facet)]
+        (crossed,) = crossings(others, corners[facet].mean(axis=0)[None, : self.dim], along)
+        return bool((np.count_nonzero(np.array(crossed) > 0) % 2 == 0) == (seen[facet] > 0))
 
-    def _crossed(self, point: Array, counted: Bools) -> int:
-        """Count the facets that the ray from a point crosses."""
-        at = self.across @ point[: self.dim]
-        corners = self.corners[counted & np.all((self.low <= at) & (at <= self.high), axis=1)]
-        origin = corners[:, 0]
-        edges = [corners[:, i] - origin for i in range(1, self.dim)]
-        matrix = np.stack([*edges, np.broadcast_to(-self.along, origin.shape)], axis=2)[:, : self.dim]
-        matrix[np.abs(np.linalg.det(matrix)) == 0] = np.inf  # facets along the ray are not crossed
-        with np.errstate(invalid="ignore"):
-            found = np.linalg.solve(matrix, (point - origin)[:, : self.dim, None])[..., 0]
-        where, far = found[:, :-1], found[:, -1]
-        return int(np.sum((far > 0) & np.all(where >= 0, axis=1) & (where.sum(axis=1) <= 1)))
+
+def crossings(skin: Array, start: Array, direction: Array) -> list[list[float]]:
+    """Return where whole lines through points (r, d) cross facets (f, d, d), in order: multiples of the direction."""
+    across = np.linalg.svd(direction[None])[2][1:]  # a line is a point in this projection
+    flat, along, at = skin @ across.T, skin @ direction / (direction @ direction), start @ across.T
+    slack = ROUNDING * np.ptp(flat.reshape(-1, len(across)), axis=0)
+    sides, low, high = flat[:, 1:] - flat[:, :1], flat.min(axis=1) - slack, flat.max(axis=1) + slack
+    keep = np.all((high >= at.min(axis=0)) & (low <= at.max(axis=0)), axis=1)
+    keep &= np.abs(np.linalg.det(sides)) > 0  # facets along the lines are not crossed
+    flat, along, inverse = flat[keep], along[keep], np.linalg.inv(sides[keep])
+    found = []
+    for point, begin in zip(at, start @ direction / (direction @ direction), strict=True):
+        where = np.einsum("fk,fkl->fl", point - flat[:, 0], inverse)
+        hit = np.all(where >= 0, axis=1) & (where.sum(axis=1) <= 1)
+        far = along[hit, 0] + np.einsum("fk,fk->f", where[hit], along[hit, 1:] - along[hit, :1]) - begin
+        found.append(np.sort(far).tolist())
+    return found
 
 
 def _sample(corners: Array, normals: Array) -> tuple[Array, Array]:

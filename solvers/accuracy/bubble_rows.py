@@ -175,11 +175,13 @@ class BubbleRows:
 
 
 def _as(side: Surface, finer: Surface) -> Surface:
-    """The finer side with its facets in the order of the other one; the ends of both are the same nodes."""
+    """The finer side with the facets of the other one, in its order; the ends of both are the same nodes."""
     corners = len(dx.reference_nodes(side.shape, 1))
     own, others = (np.sort(s.input[s.facets[:, :corners]], axis=1) for s in (side, finer))
-    order = np.empty(len(own), np.int64)
-    order[np.lexsort(own.T[::-1])] = np.lexsort(others.T[::-1])
+    number = np.unique(np.concatenate([others, own]), axis=0, return_inverse=True)[1].ravel()
+    at = np.empty(len(others), np.int64)
+    at[number[: len(others)]] = np.arange(len(others))
+    order = at[number[len(others) :]]
     return replace(finer, facets=finer.facets[order], outward=finer.outward[order])
 
 

@@ -32,7 +32,7 @@ from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.nested_mesh import CornerMesh
 from stickslip.geometry.shape import Shape
 from stickslip.geometry.surfaces.surface import gather_surface
-from stickslip.solvers.accuracy.mesh_error import Values, at_points, least_errors, observed, without_limit
+from stickslip.solvers.accuracy.mesh_error import Values, at_points, least_errors, observed, with_ends, without_limit
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.gather import nodes_of
@@ -158,7 +158,7 @@ def smooth_errors(
             corrected[key] = better[key]
             off = np.maximum(FACTOR * np.abs(better[key] - value), least.get(key, 0.0))
             errors[key] = ErrorParts(mesh=off, geometry=0.0 * off, converges=True)
-    return corrected, errors
+    return corrected, with_ends(system.contacts, result, errors)
 
 
 SHARE, ROUGH = 0.33, 1.5

@@ -50,6 +50,7 @@ from stickslip.solvers.results.step_result import (
     STICK,
     ContactState,
     ErrorParts,
+    Errors,
     Numbers,
     Quantity,
     StepResult,
@@ -94,6 +95,32 @@ def by_chance(c: ContactRows, own: ContactState, better: ContactState) -> dict[s
         "dissipation": dissipation,
         "dissipation_total": dissipation,
     }
+
+
+def with_ends(contacts: Iterable[ContactRows], step: StepResult, errors: Errors) -> dict[Quantity, ErrorParts]:
+    """Errors of a step's numbers, those of forces with what the ends of two sides of one body leave.
+
+    Neighbours carry the part of an end: by as much as pressures and tractions differ within three facets of it, its own
+    may be another.
+    """
+    found = dict(errors)
+    for c in contacts:
+        state, near = step.contacts[c.name], c.surface.neighbours()[c.ends]
+        for _ in range(2):
+            near = near + near @ c.surface.neighbours()
+        rings = [row.indices for row in near]
+        weights, left = state.weight[c.ends], dict[str, Value]()
+        for name, field in {
+            "force": state.traction - state.pressure[:, None] * c.frames[:, 0],
+            "normal_force": state.pressure[:, None],
+            "tangential_force": state.traction,
+        }.items():
+            off = weights @ np.array([np.ptp(field[ring], axis=0) for ring in rings]) if rings else 0.0
+            left[name] = off if name == "force" else float(np.linalg.norm(off))
+        for key, parts in errors.items():
+            if rings and key.kind == "contacts" and key.name == c.name and key.quantity in left:
+                found[key] = replace(parts, mesh=parts.mesh if parts.mesh is None else parts.mesh + left[key.quantity])
+    return found
 
 
 def _around(c: ContactRows, values: Array) -> Bools:
@@ -224,6 +251,7 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
         # of the bodies' size: shorter slips are none
         errors |= without_limit(c, result.contacts[c.name], LAST_DIGITS * accepted.stepper.system.extent)
     errors |= {Quantity("probes", name, "stress"): ErrorParts(converges=False) for name in _at_corners(observe, result)}
+    errors = with_ends(accepted.stepper.system.contacts, result, errors)
     return corrected, errors | at_points(accepted.stepper.system.problem, found)
 
 

@@ -40,7 +40,7 @@ from stickslip.geometry.surfaces.surface import CREASE
 from stickslip.solvers.accuracy.areas import areas_of_order_2, scatter_of_order_2
 from stickslip.solvers.accuracy.errors import AREAS
 from stickslip.solvers.accuracy.lower_order import OtherMeshRun, on_other_mesh, sides_of
-from stickslip.solvers.accuracy.mesh_error import Values, at_points
+from stickslip.solvers.accuracy.mesh_error import Values, at_points, with_ends
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.parallel.counters import Counters
@@ -182,6 +182,7 @@ class NestedRun(OtherMeshRun):
             key, pressure = Quantity("contacts", c.name, "max_pressure"), step.contacts[c.name].max_pressure
             if finer[key] > (1 + GROWS) ** cuts * pressure and not c.normal.at_quadrature:
                 errors[key] = ErrorParts(converges=False)
+        errors = with_ends(self._stepper.system.contacts, step, errors)
         return errors | at_points(self._stepper.system.problem, quantities(step))
 
     def _finer(self, mesh: FlatMesh, times: Sequence[float], counters: Counters) -> Iterator[Values]:

@@ -21,6 +21,7 @@ from stickslip.solvers.newton.correction import ENOUGH, MARGIN, elastic_norm, ex
 from stickslip.solvers.system.system import System
 
 FACTOR = 10.0  # from one level of ω to the next
+DETOURS = 8  # largest number of additional levels, inserted where Newton's method stalls
 NEWTON_STEPS = 20  # at one level; about six are enough if the level before is a good start
 
 
@@ -133,7 +134,7 @@ class OnSprings(SameEveryStep):
             rtol: tolerance on the natural residual at the final ω.
         """
         problem = newton.problem
-        path, detours = list(self._path(problem)), 8  # additional levels, inserted where Newton's method stalls
+        path, detours = list(self._path(problem)), DETOURS
         if problem.surface.floating:
             newton.bond(self._softened(path[0], problem), held)
         while path:

@@ -121,6 +121,7 @@ class Nodal:
 
 FACTOR = 10**0.5  # from level to level; with 10, Newton's method becomes slow
 PENETRATION = 4 * float(np.finfo(float).eps)  # rounding of a penetration, relative to u_ref
+NEWTON_STEPS = 50  # at one level; about six are enough if the levels before are a good start
 SLIPPING = 10  # a point that has moved by more than this many eps counts as slipping
 
 
@@ -159,6 +160,7 @@ class Regularised(Method):
     )
     EXACT_LAWS: ClassVar = False
     WORKS_WITH: ClassVar = Applicability(
+        shared=False,
         floating=False,
         normal=("unilateral", "bilateral", "compliance"),
         friction=("coulomb", "tresca"),
@@ -279,8 +281,7 @@ class VolumeNewton:
         """Overwrite q with the solution at a level, to the tolerance or to the rounding of penetrations."""
         allowed = self.method.max_it - self.iteration
         atol = max(self.method.rtol, PENETRATION / level) * self.scale
-        # at one level; about six are enough if the levels before are a good start
-        self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=min(allowed, 50))
+        self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=min(allowed, NEWTON_STEPS))
         self._solve(q)
         if self.snes.getConvergedReason() > 0:
             return Status.CONVERGED

@@ -16,7 +16,7 @@ from stickslip.geometry.errors import SceneError, prefixed
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.coupling import DIGITS, Coupling
-from stickslip.solvers.contact.rows import ContactRows, Fields
+from stickslip.solvers.contact.rows import ContactRows, Fields, of_both
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.scene.contact import Contact
 
@@ -110,7 +110,7 @@ def place_multipliers(
         used: of root nodes; what is held by those placed here is added, between bodies at edges only.
     """
     surface, facing = coupling.surface, coupling.weights != 0
-    tried = np.flatnonzero(coupling.carries)
+    tried = np.flatnonzero(coupling.carries & ~of_both(surface, coupling.master))
     roots, bases = constraints.roots(surface.nodes[tried]), constraints.bases(surface.nodes[tried])[0]
     faces = np.zeros(len(tried), np.int64) if surface.faces is None else surface.faces[tried]
     key = roots * (1 + faces.max(initial=0)) + faces  # periodic images share one multiplier
@@ -236,7 +236,7 @@ def build_rows(
             dropped = 0
         else:
             carrier = normal_carriers[name]
-            if not carrier.share.shape[0]:
+            if not carrier.share.shape[0] and weights.any():
                 raise SceneError(
                     f"contacts.{name}: supports prescribe the normal motion of all of {contact.surface}, so it can "
                     "carry no contact pressure; free it or remove the contact"

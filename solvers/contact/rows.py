@@ -43,6 +43,14 @@ class Fields:
         return self.law and self.law.placed(self.to_tangential @ self.points, time, self.end)
 
 
+def of_both(surface: Surface, master: Surface | None) -> Bools:
+    """Nodes (n,) of a slave surface that the master has, too: the ends of a crack, which cannot open.
+
+    They carry no contact; their neighbours carry theirs.
+    """
+    return np.asarray(np.isin(surface.nodes, [] if master is None else master.nodes))
+
+
 @dataclass(frozen=True, kw_only=True)
 class ContactRows:
     """m_n normal points, m_t tangential points, n nodes of the slave surface and n_all with the master's, d dimensions.
@@ -71,7 +79,7 @@ class ContactRows:
     psi: Sparse  # (n, m_n): values at the normal points to integrals ∫ psi_j, psi_j the dual basis, by node
     phi: Sparse  # (n, m_n): likewise to integrals ∫ phi~_j, of rigid laws psi; no entry is negative
     share_t: Sparse  # (m_t, n): which nodes a tangential point stands for; columns add up to 1
-    dropped: int  # nodes whose multiplier a support or another contact makes redundant
+    dropped: int  # nodes whose multiplier a support or another contact makes redundant, or that end a crack
     quadrature: Callable[[int], Points] | None = None  # integration points by degree; None: the rows are given without
     degree: int = 0  # of that at which a compliance law gives pressure by displacement
     fields: Fields | None = None  # None: the rows are given without
@@ -105,6 +113,11 @@ class ContactRows:
     def _spread(self) -> tuple[Sparse, Sparse]:
         """N_n^T and N_t^T, which scipy makes anew at each access."""
         return self.N_n.T, self.N_t.T
+
+    @cached_property
+    def ends(self) -> Bools:
+        """Nodes (n,) of the slave, facing the other side, at which both sides of one body end; see `of_both`."""
+        return np.asarray(of_both(self.surface, self.master) & (self.node_weights != 0))
 
     @property
     def part(self) -> Ints:

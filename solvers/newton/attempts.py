@@ -57,24 +57,25 @@ class Start:
     p: Array  # tractions (rows,) [Pa]
     u_c: Array  # displacement (c,) [m] of the contact dofs
     p_hat: Array  # trial tractions (rows,) [Pa]
+    factor: float = 1.0  # that multiplies gamma
     in_equilibrium: bool = True  # whether u_c is the displacement under p
 
     @staticmethod
-    def at(problem: SurfaceProblem, p: Array, u_c: Array) -> Start:
+    def at(problem: SurfaceProblem, p: Array, u_c: Array, factor: float = 1.0) -> Start:
         """Start from tractions p (rows,) [Pa] and their displacement u_c (c,) [m]."""
         r = problem.relative_displacement(u_c) - problem.gap
-        return Start(p=p, u_c=u_c, p_hat=p + problem.gamma * r)
+        return Start(p=p, u_c=u_c, p_hat=p + factor * problem.gamma * r, factor=factor)
 
     @staticmethod
-    def as_if(problem: SurfaceProblem, p: Array, answer: Array) -> Start:
+    def as_if(problem: SurfaceProblem, p: Array, answer: Array, factor: float = 1.0) -> Start:
         """Start from p (rows,) [Pa] with the active set of which `answer` (rows,) [Pa] would be the solution.
 
         What is at its friction bound slips: rounding would decide.
         """
-        p_hat = answer + problem.gamma * problem.cone.give(answer)
+        p_hat = answer + factor * problem.gamma * problem.cone.give(answer)
         # relative distance from the friction bound at which a point of an answer slips
         p_hat[problem.surface.normal_rows :] *= 1 + CLOSE
-        return Start(p=p, u_c=problem.u_before, p_hat=p_hat, in_equilibrium=False)
+        return Start(p=p, u_c=problem.u_before, p_hat=p_hat, factor=factor, in_equilibrium=False)
 
     @staticmethod
     def where_it_stood(problem: SurfaceProblem, p: Array) -> Start:
@@ -113,6 +114,25 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
         yield from _balanced(problem)
 
 
+def other_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
+    """Further starts: zero tractions; all points closed and sticking; all of them with another gamma.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] of the last step.
+    """
+    floating, zero = problem.surface.floating, np.zeros_like(p)
+    for factor in (1.0, 0.1, 10.0):
+        if floating and factor == 1.0:
+            continue  # they were the first
+        for tractions in [] if floating else [zero] if factor == 1.0 else [p, zero]:
+            if tractions is p or p.any():
+                yield Start.at(problem, tractions, problem.contact_displacement(tractions), factor)
+        yield Start.as_if(problem, p, closed(problem), factor)
+        if floating:
+            yield from _balanced(problem, factor)
+
+
 def again(problem: SurfaceProblem, best: Solution) -> Start:
     """Start from the best iterate so far."""
     return Start(p=best.p, u_c=best.u_c, p_hat=best.p + problem.gamma * (best.w - problem.gap))
@@ -124,11 +144,11 @@ def closed(problem: SurfaceProblem) -> Array:
     return np.concatenate([np.full(normal, problem.p_ref), np.zeros(len(problem.gap) - normal)])
 
 
-def _balanced(problem: SurfaceProblem) -> Iterator[Start]:
+def _balanced(problem: SurfaceProblem, factor: float = 1.0) -> Iterator[Start]:
     """Start from tractions that balance the load on rigid bodies, if there are any."""
     rigid = balancing_tractions(problem)
     if rigid is not None:
-        yield Start.as_if(problem, rigid, rigid)
+        yield Start.as_if(problem, rigid, rigid, factor)
 
 
 FIRM = (1e-3, 1e-5)  # weights of the proximal term of damped attempts [-]
@@ -193,7 +213,7 @@ class Attempts(Driver):
             self.best = Solution(start.p, w, start.u_c, Status.NO_HOLD, np.inf, ())
 
     def _iterates(self, start: Start, proximal: float, number: int) -> Iterator[Iterate]:
-        problem, gamma = self.problem, self.problem.gamma
+        problem, gamma = self.problem, start.factor * self.problem.gamma
         p, u, p_hat, known = start.p, start.u_c, start.p_hat, start.in_equilibrium
         w, held = self.bodies.relative(p, u), p_hat
         search = LineSearch(problem, gamma)

@@ -1,21 +1,23 @@
-"""Path following: the last resort for piecewise-linear contact problems in the plane, of bodies that supports hold.
+"""Path following: the last resort for piecewise-linear contact problems in the plane.
 
-The tractions p solve F(p) = 0, with the natural map p - P_C(p + gamma (w - gap)). In the plane, with unilateral or
-bilateral contact and Coulomb friction, F is linear on each of finitely many pieces. A homotopy H(p, s) = 0 with a known
-solution at s = 1 and H = F at s = 0 is then a polygon: it is followed from kink to kink, where one row changes its
-state (open, closed, stick, slip either way). The inverse of the Jacobian changes by rank one there; where its
-determinant changes its sign, s turns back. No volume solve is needed.
+The tractions p and rigid motions b solve F(p, b) = 0, with the natural map p - P_C(p + gamma (w - gap)) in the rows of
+contact and the balance R^T (f - B^T p) in the others. In the plane, with unilateral or bilateral contact and Coulomb
+friction, F is linear on each of finitely many pieces. A homotopy H(p, b, s) = 0 with a known solution at s = 1 and
+F = 0 at s = 0 is then a polygon: it is followed from kink to kink, where one row changes its state (open, closed,
+stick, slip either way). The inverse of the Jacobian changes by rank one there; where its determinant changes its sign,
+s turns back. No volume solve is needed.
 
-H is F with gaps wider by s D, and starts with all rows open, as Lemke's method does with the covering vector D. With
-independent rows it arrives for every coefficient of friction: work on the tractions of a solution,
+Two homotopies. H = F - s F(z_0) starts at any iterate z_0; nothing is proved of it. H = F with gaps wider by s D starts
+with all rows open, as Lemke's method does with the covering vector D. For bodies that supports hold, with independent
+rows, it arrives for every coefficient of friction: work on the tractions of a solution,
 p^T W G p <= p_n^T W (w_n - gap - s D) + s_t^T W |w_t - gap_t| with the bounds s_t <= mu p_n, shows that solutions are
 bounded, and that p = 0 is the only one for s >= 1, if D is large enough; the path that starts there cannot end but at
-s = 0. It has finitely many kinks if no two come at once (D is perturbed for that), perhaps very many.
+s = 0. It has finitely many kinks if no two come at once (start and D are perturbed for that), perhaps very many.
 
-Past s = 0 the path goes on, and may come back: each time it crosses s = 0 it is at a solution. Their number is odd.
-Solutions on closed paths of their own are not found. Below some coefficient of friction the solution of the discrete
-problem is unique; above it there may be an odd number of them, or a continuum, and all of them are right. Nothing in
-the quasi-static model says which one a body takes.
+Past s = 0 the second path goes on, and may come back: each time it crosses s = 0 it is at a solution. Their number is
+odd. Solutions on closed paths of their own are not found. Below some coefficient of friction the solution of the
+discrete problem is unique; above it there may be an odd number of them, or a continuum, and all of them are right.
+Nothing in the quasi-static model says which one a body takes.
 
 Source: Katzenelson, Bell Syst. Tech. J. 44 (1965); Lemke, Management Sci. 11 (1965); Eaves, Math. Program. Study 7
 (1978), of paths of piecewise-linear maps. Several solutions: Klarbring, Ing.-Arch. 60 (1990), of one node; Hild, Q. J.
@@ -26,6 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from scipy import sparse
@@ -34,60 +37,105 @@ from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array, Bools, Ints
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.iteration import Solution
 from stickslip.solvers.laws.friction import Stick
-from stickslip.solvers.newton.attempts import Start
+from stickslip.solvers.newton.attempts import Start, closed
 
-# States of normal rows: two; of tangential ones: dead where the friction bound is zero or less
-OPEN, CLOSED, DEAD, STICK, FORWARD, BACKWARD = range(6)
+OPEN, CLOSED = 0, 1  # states of normal rows
+DEAD, STICK, FORWARD, BACKWARD = 2, 3, 4, 5  # states of tangential rows; dead: the friction bound is zero or less
+SOFT = (1e-6, 1e-9, 1e-12)  # springs that hold floating bodies, relative to the bodies' own stiffness
+KINKS = (150, 600, 3000)  # budgets of paths from iterates, one after the other
+MOST_KINKS = 20000  # of the path from all open
 REFRESH = 40  # kinks after which the inverse is computed anew
 
 
 def applies(problem: SurfaceProblem) -> bool:
-    """Whether bodies are held and the problem is piecewise linear: in the plane, pressures and bounds proportional."""
-    surface, cone = problem.surface, problem.cone
-    if not isinstance(surface, CondensedSurface) or surface.floating or not cone.homogeneous:
+    """Whether the problem is piecewise linear: in the plane, pressures and bounds proportional to what causes them."""
+    if not isinstance(problem.surface, CondensedSurface) or not problem.cone.homogeneous:
         return False
-    return all(place.components == 1 and not isinstance(place.rows.friction, Stick) for place in cone.places)
+    return all(place.components == 1 and not isinstance(place.rows.friction, Stick) for place in problem.cone.places)
 
 
-def path_from_open(problem: SurfaceProblem, kinks: int = 20000) -> Iterator[Start]:
-    """Where the path from all rows open crosses s = 0, if it arrives with so many kinks; none where it does not apply.
+def ends(problem: SurfaceProblem, p: Array, best: Solution) -> Iterator[Start]:
+    """Ends of paths from the best iterate, the tractions p (rows,) [Pa] of the last step, all closed, and all open."""
+    if not applies(problem):
+        return
+    nowhere = np.zeros_like(best.u_c)
+    for attempt, kinks in enumerate(KINKS):
+        for at, u_c in ((best.p, best.u_c), (p, best.u_c), (closed(problem), nowhere)):
+            yield from path_from(problem, at, u_c, kinks, seed=attempt)
+    if not problem.surface.floating:
+        yield from path_from_open(problem, MOST_KINKS)
+        return
+    for soft in SOFT:
+        yield from islice(path_from_open(problem, KINKS[-1], soft), 1)
+
+
+def path_from(problem: SurfaceProblem, p: Array, u_c: Array, kinks: int, seed: int = 0) -> Iterator[Start]:
+    """The end of the path H = F - s F(z_0), if it arrives.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] of z_0.
+        u_c: displacement (c,) [m] of z_0; of it only the rigid motions matter.
+        kinks: their largest number.
+        seed: of the perturbation of z_0.
+    """
+    maps = _Map.of(problem)
+    # of tractions and gaps at the start, against kinks that come at once
+    away = CLOSE * problem.p_ref * np.random.default_rng(seed).standard_normal(len(p))
+    p = np.where(problem.cone.carrying, p + away, 0.0)
+    yield from _follow(maps, p, problem.surface.R.T @ u_c, np.zeros_like(p), kinks)
+
+
+def path_from_open(problem: SurfaceProblem, kinks: int, soft: float = 0.0) -> Iterator[Start]:
+    """The end of the path H = F with gaps wider by s D, from all rows open.
+
+    For bodies that supports hold it arrives, but perhaps after more `kinks` than are allowed. Floating bodies are held
+    by soft springs: if they rest, then the end is near to their solution.
 
     Args:
         problem: the contact problem of the step.
         kinks: their largest number.
+        soft: stiffness of springs on the rigid motions, relative to that of the bodies; 0: none.
     """
-    if not applies(problem):
-        return
-    maps, n = _Map.of(problem), problem.surface.normal_rows
+    maps, zero, n = _Map.of(problem, soft), np.zeros(len(problem.gap)), problem.surface.normal_rows
     if np.any(maps.two_sided):
         return
-    W, free = problem.surface.W, maps.w_0 - problem.gap
+    b = problem.load.resultant / maps.spring if maps.spring else np.zeros(0)
+    W, free = problem.surface.W, maps.w_0 + maps.C @ b - problem.gap
     rubbed = (np.maximum(maps.bound, 0.0).T @ (W * np.abs(free)) / W)[:n]
     room = float(np.maximum(free[:n] + rubbed, 0.0).max(initial=0.0)) + problem.p_ref / float(problem.gamma.max())
-    wider = np.zeros(len(problem.gap))
+    wider = zero.copy()
     wider[:n] = room * (1 + 0.1 * np.random.default_rng(0).random(n))
+    yield from _follow(maps, zero, b, wider, kinks)
+
+
+def _follow(maps: _Map, p: Array, b: Array, wider: Array, kinks: int) -> Iterator[Start]:
     try:
-        yield from _Path(maps, wider).solutions(kinks)
-    except np.linalg.LinAlgError:  # a piece is singular
+        yield from _Path(maps, p, b, wider).solutions(kinks)
+    except np.linalg.LinAlgError:  # it starts where a row is at a kink, or where nothing holds a body
         return
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Map:
-    """The natural map F of a piecewise-linear problem. Unknowns: tractions on the `carrying` rows."""
+    """The natural map F of a piecewise-linear problem. Unknowns: tractions on the `carrying` rows, rigid motions b."""
 
     problem: SurfaceProblem
-    w_0: Array  # (rows,) w at p = 0 [m]
-    G: Array  # (rows, rows) w = w_0 - G p [m/Pa]
+    w_0: Array  # (rows,) w at p = 0, b = 0 [m]
+    G: Array  # (rows, rows) w = w_0 - G p + C b [m/Pa]
+    C: Array  # (rows, r)
+    H: Array  # (r, rows) R^T B^T: balance is R^T f - H p = 0
     bound: Array  # (rows, rows) friction bounds s = bound @ p [-]
     share: Array  # (rows,) of the trial traction that a closed or sticking row takes: 1 without compliance
     normal: Bools  # (rows,)
     two_sided: Bools  # (rows,) normal rows that are always closed
     rows: Ints  # (m,) that may carry a traction
+    spring: float  # on the rigid motions [N/m]
 
     @staticmethod
-    def of(problem: SurfaceProblem) -> _Map:
+    def of(problem: SurfaceProblem, soft: float = 0.0) -> _Map:
         surface, cone = condensed(problem.surface), problem.cone
         count = len(problem.gap)
         force = sparse.csr_matrix(surface.N.T @ sparse.diags(surface.W))  # of unit tractions
@@ -104,16 +152,19 @@ class _Map:
             problem=problem,
             w_0=problem.relative_displacement(surface.flexibility @ problem.load.f_c),
             G=surface.flexibility.between(surface.N, force),
+            C=np.asarray(surface.N @ surface.R),
+            H=surface.R.T @ (surface.N.T.toarray() * surface.W),
             bound=bound,
             share=share,
             normal=normal,
             two_sided=two_sided,
             rows=np.flatnonzero(cone.carrying & (normal | rubs)),
+            spring=soft * surface.rho,
         )
 
-    def trial(self, p: Array, wider: Array) -> Array:
+    def trial(self, p: Array, b: Array, wider: Array) -> Array:
         """Trial tractions (rows,) [Pa], gaps wider by `wider` (rows,) [m]."""
-        r = self.w_0 - self.G @ p - self.problem.gap - wider
+        r = self.w_0 - self.G @ p + self.C @ b - self.problem.gap - wider
         return np.asarray(self.share * (p + self.problem.gamma * r))
 
     def states(self, trial: Array, s: Array) -> Ints:
@@ -121,73 +172,87 @@ class _Map:
         rubbing = np.select([s <= 0, np.abs(trial) <= s, trial > 0], [DEAD, STICK, FORWARD], BACKWARD)
         return np.where(self.normal, np.where(self.two_sided | (trial > 0), CLOSED, OPEN), rubbing)
 
-    def value(self, p: Array, trial: Array, state: Ints) -> Array:
-        """F (m,) at an iterate whose rows are in the given states."""
+    def value(self, p: Array, b: Array, trial: Array, state: Ints) -> Array:
+        """F (m + r,) at an iterate whose rows are in the given states."""
         s = self.bound @ p
         follows = (state == CLOSED) | (state == STICK)
         P = np.select([follows, state == FORWARD, state == BACKWARD], [trial, s, -s], 0.0)
-        return np.asarray((p - P)[self.rows])
+        return np.concatenate([(p - P)[self.rows], self.problem.load.resultant - self.H @ p - self.spring * b])
 
     def gradient(self, row: int, state: int) -> Array:
-        """Gradient (m,) of F in one row of that state."""
-        found = np.zeros(len(self.share))
-        found[row] = 1.0
+        """Gradient (m + r,) of F in one row of that state."""
+        by_p, by_b = np.zeros(len(self.share)), np.zeros(self.C.shape[1])
+        by_p[row] = 1.0
         if state in (CLOSED, STICK):
-            found[row] -= self.share[row]
-            found += self.share[row] * self.problem.gamma[row] * self.G[row]
+            weight = self.share[row] * self.problem.gamma[row]
+            by_p[row] -= self.share[row]
+            by_p += weight * self.G[row]
+            by_b -= weight * self.C[row]
         elif state in (FORWARD, BACKWARD):
-            found += self.bound[row] * (-1.0 if state == FORWARD else 1.0)
-        return found[self.rows]
+            by_p += self.bound[row] * (-1.0 if state == FORWARD else 1.0)
+        return np.concatenate([by_p[self.rows], by_b])
 
     def jacobian(self, state: Ints) -> Array:
-        """The Jacobian (m, m)."""
-        return np.array([self.gradient(i, state[i]) for i in self.rows]).reshape(len(self.rows), len(self.rows))
+        """(m + r, m + r)."""
+        balance = np.hstack([-self.H[:, self.rows], -self.spring * np.eye(len(self.H))])
+        return np.vstack([*(self.gradient(i, state[i]) for i in self.rows), balance])
 
 
 class _Path:
     """The polygon H(z, s) = 0 from s = 1 to s = 0, and where on it we are."""
 
-    def __init__(self, maps: _Map, wider: Array) -> None:
-        """Start with p = 0.
-
+    def __init__(self, maps: _Map, p: Array, b: Array, wider: Array) -> None:
+        """
         Args:
             maps: F.
+            p: tractions (rows,) [Pa] at s = 1.
+            b: rigid motions (r,) [m] at s = 1.
             wider: D (rows,) [m], by which gaps are wider at s = 1.
         """
-        self.map, self.p, self.wider = maps, np.zeros(len(wider)), wider
+        self.map, self.p, self.b, self.wider = maps, p.copy(), b.copy(), wider
         self.s, self.direction = 1.0, -1.0
-        self._evaluate()
+        self.trial = maps.trial(p, b, wider)
+        self.bounds = maps.bound @ p
         self.state = maps.states(self.trial, self.bounds)
+        self.at_start = np.zeros(0)  # F(z_0), if gaps are not wider
+        if not wider.any():
+            self.at_start = maps.value(p, b, self.trial, self.state)
         self.inverse = np.linalg.inv(maps.jacobian(self.state))
         self.crossed: tuple[int, int] | None = None  # row that changed its state last, and its state before
 
     def solutions(self, kinks: int) -> Iterator[Start]:
         """Follow the path and yield where it crosses s = 0, until it leads away, or has had that many kinks."""
         for kink in range(1, kinks + 1):
-            dp = np.zeros_like(self.p)  # along the path, for |ds| = 1
-            dp[self.map.rows] = -self.direction * (self.inverse @ self._by_s())
-            step, row, to = self._next_kink(dp)
+            z = -self.direction * (self.inverse @ self._by_s())  # dz along the path, for |ds| = 1
+            dp = np.zeros_like(self.p)
+            m = len(self.map.rows)
+            dp[self.map.rows], db = z[:m], z[m:]
+            step, row, to = self._next_kink(dp, db)
             left = -self.s * self.direction
             if 0 < left <= step:
-                yield self._at(self.p + left * dp)
+                p, b = self.p + left * dp, self.b + left * db
+                yield self._at(p, b)
             if not np.isfinite(step):
                 return
-            self._move(step, dp)
+            self._move(step, dp, db)
             if self.s > 2.0 or not self._change(row, to):  # it leads away
                 return
             if kink % REFRESH == 0:
                 self._correct()
 
     def _by_s(self) -> Array:
-        """dH/ds (m,)."""
+        """dH/ds (m + r,)."""
+        if len(self.at_start):
+            return -self.at_start
         maps = self.map
-        push = maps.share * maps.problem.gamma * self.wider
-        return np.asarray(np.where(self.state == CLOSED, push, 0.0)[maps.rows])
+        closed = (self.state == CLOSED)[maps.rows]
+        push = (maps.share * maps.problem.gamma * self.wider)[maps.rows]
+        return np.concatenate([np.where(closed, push, 0.0), np.zeros(len(maps.H))])
 
-    def _next_kink(self, dp: Array) -> tuple[float, int, int]:
+    def _next_kink(self, dp: Array, db: Array) -> tuple[float, int, int]:
         """Distance to the next kink, the row that changes there, and its next state."""
         maps, state, trial, s = self.map, self.state, self.trial, self.bounds
-        dr = -maps.G @ dp - self.direction * self.wider
+        dr = -maps.G @ dp + maps.C @ db - self.direction * self.wider
         dt, ds = maps.share * (dp + maps.problem.gamma * dr), maps.bound @ dp
         carrying = np.zeros(len(dp), bool)
         carrying[maps.rows] = True
@@ -215,13 +280,14 @@ class _Path:
                 best = min(best, (float(distance[k]), int(index[k]), int(after[index[k]])))
         return best
 
-    def _move(self, step: float, dp: Array) -> None:
+    def _move(self, step: float, dp: Array, db: Array) -> None:
         self.p += step * dp
+        self.b += step * db
         self.s += self.direction * step
         self._evaluate()
 
     def _evaluate(self) -> None:
-        self.trial = self.map.trial(self.p, self.s * self.wider)
+        self.trial = self.map.trial(self.p, self.b, self.s * self.wider)
         self.bounds = self.map.bound @ self.p
 
     def _change(self, row: int, to: int) -> bool:
@@ -242,15 +308,22 @@ class _Path:
         """Compute the inverse anew, and return to the path, which rounding has left a little."""
         maps = self.map
         self.inverse = np.linalg.inv(maps.jacobian(self.state))
-        self.p[maps.rows] -= self.inverse @ maps.value(self.p, self.trial, self.state)
+        off = maps.value(self.p, self.b, self.trial, self.state)
+        if len(self.at_start):
+            off = off - self.s * self.at_start
+        z = -self.inverse @ off
+        self.p[maps.rows] += z[: len(maps.rows)]
+        self.b += z[len(maps.rows) :]
         self._evaluate()
 
-    def _at(self, p: Array) -> Start:
+    def _at(self, p: Array, b: Array) -> Start:
         problem, surface = self.map.problem, condensed(self.map.problem.surface)
-        return Start.at(problem, p, surface.flexibility @ (problem.load.f_c - surface.forces(p)))
+        u_c = surface.flexibility @ (problem.load.f_c - surface.forces(p)) + surface.R @ b
+        return Start.at(problem, p, u_c)
 
 
 ENOUGH = 1.0  # coefficient of friction above which others are looked for; one node of steel has others above 1.5
+MOST = 200  # rows up to which they are looked for; on 160 rows it takes 0.1 s a step, on 640 rows 6 s
 FOLLOWED = 2000  # on the path that is followed
 
 
@@ -266,8 +339,7 @@ def others(
         p: tractions (rows,) [Pa] that solve it.
         keeps: whether tractions (rows,) [Pa] and relative displacement (rows,) [m] have the laws of the problem.
     """
-    # rows up to which they are looked for; on 160 rows it takes 0.1 s a step, on 640 rows 6 s
-    if len(p) > 200 or _most_friction(problem) <= ENOUGH or not applies(problem):
+    if len(p) > MOST or problem.surface.floating or _most_friction(problem) <= ENOUGH or not applies(problem):
         return
     known = [p]
     for found in path_from_open(problem, FOLLOWED):

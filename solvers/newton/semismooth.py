@@ -1,16 +1,35 @@
-"""Semismooth Newton on the surface problem: contact laws are linearised, the bodies are solved exactly."""
+"""Semismooth Newton on the surface problem: contact laws are linearised, the bodies are solved exactly.
+
+Where it fails, a problem with simpler laws, piecewise linear, is solved whole, and leads to the solution. Powers
+p = c d^m are replaced by their tangents at the last pressures, p = k (d - d_0)_+, and friction bounds by Coulomb's law
+through the bounds at these pressures, with a coefficient for each point. A path then leads to the solution where
+Newton's method fails, see `path`. Tangents and coefficients are taken anew at its pressures. With Coulomb's friction
+that is Newton's method for generalised equations, in which opening, stick and slip stay exact.
+
+Source: Josephy, Newton's method for generalized equations, Technical Summary Report 1965, Univ. of Wisconsin (1979).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import ClassVar
+
+import numpy as np
 
 from stickslip.geometry.arrays import Array
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import OnStep, Solution, ignore
+from stickslip.solvers.iteration import OnStep, Solution, Status, ignore
+from stickslip.solvers.laws.friction import CoulombByPoint
+from stickslip.solvers.laws.law import NormalLaw
+from stickslip.solvers.newton import path
 from stickslip.solvers.newton.active_set import ActiveSet
-from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again, first_starts
-from stickslip.solvers.newton.path import path_from_open
+from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again, first_starts, other_starts
+
+FIRMER = (1e-3, 1e-4, 1e-2, 1e-6, 1e-5)  # weights of the proximal term from the best iterate so far [-]
 
 Linear = Callable[[ActiveSet, Array], tuple[Array, Array]]  # linearised laws, u_c of the iterate: p [Pa] and u_c [m]
 
@@ -22,9 +41,9 @@ class SemismoothNewton:
     The active set (stick, slip, open) follows from the trial tractions p_hat = p + gamma (w - gap), gamma = E / depth.
     Plain Newton comes first. Where two contacts press on an edge that bodies share, as under a bolt's head, their rows
     almost depend on each other: it then hops between active sets of a few such points, and is damped from the best
-    iterate on, see `Attempts`. If it fails otherwise, it is damped from the start; then follow the ends of the path
-    that leads there in the plane, see `path`, and damped attempts from the best iterate, before the step counts as
-    failed. None of this costs a volume solve but starts whose displacement is not known.
+    iterate on, see `Attempts`. If it fails otherwise, it is damped from the start; then follow the ends of paths, see
+    `path`, solutions with simpler laws, see `simpler_ends`, and other trial tractions to start from, before the step
+    counts as failed. None of this costs a volume solve but starts whose displacement is not known.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
     SIAM J. Sci. Comput. 30 (2008). Proximal term: Rockafellar, SIAM J. Control Optim. 14 (1976).
@@ -47,18 +66,24 @@ class SemismoothNewton:
             attempts: those so far.
         """
         firsts = []
-        for start in first_starts(problem, p):
+        for start in chain(resting_start(problem, p, self), first_starts(problem, p)):
             firsts.append(start)
             yield start, None
             if attempts.stalled and attempts.best is not None:
                 yield again(problem, attempts.best), 1e-2
         for proximal in FIRM:
             yield firsts[-1], proximal
-        for start in path_from_open(problem):
+        assert attempts.best is not None
+        for start in path.ends(problem, p, attempts.best):
             yield start, None
-        for proximal in FIRM:
-            assert attempts.best is not None
+            if problem.surface.floating:  # next to nothing may hold them
+                yield start, FIRM[-1]
+        for start in simpler_ends(problem, attempts.best.p, self):
+            yield start, None
+        for proximal in FIRMER:
             yield again(problem, attempts.best), proximal
+        for start in other_starts(problem, p):
+            yield start, None
 
 
 @dataclass(frozen=True)
@@ -73,3 +98,102 @@ class _Exact:
 
     def relative(self, p: Array, u: Array) -> Array:
         return self.problem.relative_displacement(u)
+
+
+MOST = 30  # tangents
+FLOOR = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)  # of the largest pressure: tangents at less would hold nothing
+NEAR = 1e-4  # residual from which plain Newton takes over
+
+Solve = Callable[[SurfaceProblem, Array], Solution]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tangent(NormalLaw):
+    """p = k (u_n - g)_+, each point with a stiffness of its own."""
+
+    at_quadrature: ClassVar[bool] = True
+    power: ClassVar[float] = 1.0
+    k: Array  # (m,) [Pa/m]
+
+    def resolvent(self, p_hat: Array, gamma: Array) -> Array:
+        return np.asarray(np.maximum(p_hat, 0.0) * (self.k / (self.k + gamma)))
+
+    def stiffness(self, p: Array, p_hat: Array) -> Array:
+        return np.where(p_hat > 0, self.k, 0.0)
+
+    def penetration(self, p: Array) -> Array:
+        return np.asarray(np.maximum(p, 0.0) / self.k)
+
+
+def has_simpler_laws(problem: SurfaceProblem) -> bool:
+    """Whether there are simpler laws: pressures or friction bounds are not proportional, and no bound jumps."""
+    jump = any(place.rows.friction is not None and place.rows.friction.continuous for place in problem.cone.places)
+    return not problem.cone.homogeneous and not jump
+
+
+def simpler_ends(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:
+    """Solutions with simpler laws that are near to the one that is sought.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] of the first tangents.
+        solve: solves a problem with simpler laws, from tractions (rows,) [Pa].
+    """
+    if not has_simpler_laws(problem):
+        return
+    for k in range(MOST):
+        found = solve(simplified(problem, p, FLOOR[min(k, len(FLOOR) - 1)]), p)
+        if found.status is not Status.CONVERGED:
+            return
+        p, w = found.p, problem.relative_displacement(found.u_c)
+        if max(problem.natural_residual(p, w), problem.imbalance(p)) < NEAR:
+            yield Start.at(problem, p, found.u_c)
+
+
+def resting_start(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:
+    """Find where bodies that nothing pushes rest: if nothing presses there, linear laws lead to the same place.
+
+    With a power of the penetration Newton's method would halve it without end. If they are squeezed all the same, by
+    obstacles or loads that balance each other, it is a start like any other.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] of the last step.
+        solve: solves a problem with simpler laws, from tractions (rows,) [Pa].
+    """
+    curved = [place.rows.normal.at_quadrature and place.rows.normal.power != 1 for place in problem.cone.places]
+    if not (problem.idle and any(curved)):
+        return
+    contacts = [
+        replace(place.rows, normal=Tangent(k=problem.gamma[place.normal])) if law else place.rows
+        for place, law in zip(problem.cone.places, curved, strict=True)
+    ]
+    cone = AdmissibleSet(tuple(contacts), problem.cone.time, problem.cone.end)
+    found = solve(replace(problem, cone=cone), p)
+    if found.status is Status.CONVERGED:
+        yield Start.at(problem, found.p, found.u_c)
+
+
+def simplified(problem: SurfaceProblem, p: Array, floor: float) -> SurfaceProblem:
+    """The problem with simpler laws at tractions p (rows,) [Pa].
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa].
+        floor: of the largest pressure; tangents and coefficients are taken at no less.
+    """
+    gap, contacts = problem.gap.copy(), list[ContactRows]()
+    for place in problem.cone.places:
+        n, rows, law = place.normal, place.rows, place.rows.normal
+        at = np.maximum(p[n], floor * max(float(p[n].max(initial=0.0)), problem.p_ref * floor))
+        if rows.friction is not None:
+            mean = place.average @ at
+            mu = problem.cone.bound(place, at) / np.where(mean > 0, mean, np.inf)
+            rows = replace(rows, friction=CoulombByPoint(mu=mu, k_T=rows.friction.k_T))
+        if law.at_quadrature:
+            k = law.stiffness(at, at)
+            gap[n] += law.penetration(at) - at / k
+            rows = replace(rows, normal=Tangent(k=k))
+        contacts.append(rows)
+    cone = AdmissibleSet(tuple(contacts), problem.cone.time, problem.cone.end)
+    return replace(problem, cone=cone, gap=gap)

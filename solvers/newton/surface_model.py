@@ -22,7 +22,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Status
 from stickslip.solvers.metrics import Secants, SurfaceMetric
 from stickslip.solvers.newton.active_set import ActiveSet
-from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again, closed
+from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again
 
 
 def gmres(
@@ -304,22 +304,24 @@ def nearest_in_cone(
 def _chain(model: SurfaceModel, residual: float, attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
     """Plain Newton from several starts, then damped from the best iterate."""
     nowhere = np.zeros(model.problem.surface.R.shape[1])
-    for p_hat in _starts(model.problem, model.p, model.w, residual):
-        yield Start(p=model.p, u_c=nowhere, p_hat=p_hat, in_equilibrium=False), None
+    for p_hat, factor in _starts(model.problem, model.p, model.w, residual):
+        yield Start(p=model.p, u_c=nowhere, p_hat=p_hat, factor=factor, in_equilibrium=False), None
     for proximal in FIRM:
         assert attempts.best is not None
         if attempts.best.status is not Status.NO_HOLD:
             yield again(model.problem, attempts.best), proximal
 
 
-def _starts(problem: SurfaceProblem, p: Array, w: Array, residual: float) -> Iterator[Array]:
-    """Trial tractions that Newton starts from: those of p, all rows closed, balance of rigid bodies."""
+def _starts(problem: SurfaceProblem, p: Array, w: Array, residual: float) -> Iterator[tuple[Array, float]]:
+    """Starts of Newton, trial tractions and a factor of gamma: those of p, all rows closed, balance of rigid bodies."""
+    n = problem.surface.normal_rows
     if np.isfinite(residual):
-        yield p + problem.gamma * (w - problem.gap)
+        for factor in (1.0, 10.0, 0.1):
+            yield p + factor * problem.gamma * (w - problem.gap), factor
     elif p.any():
-        yield p
-    yield closed(problem)
+        yield p, 1.0
+    yield np.concatenate([np.full(n, problem.p_ref), np.zeros(len(p) - n)]), 1.0
     if problem.surface.floating:
         rigid = balancing_tractions(problem)
         if rigid is not None:
-            yield rigid
+            yield rigid, 1.0

@@ -18,6 +18,8 @@ from stickslip.solvers.system.floating_modes import near_nullspace
 from stickslip.solvers.system.system import System
 
 RTOL = 1e-8  # true residual, relative to the load
+MOST_ITERATIONS = 1000
+QUADRATIC = 1.2e-9  # [s] of a factorisation in 3D on one core, times unknowns squared; 108 k unknowns: 14 s
 PREFIX = "linear_reference_"
 log = logging.getLogger(__name__)
 
@@ -82,8 +84,7 @@ def _linear_reference(system: System, only: str, rtol: float, now: Callable[[], 
         return LinearReference.of({only: _timed(K, f, solvers[only], rtol, now)})
     found = {name: _timed(K, f, solvers[name], rtol, now) for name in ("cg+boomeramg", "cg+gamg")[not HYPRE :]}
     best = min(timing.seconds for timing in found.values())
-    # [s] of a factorisation in 3D; 108 k unknowns on one core: 14 s
-    predicted = 1.2e-9 * K.size[0] ** 2 / K.comm.size if system.mesh.dim == 3 else 0.0
+    predicted = QUADRATIC * K.size[0] ** 2 / K.comm.size if system.mesh.dim == 3 else 0.0
     if predicted > 3 * best:
         note = f"not tried: about {predicted:.0f} s are expected for {K.size[0]} unknowns in 3D"
         found["mumps"] = Timing(note=note)
@@ -124,7 +125,7 @@ def _timed(K: Mat, f: Vec, prepare: Callable[[KSP], None], rtol: float, now: Cal
         ksp.setOperators(K)
         ksp.setType("cg")
         ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        ksp.setTolerances(rtol=rtol, atol=0.0, max_it=1000)
+        ksp.setTolerances(rtol=rtol, atol=0.0, max_it=MOST_ITERATIONS)
         prepare(ksp)
         ksp.setUp()
         ready = now()

@@ -5,7 +5,7 @@ multipliers of a contact with a rigid obstacle, by UFL forms.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -206,14 +206,17 @@ class MultiplierForces:
         if rows.friction is not None:
             works.append(rule.friction_work(self._lam, v, self._bound[0]))
         self._work = compile_(sum(works[1:], start=works[0]))
-        self._weigh()
+        self._weigh(rows)
 
-    def _weigh(self) -> None:
-        """W_j = ∫ phi~_j ds of the side as it lies."""
-        nodal, surface = self._nodal, self._nodal.rows.surface
-        part = nodal.rows.node_weights / surface.node_weights()  # 1, but at edges
-        areas = nodal.assembled_at_nodes(self._areas).reshape(-1, surface.dim)[:, 0] * surface.shares_at_edges
-        nodal.weigh(part * (surface.forces_transform @ areas))
+    def _weigh(self, rows: ContactRows, moved: Array | None = None) -> None:
+        """W_j = ∫ phi~_j ds of the side as it lies; at edges those of the face that carries the contact."""
+        nodal, side = self._nodal, rows.surface
+        if moved is not None and side.faces is not None:
+            side = replace(side, points=side.points + moved)
+        part = np.where(side.at_edge > 0, rows.node_weights / side.node_weights(), 1.0)
+        areas = nodal.assembled_at_nodes(self._areas).reshape(-1, side.dim)[:, 0] * side.shares_at_edges
+        nodal.carry(rows)
+        nodal.weigh(part * (side.forces_transform @ areas))
 
     def __call__(self, rows: ContactRows, p_n: Array, t: Array, s: Array, scale: float, moved: Array | None) -> Vec:
         """Nodal forces over all displacements [N]; collective.
@@ -231,7 +234,7 @@ class MultiplierForces:
         if self._moved is not None:
             at = nodal.spread(np.zeros(rows.points.size) if moved is None else moved.ravel())
             dx.fill(self._moved, at.array_r)
-            self._weigh()
+            self._weigh(rows, moved)
         normal, tangential = traction_fields(rows)
         bound = rows.share_t.T @ s
         # of the step's scale of traction; a smaller bound is no unit to measure lambda in

@@ -26,16 +26,17 @@ class NodalContact:
         self.system, self.rows = system, rows
         self.rule = NodalRule(system.weak, system.problem.pairs[rows.name].slave)
         self.change = change_of_basis(system, rows)
-        nodes, d = rows.surface.nodes, system.mesh.dim
-        order = np.lexsort((-rows.node_weights, nodes))  # of the faces that meet at an edge one carries the contact
-        self._carrier, at = (
-            order[np.unique(nodes[order], return_index=True)[1]],
-            np.unique(nodes, return_inverse=True)[1],
-        )
-        self._of_carrier, self._components = components(self._carrier, d), components(at, d)
-        self._nodes = Replicated(system.vector(), components(nodes[self._carrier], d))
+        nodes, self._each = np.unique(rows.surface.nodes, return_inverse=True)
+        self._nodes = Replicated(system.vector(), components(nodes, system.mesh.dim))
+        self.carry(rows)
         self._sampled = self.at_nodes(self.rule.sampled())
         self.weigh(rows.node_weights)
+
+    def carry(self, rows: ContactRows) -> None:
+        """Take the values at an edge from the face that carries the contact there in these rows."""
+        order = np.lexsort((-rows.node_weights, rows.surface.nodes))
+        first = np.unique(rows.surface.nodes[order], return_index=True)[1]
+        self._carriers = components(order[first], self.system.mesh.dim)
 
     def weigh(self, weights: Array) -> None:
         """Give the nodal rule the weights W_j (n,) [m^(d-1)] of the nodes."""
@@ -48,12 +49,12 @@ class NodalContact:
 
     def assembled_at_nodes(self, form: CompiledForm) -> Array:
         """Entries (n d,) of a compiled linear form at the nodes of the side; collective."""
-        return self._nodes.read(dx.assemble_vector(form))[self._components]
+        return self._nodes.read(dx.assemble_vector(form))[components(self._each, self.system.mesh.dim)]
 
     def spread(self, values: Array) -> Vec:
         """Vector over all displacements with values (n d,) at the nodes of the side, zero elsewhere."""
         vector = self.system.vector()
-        self._nodes.write(vector, values[self._of_carrier])
+        self._nodes.write(vector, values[self._carriers])
         return vector
 
     def coefficients(self, u: Vec) -> Vec:
@@ -99,7 +100,9 @@ def _vectors(share: Sparse, directions: Array) -> Sparse:
 def change_of_basis(system: System, rows: ContactRows) -> Mat | None:
     """Matrix (all, all) from displacements to coefficients of phi~ on a contact surface; None if it is the identity."""
     surface, dim, K = rows.surface, system.mesh.dim, system.T
-    change = sparse.coo_matrix(surface.transform - sparse.identity(len(surface.nodes)))
+    once = np.zeros(len(surface.nodes))
+    once[np.unique(surface.nodes, return_index=True)[1]] = 1.0  # faces that meet at an edge have the same there
+    change = sparse.coo_matrix(sparse.diags(once) @ (surface.transform - sparse.identity(len(surface.nodes))))
     change.eliminate_zeros()
     if not change.nnz:
         return None

@@ -157,8 +157,9 @@ class System:
             moved: displacement (n_all, d) [m] of the nodes of each sliding contact, by contact.
         """
         known = {c.name: c for c in self.contacts}
-        sides = {pair.slave: known[name].surface for name, pair in self.problem.pairs.items()}
-        masters = {pair.master: known[name].master for name, pair in self.problem.pairs.items()}
+        last = sorted(self.problem.pairs.items(), key=lambda each: each[0] in moved)  # others have parts of their sides
+        sides = {pair.slave: known[name].surface for name, pair in last}
+        masters = {pair.master: known[name].master for name, pair in last}
         sides |= {name: side for name, side in masters.items() if name is not None and side is not None}
         rows = pair_up(self.problem, sides, self.constraints, moved)
         self.counters.searches += sum(1 for c in rows if c.master)
@@ -344,13 +345,13 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
 
 def contact_sides(system: System) -> Iterator[tuple[str, Surface, Sparse]]:
     """Name, surface, and the sparse matrix (n d, c) from contact dofs to the displacement of the side's nodes."""
-    seen = set[str]()
+    seen = set[tuple[str, bytes]]()  # contacts may have different parts of a side
     for rows in system.contacts:
         pair, trace, first = system.problem.pairs[rows.name], system.interface.trace(rows), 0
         for name, side in ((pair.slave, rows.surface), (pair.master, rows.master)):
             if side is not None and name is not None:
-                last = first + side.dim * len(side.nodes)
-                if name not in seen:
+                last, key = first + side.dim * len(side.nodes), (name, side.nodes.tobytes())
+                if key not in seen:
                     yield name, side, trace[first:last]
-                seen.add(name)
+                seen.add(key)
                 first = last

@@ -175,6 +175,11 @@ def test_sets_are_chosen_by_rule(old: str, new: str, says: dict[str, tuple[str, 
     [
         ("TYPE=C3D8R", "TYPE=C3D27", "is made of cells that cannot be used, C3D27"),
         ("C3D8R", "T3D2", "has no cells"),
+        (
+            "*ELEMENT, TYPE=SPRINGA",
+            "*ELEMENT, TYPE=C3D10\n8, 1, 2, 3, 5, 6, 7, 8, 9, 10, 11\n*ELEMENT, TYPE=SP",
+            "of orders 1 and 2",
+        ),
         ("*ELEMENT, TYPE=C", "*NODE\n1, 5., 5., 5.\n*ELEMENT, TYPE=C", "has two nodes 1: expected a deck of one part"),
         ("9, 10, 11, 12", "9, 10, 11, 99", "a cell refers to a node that does not exist"),
     ],
@@ -202,6 +207,28 @@ def test_serendipity_cells_of_other_programs_are_pressed_evenly(
     data["supports"] = {"top": {"boundary": "a.top", "displacement": [0.0] * (dim - 1) + [-0.01]}}
     (step,) = simulation_of(from_dict(data)).steps()
     assert_allclose(step.contacts["base"].max_pressure, 10.0, rtol=1e-8)
+
+
+def test_pieces_of_a_set_are_bodies_of_their_own(simulation_of: SimulationOf, tmp_path: Path) -> None:
+    """Decks of contact problems often have one section for all bodies: a cube on a cube, of nodes of its own."""
+    text = DECK.replace("2, 5, 6, 7, 8,\n 9, 10, 11, 12", "2, 25, 26, 27, 28, 9, 10, 11, 12").replace("2, S3\n", "")
+    text = text.replace(
+        "*SURFACE, NAME=Head", "*SURFACE, NAME=Slave\n2, S1\n*SURFACE, NAME=Master\n1, S2\n*SURFACE, NAME=Head"
+    )
+    nodes = "\n".join(
+        line.replace(str(4 + k), str(24 + k), 1) for k, line in enumerate(COLUMN.splitlines()[5:9], start=1)
+    )
+    path = deck(tmp_path, f"{text}*NODE\n{nodes}\n")
+    assert outline_of(path).bodies == {"eall": ("flank", "master", "foot"), "eall_2": ("head", "slave")}
+    data = scene_data(path, 3, "eall")
+    data["bodies"] = {name: {"E": 1000.0, "nu": 0.0} for name in ("eall", "eall_2")}
+    data["contacts"] = {"between": {"surface": "eall_2.slave", "against": "eall.master"}}
+    data["supports"] = {"foot": {"boundary": "eall.foot", "displacement": [0.0, 0.0, 0.0]}}
+    data["supports"]["head"] = {"boundary": "eall_2.head", "displacement": [0.0, 0.0, -0.02]}
+    (step,) = simulation_of(from_dict(data)).steps()
+    assert_allclose(step.contacts["between"].normal_force, 10.0, rtol=1e-9)
+    joined = from_dict(scene_data(path, 3, "all", names={"all": ["eall", "eall_2"]}) | {"contacts": {}, "supports": {}})
+    assert set(joined.geometry.bodies(3)) == {"all"}
 
 
 def test_a_mesh_without_sets_has_one_body_and_its_smooth_faces(tmp_path: Path) -> None:

@@ -35,6 +35,7 @@ from stickslip.solvers.newton.attempts import (
     again,
     closed,
     first_starts,
+    other_starts,
 )
 from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, solve
 from stickslip.workflows.lab.verification.prepared import prepare
@@ -384,10 +385,11 @@ def test_plain_newton_arrives_and_says_so(held: SurfaceProblem) -> None:
     assert [step.iteration for step in attempt.history] == list(range(len(attempt.history)))
 
 
-def test_laws_are_linearised_at_the_trial_tractions_of_each_iterate(held: SurfaceProblem) -> None:
-    bodies, gamma = Bodies(held), held.gamma
+@pytest.mark.parametrize("factor", [1.0, 0.2])
+def test_laws_are_linearised_at_the_trial_tractions_of_each_iterate(factor: float, held: SurfaceProblem) -> None:
+    bodies, gamma = Bodies(held), factor * held.gamma
     zero = np.zeros(len(held.gap))
-    Attempts(held, bodies, 1e-12, 100)(Start.at(held, zero, held.contact_displacement(zero)))
+    Attempts(held, bodies, 1e-12, 100)(Start.at(held, zero, held.contact_displacement(zero), factor))
     assert len(bodies.asked) > 2
     for laws, (p, u) in zip(bodies.asked[1:], bodies.answers[:-1], strict=True):
         expected = linearise(held, p + gamma * (held.relative_displacement(u) - held.gap), gamma)
@@ -619,6 +621,10 @@ def test_the_merit_may_rise_for_some_iterations() -> None:
     assert t == 0.5 ** (HALVINGS - 1)  # none is small enough: the one of least merit
 
 
+def starts(held: SurfaceProblem, p: Array) -> list[tuple[Array, float, bool]]:
+    return [(start.p, start.factor, start.in_equilibrium) for start in other_starts(held, p)]
+
+
 def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem) -> None:
     p = np.ones(len(held.gap))
     (first,) = first_starts(held, p)
@@ -627,6 +633,15 @@ def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem) -> None:
     assert_allclose(first.u_c, u_c)
     assert_allclose(first.p_hat, p + held.gamma * (held.relative_displacement(u_c) - held.gap))
     assert first.in_equilibrium
+    for start in other_starts(held, p):
+        r = held.relative_displacement(start.u_c) - held.gap if start.in_equilibrium else 0.0
+        at = start.p if start.in_equilibrium else closed(held)
+        assert_allclose(start.p_hat, at + start.factor * held.gamma * r)
+    found = starts(held, p)
+    known = [(float(start[0]), factor, at) for start, factor, at in found]
+    assert known == [(0, 1, True), (1, 1, False), (1, 0.1, True), (0, 0.1, True), (1, 0.1, False),
+                     (1, 10, True), (0, 10, True), (1, 10, False)]  # fmt: skip
+    assert len(starts(held, 0 * p)) == 5  # the first start was zero already
 
 
 def test_starts_of_floating_bodies(floating: SurfaceProblem) -> None:
@@ -637,20 +652,24 @@ def test_starts_of_floating_bodies(floating: SurfaceProblem) -> None:
     assert rigid.p.any()
     assert_allclose(rigid.p_hat, rigid.p, rtol=2 * CLOSE)
     assert not any(start.in_equilibrium for start in (last, shut, rigid))
+    assert {start.factor for start in (last, shut, rigid)} == {1.0}
     assert last.p is p
     assert shut.p is p
     assert len(list(first_starts(floating, 0 * p))) == 2
+    assert [start.factor for start in other_starts(floating, p)] == [0.1, 0.1, 10.0, 10.0]
     still_there = replace(floating, load=nothing(floating), force=0.0, gap=0 * floating.gap)
     (still,) = first_starts(still_there, p)
     assert_array_equal(np.concatenate([still.p, still.u_c]), 0.0)
 
 
-def test_trial_tractions_of_an_answer_are_projected_onto_it() -> None:
+@pytest.mark.parametrize("factor", [1.0, 0.1])
+def test_trial_tractions_of_an_answer_are_projected_onto_it(factor: float) -> None:
     problem = problem_of(DRIVEN, {"law": "compliance", "c_n": 20.0})
     answer = np.where(np.arange(len(problem.gap)) < problem.surface.normal_rows, 0.3, 0.05)
     answer[problem.surface.normal_rows :] *= problem.cone.carrying[problem.surface.normal_rows :]
-    start = Start.as_if(problem, 0 * answer, answer)
-    assert_allclose(problem.project(start.p_hat, problem.gamma), answer, rtol=2 * CLOSE)
+    start = Start.as_if(problem, 0 * answer, answer, factor)
+    assert_allclose(problem.project(start.p_hat, factor * problem.gamma), answer, rtol=2 * CLOSE)
+    assert Start.as_if(problem, 0 * answer, answer).factor == 1.0
 
 
 def test_what_goes_on_to_slip_is_solved_at_once() -> None:

@@ -76,7 +76,7 @@ def toctrees(page: Path) -> list[re.Match[str]]:
 def test_every_block_is_what_it_says(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A block of TOML is a scene, or named a fragment; Python compiles."""
     monkeypatch.chdir(tmp_path)
-    for table in READY.glob("*.csv"):  # beside the ready scenes
+    for table in READY.glob("*.[cg][se][vo]"):  # beside the ready scenes
         Path(table.name).symlink_to(table)
     for block in blocks(page.read_text(encoding="utf-8")):
         language, info, content = block.groups()

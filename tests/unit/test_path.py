@@ -1,4 +1,4 @@
-"""Where Newton's method fails: the path through the kinks of the laws, and several solutions."""
+"""Where Newton's method fails: paths through kinks, simpler laws, and several solutions."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -9,34 +9,63 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from shared.problems import scene_of, surface_problem, two_blocks
+from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.laws.friction import CoulombByPoint
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.newton import path
-from stickslip.solvers.newton.attempts import Start
+from stickslip.solvers.newton import condensed_system, path, semismooth
+from stickslip.solvers.newton.attempts import Start, closed
+from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.scene_file.read import from_dict
 
+FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
 DRIVEN = {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}
-PULLED = {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}
 COULOMB = {"law": "coulomb", "mu": 0.4}
 
 
 def block(normal: Any = None, friction: Any = None, dim: int = 2, **tables: Any) -> Scene:
     """A block pressed and dragged in one step."""
+    shape = {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.25} | ({"width": 1.0} if dim == 3 else {})
+    obstacle = {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
     laws = {"normal": normal or {"law": "unilateral"}} | ({"friction": friction} if friction else {})
-    base = {"surface": "block.bottom", "against": "foundation"} | laws
-    return scene_of(dim, **{"contacts": {"base": base}, "supports": DRIVEN} | tables)
+    scene = {
+        "model": "plane strain" if dim == 2 else "3d",
+        "geometry": shape,
+        "bodies": {"block": {"E": 1.0, "nu": 0.3}},
+        "obstacles": {"foundation": obstacle},
+        "contacts": {"base": {"surface": "block.bottom", "against": "foundation"} | laws},
+        "supports": DRIVEN,
+    }
+    return from_dict(scene | tables)
+
+
+def two_blocks() -> Scene:
+    """Of different cells, the upper one pressed and dragged."""
+    sizes = {"length": 2.0, "height": 0.5, "mesh_size": 0.25}
+    return from_dict(
+        {
+            "model": "plane strain",
+            "geometry": {"builder": "two_blocks", "lower_mesh_size": 0.3} | sizes,
+            "bodies": {"upper": {"E": 1.0, "nu": 0.3}, "lower": {"E": 3.0, "nu": 0.2}},
+            "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top", "friction": COULOMB}},
+            "supports": {
+                "bed": {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0}},
+                "top": {"boundary": "upper.top", "displacement": {"x": 0.06, "y": -0.05}},
+            },
+        }
+    )
 
 
 def floating() -> Scene:
     """Pressed and pulled by tractions, held by the contact alone."""
-    return block(friction=COULOMB, supports={}, loads=PULLED)
+    loads = {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}
+    return block(friction=COULOMB, supports={}, loads=loads)
 
 
 def gaps() -> Scene:
@@ -59,23 +88,20 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "much friction": lambda: block(friction={"law": "coulomb", "mu": 3.0}),
     "compliance": lambda: block({"law": "compliance", "c_n": 5.0}, COULOMB | {"k_T": 4.0}),
     "bound by penetration": lambda: block({"law": "compliance", "c_n": 5.0}, {"law": "compliance", "c_T": 2.0}),
-    "two bodies": lambda: two_blocks(
-        2,
-        {"x": 0.06, "y": -0.05},
-        {"friction": COULOMB},
-        bodies={"upper": {"E": 1.0, "nu": 0.3}, "lower": {"E": 3.0, "nu": 0.2}},
-    ),
+    "two bodies": two_blocks,
     "gaps": gaps,
     "bilateral": lambda: block({"law": "bilateral"}, COULOMB),
     "floating": floating,
 }
 HELD = [name for name in SCENES if name not in ("bilateral", "floating")]
+SURE = [name for name in SCENES if name != "much friction"]  # from an iterate it may lead away
 
 
 @cache
 def problem_of(name: str) -> SurfaceProblem:
     """The surface problem of the only step."""
-    return surface_problem(prepare(SCENES[name]()))
+    stepper = prepare(SCENES[name]()).stepper
+    return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
 
 
 @cache
@@ -97,18 +123,36 @@ def check(name: str, ends: list[Start]) -> None:
     assert_allclose(end.p_hat, end.p + problem.gamma * r, atol=1e-15)
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("name", SURE)
+def test_it_arrives_at_the_solution_from_any_tractions(name: str, seed: int) -> None:
+    problem, random = problem_of(name), np.random.default_rng(seed)
+    p, u_c = random.normal(size=len(problem.gap)), 0.1 * random.normal(size=problem.surface.size)
+    p = problem.p_ref * np.where(np.arange(len(p)) < problem.surface.normal_rows, np.abs(p), 0.3 * p)
+    check(name, list(path.path_from(problem, p, u_c, 3000)))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_it_arrives_from_all_closed(name: str) -> None:
+    problem = problem_of(name)
+    check(name, list(path.path_from(problem, closed(problem), np.zeros(problem.surface.size), 3000)))
+
+
 @pytest.mark.parametrize("name", HELD)
 def test_it_arrives_from_all_open(name: str) -> None:
-    check(name, list(path.path_from_open(problem_of(name))))
+    check(name, list(path.path_from_open(problem_of(name), path.MOST_KINKS)))
 
 
 def test_no_path_begins_open_where_contact_cannot_open() -> None:
-    assert not list(path.path_from_open(problem_of("bilateral")))
+    assert not list(path.path_from_open(problem_of("bilateral"), path.MOST_KINKS))
 
 
 @pytest.mark.parametrize("refresh", [1, 10**6])
 def test_rounding_does_not_lead_it_away(refresh: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(path, "REFRESH", refresh)
+    for name in ("coulomb", "floating"):
+        problem = problem_of(name)
+        check(name, list(path.path_from(problem, closed(problem), np.zeros(problem.surface.size), 3000)))
     check("coulomb", list(path.path_from_open(problem_of("coulomb"), 3000)))
 
 
@@ -116,24 +160,48 @@ def test_it_gives_up_when_its_kinks_are_used_up(monkeypatch: pytest.MonkeyPatch)
     problem = problem_of("coulomb")
     passed, change = [], path._Path._change
     monkeypatch.setattr(path._Path, "_change", lambda self, row, to: passed.append(row) or change(self, row, to))
-    check("coulomb", list(path.path_from_open(problem)))
+    check("coulomb", list(path.path_from_open(problem, path.MOST_KINKS)))
     needed = len(passed) + 1  # the last piece has no kink at its end
     assert needed > problem.surface.normal_rows / 2  # each row that closes in the end is a kink
     assert not list(path.path_from_open(problem, needed - 1))
     check("coulomb", list(path.path_from_open(problem, needed)))
 
 
-def begun(name: str, kinks: int = 0) -> path._Path:
-    """A path from all open that has passed so many kinks: some rows are closed then."""
+def test_a_start_that_holds_no_body_is_skipped() -> None:
+    problem = problem_of("floating")
+    off = np.zeros(len(problem.gap))
+    far_above = problem.surface.R @ (problem.surface.R.T @ np.tile([0.0, 5.0], problem.surface.size // 2))
+    assert not list(path.path_from(problem, off, far_above, 3000))
+
+
+def test_it_goes_through_turning_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """s grows for a while where the determinant has changed its sign."""
+    seen: list[float] = []
+    move = path._Path._move
+
+    def moved(self: Any, step: float, dp: Array, db: Array) -> None:
+        seen.append(self.direction)
+        move(self, step, dp, db)
+
+    monkeypatch.setattr(path._Path, "_move", moved)
+    problem, random = problem_of("much friction"), np.random.default_rng(3)
+    for _ in range(8):
+        p = problem.p_ref * random.normal(size=len(problem.gap))
+        for end in path.path_from(problem, p, np.zeros(problem.surface.size), 3000):
+            check("much friction", [end])
+    assert 1.0 in seen
+
+
+def begun(name: str) -> path._Path:
+    """A path from all closed, before its first kink."""
     problem = problem_of(name)
-    wider = np.where(np.arange(len(problem.gap)) < problem.surface.normal_rows, 1.0 + np.arange(len(problem.gap)), 0.0)
-    at = path._Path(path._Map.of(problem), wider)
-    assert not list(at.solutions(kinks))
-    return at
+    maps = path._Map.of(problem)
+    zero = np.zeros(len(problem.gap))
+    return path._Path(maps, closed(problem) + 1e-3 * problem.p_ref, np.zeros(problem.surface.R.shape[1]), zero)
 
 
 def test_no_kink_ahead_is_the_end_on_the_way_to_zero_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(path._Path, "_next_kink", lambda self, dp: (np.inf, -1, -1))
+    monkeypatch.setattr(path._Path, "_next_kink", lambda self, dp, db: (np.inf, -1, -1))
     forth, back = begun("coulomb"), begun("coulomb")
     assert len(list(forth.solutions(3))) == 1
     back.direction = 1.0
@@ -143,30 +211,36 @@ def test_no_kink_ahead_is_the_end_on_the_way_to_zero_alone(monkeypatch: pytest.M
 def test_a_singular_piece_is_no_end(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = problem_of("coulomb")
     monkeypatch.setattr(path, "EXACT", np.inf)
-    assert not list(path.path_from_open(problem))
+    assert not list(path.path_from_open(problem, path.MOST_KINKS))
 
 
-@pytest.mark.parametrize("name", ["coulomb", "gaps"])
+@pytest.mark.parametrize("name", ["coulomb", "floating"])
 def test_what_is_off_the_path_returns_to_it(name: str) -> None:
-    at = begun(name, 3)
-    at.p[at.map.rows] += 1e-6 * np.abs(at.p).max() * np.arange(len(at.map.rows))
+    at = begun(name)
+    at.s = 0.7
+    at.p[at.map.rows] += 1e-3 * np.arange(len(at.map.rows))
+    at.b += 0.02
     at._evaluate()
-    assert np.abs(at.map.value(at.p, at.trial, at.state)).max() > 1e-7 * np.abs(at.p).max()
     at._correct()
-    assert_allclose(at.map.value(at.p, at.trial, at.state), 0.0, atol=1e-12 * np.abs(at.p).max())
+    value = at.map.value(at.p, at.b, at.trial, at.state)
+    assert_allclose(value, 0.7 * at.at_start, atol=1e-12)
+    assert np.abs(at.at_start).max() > 1e-3
 
 
-@pytest.mark.parametrize("name", ["gaps", "compliance"])
-def test_the_map_is_linear_on_a_piece(name: str) -> None:
-    """Its Jacobian gives the difference of any two values in the same states."""
-    maps, random = path._Map.of(problem_of(name)), np.random.default_rng(7)
-    p, dp, nothing = *random.normal(size=(2, len(maps.share))), np.zeros(len(maps.share))
-    dp[np.setdiff1d(np.arange(len(dp)), maps.rows)] = 0.0
-    trial = maps.trial(p, nothing)
+@pytest.mark.parametrize(("name", "soft"), [("gaps", 0.0), ("compliance", 0.0), ("floating", 0.0), ("floating", 0.1)])
+def test_the_map_is_linear_on_a_piece(name: str, soft: float) -> None:
+    """Its Jacobian gives the difference of any two values in the same states, springs included."""
+    maps, random = path._Map.of(problem_of(name), soft), np.random.default_rng(7)
+    count, m, r = len(maps.share), len(maps.rows), maps.C.shape[1]
+    dz, p, b, nothing = random.normal(size=m + r), random.normal(size=count), random.normal(size=r), np.zeros(count)
+    dp = np.zeros(count)
+    dp[maps.rows] = dz[:m]
+    trial = maps.trial(p, b, nothing)
     state = maps.states(trial, maps.bound @ p)
-    before = maps.value(p, trial, state)
-    after = maps.value(p + dp, maps.trial(p + dp, nothing), state)
-    assert_allclose(after - before, maps.jacobian(state) @ dp[maps.rows], atol=1e-12 * np.abs(after).max())
+    before = maps.value(p, b, trial, state)
+    after = maps.value(p + dp, b + dz[m:], maps.trial(p + dp, b + dz[m:], nothing), state)
+    assert_allclose(after - before, maps.jacobian(state) @ dz, atol=1e-12 * np.abs(after).max())
+    assert maps.spring == soft * problem_of(name).surface.rho
 
 
 def test_a_direction_without_multiplier_is_left_out() -> None:
@@ -178,15 +252,19 @@ def test_a_direction_without_multiplier_is_left_out() -> None:
     problem = replace(whole, cone=AdmissibleSet((replace(rows, free=free),), whole.cone.time, whole.cone.end))
     left_out = problem.surface.normal_rows + 3
     assert left_out not in path._Map.of(problem).rows
-    (end,) = path.path_from_open(problem)
+    (end,) = path.path_from(problem, closed(problem) + problem.p_ref / 10, np.zeros(problem.surface.size), 3000)
     assert end.p[left_out] == 0.0
     assert problem.natural_residual(end.p, problem.relative_displacement(end.u_c)) < 1e-11
 
 
 def test_the_same_path_is_followed_again() -> None:
     problem = problem_of("gaps")
-    (one,), (other,) = (list(path.path_from_open(problem)) for _ in range(2))
-    assert_array_equal(one.p, other.p)
+    for paths in (
+        lambda: path.path_from(problem, closed(problem), np.zeros(problem.surface.size), 3000),
+        lambda: path.path_from_open(problem, path.MOST_KINKS),
+    ):
+        (one,), (other,) = list(paths()), list(paths())
+        assert_array_equal(one.p, other.p)
 
 
 @pytest.mark.parametrize(
@@ -204,45 +282,232 @@ def test_the_same_path_is_followed_again() -> None:
 def test_it_is_for_piecewise_linear_problems_in_the_plane(normal: str, friction: Any, dim: int, expected: bool) -> None:
     laws = {"m_n = 2": {"law": "compliance", "c_n": 20.0, "m_n": 2.0}, "m_n = 1": {"law": "compliance", "c_n": 20.0}}
     drive = {"top": {"boundary": "block.top", "displacement": {"x": 0.01, "xyz"[dim - 1]: -0.1}}}
-    scene = block(laws.get(normal), friction, dim, geometry={"mesh_size": 0.5}, supports=drive)
-    problem = surface_problem(prepare(scene))
+    shape = {"mesh_size": 0.5, "builder": "block", "length": 2.0, "height": 1.0} | ({"width": 1.0} if dim == 3 else {})
+    scene = block(laws.get(normal), friction, dim, geometry=shape, supports=drive)
+    stepper = prepare(scene).stepper
+    problem = stepper.reach(stepper.start(), 1.0, lambda row: None).problem
     assert path.applies(problem) is expected
-    assert bool(list(path.path_from_open(problem))) is expected
+    best = CondensedNewton(rtol=1e-12)(problem, np.zeros(len(problem.gap)))
+    assert bool(list(path.ends(problem, best.p, best))) is expected
 
 
 def test_the_bodies_have_to_be_condensed() -> None:
-    solver = {"surface": "matrix-free", "method": "surface-uzawa"}
-    assert not path.applies(surface_problem(prepare(block(friction=COULOMB, solver=solver))))
+    stepper = prepare(block(friction=COULOMB, solver={"surface": "matrix-free", "method": "surface-uzawa"})).stepper
+    assert not path.applies(stepper.reach(stepper.start(), 1.0, lambda row: None).problem)
 
 
-def test_floating_bodies_have_no_path() -> None:
-    assert not list(path.path_from_open(problem_of("floating")))
+@pytest.mark.parametrize("name", ["coulomb", "floating"])
+def test_budgets_grow_and_the_path_from_all_open_is_the_last_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, best, tried = problem_of(name), solved(name), []
+    monkeypatch.setattr(path, "path_from", lambda of, p, u, kinks, seed: tried.append((p, u, kinks, seed)) or iter(()))
+    found = ["first"] * len(path.SOFT) if name == "floating" else ["first", "second"]
+
+    def path_from_open(of: SurfaceProblem, *how: Any) -> Any:
+        assert of is problem
+        tried.append(("open", *how))
+        return iter(["first", "second"])
+
+    monkeypatch.setattr(path, "path_from_open", path_from_open)
+    last = best.p / 2
+    assert list(path.ends(problem, last, best)) == found  # on springs the first solution is enough
+    rounds, rest = [tried[k : k + 3] for k in range(0, 9, 3)], tried[9:]
+    for seed, (kinks, starts) in enumerate(zip(path.KINKS, rounds, strict=True)):
+        assert [(budget, number) for _, _, budget, number in starts] == [(kinks, seed)] * 3
+        for (p, u_c, *_), expected in zip(starts, (best.p, last, closed(problem)), strict=True):
+            assert_allclose(p, expected)
+            assert_allclose(u_c, 0.0 if expected is closed else u_c)
+        assert not starts[2][1].any()
+        assert starts[0][1] is starts[1][1] is best.u_c
+    on_springs = [("open", path.KINKS[-1], soft) for soft in path.SOFT]
+    assert rest == ([("open", path.MOST_KINKS)] if name == "coulomb" else on_springs)
+
+
+def test_floating_bodies_on_soft_springs_are_nearly_where_they_rest() -> None:
+    problem, exact = problem_of("floating"), solved("floating").p
+    far = []
+    for soft in (1e-2, 1e-4, 1e-6):
+        (end,) = path.path_from_open(problem, 3000, soft)
+        far.append(np.abs(end.p - exact).max() / np.abs(exact).max())
+    assert far[0] > 10 * far[1] > 10 * far[2]
+    assert far[2] < 1e-5  # the gaps are perturbed by some of that
+
+
+CAPPED = {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.06}
+
+
+@pytest.fixture
+def problem_of_block(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., SurfaceProblem]:
+    """A block pressed and dragged in one step, on a surface that gives way; by tractions if it floats."""
+
+    def make(m_n: float = 2.0, friction: dict[str, Any] | None = COULOMB, floating: bool = False) -> SurfaceProblem:
+        base = {"surface": "block.bottom", "against": "foundation", "gap_offset": -0.01}
+        base |= {"friction": friction} if friction else {}
+        law = {"law": "compliance", "c_n": 40.0, "m_n": m_n}
+        drag = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
+        pull = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}}
+        stepper = simulation_of(
+            scene_of(contacts={"base": base | {"normal": law}}, **pull if floating else drag)
+        ).stepper
+        return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+
+    return make
+
+
+def newton(problem: SurfaceProblem, p: Array) -> Solution:
+    return SemismoothNewton(rtol=1e-12, max_it=200, linear=condensed_system.solve)(problem, p)
+
+
+@pytest.mark.parametrize("friction", [COULOMB, CAPPED, {"law": "compliance", "c_T": 10.0, "m_T": 1.5}])
+@pytest.mark.parametrize("floating", [False, True])
+def test_simpler_laws_lead_to_the_solution(
+    floating: bool, friction: dict[str, Any], problem_of_block: Callable[..., SurfaceProblem]
+) -> None:
+    problem = problem_of_block(2.0, friction, floating=floating)
+    exact = newton(problem, np.zeros(len(problem.gap)))
+    assert exact.status is Status.CONVERGED
+    ends = list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), newton))
+    off = [np.abs(end.p - exact.p).max() / exact.p.max() for end in ends]
+    assert len(ends) >= 3
+    assert off[0] < 10 * semismooth.NEAR
+    assert off[-1] < 1e-9
+
+
+def test_the_problem_of_tangents_is_piecewise_linear(problem_of_block: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of_block()
+    n = problem.surface.normal_rows
+    p = np.where(np.arange(len(problem.gap)) < n, 0.3, 0.1)
+    simpler = semismooth.simplified(problem, p, 1e-3)
+    assert not path.applies(problem)
+    assert path.applies(simpler)
+    assert (simpler.cone.time, simpler.cone.end) == (problem.cone.time, problem.cone.end) == (1.0, 1.0)
+    # at the pressure of the tangent both laws have the same penetration, and nearly so beside it
+    for factor, apart in ((1.0, 1e-14), (1.01, 1e-4)):
+        give = [of.cone.give(factor * p)[:n] + of.gap[:n] for of in (problem, simpler)]
+        assert_allclose(give[1], give[0], rtol=apart)
+    assert not np.allclose(simpler.cone.give(2 * p)[:n] + simpler.gap[:n], problem.cone.give(2 * p)[:n], rtol=1e-2)
+
+
+def test_open_points_have_tangents_at_the_floor(problem_of_block: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of_block()
+    p = np.zeros(len(problem.gap))
+    p[0] = 0.5
+    (contact,) = semismooth.simplified(problem, p, 1e-2).cone.contacts
+    slope = 2 * np.sqrt(40.0 * np.array([0.5, 0.005]))  # of c d^2 at p: 2 sqrt(c p)
+    assert_allclose(contact.normal.k[:2], slope, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("m_n", "friction", "expected"),
+    [
+        (2.0, COULOMB, True),
+        (2.0, None, True),
+        (1.0, COULOMB, False),  # linear already
+        (2.0, {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.1}, True),
+        (1.0, {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.1}, True),
+        (2.0, {"law": "compliance", "c_T": 10.0, "m_T": 1.5}, True),
+        (2.0, {"law": "tresca", "bound": 0.1}, False),
+        (2.0, {"law": "stick"}, False),
+    ],
+)
+def test_what_has_simpler_laws(
+    m_n: float, friction: dict[str, Any] | None, expected: bool, problem_of_block: Callable[..., SurfaceProblem]
+) -> None:
+    problem = problem_of_block(m_n, friction)
+    assert semismooth.has_simpler_laws(problem) is expected
+    if not expected:
+        assert not list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), newton))
+
+
+def test_bounds_are_those_at_the_last_pressures(problem_of_block: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of_block(2.0, CAPPED)
+    n = problem.surface.normal_rows
+    p = np.where(np.arange(len(problem.gap)) < n, 0.3, 0.0)
+    simpler = semismooth.simplified(problem, p, 1e-3)
+    (place,), (before,) = simpler.cone.places, problem.cone.places
+    assert_allclose(simpler.cone.bound(place, p[:n]), 0.06)
+    assert_allclose(simpler.cone.bound(place, p[:n] / 3), 0.02)
+    assert_allclose(problem.cone.bound(before, p[:n] / 3), 0.04)
+
+
+def test_no_end_where_the_simpler_problem_is_not_solved(problem_of_block: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of_block()
+    lost = CondensedNewton(max_it=0)
+    assert not list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), lost))
+
+
+def test_a_tangent_is_a_spring_that_only_presses() -> None:
+    """Its resolvent solves p + gamma p / k = p_hat where that is positive."""
+    k, gamma, p_hat = np.array([2.0, 3.0, 4.0]), np.array([1.0, 5.0, 0.5]), np.array([-1.0, 0.3, 2.0])
+    law = semismooth.Tangent(k=k)
+    p = law.resolvent(p_hat, gamma)
+    assert_allclose(p + gamma * law.penetration(p), [0.0, 0.3, 2.0])
+    assert_allclose(law.penetration(p), p / k)
+    assert_allclose(law.stiffness(p, p_hat), [0.0, 3.0, 4.0])
+
+
+def test_a_bound_of_the_power_of_the_pressure_becomes_coulombs(problem_of_block: Callable[..., SurfaceProblem]) -> None:
+    """c_T d^2 is (c_T / c_n) p; under a tangent the bound would be another one."""
+    problem = problem_of_block(2.0, {"law": "compliance", "c_T": 12.0, "m_T": 2.0, "k_T": 4.0})
+    (contact,) = semismooth.simplified(problem, np.ones(len(problem.gap)), 1e-3).cone.contacts
+    assert isinstance(contact.friction, CoulombByPoint)
+    assert_allclose(contact.friction.mu, 12.0 / 40.0, rtol=1e-12)
+    assert contact.friction.k_T == 4.0
+
+
+def test_floors_fall_to_last(problem_of_block: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, seen = problem_of_block(), list[float]()
+    simplified = semismooth.simplified
+    monkeypatch.setattr(semismooth, "simplified", lambda *of: seen.append(of[-1]) or simplified(*of))
+    list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), newton))
+    assert len(seen) == semismooth.MOST
+    assert seen == [*semismooth.FLOOR, *[semismooth.FLOOR[-1]] * (len(seen) - len(semismooth.FLOOR))]
 
 
 MUCH = {"law": "coulomb", "mu": 2.0}
-SOFT = {"law": "compliance", "c_n": 20.0}
+DRAWN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
+PULLED = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}}
+SOFT = {"normal": {"law": "compliance", "c_n": 20.0}}
 
 
 WEDGED = {"x": [[1.0, 0.05], [2.0, 0.12]], "y": [[1.0, -0.036], [2.0, 0.0013]]}  # and lifted off, but for friction
 LIFTED = {"x": 0.1, "y": 0.02}
 
 
-def reached(mu_s: float, mu_k: float, slip_length: float, top: dict[str, Any], count: int) -> Accepted:
+@pytest.fixture
+def reached(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., Accepted]:
     """The last step of a block with friction that weakens from mu_s."""
-    law = {"law": "static_kinetic", "mu_s": mu_s, "mu_k": mu_k, "slip_length": slip_length}
-    supports = {"top": {"boundary": "block.top", "displacement": top}}
-    stepper = prepare(block(friction=law, supports=supports, steps={"end": float(count), "count": count})).stepper
-    state = stepper.start()
-    for time in range(1, count + 1):
-        accepted = stepper.reach(state, float(time), lambda row: None)
-        state = accepted.state
-    return accepted
+
+    def make(mu_s: float, mu_k: float, slip_length: float, top: dict[str, Any], count: int) -> Accepted:
+        law = {"law": "static_kinetic", "mu_s": mu_s, "mu_k": mu_k, "slip_length": slip_length}
+        stepper = simulation_of(
+            scene_of(
+                contacts={"base": {"surface": "block.bottom", "against": "foundation", "friction": law}},
+                supports={"top": {"boundary": "block.top", "displacement": top}},
+                steps={"end": float(count), "count": count},
+            )
+        ).stepper
+        state = stepper.start()
+        for time in range(1, count + 1):
+            accepted = stepper.reach(state, float(time), lambda row: None)
+            state = accepted.state
+        return accepted
+
+    return make
 
 
-def frictional(friction: dict[str, Any] | None = MUCH, normal: Any = None, held: bool = True) -> SurfaceProblem:
+@pytest.fixture
+def problem_of_several(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[..., SurfaceProblem]:
     """A block pressed and dragged in one step."""
-    drive: dict[str, Any] = {} if held else {"supports": {}, "loads": PULLED}
-    return surface_problem(prepare(block(normal, friction, **drive)))
+
+    def make(
+        friction: dict[str, Any] | None, normal: dict[str, Any] | None = None, tables: dict[str, Any] = DRAWN
+    ) -> SurfaceProblem:
+        base = {"surface": "block.bottom", "against": "foundation"} | (normal or {})
+        base |= {"friction": friction} if friction else {}
+        stepper = simulation_of(scene_of(contacts={"base": base}, **tables)).stepper
+        return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+
+    return make
 
 
 @pytest.mark.parametrize(
@@ -254,11 +519,13 @@ def frictional(friction: dict[str, Any] | None = MUCH, normal: Any = None, held:
         ({"law": "compliance", "c_T": 50.0}, SOFT, 2.5),  # c_T d under p = c_n d
     ],
 )
-def test_the_most_friction_is_that_of_the_laws(friction: dict[str, Any] | None, normal: Any, most: float) -> None:
-    assert path._most_friction(frictional(friction, normal)) == pytest.approx(most)
+def test_the_most_friction_is_that_of_the_laws(
+    friction: dict[str, Any] | None, normal: Any, most: float, problem_of_several: Callable[..., SurfaceProblem]
+) -> None:
+    assert path._most_friction(problem_of_several(friction, normal)) == pytest.approx(most)
 
 
-def test_points_that_have_slipped_hide_no_others() -> None:
+def test_points_that_have_slipped_hide_no_others(reached: Callable[..., Accepted]) -> None:
     """One end has mu = .9, the other points 2: it is wedged, and could as well be off the ground."""
     accepted = reached(2.0, 0.9, 1e-3, WEDGED, 2)
     (contact,) = accepted.problem.cone.contacts
@@ -270,31 +537,33 @@ def test_points_that_have_slipped_hide_no_others() -> None:
 
 
 @pytest.mark.parametrize(
-    ("friction", "held", "looked_for"),
+    ("friction", "tables", "looked_for"),
     [
-        (MUCH, True, True),
-        ({"law": "coulomb", "mu": path.ENOUGH}, True, False),
-        (None, True, False),
-        ({"law": "stick"}, True, False),
-        ({"law": "tresca", "bound": 0.1}, True, False),
-        (MUCH, False, False),
-        ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, True, False),
-        ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, False, False),
+        (MUCH, DRAWN, True),
+        ({"law": "coulomb", "mu": path.ENOUGH}, DRAWN, False),
+        (None, DRAWN, False),
+        ({"law": "stick"}, DRAWN, False),
+        ({"law": "tresca", "bound": 0.1}, DRAWN, False),
+        (MUCH, PULLED, False),
+        ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, DRAWN, False),
+        ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, PULLED, False),
     ],
 )
 def test_others_are_looked_for_where_there_may_be_some(
-    friction: dict[str, Any] | None, held: bool, looked_for: bool,
-    monkeypatch: pytest.MonkeyPatch
+    friction: dict[str, Any] | None, tables: dict[str, Any], looked_for: bool,
+    problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
-    problem, asked = frictional(friction, held=held), list[int]()
+    problem, asked = problem_of_several(friction, tables=tables), list[int]()
     monkeypatch.setattr(path, "path_from_open", lambda of, kinks: asked.append(kinks) or iter(()))
     assert not list(path.others(problem, np.zeros(len(problem.gap))))
     assert asked == ([path.FOLLOWED] if looked_for else [])
 
 
 @pytest.mark.parametrize("size", [1e-6, 1.0])
-def test_each_solution_is_said_once(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = frictional(MUCH)
+def test_each_solution_is_said_once(
+    size: float, problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = problem_of_several(MUCH)
     p, other = size * np.random.default_rng(0).random((2, len(problem.gap)))
     met: list[tuple[Array, float]] = [
         (p * (1 + 0.5 * SLIGHT), 0.0),  # the known one
@@ -317,9 +586,11 @@ def test_each_solution_is_said_once(size: float, monkeypatch: pytest.MonkeyPatch
     assert_array_equal(found, [other, -p, p * (1 - 2 * SLIGHT), 0 * p])
 
 
-def test_solutions_are_apart_by_a_part_of_the_larger_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_solutions_are_apart_by_a_part_of_the_larger_one(
+    problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Beside a known state that is all but open: what differs from it by little is measured by what is met."""
-    problem = frictional(MUCH)
+    problem = problem_of_several(MUCH)
     zero = np.zeros(len(problem.gap))
     one = zero + 1.0
     end = Start(p=one, u_c=np.zeros(problem.surface.size), p_hat=one)
@@ -329,8 +600,10 @@ def test_solutions_are_apart_by_a_part_of_the_larger_one(monkeypatch: pytest.Mon
     assert not list(path.others(problem, one))
 
 
-def test_tractions_that_are_rounding_are_no_other_solution(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = frictional(MUCH)
+def test_tractions_that_are_rounding_are_no_other_solution(
+    problem_of_several: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = problem_of_several(MUCH)
     touching = np.full(len(problem.gap), 1e-16 * problem.p_ref)
     end = Start(p=0 * touching, u_c=np.zeros(problem.surface.size), p_hat=0 * touching)
     monkeypatch.setattr(path, "path_from_open", lambda of, kinks: iter([end]))
@@ -338,7 +611,7 @@ def test_tractions_that_are_rounding_are_no_other_solution(monkeypatch: pytest.M
     assert not list(path.others(problem, touching))
 
 
-def test_others_have_the_friction_of_their_own_slip() -> None:
+def test_others_have_the_friction_of_their_own_slip(reached: Callable[..., Accepted]) -> None:
     """Three answers with mu = 3 everywhere: open, stick, and one that slips, which has not 3 then."""
     accepted = reached(3.0, 0.1, 0.01, LIFTED, 1)
     assert not accepted.state.p.any()

@@ -69,7 +69,7 @@ STEPS = 4  # at most, beside the times that a scene lists
 TOLERANCE = 1e-13  # of the residual
 AGREEMENT = 1e-8  # of u in the energy norm, and of the tractions of all rows
 HELD_BY_CONTACT = {
-    *("arch", "dam", "hysteresis", "lap_joint", "rotor", "rubber_mount"),
+    *("arch", "dam", "dovetail", "hysteresis", "lap_joint", "rotor", "rubber_mount"),
     *("sector", "shrink_fit", "sledge", "spruce", "stack", "strip"),
 }
 DRIVEN = {"half_space", "sphere"}  # obstacles that forces move

@@ -35,7 +35,7 @@ LOAD = np.array([-1.0, -0.6])
 OPEN = (-2.681854, 0.122507)  # displacement
 STICK = (1.0, 0.6)  # reaction
 SLIP = (-2.070766, 0.203552, 0.067851)  # u_t, reaction
-CLEARANCE = 0.52823344  # of the node's weighted gap above a plane at its own height: the plane is that much higher
+CLEARANCE = 0.3663695  # of the node's weighted gap above a plane at its own height: the plane is that much higher
 UNIQUE = 1.4966630  # below this coefficient there is one answer, whatever the load
 
 

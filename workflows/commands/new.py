@@ -51,5 +51,8 @@ def _copy(name: str, path: Path) -> None:
     if name not in ready:
         raise SceneError(f"{name}: no such ready scene; {nearest(name, ready)}")
     refuse_name(path)
-    write_new(path, ready[name].read_text(encoding="utf-8"))
+    text = ready[name].read_text(encoding="utf-8")
+    for beside in (p for p in READY.iterdir() if f'"{p.name}"' in text):  # its geometry, and its tables
+        write_new(path.with_name(beside.name), beside.read_text(encoding="utf-8"))
+    write_new(path, text)
     typer.echo(f"wrote {path}; solve it with: stickslip run {path}")

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError, select_autoescape
+from typing import Any
 
 FOLDER = Path(__file__).parents[1]  # workflows/, below which templates have their names
 
@@ -18,15 +17,20 @@ def render(template: str, **values: object) -> str:
     Raises:
         KeyError: the template asks for a value that is not given.
     """
+    from jinja2 import UndefinedError
+
     try:
-        return _environment().get_template(template).render(values)
+        text: str = _environment().get_template(template).render(values)
+        return text
     except UndefinedError as error:
         raise KeyError(f"{template}: {error}") from error
 
 
 @cache
-def _environment() -> Environment:
+def _environment() -> Any:
     """Return what finds templates; a line that holds a statement alone leaves nothing."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
+
     return Environment(
         loader=FileSystemLoader(FOLDER, followlinks=True),
         undefined=StrictUndefined,

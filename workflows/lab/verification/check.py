@@ -62,8 +62,8 @@ class Case:
 
     about: str
     checks: Callable[[str], list[Check]]
-    methods: tuple[str, ...]
-    slow: tuple[str, ...]  # methods that take more than some seconds
+    methods: tuple[str, ...] = METHODS
+    slow: tuple[str, ...] = ()  # methods that take more than some seconds
 
 
 PROBLEMS: dict[str, Case] = {}

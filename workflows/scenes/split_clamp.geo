@@ -1,0 +1,31 @@
+// Ring with a slit whose sides are parallel
+DefineConstant[size = 1.0]; // of cells [mm]
+DefineConstant[inner = 20.0]; DefineConstant[outer = 30.0]; DefineConstant[slit = 0.02]; // [mm]
+h = slit / 2;
+Point(1) = {0, 0, 0, size};
+Point(2) = {Sqrt(inner^2 - h^2), h, 0, size};
+Point(3) = {Sqrt(outer^2 - h^2), h, 0, size};
+Point(4) = {0, outer, 0, size};
+Point(5) = {-outer, 0, 0, size};
+Point(6) = {0, -outer, 0, size};
+Point(7) = {Sqrt(outer^2 - h^2), -h, 0, size};
+Point(8) = {Sqrt(inner^2 - h^2), -h, 0, size};
+Point(9) = {0, -inner, 0, size};
+Point(10) = {-inner, 0, 0, size};
+Point(11) = {0, inner, 0, size};
+Line(1) = {2, 3};
+Circle(2) = {3, 1, 4};
+Circle(3) = {4, 1, 5};
+Circle(4) = {5, 1, 6};
+Circle(5) = {6, 1, 7};
+Line(6) = {7, 8};
+Circle(7) = {8, 1, 9};
+Circle(8) = {9, 1, 10};
+Circle(9) = {10, 1, 11};
+Circle(10) = {11, 1, 2};
+Curve Loop(1) = {1:10};
+Plane Surface(1) = {1};
+Physical Surface("clamp") = {1};
+Physical Curve("clamp.upper") = {1};
+Physical Curve("clamp.lower") = {6};
+Physical Curve("clamp.outer") = {2:5};
