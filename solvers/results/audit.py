@@ -420,8 +420,8 @@ class Auditor:
     def _contact_force(self, place: ContactBlock, u: Vec, record: Record, scales: Scales) -> Vec:
         """Nodal forces B^T p of one contact over all displacement dofs [N]; with compliance p_n is that of u.
 
-        Against a rigid obstacle those of multipliers come from forms. Between bodies, on a part of a side, and on that of
-        a cyclic sector, no form over one mesh has them: there they are the rows' own, N^T W p.
+        Against a rigid obstacle those of multipliers come from forms. Between bodies, on a part of a side, and on
+        that of a cyclic sector, no form over one mesh has them: there they are the rows' own, N^T W p.
         """
         system, rows = self.system, place.rows
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
