@@ -36,7 +36,7 @@ class MeshOptions:
     fine_size: float | None  # edge length at `fine_sides` and `fine_points`; None: `size`
     fine_sides: Sequence[str]
     periodic: Sequence[tuple[str, str]]  # the first side of each pair gets the mesh of the second
-    turns: Mapping[str, Turn]  # of cyclic ones, by the first side, in the file's unit
+    turns: Mapping[str, Turn] = field(default_factory=dict)  # of cyclic ones, by the first side, in the file's unit
     order: int
     fine_points: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (p, 3)
     around: int = 0  # cells on a full circle, at least; 0: no rule
