@@ -42,6 +42,7 @@ What a step holds
 step.contacts["base"]   a `ContactState`: at each node of the slave side (n,) pressure, gap, status and
                         friction bound, (n, d) points, traction and slip; of the whole side force,
                         moment, and the areas that touch, stick and slip; `.to_pandas()`: its nodes
+step.sums               numbers of each contact with several partners, by name; `contacts` has each alone
 step.displacement       (nodes, d) [m]
 step.stress             (cells, 3, 3) [Pa]; step.von_mises (cells,) [Pa]
 step.bodies             a `BodyState` by name: largest displacement [m] and von Mises stress [Pa]
@@ -91,9 +92,9 @@ Effects           BodyForce, Bolt, Centrifugal, ElasticSupport, Gravity, Periodi
                   Spring, Thermal
 Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
                   HistoryTuple, Step, Status
-Results           StepResult, ContactState, OPEN, SLIP, STICK, BodyState, Reaction, ObstacleState,
-                  SpringForce, BoltState, RemoteState, ProbeValue, Energy, MeshData, SurfaceMesh,
-                  Convergence; errors: Quantity, ErrorParts
+Results           StepResult, ContactState, ContactNumbers, OPEN, SLIP, STICK, BodyState, Reaction,
+                  ObstacleState, SpringForce, BoltState, RemoteState, ProbeValue, Energy, MeshData,
+                  SurfaceMesh, Convergence; errors: Quantity, ErrorParts
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended);
                   Loaded; sweeps: Sweep, Solved
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,

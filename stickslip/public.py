@@ -54,7 +54,15 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.scene.problem import PlanRow
-from stickslip.solvers.scene.record import BodyState, Energy, Number, ObstacleState, ProbeValue, Reaction
+from stickslip.solvers.scene.record import (
+    BodyState,
+    ContactNumbers,
+    Energy,
+    Number,
+    ObstacleState,
+    ProbeValue,
+    Reaction,
+)
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Steps
 from stickslip.solvers.simulation.script import Script
@@ -128,6 +136,7 @@ __all__ = [
     "Builder",
     "Compliance",
     "Contact",
+    "ContactNumbers",
     "ContactReport",
     "ContactState",
     "Convergence",

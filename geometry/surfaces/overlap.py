@@ -135,7 +135,7 @@ class Overlap(Rows):
     normals: Array  # (q, d) unit slave normals used there: nodal averaged normals, interpolated, normalised
 
 
-def overlap(slave: Surface, master: Surface, reach: float, degree: int) -> Overlap:
+def overlap(slave: Surface, master: Surface, reach: float | Array, degree: int) -> Overlap:
     """Quadrature points on the slave, each with the master point that it faces.
 
     A master facet counts where it faces the slave (their normals are opposed) at a distance of at most `reach`; of
@@ -143,21 +143,22 @@ def overlap(slave: Surface, master: Surface, reach: float, degree: int) -> Overl
     projected on the master along its own normal in 2D, along the averaged normal at the centre of its facet in 3D.
 
     Args:
-        reach: [m].
+        reach: of each master facet (g,), or of all [m].
         degree: of the quadrature on a cell: the total degree of the integrand in reference coordinates, Jacobian
             included; 4 times the order for products of two basis functions on quadrilaterals, else 2 times.
     """
-    normals = slave.node_normals()
+    normals, farthest = slave.node_normals(), float(np.max(reach))
+    reach = np.broadcast_to(reach, len(master.facets))
 
     def gap(cells: Cells, local: Array) -> Array:
         return _project(slave, master, normals, cells, local, np.zeros(len(local))).gap
 
     if slave.dim == 2:
-        cells = split_overlapping(Cells(*segments(slave, master, normals, reach)), master)
+        cells = split_overlapping(Cells(*segments(slave, master, normals, farthest)), master)
     else:
-        cells = Cells(*triangles(slave, master, normals, reach))
+        cells = Cells(*triangles(slave, master, normals, farthest))
     middle = _project(slave, master, normals, cells, cells.corners.mean(axis=1), np.zeros(len(cells.areas)))
-    near = np.abs(middle.gap) <= reach
+    near = np.abs(middle.gap) <= reach[cells.master_facet]
     if steepest(slave, master):  # sides with edges may be all of a body's skin
         at = place(slave, cells.slave_facet, middle.slave_local).points
         near &= ~through_body(at, middle.normals, middle.gap, master)

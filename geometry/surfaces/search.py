@@ -125,6 +125,10 @@ class Pairing:
     local: Array  # (m, d-1) reference coordinates on that facet; 0 if there is none
     gap: Array  # (m,) signed distance to the facet along the direction, positive = open [m]; inf if there is none
 
+    def only(self, met: Bools) -> Pairing:
+        """The same where chosen points (m,) meet something, and nothing elsewhere."""
+        return Pairing(np.where(met, self.facet, -1), self.local, np.where(met, self.gap, np.inf))
+
     def weights(self, master: Surface) -> Sparse:
         """Values (m, n_master) of the master's basis at each intersection; an empty row if there is none."""
         met = np.flatnonzero(self.facet >= 0)

@@ -5,6 +5,7 @@ The volume mesh is distributed; the surface has O(N^(2/3)) data.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -172,6 +173,26 @@ class Surface:
         total = np.zeros(len(self.nodes))
         np.add.at(total, self.facets, values)
         return total
+
+
+def joined(surfaces: Sequence[Surface]) -> Surface:
+    """Several surfaces with facets of one kind as one, whose nodes and facets follow each other."""
+    first, counts = surfaces[0], [len(surface.nodes) for surface in surfaces]
+    starts, faces = np.cumsum([0, *counts[:-1]]), None
+    if any(surface.faces is not None for surface in surfaces):
+        of_each = [np.zeros(n, np.int64) if s.faces is None else s.faces for s, n in zip(surfaces, counts, strict=True)]
+        after = np.cumsum([0, *(own.max() + 1 for own in of_each[:-1])])
+        faces = np.concatenate([own + k for own, k in zip(of_each, after, strict=True)])
+    return replace(
+        first,
+        nodes=np.concatenate([surface.nodes for surface in surfaces]),
+        input=np.concatenate([surface.input for surface in surfaces]),
+        points=np.concatenate([surface.points for surface in surfaces]),
+        facets=np.concatenate([surface.facets + k for surface, k in zip(surfaces, starts, strict=True)]),
+        outward=np.concatenate([surface.outward for surface in surfaces]),
+        parts=np.concatenate([surface.part for surface in surfaces]),
+        faces=faces,
+    )
 
 
 def gather_surface(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> Surface:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -151,6 +152,9 @@ def with_unresolved(contacts: Sequence[ContactRows], step: StepResult, errors: E
                 size = abs(float(getattr(state, key.quantity)))
                 off = size if parts.mesh is None else max(float(parts.mesh), size)
                 found[key] = replace(parts, mesh=off, geometry=parts.geometry or 0.0, converges=True)
+    for name, x in product(step.sums, LOCAL):
+        each = [found.get(Quantity("contacts", pair, x), ErrorParts()) for pair in step.parts(name)]
+        found[Quantity("contacts", name, x)] = ErrorParts.added(each)
     return found
 
 

@@ -36,6 +36,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -317,6 +318,9 @@ def _along_the_path(steps: Sequence[StepResult]) -> dict[Quantity, Array]:
         found[Quantity("contacts", name, "dissipation")] = work
         found[Quantity("contacts", name, "dissipation_total")] = np.cumsum(work, axis=1)
         found[dissipated] = found.get(dissipated, 0.0) + np.cumsum(work, axis=1)
+    for name, key in product(steps[0].sums, ("dissipation", "dissipation_total")):
+        each = [found[Quantity("contacts", pair, key)] for pair in steps[0].parts(name)]
+        found[Quantity("contacts", name, key)] = np.sum(each, axis=0)
     return found
 
 
@@ -326,6 +330,10 @@ def _numbers(step: StepResult) -> dict[Quantity, Value]:
     for name, contact in step.contacts.items():
         found[Quantity("contacts", name, "pressure")] = contact.pressure
         found[Quantity("contacts", name, "slip")] = np.linalg.norm(contact.slip, axis=1)
+    for name, key in product(step.sums, ("pressure", "slip")):
+        found[Quantity("contacts", name, key)] = np.concatenate(
+            [found[Quantity("contacts", pair, key)] for pair in step.parts(name)]
+        )
     return found
 
 

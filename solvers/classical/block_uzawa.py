@@ -63,7 +63,7 @@ class BlockUzawa(FixedStep, GramKeys, InnerKeys, Method):
         '`outer = "ksp"` Newton on the nest, any fieldsplit by `petsc_options`'
     )
     WORKS_WITH: ClassVar = Applicability(
-        floating=False, bedded=True, fields=False, condensed=False, matrix_free=False, contends=False
+        shared=False, floating=False, bedded=True, fields=False, condensed=False, matrix_free=False, contends=False
     )
     ROW: ClassVar = 8
 

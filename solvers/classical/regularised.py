@@ -160,6 +160,7 @@ class Regularised(Method):
     )
     EXACT_LAWS: ClassVar = False
     WORKS_WITH: ClassVar = Applicability(
+        shared=False,
         floating=False,
         normal=("unilateral", "bilateral", "compliance"),
         friction=("coulomb", "tresca"),

@@ -234,7 +234,7 @@ def build_rows(
             dropped = 0
         else:
             carrier = normal_carriers[name]
-            if not carrier.share.shape[0]:
+            if not carrier.share.shape[0] and weights.any():
                 raise SceneError(
                     f"contacts.{name}: supports prescribe the normal motion of all of {contact.surface}, so it can "
                     "carry no contact pressure; free it or remove the contact"

@@ -12,7 +12,7 @@ Source of contact elements: Pop (1999), section 4.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
@@ -23,8 +23,9 @@ from stickslip.geometry.errors import SceneError
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.facet_map import place
+from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.overlay import steepest
-from stickslip.geometry.surfaces.search import pair, through_body
+from stickslip.geometry.surfaces.search import Pairing, pair, through_body
 from stickslip.geometry.surfaces.surface import Surface
 
 DIGITS = 9  # to which components are rounded, so that among equal ones the first is the least
@@ -86,6 +87,34 @@ class Coupling:
     normals: Array  # (n, d) unit, towards the other side, half way between both sides' own
     carries: Bools  # (n,) nodes with a multiplier of their own; the weight of the others goes to neighbours
     points: Callable[[int], Points]  # takes a quadrature degree
+
+
+@dataclass(frozen=True)
+class Facing:
+    """Where a slave surface faces a master, found by searches."""
+
+    slave: Surface
+    master: Surface
+    reach: float  # farthest gap [m] across which facets are paired
+
+    def points(self, degree: int) -> Overlap:
+        """Integration points of the slave's part that faces the master; degree: of the quadrature."""
+        return overlap(self.slave, self.master, self.reach, degree)
+
+    def nodes(self, along: Array) -> Pairing:
+        """Facets of the master that the slave's nodes meet along unit directions (n, d)."""
+        slave, master = self.slave, self.master
+        found = pair(slave.points, along, master, self.reach)
+        if steepest(slave, master):  # sides with edges may be all of a body's skin
+            away = place(master, found.facet, found.local).area_normals
+            flat = -np.einsum("md,md->m", away, along) > steepest(slave, master) * np.linalg.norm(away, axis=1)
+            apart = (found.facet >= 0) & flat & ~through_body(slave.points, along, found.gap, master)
+            return found.only(apart)
+        return found
+
+    def first(self, on: On, along: Array, gap: Array) -> Bools:
+        """Which points (q,) of the slave reach the master, at gaps [m] along unit directions, before anything else."""
+        return np.ones(len(gap), bool)
 
 
 def midway_normals(own: Array, other: Array, gap: Array, at_edge: Array, other_at_edge: Array) -> tuple[Array, Array]:
@@ -177,20 +206,10 @@ def _points(surface: Surface, obstacle: Obstacle, degree: int) -> Points:
     )
 
 
-def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
-    """Coupling at the slave's nodes, with their own weights; a node that meets no facet carries no multiplier.
-
-    Args:
-        slave, master: the two surfaces.
-        reach: farthest gap [m] across which a facet is looked for.
-    """
-    along = slave.node_normals()
-    found = pair(slave.points, along, master, reach)
-    if steepest(slave, master):  # sides with edges may be all of a body's skin
-        away = place(master, found.facet, found.local).area_normals
-        flat = -np.einsum("md,md->m", away, along) > steepest(slave, master) * np.linalg.norm(away, axis=1)
-        apart = (found.facet >= 0) & flat & ~through_body(slave.points, along, found.gap, master)
-        found = replace(found, facet=np.where(apart, found.facet, -1), gap=np.where(apart, found.gap, np.inf))
+def nodal_coupling(facing: Facing) -> Coupling:
+    """Coupling at the slave's nodes, with their own weights; a node that meets no facet carries no multiplier."""
+    slave, master, along = facing.slave, facing.master, facing.slave.node_normals()
+    found = facing.nodes(along)
     partners = found.weights(master)
     missed = (found.facet < 0).astype(float)
     met = abs(slave.transform) @ missed == 0  # a coefficient of phi~ may need several nodes
@@ -210,7 +229,7 @@ def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
             normals=normals[met],
             psi=psi.tocsr(),
             phi=psi.tocsr(),
-            own=_on_nodes(slave, met),
+            own=on_nodes(slave, met),
             other=On(found.facet[met], found.local[met]),
         )
 
@@ -226,7 +245,7 @@ def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
     )
 
 
-def _on_nodes(surface: Surface, chosen: Bools) -> On:
+def on_nodes(surface: Surface, chosen: Bools) -> On:
     """Chosen nodes (n,) of a surface as points of it, each on the first facet that has it."""
     k = surface.facets.shape[1]
     at = np.unique(surface.facets.ravel(), return_index=True)[1][chosen]

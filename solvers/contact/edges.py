@@ -19,7 +19,7 @@ from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.faces import BLUNT, RIDGES, edges_of
 from stickslip.geometry.surfaces.search import pair, through_body
 from stickslip.geometry.surfaces.surface import CREASE, Surface
-from stickslip.solvers.contact.coupling import DIGITS, Coupling, On
+from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On
 
 
 @dataclass(frozen=True)
@@ -35,21 +35,24 @@ class _Points(Rows):
     own: Bools  # (q,) whether the slave's edge touches
 
 
-def with_edges(coupling: Coupling, reach: float) -> Coupling:
+def with_edges(coupling: Coupling, facing: Facing | None = None) -> Coupling:
     """The same coupling with rows for the edges of both sides; it is the same where there are none.
 
     Of the nodes that faces have at an edge, one carries what presses on one face of the other side: that of the edge
     itself, or that whose own face lies flattest on it. The others have no weight.
 
     Args:
-        reach: farthest gap [m] across which edges are looked at.
+        facing: where the sides of two bodies face each other.
     """
     slave, master = coupling.surface, coupling.master
-    if master is not None and (slave.faces is not None or master.faces is not None):
+    if facing is not None and master is not None and (slave.faces is not None or master.faces is not None):
+        reach = facing.reach
         turned = _turned(_tips(master, slave, reach))
         points = [_tips(slave, master, reach), turned]
         points += [_crossings(slave, master, reach)] if slave.dim == 3 else []
-        coupling = _with_rows(coupling, _Points.joined(points))
+        found = _Points.joined(points)
+        first = facing.first(On(found.facet, found.local), found.normals, found.gap)
+        coupling = _with_rows(coupling, found.at(first))
     return _once(coupling)
 
 

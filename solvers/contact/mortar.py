@@ -16,10 +16,10 @@ from scipy import sparse
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
-from stickslip.geometry.surfaces.overlap import Overlap, overlap
+from stickslip.geometry.surfaces.overlap import Overlap
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import distribute_to_neighbours
-from stickslip.solvers.contact.coupling import DIGITS, Coupling, On, Points, midway_normals, relative_to, shares
+from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On, Points, midway_normals, relative_to, shares
 
 WILD = 1e6  # larger psi is replaced by a constant; on a whole facet psi is at most about 10
 
@@ -112,25 +112,21 @@ LITTLE = 0.01  # of a node's own weight: with less than that facing the master i
 FAR = 10.0  # ∫ |psi_j| / ∫ psi_j: below 5 on whole facets, far more where a node's values are extrapolated
 
 
-def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
-    """Coupling with dual (biorthogonal) multipliers at the slave's nodes; nodes that face nothing carry none.
-
-    Args:
-        slave, master: the two surfaces.
-        reach: farthest gap [m] across which facets are paired.
-    """
-    found = overlap(slave, master, reach, _degree(slave, master))
+def mortar_coupling(facing: Facing) -> Coupling:
+    """Coupling with dual (biorthogonal) multipliers at the slave's nodes; nodes that face nothing carry none."""
+    slave, master = facing.slave, facing.master
+    found = facing.points(_degree(slave, master))
     weights, P, gap, psi = mortar_integrals(slave, master, found)
-    facing = weights != 0
-    own = sparse.diags(facing.astype(float)) @ slave.transform
-    gap = np.where(facing, gap, 0.0)
+    faces = weights != 0
+    own = sparse.diags(faces.astype(float)) @ slave.transform
+    gap = np.where(faces, gap, 0.0)
     other = P @ master.node_normals()
     spread = np.divide(abs(psi).sum(axis=1).A1, weights, out=np.full(len(weights), np.inf), where=weights > 0)
-    far = facing & ((spread > FAR) | (weights <= LITTLE * slave.node_weights()))
+    far = faces & ((spread > FAR) | (weights <= LITTLE * slave.node_weights()))
     if far.any():
         gap[far], other[far] = np.clip(gap[far], found.gap.min(), found.gap.max()), 0.0
     normals, gap = midway_normals(slave.node_normals(), other, gap, slave.at_edge, P @ master.at_edge)
-    share = _positive_shares(slave, weights, facing & (~far | _least(slave, spread)))
+    share = positive_shares(slave, weights, faces & (~far | _least(slave, spread)))
     total = np.asarray(share @ weights)
     each = np.divide(1.0, total, out=np.zeros(len(total)), where=total > 0)
     mean = sparse.diags(each) @ share @ sparse.diags(weights)
@@ -142,11 +138,11 @@ def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
         gap=mean @ gap,
         normals=normals,
         carries=total > 0,
-        points=lambda degree: _points(slave, master, reach, max(degree, _degree(slave, master)), share),
+        points=lambda degree: _points(facing, max(degree, _degree(slave, master)), share),
     )
 
 
-def _positive_shares(slave: Surface, weights: Array, carries: Bools) -> Sparse:
+def positive_shares(slave: Surface, weights: Array, carries: Bools) -> Sparse:
     """Shares (n, n) of the carriers in all nodes, such that every carrier's weight is positive.
 
     The weight of a node without a multiplier goes to its neighbours. A carrier whose weight becomes negative by that
@@ -179,9 +175,9 @@ def _degree(slave: Surface, master: Surface) -> int:
     return product * (1 + (slave.shape == "quadrilateral")) + slave.axisymmetric
 
 
-def _points(slave: Surface, master: Surface, reach: float, degree: int, share: Sparse) -> Points:
-    """The integration points of the overlap, with `share` (n, n) of `_positive_shares`."""
-    found = overlap(slave, master, reach, degree)
+def _points(facing: Facing, degree: int, share: Sparse) -> Points:
+    """The integration points of the overlap, with `share` (n, n) of `positive_shares`."""
+    slave, master, found = facing.slave, facing.master, facing.points(degree)
     psi = mortar_integrals(slave, master, found)[3]
     own, other = On(found.slave_facet, found.slave_local), On(found.master_facet, found.master_local)
     at_edge, basis = own.basis(slave) @ slave.at_edge, other.basis(master)

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import SceneError
-from stickslip.geometry.surfaces.faces import near
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import build_rows
-from stickslip.solvers.contact.coupling import Coupling, nodal_coupling, rigid_coupling
+from stickslip.solvers.contact.coupling import Coupling, nodal_coupling
 from stickslip.solvers.contact.edges import with_edges
 from stickslip.solvers.contact.mortar import mortar_coupling
+from stickslip.solvers.contact.partners import Operator, Partner, alone, among_partners, within_reach
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import Constraints
-from stickslip.solvers.scene.problem import Problem
-
-Operator = Callable[[Surface, Surface, float], Coupling]  # slave, master, reach [m]: farthest gap looked across
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.problem import Pair, Problem
 
 OPERATORS: Mapping[str, Operator] = {
     "mortar": mortar_coupling,
@@ -43,34 +42,53 @@ def pair_up(
     Raises:
         SceneError: nothing of a slave side faces its master within reach.
     """
-    couplings = {}
+    sharing = dict[str, list[str]]()
     for name, known in problem.pairs.items():
-        slave = sides[known.slave]
-        master = sides[known.master] if known.master is not None else None
-        if known.contact.normal.at_quadrature and known.contact.friction is not None:
-            slave = replace(slave, positive=True)  # friction bounds are means of pressures with phi~
-        if name in moved:
-            own, other = np.split(moved[name], [len(slave.nodes)])
-            slave = replace(slave, points=slave.points + own)
-            master = master and replace(master, points=master.points + other)
-        if known.obstacle is not None:
-            couplings[name] = known.contact, with_edges(rigid_coupling(slave, problem.obstacles[known.obstacle]), 0.0)
-            continue
-        assert master is not None
-        assert known.master is not None
-        # of the start, and the same for a scene that is turned as a whole
-        reach = known.contact.search_distance or REACH * _spread(sides[known.slave], sides[known.master])
-        operator = OPERATORS[known.contact.operator or "mortar"]
-        reach *= 1 + CLOSE  # as wide a gap to rounding
-        if not known.contact.sliding and (slave.faces is not None or master.faces is not None):
-            slave, master = near(slave, master, reach), near(master, slave, reach)  # sides may be whole skins
-        couplings[name] = known.contact, with_edges(operator(slave, master, reach), reach)
-        if not np.any(couplings[name][1].weights > 0):
-            raise SceneError(
-                f"contacts.{name}: nothing of {known.slave} faces {known.master} within {reach:g} "
-                f"{problem.labels.length}; set search_distance, or exchange the sides"
-            )
+        sharing.setdefault(known.slave, []).append(name)
+    couplings = dict[str, tuple[Contact, Coupling]]()
+    for side, names in sharing.items():
+        pairs = [problem.pairs[name] for name in names]
+        partners = [_partner(problem, known, sides, moved.get(known.name)) for known in pairs]
+        positive = any(pair.contact.normal.at_quadrature and pair.contact.friction is not None for pair in pairs)
+        if positive:  # friction bounds are means of pressures with phi~
+            partners = [replace(each, slave=replace(each.slave, positive=True)) for each in partners]
+        if not any(pair.contact.sliding for pair in pairs):
+            partners = within_reach(partners)
+        found = among_partners(partners) if len(partners) > 1 else [alone(partners[0])]
+        found = [(with_edges(coupling, facing), facing) for coupling, facing in found]
+        touching = [bool(np.any(coupling.weights > 0)) for coupling, _ in found]
+        for known, partner, (coupling, _), touches in zip(pairs, partners, found, touching, strict=True):
+            couplings[known.name] = known.contact, coupling
+            if not touches and not (known.contact.sliding and any(touching)):
+                nowhere = f"contacts.{known.name}: nothing of {side} faces {known.master} within {partner.reach:g} "
+                nowhere += f"{problem.labels.length}; set search_distance, or exchange the sides"
+                hidden = f"contacts.{known.name}: all of {side} reaches other partners first; leave this one out, set "
+                hidden += "search_distance, or let the contact slide"
+                raise SceneError(hidden if any(touching) else nowhere)
+    couplings = {name: couplings[name] for name in problem.pairs}
     return tuple(build_rows(couplings, constraints, moved, problem.timeline.end))
+
+
+def _partner(problem: Problem, known: Pair, sides: Mapping[str, Surface], moved: Array | None) -> Partner:
+    """Both sides of a pair, where their nodes have moved to (n_all, d) [m]."""
+    slave, contact = sides[known.slave], known.contact
+    own, other = (None, None) if moved is None else np.split(moved, [len(slave.nodes)])
+    at_quadrature, here = contact.normal.at_quadrature, _displaced(slave, own)
+    if known.master is None:
+        return Partner(slave=here, other=problem.obstacles[str(known.obstacle)], at_quadrature=at_quadrature)
+    # of the start, and the same for a scene that is turned as a whole
+    reach = contact.search_distance or REACH * _spread(slave, sides[known.master])
+    return Partner(
+        slave=here,
+        other=_displaced(sides[known.master], other),
+        reach=reach * (1 + CLOSE),  # as wide a gap to rounding
+        operator=OPERATORS[contact.operator or "mortar"],
+        at_quadrature=at_quadrature,
+    )
+
+
+def _displaced(side: Surface, moved: Array | None) -> Surface:
+    return side if moved is None else replace(side, points=side.points + moved)
 
 
 def _spread(*sides: Surface) -> float:

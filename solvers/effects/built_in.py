@@ -54,7 +54,8 @@ def _averaged(scene: Scene) -> Iterable[str]:
 
 def _pairs(scene: Scene) -> Iterable[str]:
     """Contacts between deformable surfaces."""
-    return (f"contacts.{name}.against" for name, c in scene.contacts.items() if c.against not in scene.obstacles)
+    bodies = scene.contacts.items()
+    return (f"contacts.{name}.against" for name, c in bodies if not scene.obstacles.keys() >= set(c.partners))
 
 
 def _orthotropic(scene: Scene) -> Iterable[str]:

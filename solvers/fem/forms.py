@@ -399,7 +399,7 @@ class WeakForms:
     def gap(self, contact: Contact) -> tuple[UflExpr, UflExpr]:
         """Initial gap g [m] and unit normal n towards the obstacle, exact at every point of the surface."""
         x = ufl.SpatialCoordinate(self.mesh.domain)
-        obstacle = self.problem.obstacles[contact.against]
+        obstacle = self.problem.obstacles[str(contact.against)]
         distance = obstacle.distance([x[i] for i in range(self.mesh.dim)], ufl.sqrt)
         return distance + self.constant(number(contact.gap_offset)), -ufl.grad(distance)
 

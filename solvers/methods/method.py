@@ -47,6 +47,7 @@ class Applicability:
     k_T: bool = True  # tangential stiffness before slip
     rates: bool = True  # friction by slip rate
     fields: bool = True  # gap offsets and mu that change over a side or in time
+    shared: bool = True  # several contacts of one side
     operators: tuple[str, ...] | None = None  # supported contact operators: RIGID, and those between bodies; None: all
     matrix_free: bool = True  # bodies in matrix-free form: iterative volume solves
     condensed: bool = True  # bodies in condensed form: a dense stiffness of the contact dofs; in neither form: sparse

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,15 @@ from stickslip.solvers.results.step_result import (
     SurfaceMesh,
     von_mises,
 )
-from stickslip.solvers.scene.record import BodyState, ObstacleState, ProbeValue, Reaction, Record
+from stickslip.solvers.scene.record import (
+    BodyState,
+    ContactNumbers,
+    ObstacleState,
+    ProbeValue,
+    Reaction,
+    Record,
+    numbers_of,
+)
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.law_memory import with_memory
 from stickslip.solvers.stepping.state import State
@@ -206,7 +215,28 @@ class Observer:
             supports={name: Reaction(*pair) for name, pair in reactions.items() if "." not in name},
             energy=state.energy,
             effects=self._effects(state, reactions),
+            sums={name: self._sum(pairs, contacts, accepted) for name, pairs in system.problem.sums.items()},
         )
+
+    def _sum(self, pairs: Sequence[str], contacts: Mapping[str, ContactState], accepted: Accepted) -> ContactNumbers:
+        """Numbers of a contact of several partners: sums of those of its pairs, or the largest of them."""
+        rows, parts = accepted.stepper.system.contacts, [contacts[pair] for pair in pairs]
+        tangential = [self._tangential(i, c, accepted) for i, c in enumerate(rows) if c.name in pairs]
+        merged: dict[str, Any] = {
+            key: (np.max if key.startswith("max") else np.sum)([getattr(part, key) for part in parts], axis=0)
+            for key in numbers_of(ContactNumbers)
+        }
+        merged = {key: value if np.ndim(value) else float(value) for key, value in merged.items()}
+        return ContactNumbers(**merged | {"tangential_force": float(np.linalg.norm(np.sum(tangential, axis=0)))})
+
+    def _tangential(self, index: int, c: ContactRows, accepted: Accepted) -> Array:
+        """Resultant (d,) [N] of the multipliers along one contact, on its slave with the opposite sign."""
+        state = accepted.state
+        p_n, t = (parts[index] for parts in accepted.stepper.split(state.p))
+        own = slice(len(c.surface.points))
+        between = (state.forces[c.name] - c.nodal_forces(p_n, t))[own]  # the friction of a state with bubbles
+        found = (c.node_weights[:, None] * c.node_traction(t) + between).sum(axis=0)
+        return np.asarray(found * [0, 1] if c.surface.axisymmetric else found)  # the radial parts balance
 
     def _effects(self, state: State, reactions: Mapping[str, tuple[Array, Array]]) -> dict[str, Mapping[str, Record]]:
         """Records of what active effects report, by table and name."""
@@ -279,13 +309,12 @@ class Observer:
         own = np.arange(len(c.points)) < len(c.surface.points)
         on = own if pair.slave == pair.contact.surface else ~own  # nodes of the side that the scene calls the surface
         forces = -state.forces[c.name][on]
-        between = (state.forces[c.name] - c.nodal_forces(p_n, t))[own]  # the friction of a state with bubbles
-        resultant, tangential = forces.sum(axis=0), (weight[:, None] * multiplier + between).sum(axis=0)
+        resultant, tangential = forces.sum(axis=0), self._tangential(index, c, accepted)
         here = state.time, state.driven
         acts = acting(stepper.system, c, state.forces[c.name], displaced, state.searched, here)
         moment = acts.moment if pair.slave == pair.contact.surface else -acts.moment
         if c.surface.axisymmetric:  # over the full circle the radial parts balance
-            resultant, tangential, moment = resultant * [0, 1], tangential * [0, 1], 0 * moment
+            resultant, moment = resultant * [0, 1], 0 * moment
         return ContactState(
             points=c.surface.points,
             weight=weight,

@@ -84,6 +84,16 @@ class ErrorParts:
         # not sum(): from Python 3.12 on it rounds floats, which a resumed run reads, otherwise than numpy's numbers
         return None if any(part is None for part in parts) else reduce(add, parts)
 
+    @classmethod
+    def added(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
+        """The most that a sum of several numbers is off, by its sources."""
+        found = {name: [getattr(part, name) for part in parts] for name in PARTS}
+        limits = [part.converges for part in parts]
+        known = {
+            name: None if any(x is None for x in all_of) else reduce(add, all_of) for name, all_of in found.items()
+        }
+        return cls(**known, converges=None if None in limits else all(limits))
+
     def joined(self, other: ErrorParts) -> ErrorParts:
         """The parts of both; where both have one, that of `other`."""
         theirs = {f.name: getattr(other, f.name) for f in fields(other)}
@@ -168,6 +178,11 @@ class Numbers:
     obstacles: Mapping[str, ObstacleState]
     energy: Energy  # totals since t = 0 [J]
     effects: Mapping[str, Mapping[str, Record]] = field(default_factory=dict)  # records by table and name
+    sums: Mapping[str, ContactNumbers] = field(default_factory=dict)  # of each contact with several partners
+
+    def parts(self, name: str) -> dict[str, ContactState]:
+        """Contacts that make up a sum, with each partner one, by name."""
+        return {pair: contact for pair, contact in self.contacts.items() if pair.startswith(f"{name}.")}
 
     def __getattr__(self, name: str) -> Mapping[str, Record]:
         """A table of an effect.
@@ -243,6 +258,7 @@ def tables_of(step: Numbers) -> dict[str, Mapping[str, Record]]:
     """All records of a step by table and name; that of a table without names is at ""."""
     own = {f.name for f in fields(step)} - {"energy"}
     tables = {table: getattr(step, table) for table in RECORDS if table in own}
+    tables["contacts"] = dict(step.contacts) | dict(step.sums)
     return tables | dict(step.effects) | {"energy": {"": step.energy}}
 
 
@@ -323,6 +339,9 @@ def told(step: StepResult, errors: Errors | None) -> Plain:
         found[key.kind][key.name][key.quantity] = _plain(value)
     for name, contact in step.contacts.items():
         found["contacts"][name]["statuses"] = contact.counts()
+    for name in step.sums:
+        each = [contact.counts() for contact in step.parts(name).values()]
+        found["contacts"][name]["statuses"] = {word: sum(counts[word] for counts in each) for word in STATUS_WORDS}
     for table, record in records().items():
         for name, own in found[table].items() if is_estimated(record) else ():
             stated = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from stickslip.geometry.errors import SceneError, prefixed, require
@@ -15,12 +15,24 @@ from stickslip.solvers.laws.friction import Stick
 from stickslip.solvers.laws.normal import Unilateral
 
 
+def table_of(name: str) -> str:
+    """Name of the table that a contact comes from: that of one among several partners has the partner's behind it.
+
+    >>> table_of("rest.left"), table_of("base")
+    ('rest', 'base')
+    """
+    return name.partition(".")[0]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Contact(Noun):
     """Contact of a slave surface with a rigid obstacle or another body."""
 
     surface: Annotated[str, Key("-", "side of a body, as body.side: the slave, see `slave`; resultants act on it")]
-    against: Annotated[str, Key("-", "name of an obstacle, or another side, of the same body too")]
+    against: Annotated[
+        str | tuple[str, ...],
+        Key("-", "obstacle, or another side, of the same body too; of several each part has the one it reaches first"),
+    ]
     normal: Annotated[NormalLaw, Key("-", "normal law")] = Unilateral()
     friction: Annotated[FrictionLaw | None, Key("-", "friction law; absent: none")] = None
 
@@ -54,6 +66,8 @@ class Contact(Noun):
     def __post_init__(self) -> None:
         reach = self.search_distance
         require(reach is None or reach > 0, "search_distance", reach, "must be positive, in metres")
+        several = self.partners
+        require(0 < len(several) == len(set(several)), "against", list(several), "name at least one, and each once")
         require(not (self.sliding and self.normal.ties), "sliding", "true", "a tied surface does not slide")
         check_field(self.gap_offset, "gap_offset")
         given = self.gap is not None
@@ -63,6 +77,25 @@ class Contact(Noun):
             reason = "a tied surface sticks, leave it out" if self.normal.ties else self.friction.refuses(self.normal)
             if reason:
                 raise SceneError(f"friction: {reason}")
+
+    @property
+    def partners(self) -> tuple[str, ...]:
+        """All that `surface` may touch: obstacles, and sides of other bodies."""
+        return (self.against,) if isinstance(self.against, str) else self.against
+
+    def pairs(self, name: str) -> dict[str, Contact]:
+        """The contact with each partner; of several its name has the obstacle's, or the body's, behind a point.
+
+        >>> list(Contact(surface="bar.bottom", against=("left", "pin.skin")).pairs("rest"))
+        ['rest.left', 'rest.pin']
+        """
+        if isinstance(self.against, str):
+            return {name: self}
+        labels = [partner.split(".")[0] for partner in self.against]
+        whole = [partner.replace(".", "_") for partner in self.against]
+        labels = [short if labels.count(short) == 1 else long for short, long in zip(labels, whole, strict=True)]
+        found = zip(labels, self.against, strict=True)
+        return {f"{name}.{label}": replace(self, against=partner) for label, partner in found}
 
     @property
     def tangential(self) -> FrictionLaw | None:

@@ -6,7 +6,7 @@ It is made in two steps: `Setup` follows from the scene's names alone; `Problem`
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -69,6 +69,7 @@ class Setup:
     timeline: Timeline
     solver: Solver
     labels: Units = SI  # of all numbers, in what is said of them
+    sums: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # contacts of several partners, and their pairs
 
     @property
     def dim(self) -> int:
@@ -79,6 +80,10 @@ class Setup:
     def axisymmetric(self) -> bool:
         """Whether x is the radius about the axis of symmetry."""
         return self.model == "axisymmetric"
+
+    def shares(self, name: str) -> bool:
+        """Whether the slave side of a pair is that of another one too, so that a part of it is the pair's."""
+        return sum(pair.slave == self.pairs[name].slave for pair in self.pairs.values()) > 1
 
     @property
     def extent(self) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, get_origin
 
 import numpy as np
@@ -164,16 +165,26 @@ class Scene(Noun):
     def axisymmetric(self) -> bool:
         return self.model == "axisymmetric"
 
+    @cached_property
+    def pairs(self) -> Mapping[str, Contact]:
+        """Every contact of one side and one partner by name; of several partners each is one."""
+        return {pair: found for name, c in self.contacts.items() for pair, found in c.pairs(name).items()}
+
+    @property
+    def sums(self) -> Mapping[str, tuple[str, ...]]:
+        """Contacts of several partners, and the names of their `pairs`."""
+        return {name: tuple(c.pairs(name)) for name, c in self.contacts.items() if not isinstance(c.against, str)}
+
     def request(self) -> Request:
         """Sides and periodic pairs that the mesh must have."""
-        rigid = {c.surface for c in self.contacts.values() if c.against in self.obstacles}
-        pairs = [(c.surface, c.against) for c in self.contacts.values() if c.against not in self.obstacles]
+        rigid = {c.surface for c in self.pairs.values() if c.against in self.obstacles}
+        pairs = [(c.surface, side) for c in self.contacts.values() for side in c.partners if side not in self.obstacles]
         return Request(
             model=self.model,
             facing=tuple(pair for pair in pairs if rigid.isdisjoint(pair)),
             contact_sides=tuple(
                 dict.fromkeys(
-                    s for c in self.contacts.values() for s in (c.surface, c.against) if s not in self.obstacles
+                    s for c in self.contacts.values() for s in (c.surface, *c.partners) if s not in self.obstacles
                 )
             ),
             periodic=tuple(pair for table in self.effect_tables().values() for pair in table.periodic_pairs()),
@@ -207,8 +218,9 @@ class Scene(Noun):
 
     def quantities(self) -> tuple[str, ...]:
         """Names of the numbers that every step of this scene has."""
-        named = ("contacts", "probes", "supports", "obstacles")
-        owners = [(table, name, RECORDS[table]) for table in named for name in getattr(self, table)]
+        owners = [("contacts", name, RECORDS["contacts"]) for name in (*self.pairs, *self.sums)]
+        named = ("probes", "supports", "obstacles")
+        owners += [(table, name, RECORDS[table]) for table in named for name in getattr(self, table)]
         tables = [(*place, table.reports) for place, table in self.effect_tables().items()]
         of_effects = [(section, name, record) for section, name, record in tables if record is not None]
         return names(self.dim, [*owners, *of_effects, ("energy", "", RECORDS["energy"])])
@@ -350,18 +362,23 @@ class Scene(Noun):
         A side that is much stiffer than the other one, and finer, would bend the other one to each of its nodes:
         pressures oscillate. So the softer body's side carries the tractions.
         """
-        contact = self.contacts[name]
-        if contact.against in self.obstacles:
+        contact = self.pairs[name]
+        (against,) = contact.partners
+        if against in self.obstacles:
             return contact.surface, None
-        if contact.slave == "against" or (contact.slave == "auto" and self._much_softer(contact)):
-            return contact.against, contact.surface
-        return contact.surface, contact.against
+        if contact.slave == "against" or (contact.slave == "auto" and self._much_softer(contact, against)):
+            return against, contact.surface
+        return contact.surface, against
 
-    def _much_softer(self, contact: Contact) -> bool:
-        """Whether `against` is a side of a ten times softer body, has no other contact, and mortar pairs the sides."""
-        own, other = (self.bodies[side.split(".")[0]].modulus for side in (contact.surface, contact.against))
-        sides = [side for each in self.contacts.values() for side in (each.surface, each.against)]
-        return own > 10 * other and sides.count(contact.against) == 1 and contact.operator in (None, "mortar")
+    def _much_softer(self, contact: Contact, against: str) -> bool:
+        """Whether `against` is a side of a ten times softer body, has no other contact, and mortar pairs the sides.
+
+        A side with several partners keeps its role.
+        """
+        own, other = (self.bodies[side.split(".")[0]].modulus for side in (contact.surface, against))
+        sides = [side for each in self.pairs.values() for side in (each.surface, *each.partners)]
+        alone = sides.count(against) == sides.count(contact.surface) == 1
+        return own > 10 * other and alone and contact.operator in (None, "mortar")
 
     def _check_references(self, mistakes: Mistakes) -> None:
         for table, items in (("supports", self.supports), ("loads", self.loads)):
@@ -372,37 +389,55 @@ class Scene(Noun):
         for name, contact in self.contacts.items():
             with mistakes:
                 self.require_side(contact.surface, f"contacts.{name}.surface")
-            with mistakes:
-                self._check_other_side(name, contact)
+            for against in contact.partners:
+                with mistakes:
+                    self._check_other_side(name, contact, against)
         mistakes.report()  # roles are those of sides that are there
         self._check_roles()
 
     def _check_roles(self) -> None:
-        slaves: dict[str, str] = {}
-        for name, contact in self.contacts.items():
-            slave, _ = self.slave_and_master(name)
-            other = slaves.setdefault(slave, name)
-            expected = f"already the slave of contacts.{other}; a facet has one slave role"
-            key = f"contacts.{name}.{'surface' if slave == contact.surface else 'against'}"
-            require(other == name, key, slave, expected)
-        for name, contact in self.contacts.items():
+        of_slaves: dict[str, list[str]] = {}
+        for name in self.pairs:
+            of_slaves.setdefault(self.slave_and_master(name)[0], []).append(name)
+        for slave, of_slave in of_slaves.items():
+            self._check_partners(slave, of_slave)
+        roles = {self.slave_and_master(name): name for name in self.pairs}
+        for name, contact in self.pairs.items():
             slave, master = self.slave_and_master(name)
-            other = slaves.get(master or "", name)
-            mutual = master is not None and self.slave_and_master(other)[1] == slave and other != name
+            other = roles.get((master or "", slave), name)
+            mutual = master is not None and other != name
             expected = f"contacts.{other} has the same two sides exchanged: both would carry the pressure; keep one"
             require(not mutual, f"contacts.{name}.against", contact.against, expected)
 
-    def _check_other_side(self, name: str, contact: Contact) -> None:
+    def _check_partners(self, slave: str, pairs: list[str]) -> None:
+        """Check that the contacts of one slave side differ in what it may touch, and search it in the same way."""
+        known: dict[str, str] = {}
+        for name in pairs:
+            contact, master = self.pairs[name], self.slave_and_master(name)[1]
+            first, partner = self.pairs[pairs[0]], master or str(contact.against)
+            other = known.setdefault(partner, name)
+            key = f"contacts.{name}.{'surface' if slave == contact.surface else 'against'}"
+            require(other == name, key, slave, f"contacts.{other} has the same slave and the same partner, keep one")
+            alike = f"must be that of contacts.{pairs[0]}, which has the same slave"
+            require(contact.sliding == first.sliding, f"contacts.{name}.sliding", str(contact.sliding).lower(), alike)
+            if master is not None:
+                operator = contact.operator or "mortar"
+                first = next(self.pairs[n] for n in pairs if self.slave_and_master(n)[1])
+                alike = f"{slave} meets other bodies by {first.operator or 'mortar'}; one side has one operator"
+                require(operator == (first.operator or "mortar"), f"contacts.{name}.operator", operator, alike)
+
+    def _check_other_side(self, name: str, contact: Contact, against: str) -> None:
         """Check that `against` is an obstacle or a side of another body, and that the model has the operator."""
-        known, against = (*self.obstacles, *self.sides()), contact.against
+        known = (*self.obstacles, *self.sides())
         require_known(f"contacts.{name}.against", against, known, "no such obstacle or side")
         rigid = against in self.obstacles
+        alone = all(partner in self.obstacles for partner in contact.partners)
         require(not rigid or contact.slave != "against", f"contacts.{name}.slave", "against", "an obstacle is no slave")
         given = f"contacts.{name}.gap"
         require(not rigid or contact.gap is None, given, contact.gap, "an obstacle has its exact shape; see gap_offset")
         if contact.operator is not None:
             key = f"contacts.{name}.operator"
-            require(against not in self.obstacles, key, contact.operator, "a rigid obstacle needs none; remove the key")
+            require(not alone, key, contact.operator, "a rigid obstacle needs none; remove the key")
             wrong = {2: "node-to-face", 3: "node-to-segment"}[self.dim]
             require(contact.operator != wrong, key, contact.operator, f"there is none in {self.dim}D; use mortar")
 

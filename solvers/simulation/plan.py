@@ -228,6 +228,8 @@ def refusals(problem: Problem) -> Iterator[str]:
         contact = pair.contact
         if pair.obstacle is not None and not problem.obstacles[pair.obstacle].written_in_operators and not table.fields:
             yield f"contacts.{name}.against = {pair.obstacle}: {method} takes no graph; use condensed-newton"
+        if problem.shares(name) and not table.shared:
+            yield f"contacts.{name}.surface = {pair.slave}: {method} takes one contact a side; use condensed-newton"
         for key, value, reason in _contact(contact, pair.obstacle is not None, table):
             yield f"contacts.{name}.{key} = {value}: {method} {reason}; use condensed-newton"
     for reason in _floating(problem, table):

@@ -44,9 +44,9 @@ def resolve(scene: Scene) -> Problem:
 def set_up(scene: Scene) -> Setup:
     """The first step of `resolve`: all but rigid modes."""
     plan, pairs = plan_rows(scene), {}
-    for name, contact in scene.contacts.items():
+    for name, contact in scene.pairs.items():
         slave, master = scene.slave_and_master(name)
-        obstacle = contact.against if master is None else None
+        obstacle = str(contact.against) if master is None else None
         pairs[name] = Pair(name=name, contact=contact, slave=slave, master=master, obstacle=obstacle)
     return Setup(
         model=scene.model,
@@ -66,6 +66,7 @@ def set_up(scene: Scene) -> Setup:
         timeline=scene.timeline(),
         solver=scene.solver,
         labels=scene.labels,
+        sums=scene.sums,
     )
 
 
@@ -204,7 +205,7 @@ def _touching(setup: Setup, pair: Pair, motions: RigidMotions) -> list[Array]:
         relative -= motions.of_obstacle(pair.obstacle, points)
         normals = seen_from(setup.obstacles[pair.obstacle], points)[1]
     else:
-        relative -= motions.fields(contact.against.split(".")[0], points)
+        relative -= motions.fields(str(contact.against).split(".")[0], points)
     if contact.tangential and contact.tangential.resists() and not is_faint(setup, pair):
         return list(relative)
     return [np.einsum("kd,kdj->kj", normals, relative)]

@@ -110,7 +110,7 @@ class Script:
         times = self._times_to_hit(scene, float(to))
         stepper, state = self._stepper, self._state
         if scene.contacts != self._scene.contacts:
-            stepper, state = _with_laws(stepper, scene.contacts, state)
+            stepper, state = _with_laws(stepper, scene.pairs, state)
         system = stepper.system
         with system.course.following(scene.timeline()):
             for time in times:

@@ -157,8 +157,9 @@ class System:
             moved: displacement (n_all, d) [m] of the nodes of each sliding contact, by contact.
         """
         known = {c.name: c for c in self.contacts}
-        sides = {pair.slave: known[name].surface for name, pair in self.problem.pairs.items()}
-        masters = {pair.master: known[name].master for name, pair in self.problem.pairs.items()}
+        last = sorted(self.problem.pairs.items(), key=lambda each: each[0] in moved)  # others have parts of their sides
+        sides = {pair.slave: known[name].surface for name, pair in last}
+        masters = {pair.master: known[name].master for name, pair in last}
         sides |= {name: side for name, side in masters.items() if name is not None and side is not None}
         rows = pair_up(self.problem, sides, self.constraints, moved)
         self.counters.searches += sum(1 for c in rows if c.master)

@@ -179,7 +179,7 @@ WRONG: list[tuple[str, ...]] = [
     ("springs.S={at='block.left',stiffness=[1.0,0.0]}", "springs.S: a name is made of a-z, 0-9 and _"),
     ("gravity.acceleration=[0.0,-9.81]", "gravity: no body has a density; set bodies."),
     ("contacts.second={surface='block.bottom',against='foundation'}",
-     "contacts.second.surface = block.bottom: already the slave of contacts.base"),
+     "contacts.second.surface = block.bottom: contacts.base has the same slave and the same partner"),
     ("periodic.sides={boundary='block.left',with='block.left'}",
      "periodic.sides.with = block.left: a side cannot be periodic with itself"),
     ("periodic.sides={boundary='block.left'}", "periodic.sides.with: missing"),

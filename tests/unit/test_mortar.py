@@ -17,6 +17,7 @@ from stickslip.geometry.surfaces import overlay
 from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.coupling import Facing
 from stickslip.solvers.contact.mortar import mortar_coupling, mortar_integrals
 
 SHAPES = ("interval", "triangle", "quadrilateral")
@@ -70,7 +71,7 @@ def test_friction_weighs_no_pressure_of_a_law_negatively(kind: tuple[str, int], 
     """Nor on partly covered facets, where the weights are the covered area all the same."""
     shape, degree = kind
     slave = replace(below(shape, degree, counts[0]), positive=True)
-    coupling = mortar_coupling(slave, above(shape, degree, counts[1], box=BOXES[box]), 0.5)
+    coupling = mortar_coupling(Facing(slave, above(shape, degree, counts[1], box=BOXES[box]), 0.5))
     points = coupling.points(EXACT)
     assert points.phi.data.min() > -1e-15
     assert_allclose(points.phi.sum(axis=0).A1, points.weights, atol=ROUNDING)

@@ -13,6 +13,7 @@ from shared.problems import plane, scene_of
 from stickslip.geometry.surfaces.overlap import overlap
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import frames_of
+from stickslip.solvers.contact.coupling import Facing
 from stickslip.solvers.contact.mortar import _least, mortar_coupling, mortar_integrals
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.prepare import prepare_surface
@@ -380,7 +381,7 @@ def test_a_rim_that_the_master_faces_in_part_weighs_what_is_faced() -> None:
 @pytest.mark.parametrize(("shape", "degree"), [("interval", 2), ("triangle", 2), ("quadrilateral", 1)])
 def test_nodes_carry_on_whole_facets_and_up_to_an_edge_near_by(shape: str, degree: int) -> None:
     for edge in (1.0, 0.95):  # of the second of two facets nine tenths are covered
-        found = mortar_coupling(below(shape, degree, (2, 2)), _up_to(shape, edge), 0.5)
+        found = mortar_coupling(Facing(below(shape, degree, (2, 2)), _up_to(shape, edge), 0.5))
         assert found.carries.all()
 
 
@@ -389,7 +390,7 @@ def test_nodes_that_only_extrapolation_reaches_carry_nothing(shape: str) -> None
     # a tenth of the last facet is covered: 0.028 of its midside node's weight, which its weight alone would not tell
     slave = below(shape, 2, (2, 2))
     master = _up_to(shape, 0.55)
-    found = mortar_coupling(slave, master, 0.5)
+    found = mortar_coupling(Facing(slave, master, 0.5))
     beyond = (slave.points[:, :-1] > 0.7).any(axis=1)
     assert (_integrals(slave, master)[beyond] > 0.01 * slave.node_weights()[beyond]).any()
     assert_array_equal(found.carries, ~beyond)
@@ -399,7 +400,7 @@ def test_a_corner_that_two_extrapolations_reach_carries_nothing() -> None:
     # phi = (1 - x)(1 - 2 x) has no less than -1/24 over half a facet: in two directions at once its weight is positive
     slave = below("quadrilateral", 2, (1, 1))
     master = _up_to("quadrilateral", 0.5)
-    found = mortar_coupling(slave, master, 0.5)
+    found = mortar_coupling(Facing(slave, master, 0.5))
     corner = slave.points[:, :-1].min(axis=1) == 1
     assert _integrals(slave, master)[corner] > 0.01 * slave.node_weights()[corner]
     assert not found.carries[corner].any()
@@ -409,7 +410,7 @@ def test_a_corner_that_two_extrapolations_reach_carries_nothing() -> None:
 @pytest.mark.parametrize("shape", ["interval", "triangle", "quadrilateral"])
 def test_a_spot_inside_a_facet_has_one_multiplier(shape: str, degree: int) -> None:
     slave, spot = below(shape, degree, (2, 2)), np.array([0.1, 0.11])
-    found = mortar_coupling(slave, above(shape, 1, (1, 1), box=(spot, spot + 0.01)), 0.5)
+    found = mortar_coupling(Facing(slave, above(shape, 1, (1, 1), box=(spot, spot + 0.01)), 0.5))
     assert found.carries.sum() == 1  # for all of the facet: what the nodes see is extrapolated, their mean is not
     assert_allclose(found.gap[found.carries], 0.1)  # not an extrapolated one
 
@@ -428,7 +429,7 @@ def test_of_nodes_that_differ_by_rounding_the_first_has_the_least() -> None:
 @pytest.mark.parametrize("edge", [0.51, 0.55, 0.6, 0.75, 0.9, 0.99])
 def test_no_node_of_a_partly_faced_rim_weighs_less_than_nothing(shape: str, degree: int, edge: float) -> None:
     slave, master = below(shape, degree, (2, 2)), _up_to(shape, edge)
-    found = mortar_coupling(slave, master, 0.5)
+    found = mortar_coupling(Facing(slave, master, 0.5))
     assert_array_equal(found.weights > 0, found.carries)
     assert found.weights.min() >= 0
     assert_allclose(found.weights.sum(), edge ** (slave.dim - 1), rtol=1e-12)  # of 1 x 1, what the master faces

@@ -239,7 +239,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"gravity": {"acceleration": [0.0, -9.81]}}, r"gravity: no body has a density"),
     (
         {"contacts": PRESSED["contacts"] | {"again": PRESSED["contacts"]["base"]}},
-        r"contacts\.again\.surface = block\.bottom: already the slave of contacts\.base",
+        r"contacts\.again\.surface = block\.bottom: contacts\.base has the same slave and the same partner",
     ),
 ]
 

@@ -55,7 +55,7 @@ def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Pa
     cut = f"; of many curves the {MOST} largest" if any(len(curves) > MOST for _, curves in everything) else ""
     panels = [(label, most(curves)) for label, curves in everything]
     panels = [(label, curves) for label, curves in panels if curves]
-    count = len(panels) + bool(scene.contacts)
+    count = len(panels) + bool(scene.pairs)
     sheet = Sheet(8.05, 1.15 + count * PITCH, units=scene.labels)
     place = (sheet.height - 0.75 - HIGH - k * PITCH for k in range(count))
     drawn: list[Any] = []
@@ -68,7 +68,7 @@ def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Pa
             if (error := errors.get((label, name))) is not None:
                 axes.fill_between(steps["time"], values - error, values + error, color=colour, alpha=0.25, linewidth=0)
         _legend(axes)
-    if scene.contacts:
+    if scene.pairs:
         _areas(_below(sheet, next(place), drawn, f"contact area [{area(scene)}]"), scene, steps)
     for axes in drawn:
         axes.set_xlim(0.0, steps["time"][-1])
@@ -98,7 +98,7 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
         curves[f"{place.table.removesuffix('s')} {label}" if label in curves else label] = curve
     yield from prescribed.items()
     found: Curves = {}
-    for name, contact in scene.contacts.items():
+    for name, contact in scene.pairs.items():
         found[f"{name}, normal"] = steps[f"{name}.normal_force"]
         for axis in "xyz"[: scene.dim] if contact.friction is not None else "":
             found[f"{name}, tangential {axis}"] = steps[f"{name}.tangential_force.{axis}"]
@@ -115,7 +115,7 @@ def _results(scene: Scene) -> tuple[str, str]:
 def errors_of(scene: Scene, steps: Columns) -> dict[tuple[str, str], Array]:
     """Total errors of normal forces and energies, by panel and curve; those that are not known are left out."""
     contact, energy = _results(scene)
-    columns = {(contact, f"{name}, normal"): f"{name}.normal_force" for name in scene.contacts}
+    columns = {(contact, f"{name}, normal"): f"{name}.normal_force" for name in scene.pairs}
     columns |= {(energy, label): f"energy.{key}" for label, key in ENERGIES.items()}
     found = {label: steps.get(f"{key}.error", np.array([np.nan])) for label, key in columns.items()}
     return {label: error for label, error in found.items() if np.isfinite(error).any()}
@@ -156,7 +156,7 @@ def area(scene: Scene) -> str:
 def _areas(axes: Any, scene: Scene, steps: Columns) -> None:
     """Draw the sticking and the slipping area, summed over all contacts."""
     total = {
-        s: np.sum([steps[f"{name}.{STATUS_WORDS[s]}_area"] for name in scene.contacts], axis=0) for s in (STICK, SLIP)
+        s: np.sum([steps[f"{name}.{STATUS_WORDS[s]}_area"] for name in scene.pairs], axis=0) for s in (STICK, SLIP)
     }
     colours = [STATUS_COLOURS[s] for s in total]
     axes.stackplot(steps["time"][1:], *(values[1:] for values in total.values()), colors=colours, linewidth=0)

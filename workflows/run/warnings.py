@@ -14,6 +14,7 @@ from stickslip.solvers.accuracy.errors import elements_touched, unresolved
 from stickslip.solvers.accuracy.kept_pairs import facet_length, moved_on_obstacle
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.step_result import OPEN, ContactState, Errors, MeshData, Quantity, StepResult
+from stickslip.solvers.scene.contact import table_of
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.simulation.simulation import Simulation
 
@@ -93,7 +94,7 @@ class Fields:
             yield (
                 f"contacts.{name}: its sides turn by {lean:.0%} of mu, while pressure and friction keep the directions "
                 f"of the start: forces along the side are off by as large a part of the friction; set "
-                f"contacts.{name}.sliding = true"
+                f"contacts.{table_of(name)}.sliding = true"
             )
         if self.seen.jump > 0.25:  # the maximum pressure is then 15 % off and more, as measured
             yield (
@@ -263,7 +264,7 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
         if slid > facet:
             yield (
                 f"contacts.{rows.name}: slips by up to {slid:.3g} {length}, past facets of {facet:.2g} {length}, while "
-                f"each point keeps the facet it began at; set contacts.{rows.name}.sliding = true"
+                f"each point keeps the facet it began at; set contacts.{table_of(rows.name)}.sliding = true"
             )
         return
     obstacle = problem.obstacles[str(problem.pairs[rows.name].obstacle)]
@@ -282,7 +283,7 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
     if missed > LARGE:
         yield (
             f"contacts.{rows.name}: slips by up to {worst:.3g} {length} on a curved obstacle, while each point keeps "
-            f"the normal it began with; set contacts.{rows.name}.sliding = true"
+            f"the normal it began with; set contacts.{table_of(rows.name)}.sliding = true"
         )
 
 

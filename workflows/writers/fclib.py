@@ -59,7 +59,7 @@ class FclibFiles(Writer):
         if not keys_of(FclibKeys, scene.output).fclib:
             return False
         require(scene.solver.surface != "matrix-free", KEY, True, "needs solver.surface = condensed")
-        for name, contact in scene.contacts.items():
+        for name, contact in scene.pairs.items():
             friction, where = contact.friction, f"contacts.{name}"
             _require(isinstance(contact.normal, Unilateral), f'{where}.normal is not "unilateral"')
             coulomb = friction is None or (isinstance(friction, Coulomb) and friction.k_T is None)

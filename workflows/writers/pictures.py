@@ -53,7 +53,7 @@ class Pictures(AtTheEnd):
         return scene.output.pictures
 
     def names(self) -> Sequence[str]:
-        contacts = (f"contact_{name}.png" for name in self.job.scene.contacts)
+        contacts = (f"contact_{name}.png" for name in self.job.scene.pairs)
         return ["deformed.png", "stress_error.png", "history.png", "force_displacement.png", *contacts]
 
     def draw(self, ended: Ended) -> None:

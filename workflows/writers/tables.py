@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from abc import abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -70,7 +70,7 @@ class ContactTables(TableWriter):
     """contact_NAME.csv: the points of a contact surface, one row a step and point."""
 
     def names(self) -> list[str]:
-        return [contact_table(name) for name in self.job.scene.contacts]
+        return [contact_table(name) for name in self.job.scene.pairs]
 
     def tables(self, index: int, result: StepResult) -> Iterator[Table]:
         for name, contact in result.contacts.items():
@@ -184,6 +184,8 @@ def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
     for name, contact in step.contacts.items():
         found |= {f"{name}.{key}": numbers.pop(f"{name}.{key}") for key in CONTACT_NUMBERS}
         found |= _vectors(name, contact, scene.axisymmetric)
+    for name, whole in step.sums.items():
+        found |= _columns(name, {"force": whole.force, "moment": whole.moment})
     effort = {key: getattr(step, key) for key in numbers_of(StepResult) if key != "time"}
     every = found | dict(step.columns) | numbers | effort
     return {name: float(n) if isinstance(n, float) else int(n) for name, n in every.items()}
@@ -198,6 +200,11 @@ def _vectors(name: str, contact: ContactState, axisymmetric: bool) -> dict[str, 
     if axisymmetric:  # over the full circle the radial parts balance
         tangential = tangential * [0, 1]
     vectors = {"force": contact.force, "tangential_force": tangential, "slip": slip, "moment": contact.moment}
+    return _columns(name, vectors)
+
+
+def _columns(name: str, vectors: Mapping[str, Array]) -> dict[str, float]:
+    """Components of vectors of a contact, by column."""
     shapes = {key: numbers_of(ContactNumbers)["moment" if key == "moment" else "force"] for key in vectors}
     return {
         column: float(x)

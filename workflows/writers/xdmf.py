@@ -115,7 +115,7 @@ class FieldFiles(SeriesWriter):
         self._with_error = True  # whether all steps have theirs: a run may go on with estimates switched on or off
 
     def names(self) -> Sequence[str]:
-        return [MESH_FILE, "fields.xdmf", *(f"contact_{name}.xdmf" for name in self.job.scene.contacts)]
+        return [MESH_FILE, "fields.xdmf", *(f"contact_{name}.xdmf" for name in self.job.scene.pairs)]
 
     def resume(self, steps: Sequence[StepResult]) -> None:
         self._with_error = not any(np.isnan(step.mesh_error) for step in steps)

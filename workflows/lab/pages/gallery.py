@@ -140,6 +140,8 @@ def main(names: Annotated[list[str] | None, typer.Argument(help="solve these aga
             result = solved(name)
             fact = facts(name, result)
             contact = f"contact_{fact['main'].partition('.')[0]}"
+            drawings = sorted(RUNS.glob(f"{name}/{contact}.png")) or sorted(RUNS.glob(f"{name}/{contact}.*.png"))
+            contact = drawings[0].stem if drawings else contact  # of several partners the first
             for ending, drawn in {"": "deformed", "_contact": contact, "_loop": "force_displacement"}.items():
                 if (RUNS / name / f"{drawn}.png").exists():  # a loop has three steps or more
                     shrunk(RUNS / name / f"{drawn}.png", PAGES / f"{name}{ending}.png")

@@ -1,0 +1,211 @@
+"""One side against several partners: each part of it belongs to the partner that it reaches first.
+
+Between bodies the parts are mortar's cells, or nodes that meet a facet. What bodies leave goes to rigid obstacles: at
+each node to the one that is nearest along the side's normal. The parts add up to the side, so that a pressure that is
+the same everywhere is the same on all partners. Distances are those of the surfaces, without gap offsets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+
+import numpy as np
+from scipy import sparse
+
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
+from stickslip.geometry.obstacles import Obstacle
+from stickslip.geometry.surfaces.faces import near
+from stickslip.geometry.surfaces.overlap import Overlap, overlap
+from stickslip.geometry.surfaces.search import Pairing, pair
+from stickslip.geometry.surfaces.surface import Surface, joined
+from stickslip.solvers.contact.coupling import (
+    Coupling,
+    Facing,
+    On,
+    Points,
+    on_nodes,
+    rigid_coupling,
+    seen_from,
+    shares,
+)
+from stickslip.solvers.contact.mortar import LITTLE, mortar_coupling, positive_shares
+
+Operator = Callable[[Facing], Coupling]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Partner:
+    """What a side may touch: a rigid obstacle, or another body's surface."""
+
+    slave: Surface  # the side, where it is as seen from an obstacle
+    other: Surface | Obstacle
+    reach: float = 0.0  # farthest gap [m] across which a body is looked for
+    operator: Operator = mortar_coupling  # between bodies
+    at_quadrature: bool = False  # whether the normal law acts at integration points
+
+    def distance(self, on: On, along: Array) -> Array:
+        """Distances (q,) [m] of points of the side from an obstacle along unit directions (q, d); inf: averted."""
+        assert isinstance(self.other, Obstacle)
+        gap, normals = seen_from(self.other, on.basis(self.slave) @ self.slave.points)
+        lean = -np.einsum("qd,qd->q", normals, along)
+        faces = np.where(lean > CLOSE, lean, 1.0)
+        return np.where(lean > CLOSE, np.where(gap > 0, gap / faces, gap * faces), np.inf)
+
+
+@dataclass(frozen=True)
+class AmongPartners(Facing):
+    """Where a side faces one of several masters, and reaches it before the others and before obstacles."""
+
+    earlier: Sequence[Facing]  # with masters that have a part at the same distance
+    later: Sequence[Facing]  # with the others
+    every: Callable[[int], Overlap]  # with all masters as one surface, by degree of quadrature
+    rigid: Callable[[On, Array], Array]  # distance (q,) of points from the nearest obstacle along directions [m]
+
+    def points(self, degree: int) -> Overlap:
+        found, start = self.every(degree), sum(len(other.master.facets) for other in self.earlier)
+        own = (found.master_facet >= start) & (found.master_facet < start + len(self.master.facets))
+        found = found.at(own)
+        found = found.at(np.abs(found.gap) <= np.abs(self.rigid(_places(found), found.normals)))
+        return replace(found, master_facet=found.master_facet - start)
+
+    def nodes(self, along: Array) -> Pairing:
+        found = Facing.nodes(self, along)
+        on = on_nodes(self.slave, np.ones(len(along), bool))
+        return found.only((found.facet >= 0) & self.first(on, along, found.gap))
+
+    def first(self, on: On, along: Array, gap: Array) -> Bools:
+        points, size = on.basis(self.slave) @ self.slave.points, np.abs(gap)
+        found = size <= np.abs(self.rigid(on, along))
+        for others, farther in ((self.earlier, np.less), (self.later, np.less_equal)):
+            for other in others:
+                found &= farther(size, np.abs(pair(points, along, other.master, other.reach).gap))
+        return np.asarray(found)
+
+
+def within_reach(partners: Sequence[Partner]) -> list[Partner]:
+    """The same with those parts alone that may touch, where surfaces have edges and so may be all of a body's skin."""
+    slave, others = partners[0].slave, [each.other for each in partners if isinstance(each.other, Surface)]
+    if not others or all(side.faces is None for side in (slave, *others)):
+        return list(partners)
+    if len(others) == len(partners):
+        slave = near(slave, joined(others), max(partner.reach for partner in partners))
+    return [
+        replace(each, slave=slave, other=near(each.other, slave, each.reach))
+        if isinstance(each.other, Surface)
+        else each
+        for each in partners
+    ]
+
+
+def alone(partner: Partner) -> tuple[Coupling, Facing | None]:
+    """Coupling of a side with its only partner, and where it faces it if that is a body."""
+    if isinstance(partner.other, Obstacle):
+        return rigid_coupling(partner.slave, partner.other), None
+    facing = Facing(partner.slave, partner.other, partner.reach)
+    return partner.operator(facing), facing
+
+
+def among_partners(partners: Sequence[Partner]) -> list[tuple[Coupling, Facing | None]]:
+    """Coupling of one side with each of its partners, and where it faces those that are bodies."""
+    rigid = [partner for partner in partners if isinstance(partner.other, Obstacle)]
+
+    def nearest(on: On, along: Array) -> Array:
+        distances = [partner.distance(on, along) for partner in rigid]
+        return np.asarray(np.min([np.full(len(along), np.inf), *distances], axis=0))
+
+    bodies = [partner for partner in partners if isinstance(partner.other, Surface)]
+    plain = [Facing(p.slave, p.other, p.reach) for p in bodies if isinstance(p.other, Surface)]
+    slave = (bodies or rigid)[0].slave
+    reach = np.concatenate([[0.0], *(np.full(len(f.master.facets), f.reach) for f in plain)])[1:]
+
+    @cache
+    def every(degree: int) -> Overlap:
+        return overlap(slave, joined([facing.master for facing in plain]), reach, degree)
+
+    full, left, found = slave.node_weights(), np.ones(len(slave.nodes)), dict[int, tuple[Coupling, Facing | None]]()
+    areas = slave.quadrature(2 * slave.degree)[0].sum(axis=1)
+    bare = np.ones(len(areas))  # part of each facet that no body faces
+    for k, (partner, own) in enumerate(zip(bodies, plain, strict=True)):
+        facing = AmongPartners(own.slave, own.master, own.reach, plain[:k], plain[k + 1 :], every, nearest)
+        coupling = partner.operator(facing)
+        taken, faced = coupling.weights, (coupling.weights / full)[slave.facets].mean(axis=1)
+        if partner.operator is mortar_coupling:
+            points = coupling.points(0)
+            taken = np.asarray(shares(points.own, slave, points.weights).sum(axis=1)).ravel()
+            faced = np.bincount(points.own.facet, points.weights, len(areas)) / areas
+        left, bare = left - taken / full, np.maximum(bare - faced, 0.0)
+        found[id(partner)] = coupling, facing
+    left[np.abs(left) <= ROUNDING] = 0.0
+    normals = slave.node_normals()
+
+    def owned(k: int, on: On, along: Array) -> Array:
+        distances = np.array([each.distance(on, along) for each in rigid])
+        return np.asarray(distances.argmin(axis=0) == k, float)
+
+    def at_points(k: int, on: On) -> Array:
+        return owned(k, on, on.basis(slave) @ normals) * bare[on.facet]
+
+    for k, partner in enumerate(rigid):
+        parts = left * owned(k, on_nodes(slave, np.ones(len(left), bool)), normals)
+        found[id(partner)] = _part(partner, parts, partial(at_points, k)), None
+    return [found[id(partner)] for partner in partners]
+
+
+def _places(found: Overlap) -> On:
+    return On(found.slave_facet, found.slave_local)
+
+
+def _part(partner: Partner, parts: Array, at_points: Callable[[On], Array]) -> Coupling:
+    """Coupling with an obstacle of a part of a side; where it is less than a little of a node's, it goes to neighbours.
+
+    Args:
+        parts: of the nodes' areas (n,).
+        at_points: takes integration points, and returns the parts of theirs (q,).
+    """
+    assert isinstance(partner.other, Obstacle)
+    coupling, surface, at_quadrature = (
+        rigid_coupling(partner.slave, partner.other),
+        partner.slave,
+        partner.at_quadrature,
+    )
+    full = coupling.weights
+    weights = parts * full
+    if at_quadrature:
+        points = coupling.points(2 * surface.degree * (1 + (surface.shape == "quadrilateral")) + surface.axisymmetric)
+        weights = points.phi @ at_points(points.own)
+        weights[weights <= ROUNDING * full] = 0.0
+    share = positive_shares(surface, weights, weights > LITTLE * full)
+    total = np.asarray(share @ weights)
+    each = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
+    elsewhere = sparse.diags((total == 0).astype(float))  # nodes of other partners keep their distance and motion
+    mean = (sparse.diags(each) @ share @ sparse.diags(weights) + elsewhere).tocsr()
+
+    def of_part(degree: int) -> Points:
+        points = coupling.points(degree)
+        if not at_quadrature:
+            own = (share @ sparse.diags(parts)).tocsr()
+            return replace(points, psi=(own @ points.psi).tocsr(), phi=(own @ points.phi).tocsr())
+        size = at_points(points.own)
+        kept = np.flatnonzero(size > ROUNDING)
+        scale = sparse.diags(size).tocsc()[:, kept]
+        return Points(
+            weights=points.weights[kept] * size[kept],
+            relative=points.relative[kept],
+            gap=points.gap[kept],
+            normals=points.normals[kept],
+            psi=(share @ points.psi @ scale).tocsr(),
+            phi=(share @ points.phi @ scale).tocsr(),
+            own=On(points.own.facet[kept], points.own.local[kept]),
+            other=None,
+        )
+
+    return replace(
+        coupling,
+        weights=total,
+        relative=(mean @ coupling.relative).tocsr(),
+        gap=mean @ coupling.gap,
+        carries=total > 0,
+        points=of_part,
+    )
