@@ -208,10 +208,10 @@ def contact_rows(
     """Rows of all contacts of the problem, their surfaces gathered on every rank; collective."""
     sides = {name: gather_surface(mesh, space, nodes, name) for name in problem.request.contact_sides}
     faces = {name: split_at_edges(side, mesh.edges.get(name)) for name, side in sides.items()}
-    faces = with_halves(problem, faces)
+    found = with_halves(problem, faces)
     if problem.request.turns:
-        faces = {name: with_images(side, constraints, name) for name, side in faces.items()}
-    return pair_up(problem, faces, constraints, {})
+        found = {name: with_images(side, constraints, name) for name, side in found.items()}
+    return pair_up(problem, found, constraints, {})
 
 
 def displacement_space(mesh: Mesh) -> FunctionSpace:
