@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
 
 SHARP = 50.0  # [degrees]; facets that meet at a larger angle meet at an edge, and the chords of no usable fillet do
@@ -83,8 +84,33 @@ def near(surface: Surface, other: Surface, reach: float) -> Surface:
     ]
     away = cKDTree(there).query(centre)[0]
     kept = away <= reach + 2 * (radius + radius_there.max())  # curved facets bulge out of the balls around their nodes
-    if kept.all() or not kept.any():
-        return surface
+    return surface if kept.all() or not kept.any() else _part(surface, kept)
+
+
+def halves(surface: Surface, reach: float) -> tuple[Surface, Surface]:
+    """Two parts of a surface that may touch itself, such that facets that face each other are of different ones.
+
+    Their normals are opposed: they point to different sides of a plane across the direction in which the surface is
+    nearest to itself, or where they lie in it of one across the next direction.
+
+    Args:
+        reach: farthest gap [m] across which facets count.
+    """
+    normals = surface.facet_normals().mean(axis=1)
+    size = np.linalg.norm(normals, axis=1)
+    normals /= size[:, None]
+    assert surface.depth is not None
+    found = pair(surface.points[surface.facets].mean(axis=1), normals, surface, reach)
+    faces = (found.facet >= 0) & (found.gap >= -surface.depth)
+    weight = np.where(faces, size / (np.abs(np.where(faces, found.gap, 0.0)) + surface.depth), 0.0)
+    along = normals @ np.linalg.eigh(np.einsum("f,fd,fe->de", weight, normals, normals))[1][:, ::-1]
+    first = (np.abs(along) > np.sin(np.radians(BLUNT))).argmax(axis=1)
+    front = np.take_along_axis(along, first[:, None], axis=1)[:, 0] > 0
+    return _part(surface, front), _part(surface, ~front)
+
+
+def _part(surface: Surface, kept: Bools) -> Surface:
+    """The part of a surface that has some of its facets (f,)."""
     nodes, facets = np.unique(surface.facets[kept], return_inverse=True)
     return replace(
         surface,
@@ -93,6 +119,7 @@ def near(surface: Surface, other: Surface, reach: float) -> Surface:
         points=surface.points[nodes],
         facets=facets.reshape(-1, surface.facets.shape[1]),
         outward=surface.outward[kept],
+        depth=None if surface.depth is None else surface.depth[kept],
         parts=None if surface.parts is None else surface.parts[nodes],
         faces=None if surface.faces is None else surface.faces[nodes],
     )

@@ -162,6 +162,8 @@ def overlap(slave: Surface, master: Surface, reach: float | Array, degree: int) 
     if steepest(slave, master):  # sides with edges may be all of a body's skin
         at = place(slave, cells.slave_facet, middle.slave_local).points
         near &= ~through_body(at, middle.normals, middle.gap, master)
+    if slave.depth is not None:  # what lies deeper behind a facet is the far side of the same body
+        near &= middle.gap >= -slave.depth[cells.slave_facet]
     cells = cells[near]
     cells = cells[nearest_cells(cells, master, gap)]
     cells = cells[np.argsort(cells.slave_facet, kind="stable")]

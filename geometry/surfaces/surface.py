@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import TINY, Array, Ints
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.mesh.ranks import of_all_ranks
@@ -55,6 +55,7 @@ class Surface:
     axisymmetric: bool
     parts: Ints | None = None  # (n,) of the mesh, see `find_parts`; None: all nodes are of part 0
     positive: bool = False  # phi~ >= 0 everywhere: Bernstein's polynomials if the degree is 2
+    depth: Array | None = None  # (f,) [m] of the middle of the cell behind each facet; None: it does not matter
     faces: Ints | None = None  # (n,) tell nodes apart that faces have at an edge, see `split_at_edges`; None: one face
 
     @property
@@ -191,6 +192,7 @@ def joined(surfaces: Sequence[Surface]) -> Surface:
         facets=np.concatenate([surface.facets + k for surface, k in zip(surfaces, starts, strict=True)]),
         outward=np.concatenate([surface.outward for surface in surfaces]),
         parts=np.concatenate([surface.part for surface in surfaces]),
+        depth=None,
         faces=faces,
     )
 
@@ -208,6 +210,7 @@ def gather_surface(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) ->
         points=every(own.points)[first],
         facets=facets[order],
         outward=every(own.outward)[order],
+        depth=None if own.depth is None else every(own.depth)[order],
         parts=None if own.parts is None else every(own.parts)[first],
     )
 
@@ -231,8 +234,8 @@ def own_nodes(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> OwnN
     total, count = dx.sums_on_owners(space, total), dx.sums_on_owners(space, count)
     found = np.flatnonzero(count[:, 0])
     found = found[np.argsort(nodes.input[found])]
-    normals = total[found] / np.linalg.norm(total[found], axis=1, keepdims=True)
-    return OwnNodes(found, normals, count[found, 1])
+    size = np.linalg.norm(total[found], axis=1, keepdims=True)  # 0 at the ends of a crack
+    return OwnNodes(found, total[found] / np.maximum(size, TINY), count[found, 1])
 
 
 def _own_facets(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> tuple[Ints, Surface]:
@@ -243,6 +246,7 @@ def _own_facets(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> tu
     of_facet = np.array([dx.facet_dofs(space, i) for i in range(mesh.dim + 1 if mesh.simplicial else 2 * mesh.dim)])
     found = dofs[cells[:, :1], of_facet[cells[:, 1]]]  # (own facets, k)
     local, facets = np.unique(found, return_inverse=True)
+    outward, depth = _outward(nodes.points[found], nodes.points[dofs[cells[:, 0]]].mean(axis=1), shape, degree)
     return local, Surface(
         shape=shape,
         degree=degree,
@@ -250,7 +254,8 @@ def _own_facets(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> tu
         input=nodes.input[local],
         points=nodes.points[local],
         facets=facets.reshape(found.shape),
-        outward=_outward(nodes.points[found], nodes.points[dofs[cells[:, 0]]].mean(axis=1), shape, degree),
+        outward=outward,
+        depth=depth,
         axisymmetric=mesh.axisymmetric,
         parts=nodes.part[local] if mesh.part_count > 1 else None,
     )
@@ -264,12 +269,17 @@ def _normals(corners: Array, gradient: Array) -> Array:
     return np.asarray(np.cross(tangents[0], tangents[1]))
 
 
-def _outward(corners: Array, inside: Array, shape: str, degree: int) -> Array:
-    """1 where the tangents' normal of a facet (f, k, d) points away from the point `inside` (f, d), else -1."""
+def _outward(corners: Array, inside: Array, shape: str, degree: int) -> tuple[Array, Array]:
+    """1 where the tangents' normal of a facet (f, k, d) points away from the point `inside` (f, d), else -1; its depth.
+
+    Depths (f,) [m] are those of the points behind the middles of the facets.
+    """
     middle = dx.reference_nodes(shape, degree).mean(axis=0, keepdims=True)
     basis, gradient = dx.reference_basis(shape, degree, middle)
     away = np.einsum("k,fkd->fd", basis[0], corners) - inside
-    return np.asarray(np.sign(np.einsum("fd,fd->f", _normals(corners, gradient)[:, 0], away)))
+    normals = _normals(corners, gradient)[:, 0]
+    depth = np.einsum("fd,fd->f", normals, away) / np.linalg.norm(normals, axis=1)
+    return np.sign(depth), np.abs(depth)
 
 
 def surface_stiffness(surface: Surface) -> Sparse:

@@ -50,10 +50,19 @@ def with_edges(coupling: Coupling, facing: Facing | None = None) -> Coupling:
         turned = _turned(_tips(master, slave, reach))
         points = [_tips(slave, master, reach), turned]
         points += [_crossings(slave, master, reach)] if slave.dim == 3 else []
-        found = _Points.joined(points)
+        found = _of_other_parts(_Points.joined(points), slave, master)
         first = facing.first(On(found.facet, found.local), found.normals, found.gap)
         coupling = _with_rows(coupling, found.at(first))
     return _once(coupling)
+
+
+def _of_other_parts(points: _Points, slave: Surface, master: Surface) -> _Points:
+    """The points of sides of one body that do not lie beside each other, nor behind each other; all of two bodies."""
+    if slave.depth is None:
+        return points
+    nodes = slave.nodes[slave.facets[points.facet]], master.nodes[master.facets[points.other]]
+    beside = (nodes[0][:, :, None] == nodes[1][:, None]).any(axis=(1, 2))
+    return points.at(~beside & (points.gap >= -slave.depth[points.facet]))
 
 
 def _tips(side: Surface, other: Surface, reach: float) -> _Points:

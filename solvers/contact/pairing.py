@@ -9,6 +9,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import SceneError
+from stickslip.geometry.surfaces.faces import halves
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import build_rows
 from stickslip.solvers.contact.coupling import Coupling, nodal_coupling
@@ -30,13 +31,30 @@ OPERATORS: Mapping[str, Operator] = {
 REACH = 0.2  # of the sides' extent: as far as contact is searched for where the scene does not say
 
 
+def with_halves(problem: Problem, sides: Mapping[str, Surface]) -> Mapping[str, Surface]:
+    """Sides by name, with the halves of those that touch themselves, see `Pair.surfaces`.
+
+    Raises:
+        SceneError: a side is flat.
+    """
+    found = dict(sides)
+    for known in problem.pairs.values():
+        if known.slave == known.master:
+            side = sides[known.slave]
+            parts = halves(side, known.contact.search_distance or REACH * _spread(side))
+            if not all(len(part.facets) for part in parts):
+                raise SceneError(f"contacts.{known.name}: nothing of {known.slave} can face itself: it is flat")
+            found |= zip(map(str, known.surfaces), parts, strict=True)
+    return found
+
+
 def pair_up(
     problem: Problem, sides: Mapping[str, Surface], constraints: Constraints, moved: Mapping[str, Array]
 ) -> tuple[ContactRows, ...]:
     """Rows of all pairs.
 
     Args:
-        sides: surfaces in the reference configuration by name, body.side.
+        sides: surfaces in the reference configuration, see `Pair.surfaces`.
         moved: displacement (n_all, d) [m] of the nodes of pairs that slide, relative to a rigid obstacle.
 
     Raises:
@@ -44,11 +62,13 @@ def pair_up(
     """
     sharing = dict[str, list[str]]()
     for name, known in problem.pairs.items():
-        sharing.setdefault(known.slave, []).append(name)
+        sharing.setdefault(known.surfaces[0], []).append(name)
     couplings = dict[str, tuple[Contact, Coupling]]()
     for side, names in sharing.items():
         pairs = [problem.pairs[name] for name in names]
         partners = [_partner(problem, known, sides, moved.get(known.name)) for known in pairs]
+        if any(len(known.bodies) != 2 or len({*known.bodies}) > 1 for known in pairs):  # of one body behind is the body
+            partners = [replace(each, slave=replace(each.slave, depth=None)) for each in partners]
         positive = any(pair.contact.normal.at_quadrature and pair.contact.friction is not None for pair in pairs)
         if positive:  # friction bounds are means of pressures with phi~
             partners = [replace(each, slave=replace(each.slave, positive=True)) for each in partners]
@@ -71,16 +91,17 @@ def pair_up(
 
 def _partner(problem: Problem, known: Pair, sides: Mapping[str, Surface], moved: Array | None) -> Partner:
     """Both sides of a pair, where their nodes have moved to (n_all, d) [m]."""
-    slave, contact = sides[known.slave], known.contact
+    (one, two), contact = known.surfaces, known.contact
+    slave = sides[one]
     own, other = (None, None) if moved is None else np.split(moved, [len(slave.nodes)])
     at_quadrature, here = contact.normal.at_quadrature, _displaced(slave, own)
-    if known.master is None:
+    if two is None:
         return Partner(slave=here, other=problem.obstacles[str(known.obstacle)], at_quadrature=at_quadrature)
     # of the start, and the same for a scene that is turned as a whole
-    reach = contact.search_distance or REACH * _spread(slave, sides[known.master])
+    reach = contact.search_distance or REACH * _spread(slave, sides[two])
     return Partner(
         slave=here,
-        other=_displaced(sides[known.master], other),
+        other=_displaced(sides[two], other),
         reach=reach * (1 + CLOSE),  # as wide a gap to rounding
         operator=OPERATORS[contact.operator or "mortar"],
         at_quadrature=at_quadrature,

@@ -31,7 +31,10 @@ class Contact(Noun):
     surface: Annotated[str, Key("-", "side of a body, as body.side: the slave, see `slave`; resultants act on it")]
     against: Annotated[
         str | tuple[str, ...],
-        Key("-", "obstacle, or another side, of the same body too; of several each part has the one it reaches first"),
+        Key(
+            "-",
+            "obstacle, or a side, of the same body too, or the same; of several each part has the one it reaches first",
+        ),
     ]
     normal: Annotated[NormalLaw, Key("-", "normal law")] = Unilateral()
     friction: Annotated[FrictionLaw | None, Key("-", "friction law; absent: none")] = None

@@ -43,6 +43,12 @@ class Pair:
     obstacle: str | None  # name of the rigid obstacle; None: contact with another body
 
     @property
+    def surfaces(self) -> tuple[str, str | None]:
+        """Names of the surfaces that touch: the sides, or of one that touches itself its halves."""
+        halves = f"{self.slave}, one half", f"{self.slave}, other half"
+        return halves if self.slave == self.master else (self.slave, self.master)
+
+    @property
     def bodies(self) -> tuple[str, ...]:
         """The body of the slave, and that of the master if there is one."""
         return tuple(side.split(".")[0] for side in (self.slave, self.master) if side is not None)

@@ -439,6 +439,8 @@ class Scene(Noun):
             key = f"contacts.{name}.operator"
             require(not alone, key, contact.operator, "a rigid obstacle needs none; remove the key")
             wrong = {2: "node-to-face", 3: "node-to-segment"}[self.dim]
+            itself = against == contact.surface and contact.operator != "mortar"
+            require(not itself, key, contact.operator, "a side that touches itself needs mortar")
             require(contact.operator != wrong, key, contact.operator, f"there is none in {self.dim}D; use mortar")
 
 

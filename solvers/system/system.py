@@ -18,7 +18,7 @@ from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Sparse, UflExpr, UflForm, Vec
 from stickslip.geometry.surfaces.faces import split_at_edges
 from stickslip.geometry.surfaces.surface import Surface, gather_surface, own_nodes
-from stickslip.solvers.contact.pairing import pair_up
+from stickslip.solvers.contact.pairing import pair_up, with_halves
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.constraints import Constraints
@@ -158,8 +158,8 @@ class System:
         """
         known = {c.name: c for c in self.contacts}
         last = sorted(self.problem.pairs.items(), key=lambda each: each[0] in moved)  # others have parts of their sides
-        sides = {pair.slave: known[name].surface for name, pair in last}
-        masters = {pair.master: known[name].master for name, pair in last}
+        sides = {pair.surfaces[0]: known[name].surface for name, pair in last}
+        masters = {pair.surfaces[1]: known[name].master for name, pair in last}
         sides |= {name: side for name, side in masters.items() if name is not None and side is not None}
         rows = pair_up(self.problem, sides, self.constraints, moved)
         self.counters.searches += sum(1 for c in rows if c.master)
@@ -208,7 +208,7 @@ def contact_rows(
     """Rows of all contacts of the problem, their surfaces gathered on every rank; collective."""
     sides = {name: gather_surface(mesh, space, nodes, name) for name in problem.request.contact_sides}
     faces = {name: split_at_edges(side, mesh.edges.get(name)) for name, side in sides.items()}
-    return pair_up(problem, faces, constraints, {})
+    return pair_up(problem, with_halves(problem, faces), constraints, {})
 
 
 def displacement_space(mesh: Mesh) -> FunctionSpace:

@@ -1,5 +1,6 @@
-"""Two sides of one body: cracks, whose ends both sides have, and slots."""
+"""Contact of a body with itself: cracks, whose ends both sides have, slots, and one side with itself."""
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,11 @@ from numpy.testing import assert_allclose
 
 from shared.audited import audit, solved
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
+from stickslip.geometry.surfaces.faces import halves
+from stickslip.geometry.surfaces.overlap import overlap
+from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict, read
@@ -33,7 +38,7 @@ def squares(a: Array, b: Array) -> Array:
     return np.stack([a[:-1], a[1:], b[1:], b[:-1]], axis=-1)
 
 
-def cracked(folder: Path, dim: int, n: int = 8) -> Path:
+def cracked(folder: Path, dim: int, n: int = 8, one_side: bool = False) -> Path:
     """A block [-2, 2]² of squares, in 3D of two layers of cubes, with a crack on y = 0 from x = -1 to 1."""
     x, z = np.linspace(-2, 2, n + 1), np.linspace(0, 8 / n, 3)[: 2 * dim - 3]
     points = np.stack(np.meshgrid(x, x, z, indexing="ij")).transpose(3, 2, 1, 0).reshape(-1, 3)
@@ -49,6 +54,8 @@ def cracked(folder: Path, dim: int, n: int = 8) -> Path:
 
     crack = number[:, n // 2, n // 4 : 3 * n // 4 + 1]
     sides = {"below": side(crack), "above": side(above[crack]), "bottom": side(number[:, 0])}
+    if one_side:
+        sides["lips"] = np.concatenate([sides.pop("below"), sides.pop("above")])
     sides |= {"top": side(number[:, -1]), "left": side(number[:, :, 0]), "right": side(number[:, :, -1])}
     cells = np.concatenate([np.concatenate(pair, axis=1) for pair in pairwise(layers)]) if dim == 3 else layers[0]
     if dim == 3:
@@ -148,3 +155,115 @@ def test_a_slot_closes_from_its_open_end(law: dict[str, Any], tmp_path: Path) ->
     assert slot.pressure[np.argmin(simulation.system.contacts[0].surface.points[:, 0])] > 50
     assert not simulation.system.contacts[0].ends.any()
     assert max(value for name, value in audit(simulation, step).items() if name != "fields") < 1e-7
+
+
+def needle(n: int, m: int) -> str:
+    """A plate of 40 m with a hole of 2 m x 2 mm, an ellipse of n lines above and m below."""
+    angles = np.concatenate([np.linspace(0, np.pi, n + 1), np.linspace(np.pi, 2 * np.pi, m + 1)[1:-1]])
+    angles = np.concatenate([angles[:n], [np.pi], angles[n + 1 :]])
+    lines = [f"Point({k}) = {{{np.cos(a)}, {1e-3 * np.sin(a)}, 0, 0.1}};" for k, a in enumerate(angles, 1)]
+    hole = range(1, len(angles) + 1)
+    lines += [f"Line({k}) = {{{k}, {k % len(angles) + 1}}};" for k in hole]
+    corners = [(-20, -20), (20, -20), (20, 20), (-20, 20)]
+    lines += [f"Point({1000 + k}) = {{{x}, {y}, 0, 4}};" for k, (x, y) in enumerate(corners)]
+    lines += [f"Line({1000 + k}) = {{{1000 + k}, {1000 + (k + 1) % 4}}};" for k in range(4)]
+    listed = ", ".join(map(str, hole))
+    lines += [f"Transfinite Curve {{{listed}}} = 2;", f"Curve Loop(1) = {{{listed}}};", "Curve Loop(2) = {1000:1003};"]
+    lines += ["Plane Surface(1) = {2, 1};", 'Physical Surface("p") = {1};', f'Physical Curve("p.hole") = {{{listed}}};']
+    lines += ['Physical Curve("p.bottom") = {1000};', 'Physical Curve("p.top") = {1002};', ""]
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(("order", "method"), [(1, "condensed-newton"), (1, "tangent-cg"), (2, "condensed-newton")])
+def test_a_flat_hole_closes_on_itself_at_the_pressure_of_its_closed_form(
+    order: int, method: str, tmp_path: Path
+) -> None:
+    (tmp_path / "needle.geo").write_text(needle(30, 37))
+    data = {
+        "model": "plane stress", "geometry": {"file": str(tmp_path / "needle.geo"), "order": order},
+        "bodies": {"p": {"E": 1000.0, "nu": 0.3}},
+        "contacts": {"hole": {"surface": "p.hole", "against": "p.hole"}},
+        "loads": {"top": {"boundary": "p.top", "pressure": 2.0}},
+        "supports": {"bottom": {"boundary": "p.bottom", "displacement": {"y": 0.0}},
+                     "corner": {"point": [-20.0, -20.0], "displacement": {"x": 0.0}}},
+        "solver": {"method": method},
+    }  # fmt: skip
+    scene = from_dict(data)
+    hole = run(scene, tmp_path / "out")[1]["steps"][-1]["contacts"]["hole"]
+    assert abs(hole["normal_force"] - 3.0) < 1.1 * hole["error"]["normal_force"]["total"] < 0.2  # 2 a (p - E b / 2 a)
+    if order == 1:  # at the sharp ends of the hole those of order 2 waver
+        assert_allclose(hole["max_pressure"], 1.5, rtol=0.03)
+
+
+def test_a_side_of_itself_in_3d_has_the_numbers_of_its_two_parts(tmp_path: Path) -> None:
+    numbers = []
+    for lips in (("below", "above"), ("lips", "lips")):
+        data = block(cracked(tmp_path, 3, one_side=lips[0] == "lips"), 3, SHEARED)
+        data["contacts"]["crack"] |= {"surface": f"block.{lips[0]}", "against": f"block.{lips[1]}"}
+        simulation, step = last(data | {"solver": {"method": "condensed-newton", "tolerance": 1e-12}})
+        crack = step.contacts["crack"]
+        assert max(value for name, value in audit(simulation, step).items() if name != "fields") < 1e-7
+        numbers.append([crack.normal_force, crack.tangential_force, 1e9 * crack.max_slip])
+    assert_allclose(numbers[1], numbers[0], rtol=1e-9)
+
+
+def test_the_whole_skin_of_a_body_touches_itself_in_its_slot_alone(tmp_path: Path) -> None:
+    found = []
+    for name, sides in (("skin", ("skin", "skin")), ("two", ("upper", "lower"))):
+        text = SLOT if name == "two" else SLOT.partition('Physical Curve("c.bottom")')[0]
+        (tmp_path / f"{name}.geo").write_text(text + ("" if name == "two" else 'Physical Curve("c.skin") = {1:8};\n'))
+        data = {
+            "model": "plane strain", "units": "mm-N-MPa", "geometry": {"file": str(tmp_path / f"{name}.geo")},
+            "bodies": {"c": {"E": 200_000.0, "nu": 0.3, "density": 1.0}},
+            "contacts": {"slot": {"surface": f"c.{sides[0]}", "against": f"c.{sides[1]}"}},
+            "gravity": {"acceleration": [0.0, -5.0]},
+            "supports": {"one": {"point": [0.0, 0.0], "displacement": {"x": 0.0, "y": 0.0}},
+                         "other": {"point": [40.0, 0.0], "displacement": {"y": 0.0}}},
+        }  # fmt: skip
+        simulation, step = last(data)
+        rows = simulation.system.contacts[0]
+        assert rows.node_distance[rows.node_weights > 0].min() > 0.009
+        assert rows.surface.points[rows.node_weights > 0][:, 1].min() > 9.9
+        found.append(step.contacts["slot"].normal_force)
+    assert_allclose(found[0], found[1], rtol=5e-3)
+
+
+def ring(n: int) -> Surface:
+    """A hole's wall: facets of a circle that look inward."""
+    angles, k = 2 * np.pi * np.arange(n) / n, np.arange(n)
+    points = np.stack([np.cos(angles), 0.5 * np.sin(angles)], axis=1)
+    facets = np.stack([k, (k + 1) % n], axis=1)
+    return Surface("interval", 1, k, k, points, facets, -np.ones(n), False, depth=np.full(n, 0.05))
+
+
+@pytest.mark.parametrize("n", [16, 31])
+def test_a_hole_has_two_halves_that_face_each_other_across_its_short_axis(n: int) -> None:
+    parts = halves(ring(n), 3.0)
+    heights = [part.points[part.facets].mean(axis=1)[:, 1] for part in parts]
+    assert sum(map(len, heights)) == n
+    flat = [height[np.abs(height) > 0.15] for height in heights]
+    assert min(len(flat[0]), len(flat[1])) > n // 4
+    assert (np.sign(flat[0]) == np.sign(flat[0][0])).all()
+    assert (np.sign(flat[1]) == -np.sign(flat[0][0])).all()
+
+
+def test_what_lies_behind_a_facet_in_the_body_does_not_face_it() -> None:
+    sheet = block_of_two_lines(thick=0.1)
+    assert not len(overlap(sheet, sheet, 1.0, 2).weights)
+    assert len(overlap(replace(sheet, depth=None), sheet, 1.0, 2).weights)
+
+
+def block_of_two_lines(thick: float) -> Surface:
+    """Top and bottom of a sheet."""
+    x, k = np.linspace(0, 1, 5), np.arange(4)
+    points = np.concatenate([np.stack([x, 0 * x], axis=1), np.stack([x, thick + 0 * x], axis=1)])
+    facets = np.concatenate([np.stack([k, k + 1], axis=1), np.stack([k, k + 1], axis=1) + 5])
+    outward, numbers = np.repeat([1.0, -1.0], 4), np.arange(10)
+    return Surface("interval", 1, numbers, numbers, points, facets, outward, False, depth=np.full(8, thick / 3))
+
+
+def test_only_mortar_cuts_a_side_into_two(tmp_path: Path) -> None:
+    data = block(cracked(tmp_path, 2), 2)
+    data["contacts"]["crack"] |= {"against": "block.below", "operator": "node-to-segment"}
+    with pytest.raises(SceneError, match="a side that touches itself needs mortar"):
+        from_dict(data)
