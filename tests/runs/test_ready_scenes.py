@@ -127,7 +127,7 @@ def test_forces_and_moments_balance(solved: Solved) -> None:
             rubbed += points["weight"] @ np.linalg.norm(points["traction"], axis=1)
         # where surfaces slide, pressure too acts on both bodies where they were
         rubbed += sum(step["contacts"][name]["normal_force"] for name in inside if scene.pairs[name].sliding)
-        # moments of contacts act where points are now, those of loads where they were: equal to the square of the motion
+        # contacts act where points are now, loads where they were: in balance to the square of the motion
         moved = max(body["max_displacement"] for body in step["bodies"].values())
         assert_allclose(moments.sum(axis=0), 0, atol=(ZERO * lever + moved) * largest + arm(scene) * rubbed)
 
