@@ -41,8 +41,8 @@ class Solved:
     @property
     def contacts(self) -> Iterator[tuple[Json, str, Json]]:
         for step in self.result["steps"]:
-            for name, contact in step["contacts"].items():
-                yield step, name, contact
+            for name in self.scene.pairs:
+                yield step, name, step["contacts"][name]
 
     def rows(self, name: str) -> list[dict[str, str]]:
         """Rows of a CSV file."""
