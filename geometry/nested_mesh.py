@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import ROUNDING, Array, Bools, Ints
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.shape import Request, Shape
+from stickslip.geometry.shape import Request, Shape, Turn
 from stickslip.geometry.user_files.raw_mesh import RawMesh
 
 EDGES = {  # corners of each edge and the node between them, in dolfinx's order of a cell of order 2
@@ -83,6 +83,7 @@ class FlatMesh(ArrayMesh):
     """Cells in the plane; facets are given by their ends, and the node between them."""
 
     periodic: tuple[tuple[str, str], ...] = ()  # pairs of sides that are cut alike
+    turns: Mapping[str, Turn] = field(default_factory=dict)  # of cyclic ones, by the first side
 
     @property
     def degree(self) -> int:
@@ -122,7 +123,10 @@ class FlatMesh(ArrayMesh):
         for pair in self.periodic:
             middles = [self.sides[side][:, 2] for side in pair]
             one, other = (self.points[m] for m in middles)
-            match = cKDTree(other - other.mean(axis=0)).query(one - one.mean(axis=0))[1]
+            if turn := self.turns.get(pair[0]):
+                match = cKDTree(turn.moved(other)).query(one)[1]
+            else:
+                match = cKDTree(other - other.mean(axis=0)).query(one - one.mean(axis=0))[1]
             here, there = ([number[m] for m in some.tolist()] for some in (middles[0], middles[1][match]))
             found[here], found[there] = there, here
         return found

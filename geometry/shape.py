@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self, cast
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, Array, Bools, Ints
 from stickslip.geometry.curved_facets import Bulging, find_bulging, find_edges
 from stickslip.geometry.errors import require
 from stickslip.geometry.mesh_sizes import SizeField
@@ -27,6 +28,32 @@ def dimensions(model: Model) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Turn:
+    """Turn about an axis, right-handed, that takes one side of a cyclic sector to the other; in the plane about z."""
+
+    angle: float  # in degrees
+    point: tuple[float, ...]  # of the axis [m]
+    axis: tuple[float, ...] = (0.0, 0.0, 1.0)
+
+    def matrix(self, dim: int) -> Array:
+        """By which displacements turn (d, d)."""
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        found = Rotation.from_rotvec(np.radians(self.angle) * axis).as_matrix()
+        found[np.abs(found) < LAST_DIGITS] = 0.0  # of right angles
+        return np.asarray(found[:dim, :dim])
+
+    def moved(self, points: Array) -> Array:
+        """Points (m, d) [m] on the other side."""
+        d = points.shape[1]
+        return np.asarray((points - self.point[:d]) @ self.matrix(d).T + self.point[:d])
+
+    def on_axis(self, points: Array) -> Bools:
+        """Which of the points (m, d) the turn leaves where they are, beside their distances."""
+        size = float(np.ptp(points, axis=0).max(initial=0.0))
+        return np.asarray(np.linalg.norm(self.moved(points) - points, axis=1) <= CLOSE * size)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Request:
     """Requirements of a scene for its mesh beyond the shape itself; sides are named body.side."""
 
@@ -34,6 +61,7 @@ class Request:
     contact_sides: tuple[str, ...] = ()  # sides to refine to `contact_mesh_size`
     facing: tuple[tuple[str, str], ...] = ()  # of them pairs that need it only where they are close to each other
     periodic: tuple[tuple[str, str], ...] = ()  # pairs of sides whose meshes must match
+    turns: Mapping[str, Turn] = field(default_factory=dict)  # of them cyclic ones, by the first side
     sizes: SizeField | None = None  # instead of the shape's own mesh sizes
 
     @property

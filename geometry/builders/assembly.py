@@ -77,8 +77,9 @@ class Part:
         own = self._own(name, request.dim)
         slaves = tuple(own[side] for side in request.contact_sides if side in own)
         pairs = tuple((own[a], own[b]) for a, b in request.periodic if a in own and b in own)
+        turns = {own[side]: turn for side, turn in request.turns.items() if side in own}
         sizes = request.sizes and replace(request.sizes, points=self.in_place(request.sizes.points))
-        return replace(request, contact_sides=slaves, periodic=pairs, sizes=sizes)
+        return replace(request, contact_sides=slaves, periodic=pairs, turns=turns, sizes=sizes)
 
     def _own(self, name: str, dim: int) -> dict[str, str]:
         """Name of each side of the body `name` -> its name in the shape, both as body.side."""

@@ -175,6 +175,7 @@ class Builder(Choice, Shape):
             tags: gmsh entities of each side.
         """
         for slave, master in (tuple(side.split(".")[1] for side in pair) for pair in request.periodic):
+            require(not request.turns, "periodic", "an angle", "this shape is no sector; see rings with angle = 90")
             (axis, to), (_, origin) = places[slave], places[master]
             affine = np.eye(4)
             affine[axis, 3] = (to - origin) * np.ptp(self.box(request.dim)[:, axis])

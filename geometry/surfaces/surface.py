@@ -55,6 +55,7 @@ class Surface:
     axisymmetric: bool
     parts: Ints | None = None  # (n,) of the mesh, see `find_parts`; None: all nodes are of part 0
     positive: bool = False  # phi~ >= 0 everywhere: Bernstein's polynomials if the degree is 2
+    images: tuple[Ints, Ints, Array] | None = None  # nodes (k,) of a cyclic sector, those they turn to, turns
     depth: Array | None = None  # (f,) [m] of the middle of the cell behind each facet; None: it does not matter
     faces: Ints | None = None  # (n,) tell nodes apart that faces have at an edge, see `split_at_edges`; None: one face
 
@@ -153,7 +154,13 @@ class Surface:
         """Sums (n, d) over the facets of the side at each node, before they are made unit; see `node_normals`."""
         normals, total = self.facet_normals(), np.zeros_like(self.points)
         np.add.at(total, self.facets, normals)
-        return total
+        if self.images is None:
+            return total
+        here, there, turn = self.images
+        whole = total.copy()  # with the facets of the next sector
+        whole[here] += np.einsum("kji,kj->ki", turn, total[there])
+        whole[there] += np.einsum("kij,kj->ki", turn, total[here])
+        return whole
 
     def facet_normals(self) -> Array:
         """Outward normals (f, k, d) of the facets at their nodes; their length is the Jacobian of the facet there."""

@@ -9,7 +9,7 @@ Source: of the longest edge M.-C. Rivara, Int. J. Numer. Methods Eng. 20 (1984).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -20,6 +20,7 @@ from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.mesh.gmsh_session import generate
 from stickslip.geometry.mesh_sizes import GROWTH, USUAL, SizeField, volumes
 from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Turn
 from stickslip.geometry.user_files.open_file import raise_gmsh_error
 from stickslip.geometry.user_files.parts import Parts
 from stickslip.geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
@@ -35,6 +36,7 @@ class MeshOptions:
     fine_size: float | None  # edge length at `fine_sides` and `fine_points`; None: `size`
     fine_sides: Sequence[str]
     periodic: Sequence[tuple[str, str]]  # the first side of each pair gets the mesh of the second
+    turns: Mapping[str, Turn] = field(default_factory=dict)  # of cyclic ones, by the first side, in the file's unit
     order: int
     fine_points: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (p, 3)
     around: int = 0  # cells on a full circle, at least; 0: no rule
@@ -55,7 +57,7 @@ def mesh_parts(gmsh: Gmsh, dim: int, parts: Parts, options: MeshOptions) -> RawM
         if options.sizes is not None:
             options.sizes.impose(gmsh)
         for slave, master in options.periodic:
-            _match(gmsh, dim, parts.sides[slave], parts.sides[master])
+            _match(gmsh, dim, parts.sides[slave], parts.sides[master], options.turns.get(slave))
         gmsh.logger.start()
         generate(gmsh, dim)
         raise_gmsh_error(gmsh)
@@ -103,18 +105,30 @@ def _set_sizes(gmsh: Gmsh, dim: int, parts: Parts, size: float, options: MeshOpt
     gmsh.option.setNumber("Mesh.MeshSizeMax", 1e22)
 
 
-def _match(gmsh: Gmsh, dim: int, slave: list[int], master: list[int]) -> None:
-    """Give the slave side the mesh of the master side, moved by the distance of their centres.
+def _match(gmsh: Gmsh, dim: int, slave: list[int], master: list[int], turn: Turn | None) -> None:
+    """Give the slave side the mesh of the master side, turned, or moved by the distance of their centres.
 
     Args:
         slave, master: gmsh tags of the entities of each side.
     """
+
+    def corners(tag: int) -> Array:
+        ends = gmsh.model.getBoundary([(dim - 1, tag)], combined=False, oriented=False, recursive=True)
+        return np.asarray(np.mean([gmsh.model.getValue(*end, []) for end in ends], axis=0))
 
     def middles(tags: list[int]) -> Array:
         return np.array([np.reshape(gmsh.model.getBoundingBox(dim - 1, tag), (2, 3)).mean(axis=0) for tag in tags])
 
     if len(slave) != len(master):
         raise GeometryError(f"periodic sides have {len(slave)} and {len(master)} entities; they must match")
+    if turn is not None:
+        here, there = (np.array([corners(tag) for tag in tags]) for tags in (slave, master))
+        placed, affine, pivot = turn.moved(there), np.eye(4), np.array([*turn.point, 0.0][:3])
+        affine[:3, :3] = turn.matrix(3)
+        affine[:3, 3] = pivot - affine[:3, :3] @ pivot
+        of = [int(np.argmin(np.linalg.norm(placed - x, axis=1))) for x in here]
+        gmsh.model.mesh.setPeriodic(dim - 1, slave, [master[k] for k in of], list(affine.ravel()))
+        return
     here, there = middles(slave), middles(master)
     extent = np.ptp(here, axis=0).max() or 1.0  # 0 of a single entity
     first, second = (np.lexsort(np.round((x - x.mean(axis=0)) / extent, 6).T) for x in (here, there))

@@ -110,7 +110,9 @@ def raise_gmsh_error(gmsh: Gmsh, folder: Path | None = None) -> None:
 def _run_build(gmsh: Gmsh, path: Path, parameters: Mapping[str, Parameter]) -> None:
     """Run `build(model, parameters)` of a .py file."""
     try:
-        build = runpy.run_path(str(path)).get("build")
+        code = compile(path.read_bytes(), str(path), "exec")  # a program of its own would end the session
+        named = "build" in code.co_names or ("*",) in code.co_consts
+        build = runpy.run_path(str(path)).get("build") if named else None
         if build is None:
             raise GeometryError("defines no build(model, parameters)")
         build(gmsh.model, dict(parameters))

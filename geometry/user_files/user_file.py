@@ -280,6 +280,10 @@ class UserFile(Noun, Shape):
             fine_points=points / self._file_metres,
             around=AROUND if self.mesh_size is None and size is not None and sizes is None else 0,
             periodic=request.periodic,
+            turns={
+                side: replace(turn, point=tuple(x / self._file_metres for x in turn.point))
+                for side, turn in request.turns.items()
+            },
             order=1 if self.own_mesh and sizes else self.order,
             sizes=None if self.own_mesh else sizes,
         )

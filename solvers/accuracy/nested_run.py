@@ -234,6 +234,7 @@ class NestedRun(OtherMeshRun):
             sides=sides,
             edges_of=edges,
             periodic=system.problem.request.periodic,
+            turns=system.problem.request.turns,
         )
 
 

@@ -209,6 +209,7 @@ def build_rows(
     Raises:
         SceneError: supports leave a contact no node that can carry a pressure.
     """
+    contacts = {name: (contact, _folded(coupling)) for name, (contact, coupling) in contacts.items()}
     against_obstacles = HeldMotions(constraints.dim)
     used = {name: HeldMotions(constraints.dim) if c.master else against_obstacles for name, (_, c) in contacts.items()}
     frames = {
@@ -228,7 +229,8 @@ def build_rows(
         if contact.normal.at_quadrature:
             points = coupling.points(degree)
             N_n = along(points.relative, points.normals[:, None])
-            W_n, psi, phi = points.weights, points.psi, points.phi
+            W_n, fold = points.weights, _fold(coupling.surface)
+            psi, phi = (points.psi, points.phi) if fold is None else (fold @ points.psi, fold @ points.phi)
             gap_n = points.gap if known is None else np.full_like(points.gap, known)
             to_points, directions = points.own.basis(coupling.surface), points.normals
             dropped = 0
@@ -278,6 +280,25 @@ def build_rows(
             )
         )  # fmt: skip
     return found
+
+
+def _fold(surface: Surface) -> Sparse | None:
+    """Matrix (n, n) that moves integrals at turned nodes of a cyclic sector to those that they are images of."""
+    if surface.images is None:
+        return None
+    here, there, _ = surface.images
+    own, n = np.setdiff1d(np.arange(len(surface.nodes)), there), len(surface.nodes)
+    at = np.concatenate([own, here]), np.concatenate([own, there])
+    found: Sparse = sparse.csr_matrix((np.ones(n), at), shape=(n, n))
+    return found
+
+
+def _folded(coupling: Coupling) -> Coupling:
+    """The same coupling, where nodes of a cyclic sector carry what their turned images would: these have no weight."""
+    fold = _fold(coupling.surface)
+    if fold is None:
+        return coupling
+    return replace(coupling, weights=fold @ coupling.weights, carries=coupling.carries & (fold.diagonal() > 0))
 
 
 def _normals_in_symmetry_planes(coupling: Coupling, constraints: Constraints) -> Array:

@@ -89,6 +89,22 @@ def pair_up(
     return tuple(build_rows(couplings, constraints, moved, problem.timeline.end))
 
 
+def with_images(side: Surface, constraints: Constraints, name: str) -> Surface:
+    """A side of a cyclic sector, whose nodes at one end are those at the other, turned.
+
+    Raises:
+        SceneError: it has an edge there.
+    """
+    roots, turn = constraints.roots(side.nodes), constraints.turns(side.nodes)
+    there = np.flatnonzero((turn != np.eye(side.dim)).any(axis=(1, 2)) & np.isin(roots, side.nodes))
+    known, count = np.unique(side.nodes, return_counts=True)
+    if (count[np.searchsorted(known, np.concatenate([roots[there], side.nodes[there]]))] > 1).any():
+        raise SceneError(f"{name}: has an edge on a cyclic side; turn the sector so that it has none there")
+    order = np.argsort(side.nodes)
+    here = order[np.searchsorted(side.nodes, roots[there], sorter=order)]
+    return replace(side, images=(here, there, turn[there])) if len(there) else side
+
+
 def _partner(problem: Problem, known: Pair, sides: Mapping[str, Surface], moved: Array | None) -> Partner:
     """Both sides of a pair, where their nodes have moved to (n_all, d) [m]."""
     (one, two), contact = known.surfaces, known.contact

@@ -63,6 +63,12 @@ class Periodic:
     root_points: Array  # (f, d) [m]
     part: Ints  # (f,) of the mesh
     root_part: Ints  # (f,)
+    turn: Array  # (f, d, d) by which the displacement of a root is that of its follower: 1, or that of cyclic sides
+
+    @property
+    def cyclic(self) -> Bools:
+        """Which followers (f,) turn."""
+        return np.asarray((self.turn != np.eye(self.turn.shape[1])).any(axis=(1, 2)))
 
 
 @dataclass(frozen=True)
@@ -146,9 +152,18 @@ class Constraints:
         columns, free = np.tile(np.eye(self.dim), (len(nodes), 1, 1)), np.ones((len(nodes), self.dim), bool)
         held, at = _places(self.held, self.roots(nodes))
         columns[held], free[held] = self._bases[0][at], self._bases[1][at]
+        if self.periodic.cyclic.any():
+            columns = self.turns(nodes) @ columns
         rigid = np.isin(nodes, self._rigid_nodes)
         columns[rigid], free[rigid] = 0.0, False
         return columns, free
+
+    def turns(self, nodes: Ints) -> Array:
+        """By which the displacements of the roots of nodes (n,) turn to theirs (n, d, d)."""
+        found = np.tile(np.eye(self.dim), (len(nodes), 1, 1))
+        follows, at = _places(self.followers, nodes)
+        found[follows] = self.periodic.turn[at]
+        return found
 
     def eliminated(self) -> Ints:
         """Indices in q of this rank's eliminated entries, increasing."""
@@ -279,7 +294,10 @@ class Constraints:
         if least < self.nodes.total:
             self._raise_together(self._contradiction(first, time) if first == least else None)
         rigid = [point.prescribed(self.course, time)[self.is_own(point.nodes)] for point in self.remote.rigid]
-        return np.concatenate([found[self._of_prescribed], *rigid])
+        alone = found[self._of_prescribed]
+        if self.periodic.cyclic.any():
+            alone = np.einsum("kij,kj->ki", self.turns(self._alone_prescribed), alone)
+        return np.concatenate([alone, *rigid])
 
     def _contradiction(self, node: int, time: float) -> SceneError:
         """Contradiction at a node of this rank."""
@@ -307,7 +325,10 @@ class Constraints:
             remote point whose motion is prescribed, as `RemotePoint.key`, with the moment about the point.
         """
         at, points = np.zeros((len(self.held), self.dim)), self._held_points
-        np.add.at(at, self._of_prescribed, forces[self._alone_prescribed - self.nodes.offset])
+        alone = forces[self._alone_prescribed - self.nodes.offset]
+        if self.periodic.cyclic.any():
+            alone = np.einsum("kji,kj->ki", self.turns(self._alone_prescribed), alone)
+        np.add.at(at, self._of_prescribed, alone)
         force = np.zeros((len(self.supports), self.dim))
         moment = np.zeros((len(self.supports), 1 if self.dim == 2 else 3))
         for alike in self.alike:

@@ -67,7 +67,8 @@ class RigidModes:
         of, periodic = self.constraints, self.constraints.periodic
         blocks = [point.motion_of(self._of_parts(point.points, point.part)) for point in of.remote.rigid]
         blocks.append(
-            self._of_parts(periodic.points, periodic.part) - self._of_parts(periodic.root_points, periodic.root_part)
+            self._of_parts(periodic.points, periodic.part)
+            - periodic.turn @ self._of_parts(periodic.root_points, periodic.root_part)
         )
         one, other = self.joints.parts.T
         blocks.append(self._of_parts(self.joints.points, one) - self._of_parts(self.joints.points, other))

@@ -104,10 +104,11 @@ def _with_shared(mesh: Mesh, nodes: Nodes, own: Components, shared: Bools, perio
     found = Components.joined([own.at(~known), own.at(known).each(partial(of_all_ranks, mesh.comm))])
     at = np.searchsorted(periodic.followers, found.node)
     follows = np.isin(found.node, periodic.followers)
-    roots = found.node.copy()
+    roots, directions = found.node.copy(), found.directions.copy()
     roots[follows] = periodic.roots[at[follows]]
+    directions[follows] = np.einsum("kij,ki->kj", periodic.turn[at[follows]], directions[follows])
     order = np.lexsort((found.drive, roots))  # supports in the order of the scene at each node
-    return replace(found, node=roots).at(order)
+    return replace(found, node=roots, directions=directions).at(order)
 
 
 def _with_supports(
@@ -176,23 +177,33 @@ def _on_axis(mesh: Mesh, nodes: Nodes) -> Ints:
 
 def _periodic(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) -> Periodic:
     """The nodes that each eliminated periodic node follows; collective."""
-    follows: dict[int, int] = {}
+    follows: dict[int, tuple[int, Array]] = {}
     known: dict[int, tuple[Array, int]] = {}  # coordinates and part of both sides' nodes
     for slave_side, master_side in problem.request.periodic:
         slave, master = (gather_surface(mesh, space, nodes, side) for side in (slave_side, master_side))
-        shift = master.points.mean(axis=0) - slave.points.mean(axis=0)
-        distance, match = cKDTree(master.points).query(slave.points + shift)
+        turn, matrix = problem.request.turns.get(slave_side), np.eye(mesh.dim)
+        if turn is None:
+            shift = master.points.mean(axis=0) - slave.points.mean(axis=0)
+            distance, match = cKDTree(master.points).query(slave.points + shift)
+        else:
+            matrix, (distance, match) = turn.matrix(mesh.dim), cKDTree(turn.moved(master.points)).query(slave.points)
         size = float(np.ptp(master.points, axis=0).max())
         if len(slave.nodes) != len(master.nodes) or distance.max() > CLOSE * size:
             raise GeometryError(f"periodic sides {slave_side} and {master_side}: their meshes do not match")
         for side in (slave, master):
             known |= zip(side.nodes.tolist(), zip(side.points, side.part.tolist(), strict=True), strict=True)
         for node, other in zip(slave.nodes.tolist(), master.nodes[match].tolist(), strict=True):
-            own, others = _end_of(follows, node), _end_of(follows, other)
+            (own, first), (others, second) = _end_of(follows, node, mesh.dim), _end_of(follows, other, mesh.dim)
+            if node == other and turn is not None:
+                at = ", ".join(f"{c:.6g}" for c in known[node][0])
+                raise GeometryError(
+                    f"periodic side {slave_side}: the axis of its turn is in the body, at ({at}); leave a hole"
+                )
             if own != others:  # an edge that two periodic pairs share in 3D appears twice; the second is redundant
-                follows[own] = others
+                follows[own] = others, first.T @ matrix @ second
     followers = sorted(follows)
-    roots = [_end_of(follows, node) for node in followers]
+    ends = [_end_of(follows, node, mesh.dim) for node in followers]
+    roots = [root for root, _ in ends]
     return Periodic(
         followers=np.array(followers, np.int64),
         roots=np.array(roots, np.int64),
@@ -200,11 +211,14 @@ def _periodic(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) 
         root_points=np.array([known[node][0] for node in roots]).reshape(-1, mesh.dim),
         part=np.array([known[node][1] for node in followers], np.int64),
         root_part=np.array([known[node][1] for node in roots], np.int64),
+        turn=np.array([turn for _, turn in ends]).reshape(-1, mesh.dim, mesh.dim),
     )
 
 
-def _end_of(follows: dict[int, int], node: int) -> int:
-    """Last node of the chain that begins at a node."""
+def _end_of(follows: dict[int, tuple[int, Array]], node: int, dim: int) -> tuple[int, Array]:
+    """Last node of the chain that begins at a node, and by which the displacement there turns on the way back."""
+    turn = np.eye(dim)
     while node in follows:
-        node = follows[node]
-    return node
+        node, next_turn = follows[node]
+        turn = turn @ next_turn
+    return node, turn

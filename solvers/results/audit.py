@@ -129,6 +129,8 @@ class Auditor:
         for c in self.start.contacts:
             if c.master is not None:
                 found.append(f"contacts.{c.name}: gap and forces between bodies")
+            elif c.surface.images is not None:
+                found.append(f"contacts.{c.name}: forces of a cyclic sector")
             if penetration(c.normal, zero) is None:
                 found.append(f"contacts.{c.name}.normal")
             if c.friction is not None and bound(c.friction, c.normal, zero, np.ones((1, 1)), 0.0, 1.0, zero) is None:
@@ -418,13 +420,13 @@ class Auditor:
     def _contact_force(self, place: ContactBlock, u: Vec, record: Record, scales: Scales) -> Vec:
         """Nodal forces B^T p of one contact over all displacement dofs [N]; with compliance p_n is that of u.
 
-        Against a rigid obstacle those of multipliers come from forms. Between bodies, and on a part of a side, no form
-        over one mesh has them: there they are the rows' own, N^T W p.
+        Against a rigid obstacle those of multipliers come from forms. Between bodies, on a part of a side, and on
+        that of a cyclic sector, no form over one mesh has them: there they are the rows' own, N^T W p.
         """
         system, rows = self.system, place.rows
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         compliant = isinstance(rows.normal, Compliance)
-        if rows.master is not None or system.problem.shares(rows.name):
+        if rows.master is not None or system.problem.shares(rows.name) or rows.surface.images is not None:
             return system.interface.force_of(rows, self._pressure_of_law(rows, record) if compliant else p_n, t)
         force = self._compliant_force(rows, u, record) if compliant else system.vector()
         if compliant and rows.friction is None:

@@ -45,6 +45,7 @@ class Acting:
         before, now, pushed = np.zeros_like(slid), np.zeros_like(slid), on_slave.any(axis=1)
         if obstacle is None or rows.normal.ties:  # they turn with the slave
             before, now = (replace(rows.surface, points=x).node_normals() for x in (begun, begun + slid))
+            now = np.where(rows.surface.at_edge[:, None] > 0, before, now)  # an edge has the other side's normal
         elif pushed.any():
             before[pushed], now[pushed] = (-obstacle.normals(x[pushed]) for x in (begun, begun + slid))
         along, turn = (np.einsum("nd,nd->n", before, v)[:, None] for v in (on_slave, now))

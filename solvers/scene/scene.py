@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import or_
 from typing import Annotated, Any, ClassVar, get_origin
 
 import numpy as np
@@ -17,7 +18,7 @@ from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, r
 from stickslip.geometry.expression import CONSTANTS, RATE, Expression, Varying
 from stickslip.geometry.keys import Key, Keys, Noun, completed
 from stickslip.geometry.obstacles import Obstacle
-from stickslip.geometry.shape import Model, Request, dimensions
+from stickslip.geometry.shape import Model, Request, Turn, dimensions
 from stickslip.geometry.units import Units
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import Contact
@@ -49,6 +50,10 @@ class EffectTable(Noun):
     def periodic_pairs(self) -> tuple[tuple[str, str], ...]:
         """Slave and master sides whose meshes must match and whose displacements are the same."""
         return ()
+
+    def turns(self) -> Mapping[str, Turn]:
+        """By the first of such sides, the turn that takes the second one there, and its displacements."""
+        return {}
 
     def springs(self, key: str) -> tuple[Springs, ...]:
         """All the stiffness that the effect adds, if it is that of springs to the ground: then they hold bodies.
@@ -188,6 +193,7 @@ class Scene(Noun):
                 )
             ),
             periodic=tuple(pair for table in self.effect_tables().values() for pair in table.periodic_pairs()),
+            turns=reduce(or_, (dict(table.turns()) for table in self.effect_tables().values()), {}),
         )
 
     def sides(self) -> tuple[str, ...]:

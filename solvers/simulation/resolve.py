@@ -104,8 +104,12 @@ def with_rigid_modes(setup: Setup) -> Problem:
     for coupling in setup.couplings:
         blocks += _held(setup, coupling, motions)
     for slave, master in setup.request.periodic:
-        here, there = (motions.fields(side.split(".")[0], setup.sample(side)[0]) for side in (slave, master))
-        blocks.extend(here - there)
+        points, turn = setup.sample(master)[0], setup.request.turns.get(slave)
+        there = motions.fields(master.split(".")[0], points)
+        if turn is None:
+            blocks.extend(motions.fields(slave.split(".")[0], setup.sample(slave)[0]) - there)
+        else:
+            blocks.extend(motions.fields(slave.split(".")[0], turn.moved(points)) - turn.matrix(setup.dim) @ there)
     for (one, other), points in setup.shape.shared(setup.dim).items():
         blocks.extend(motions.fields(one, points) - motions.fields(other, points))
     supported = np.concatenate(blocks)[:, : len(motions.bodies) * motions.each]

@@ -41,8 +41,8 @@ class Solved:
     @property
     def contacts(self) -> Iterator[tuple[Json, str, Json]]:
         for step in self.result["steps"]:
-            for name, contact in step["contacts"].items():
-                yield step, name, contact
+            for name in self.scene.pairs:
+                yield step, name, step["contacts"][name]
 
     def rows(self, name: str) -> list[dict[str, str]]:
         """Rows of a CSV file."""
@@ -64,7 +64,8 @@ def coarse(name: str) -> list[str]:
     """Overrides for a coarser mesh, fewer steps, a probe more, and no pictures (they have tests of their own)."""
     scene = read(name)
     sizes = {key: getattr(scene.geometry, key, None) for key in SIZES}
-    contact, support = (next(iter(table.values()), None) for table in (scene.contacts, scene.supports))
+    held = scene.supports or scene.sections.get("elastic_support", {})
+    contact, support = (next(iter(table.values()), None) for table in (scene.contacts, held))
     alone = support is None or contact.against in scene.obstacles  # else another body may reach over the contact side
     side = contact.surface if alone else support.boundary
     corner = list(support.point) if side is None else scene.geometry.sample(side, scene.dim)[0][0].tolist()

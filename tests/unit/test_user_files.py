@@ -471,10 +471,11 @@ def test_a_script_in_disguise_is_no_mesh(tmp_path: Path) -> None:
         (PY + '    raise ValueError("too\\nthick")\n', r"b\.py: line 7: ValueError: too thick"),
         (PY.replace('parameters["length"]', 'parameters["size"]'), r"b\.py: line 3: KeyError: 'size'"),
         (PY + "  x = = 1\n", r"b\.py: line 7: \w*Error: "),
-        ("import sys\nsys.exit(3)\n", r"b\.py: line 2: SystemExit: 3"),
+        ("import sys\nsys.exit(3)\nbuild = None\n", r"b\.py: line 2: SystemExit: 3"),
         ("x = 1\n", r"b\.py: defines no build\(model, parameters\)"),
-        ("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n", r"b\.py: gmsh crashed on it \(SIGSEGV\)"),
-        ("import os\nos._exit(0)\n", r"b\.py: gmsh ended without an answer"),
+        ("import gmsh\ngmsh.initialize()\ngmsh.finalize()\n", r"b\.py: defines no build\(model, parameters\)"),
+        ("import os\nos.abort()\nbuild = None\n", r"b\.py: gmsh crashed on it \(SIGABRT\)"),
+        ("import os\nos._exit(0)\nbuild = None\n", r"b\.py: gmsh ended without an answer"),
     ],
 )  # fmt: skip
 def test_what_goes_wrong_in_a_python_file_is_one_line(text: str, says: str, tmp_path: Path) -> None:

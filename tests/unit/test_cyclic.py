@@ -1,0 +1,170 @@
+"""A sector of a cyclic body, whose sides turn into each other, has the answer of the whole body."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.audited import audit
+from stickslip import GeometryError, SceneError, Simulation, StepResult
+from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.scene_file.read import from_dict
+
+Tables = dict[str, Any]
+
+
+def cut(*bodies: str, first: str = "y_axis", second: str = "x_axis", **keys: Any) -> Tables:
+    """Periodic tables of sectors."""
+    return {
+        f"{body}_cut": {"boundary": f"{body}.{first}", "with": f"{body}.{second}", "angle": 90.0} | keys
+        for body in bodies
+    }
+
+
+def press_fit(angle: int, order: int, normal: Tables, inner_size: float) -> Tables:
+    """A ring in a ring, its hole pressed with four waves and then turned."""
+    waves = "2e-3*(1+0.5*(x**4-6*x**2*y**2+y**4)/(x**2+y**2)**2)"
+    return {
+        "model": "plane strain",
+        "geometry": {
+            "builder": "rings", "inner_radius": 0.5, "radius": 1.0, "outer_radius": 2.0, "interference": 1e-3,
+            "angle": angle, "mesh_size": 0.5, "inner_mesh_size": inner_size, "cells": "tensor", "order": order,
+        },
+        "bodies": {"inner": {"E": 1.0, "nu": 0.3}, "outer": {"E": 2.0, "nu": 0.2}},
+        "contacts": {
+            "fit": {
+                "surface": "outer.inside", "against": "inner.outside",
+                "normal": normal, "friction": {"law": "coulomb", "mu": 0.05},
+            }
+        },
+        "supports": {
+            "housing": {
+                "boundary": "outer.outside", "displacement": {"x": "-4e-3*y*max(t-1,0)", "y": "4e-3*x*max(t-1,0)"}
+            }
+        },
+        "elastic_support": {"bed": {"boundary": "inner.inside", "tangential": 5.0}},
+        "loads": {"waves": {"boundary": "inner.inside", "pressure": waves}},
+        "steps": {"end": 2.0, "count": 2},
+    }  # fmt: skip
+
+
+def last_of(tables: Tables, folder: Path | None = None) -> tuple[Simulation, StepResult]:
+    simulation = prepare(from_dict(tables, folder) if folder else from_dict(tables))
+    *_, last = simulation.steps()
+    return simulation, last
+
+
+def same(sector: StepResult, whole: StepResult, count: int, rtol: float = 1e-8) -> None:
+    """Numbers of a sector are those of the whole body, or its part of them."""
+    for name, own in sector.contacts.items():
+        all_of_it = whole.contacts[name]
+        for key in ("normal_force", "contact_area", "slip_area", "dissipation_total"):
+            assert getattr(own, key) * count == pytest.approx(getattr(all_of_it, key), rel=rtol, abs=1e-15)
+        assert_allclose(own.moment[-1] * count, all_of_it.moment[-1], rtol=1e3 * rtol)
+        for key in ("max_pressure", "max_slip"):
+            assert getattr(own, key) == pytest.approx(getattr(all_of_it, key), rel=rtol)
+    for key in ("stored", "external", "dissipated"):
+        assert getattr(sector.energy, key) * count == pytest.approx(getattr(whole.energy, key), rel=rtol)
+
+
+RIGID = {"law": "unilateral"}
+
+
+@pytest.mark.parametrize(("order", "normal"), [(1, RIGID), (2, RIGID), (1, {"law": "compliance", "c_n": 10.0})])
+def test_a_quarter_of_a_press_fit_that_turns_is_a_quarter_of_the_whole(order: int, normal: Tables) -> None:
+    _, whole = last_of(press_fit(360, order, normal, 0.25))
+    simulation, sector = last_of(press_fit(90, order, normal, 0.25) | {"periodic": cut("inner", "outer")})
+    assert whole.contacts["fit"].slip_area > 0
+    same(sector, whole, 4)
+    assert max(audit(simulation, sector).values()) < 1e-7
+
+
+def test_meshes_that_do_not_match_are_close_and_either_side_may_follow() -> None:
+    _, whole = last_of(press_fit(360, 1, RIGID, 0.19))
+    _, sector = last_of(press_fit(90, 1, RIGID, 0.19) | {"periodic": cut("inner", "outer")})
+    same(sector, whole, 4, 0.02)
+    other = cut("inner", "outer", first="x_axis", second="y_axis", angle=-90.0)
+    same(last_of(press_fit(90, 1, RIGID, 0.25) | {"periodic": other})[1], last_of(press_fit(360, 1, RIGID, 0.25))[1], 4)
+
+
+SECTOR = """
+SetFactory("OpenCASCADE");
+a = Pi/3; r = 0.5; s = 1.0;
+Point(1) = {r, 0, 0}; Point(2) = {s, 0, 0}; Point(3) = {r*Cos(a), r*Sin(a), 0}; Point(4) = {s*Cos(a), s*Sin(a), 0};
+Point(5) = {0, 0, 0};
+Line(1) = {1, 2}; Line(2) = {3, 4}; Circle(3) = {1, 5, 3}; Circle(4) = {2, 5, 4};
+Curve Loop(1) = {1, 4, -2, -3}; Plane Surface(1) = {1};
+"""
+NAMED = {
+    2: """
+Physical Surface("ring") = {1}; Physical Curve("ring.first") = {1}; Physical Curve("ring.second") = {2};
+Physical Curve("ring.inner") = {3}; Physical Curve("ring.outer") = {4};
+""",
+    3: """
+out[] = Extrude {0, 0, 0.25} { Surface{1}; };
+Physical Volume("ring") = {out[1]};
+Physical Surface("ring.first") = {out[2]}; Physical Surface("ring.second") = {out[4]};
+Physical Surface("ring.inner") = {out[5]}; Physical Surface("ring.outer") = {out[3]};
+Physical Surface("ring.bottom") = {1}; Physical Surface("ring.top") = {out[0]};
+""",
+}
+E, NU, MU, DELTA = 1.0, 0.3, 0.2, 1e-3
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_sixth_of_a_users_file_on_a_shaft_that_turns_has_the_pressure_of_lame(dim: int, tmp_path: Path) -> None:
+    """A ring on a rigid shaft that is too large by DELTA slips everywhere; springs along its outside hold it."""
+    (tmp_path / "sector.geo").write_text(SECTOR + NAMED[dim])
+    flat = {"bottom": "z", "top": "z"} if dim == 3 else {}
+    middle, along = [0.0] * dim, {"axis": [0.0, 0.0, 1.0]} if dim == 3 else {}
+    tables = {
+        "model": "3d" if dim == 3 else "plane strain",
+        "geometry": {"file": "sector.geo", "mesh_size": 0.15 if dim == 3 else 0.1, "order": 2},
+        "bodies": {"ring": {"E": E, "nu": NU}},
+        "obstacles": {
+            "shaft": {
+                "shape": "cylinder", "point": middle, "radius": 0.5 + DELTA, **along,
+                "rotation": {"point": middle, "angle": [[0, 0], [1, 0], [2, 0.1]], **along},
+            }
+        },
+        "contacts": {"fit": {"surface": "ring.inner", "against": "shaft", "friction": {"law": "coulomb", "mu": MU}}},
+        "supports": {side: {"boundary": f"ring.{side}", "displacement": {axis: 0.0}} for side, axis in flat.items()},
+        "elastic_support": {"bed": {"boundary": "ring.outer", "tangential": 1.0}},
+        "periodic": cut("ring", first="second", second="first", angle=60.0),
+        "steps": {"end": 2.0, "count": 2},
+    }  # fmt: skip
+    simulation, last = last_of(tables, tmp_path)
+    a, b = 0.5, 1.0
+    pressure = DELTA * E * (b**2 - a**2) / ((1 + NU) * a**2 * ((1 - 2 * NU) * a + b**2 / a))
+    fit = last.contacts["fit"]
+    force = pressure * a * np.pi / 3 * (0.25 if dim == 3 else 1.0)
+    assert fit.normal_force == pytest.approx(force, rel=3e-3)
+    assert fit.max_pressure == pytest.approx(pressure, rel=0.1 if dim == 3 else 0.02)  # at a node of a free mesh
+    assert_allclose(fit.moment[-1], MU * force * a, rtol=5e-3)
+    assert fit.slip_area == pytest.approx(fit.contact_area, rel=1e-9)
+    assert max(audit(simulation, last).values()) < 1e-7
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"angle": 360.0}, "periodic.ring_cut.angle = 360"),
+        ({"axis": [0.0, 0.0, 1.0]}, "a plane model turns about z"),
+        ({"point": [0.0]}, "expected 2 components"),
+        ({"angle": 0.0, "point": [0.0, 0.0]}, "a side that is shifted has no axis"),
+        ({"angle": 80.0}, "their meshes do not match"),
+    ],
+)
+def test_a_turn_that_fits_no_sector_is_refused(change: Tables, message: str) -> None:
+    tables = {
+        "model": "plane strain",
+        "geometry": {"builder": "ring", "inner_radius": 0.5, "outer_radius": 1.0, "angle": 90, "mesh_size": 0.5},
+        "bodies": {"ring": {"E": 1.0, "nu": 0.3}},
+        "supports": {"hold": {"boundary": "ring.outer", "displacement": {"x": 0.0, "y": 0.0}}},
+        "loads": {"push": {"boundary": "ring.inner", "pressure": 1.0}},
+        "periodic": cut("ring", **change),
+    }
+    with pytest.raises((SceneError, GeometryError), match=message):
+        last_of(tables)
