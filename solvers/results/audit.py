@@ -281,7 +281,8 @@ class Auditor:
         pair, moved = system.problem.pairs[rows.name], record.displacement[rows.input]
         forces = rows.nodal_forces(record.p[place.normal], record.p[place.tangential].reshape(-1, place.components))
         acts = acting(system, rows, forces, moved, record.searched, (record.time, record.driven))
-        pushed, size = acts.forces.any(axis=1), np.linalg.norm(acts.forces, axis=1)
+        size = np.linalg.norm(acts.forces, axis=1)
+        pushed = size > 0
         given = rows.normal.ties or pair.contact.gap is not None  # not the gap between the sides as they are meshed
         if told is None or system.mesh.axisymmetric or given or not pushed.any():
             return 0.0

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import stickslip.solvers.contact.pairing as pairing
 from shared.audited import record_of, stored_by
 from shared.cases import slow
 from shared.problems import SceneOf, SimulationOf
@@ -62,7 +61,7 @@ def wrong_gap(patch: pytest.MonkeyPatch) -> None:
             found, gap=found.gap + 0.01, points=lambda degree: replace(points(degree), gap=points(degree).gap + 0.01)
         )
 
-    patch.setattr(pairing, "rigid_coupling", coupling)
+    patch.setattr(partners, "rigid_coupling", coupling)
 
 
 def wrong_distance(kind: type, patch: pytest.MonkeyPatch) -> None:
