@@ -12,6 +12,7 @@ from shared.cases import slow
 from shared.problems import SceneOf, SimulationOf
 from stickslip import Bilateral, Compliance, FrictionLaw, Obstacle, Plane, Scene, TangentialCompliance, Tied, Unilateral
 from stickslip.geometry.obstacles.round import Cylinder, Round, Sphere
+from stickslip.solvers.contact import partners
 from stickslip.solvers.contact.coupling import rigid_coupling
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.laws.friction import CappedCoulomb, Cohesion, Coulomb, OrthotropicCoulomb, Stick, Tresca
