@@ -227,7 +227,8 @@ def test_result_is_that_of_one_rank(alone: tuple[str, Path], together: tuple[int
         kind = kind_of(path)
         if kind == "defect":
             assert (found[path] is None) == (value is None)
-            assert value is None or max(found[path], value) <= SAME, (path, found[path], value)
+            least = value if path[-1] == "moment" else 0.0  # it is of second order in the motion, on any ranks
+            assert value is None or max(found[path], value) - least <= SAME, (path, found[path], value)
         elif value is None:
             assert found[path] is None, path
         elif kind:

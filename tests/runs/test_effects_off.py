@@ -84,7 +84,7 @@ def test_audit_finds_nothing_in_a_body_that_moves_as_a_whole(tmp_path: Path) -> 
 
 
 def test_each_pair_of_bodies_is_searched_once_and_rigid_obstacles_never(solved: Solved) -> None:
-    pairs = [c for c in solved.scene.contacts.values() if c.against not in solved.scene.obstacles]
+    pairs = [c for c in solved.scene.pairs.values() if c.against not in solved.scene.obstacles]
     searches = solved.result["counters"]["searches"]
     if any(c.sliding for c in pairs):
         assert searches > len(solved.result["steps"]) * len(pairs)
