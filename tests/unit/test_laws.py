@@ -207,6 +207,32 @@ def test_tied_surface_sticks_and_refuses_a_friction_law() -> None:
         Contact(**side, normal=Tied(), friction=Coulomb(mu=0.3))
 
 
+def fallen(**given: float) -> StaticKinetic:
+    return StaticKinetic(**{"mu_s": 0.3, "mu_k": 0.2, "slip_length": 1.0} | given)
+
+
+def across(**given: Any) -> OrthotropicCoulomb:
+    return OrthotropicCoulomb(**{"mu_1": 0.1, "mu_2": 0.1, "axis": AXIS} | given)
+
+
+def test_memory_of_slip_grows_by_the_slip_of_a_step() -> None:
+    for law in (fallen(), SlipDependent(mu=((0.0, 0.1), (1.0, 0.5)))):
+        assert_array_equal(law.after(np.array([0.0, 2.0]), np.array([1.0, 0.5]), 1.0), [1.0, 2.5])
+
+
+def test_a_field_of_friction_has_a_coefficient_for_each_point() -> None:
+    points = np.array([[0.0, 1.0], [2.0, 1.0]])
+    for mu, expected in (("0.1 + 0.1*x", [0.1, 0.3]), ("0.1*t", [0.05, 0.05]), (((0.0, 0.2), (1.0, 0.4)), [0.3, 0.3])):
+        law = Coulomb(mu=mu, k_T=7.0).placed(points, 0.5, 2.0)
+        assert_allclose(law.mu, expected)
+        assert law.k_T == 7.0
+        assert law.of_points(np.array([1])).mu == pytest.approx(expected[1:])
+    with pytest.raises(SceneError, match=r"^friction\.mu = -2\.0: must not be negative"):
+        Coulomb(mu="-x").placed(points, 0.5, 2.0)
+    with pytest.raises(SceneError, match=r'^mu = "q": column 1: q is not known'):
+        Coulomb(mu="q")
+
+
 @pytest.mark.parametrize(
     ("make", "text"),
     [
@@ -224,6 +250,26 @@ def test_tied_surface_sticks_and_refuses_a_friction_law() -> None:
         (lambda: CappedCoulomb(mu=-0.1, s_max=1.0), r"mu = -0\.1: must not be negative"),
         (lambda: CappedCoulomb(mu=0.1, s_max=0.0), r"s_max = 0\.0: must be positive, in pascal"),
         (lambda: CappedCoulomb(mu=0.1, s_max=1.0, k_T=-1.0), r"k_T = -1\.0: must be positive, in Pa/m"),
+        (lambda: Cohesion(a=-1.0, mu=0.1), r"^a = -1\.0: must not be negative, in pascal"),
+        (lambda: Cohesion(a=1.0, mu=-0.1), r"^mu = -0\.1: must not be negative"),
+        (lambda: fallen(mu_k=-0.1), r"^mu_k = -0\.1: must not be negative"),
+        (lambda: fallen(mu_k=0.4), r"^mu_s = 0\.3: must not be below mu_k = 0\.4"),
+        (lambda: fallen(slip_length=0.0), r"^slip_length = 0\.0: must be positive, in metres"),
+        (lambda: SlipDependent(mu=()), r"^mu = \[\]: a table needs at least one \[value, mu\]"),
+        (lambda: SlipDependent(mu=((0.0, 0.1), (0.0, 0.2))), r"^mu = .*: its first column must increase from 0"),
+        (lambda: SlipDependent(mu=((-1.0, 0.1),)), r"^mu = .*: its first column must increase from 0"),
+        (lambda: SlipDependent(mu=((0.0, -0.1),)), r"^mu = -0\.1: mu must not be negative"),
+        (lambda: across(mu_1=0.0), r"^mu_1 = 0\.0: must be positive"),
+        (lambda: across(mu_2=0.0), r"^mu_2 = 0\.0: must be positive"),
+        (
+            lambda: across(k_T=1.0),
+            r"^k_T = 1\.0: orthotropic friction is rigid",
+        ),
+        (
+            lambda: across(axis=(1.0, 0.0)),
+            r"^axis = \[1\.0, 0\.0\]: expected a direction",
+        ),
+        (lambda: across(axis=(0.0, 0.0, 0.0)), r"^axis = .*: expected a direction"),
     ],
 )
 def test_impossible_laws_are_refused(make: Any, text: str) -> None:
