@@ -23,6 +23,7 @@ sweep(scene, {"contacts.base.friction.mu": [0.1, 0.2]}, folder)
     runs it with other values, in processes beside each other; `.rows` and `.to_pandas()` are its table.
 prepare(scene).script()
     returns a `Script`, which is told each step: `script.step(to=1.0, supports={"top": {"x": 0.01}})`.
+    All that a scene gives in time may change: loads, gaps, gravity, temperatures, bolts, remote points.
 
 load(folder)
     gives back what a run has left: `.steps` are the same `StepResult`s, `.mesh` the mesh, `.result` the
