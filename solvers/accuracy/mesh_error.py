@@ -82,7 +82,8 @@ def by_chance(c: ContactRows, own: ContactState, better: ContactState) -> dict[s
         better: a solution with less of the same error, at the same nodes.
     """
     weight, pressure = own.weight[:, None], np.abs(better.pressure - own.pressure)
-    force = weight * (better.traction - own.traction + (own.pressure - better.pressure)[:, None] * c.frames[:, 0])
+    n = c.sense * c.frames[:, 0]
+    force = weight * (better.traction - own.traction + (own.pressure - better.pressure)[:, None] * n)
     work = (weight * (better.traction * better.slip_increment - own.traction * own.slip_increment)).sum(axis=1)
     slip = np.linalg.norm(better.slip - own.slip, axis=1)
     slipped = np.where(own.status == OPEN, 0.0, np.linalg.norm(own.slip, axis=1))
@@ -111,7 +112,7 @@ def with_ends(contacts: Iterable[ContactRows], step: StepResult, errors: Errors)
         rings = [row.indices for row in near]
         weights, left = state.weight[c.ends], dict[str, Value]()
         for name, field in {
-            "force": state.traction - state.pressure[:, None] * c.frames[:, 0],
+            "force": state.traction - c.sense * state.pressure[:, None] * c.frames[:, 0],
             "normal_force": state.pressure[:, None],
             "tangential_force": state.traction,
         }.items():

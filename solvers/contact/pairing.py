@@ -86,7 +86,9 @@ def pair_up(
                 hidden += "search_distance, or let the contact slide"
                 raise SceneError(hidden if any(touching) else nowhere)
     couplings = {name: couplings[name] for name in problem.pairs}
-    return tuple(build_rows(couplings, constraints, moved, problem.timeline.end))
+    every = build_rows(couplings, constraints, moved, problem.timeline.end)
+    exchanged = {name for name, known in problem.pairs.items() if known.slave != known.contact.surface}
+    return tuple(replace(rows, sense=-1.0) if rows.name in exchanged else rows for rows in every)
 
 
 def with_images(side: Surface, constraints: Constraints, name: str) -> Surface:
