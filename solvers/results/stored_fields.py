@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,8 @@ class StoredFields:
     von_mises: Array = field(default_factory=lambda: np.zeros(0))  # (cells,) [Pa]
     contacts: Mapping[str, Mapping[str, AnyArray]] = field(default_factory=dict)  # by contact, as in `ContactState`
     moments: Mapping[str, Array] = field(default_factory=dict)  # by contact, as reported [N m]
+    told: Mapping[str, Any] = field(default_factory=dict)  # all numbers of the step, as result.json has them
+    told_before: Mapping[str, Any] = field(default_factory=dict)  # and those of the step before; empty: it is the first
 
 
 @dataclass(frozen=True, kw_only=True)

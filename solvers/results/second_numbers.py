@@ -1,0 +1,332 @@
+"""Numbers of a step a second time: what the step's file shows of supports, obstacles, probes, bodies and effects.
+
+How a number follows from what is seen of its owner is declared with the number, see `stickslip.solvers.scene.record`:
+a number of a new record is judged because it is declared. What cannot be seen is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import CLOSE, ROUNDING, SLIGHT, TINY, Array, Ints
+from stickslip.geometry.surfaces.facet_map import place
+from stickslip.geometry.surfaces.surface import Surface, gather_surface
+from stickslip.solvers.effects import by_name, records
+from stickslip.solvers.fem.rigid_fields import parts_of_motion, rigid_fields
+from stickslip.solvers.results.closed_formulas import in_time
+from stickslip.solvers.results.stored_fields import Record
+from stickslip.solvers.scene.loads import Coupling, End, Link, Springs
+from stickslip.solvers.scene.record import Number, Value, numbers_of
+from stickslip.solvers.scene.timeline import Place
+from stickslip.solvers.system.system import System
+
+Told = Mapping[str, Mapping[str, Any]]  # a step as result.json has it, by table
+JOINED = (
+    "points", "forces", "turned", "weight", "pressure", "traction", "slip", "touches", "sticks", "slips", "peaks",
+    "closing",
+)  # fmt: skip
+
+
+class SecondNumbers:
+    """What is seen of each record's owner; its places on the mesh are found once."""
+
+    def __init__(self, system: System) -> None:
+        """`system` is as it was at the start."""
+        self._system, self._problem = system, system.problem
+        self.around = np.array([0.0, 1.0]) if system.mesh.axisymmetric else np.ones(system.mesh.dim)
+
+    def seen(self, record: Record, contacts: Mapping[str, SimpleNamespace], out: Array, told: Told) -> dict[str, Any]:
+        """By table and name what is seen of each record's owner; collective.
+
+        Args:
+            contacts: by name.
+            out: forces (nodes, d) [N] that supports and rigid sides exert, in the order of the gmsh model.
+            told: the numbers that are judged; where two cells have a probe, theirs decide between them.
+        """
+        found: dict[str, Any] = {table: {} for table in records()}
+        found["contacts"] = dict(contacts) | {
+            name: _together([contacts[pair] for pair in pairs]) for name, pairs in self._problem.sums.items()
+        }
+        found["supports"] = self._supports(record, out)
+        found["obstacles"] = {name: self._obstacle(name, record, contacts) for name in self._problem.obstacles}
+        found["probes"] = {name: self._probe(name, record, told["probes"][name]) for name in self._problem.probes}
+        found["bodies"] = {
+            name: SimpleNamespace(moved=record.displacement[nodes], von_mises=record.stored.von_mises[cells])
+            for name, (nodes, cells) in self._bodies.items()
+        }
+        own = {link.key: self._link(link, record) for link in self._problem.links}
+        own |= {springs.key: self._sprung(springs, record) for springs in self._problem.springs}
+        own |= {coupling.key: self._coupled(coupling, record, out) for coupling in self._problem.couplings}
+        for key, each in own.items():
+            table, _, name = key.partition(".")
+            found.setdefault(table, {})[name] = each
+        return found
+
+    def acting(self, points: Array, forces: Array, **more: Any) -> SimpleNamespace:
+        """Forces at points, of which resultant and moment are seen; `couple`: a further moment."""
+        found = {"turned": 0 * forces, "couple": 0.0, "around": self.around} | more
+        return SimpleNamespace(points=points, forces=forces, **found)
+
+    def value(self, place: Place, record: Record) -> float:
+        """A value at the record's time: one that its step has found, or that the scene gives."""
+        found = dict(zip((bolt.shortening for bolt in self._system.initial.tightened), record.shortened, strict=True))
+        timeline = self._problem.timeline
+        return float(found[place] if place in found else in_time(timeline.amplitudes[place], record.time, timeline.end))
+
+    def side(self, name: str) -> Surface:
+        """A side of a body, gathered once; collective."""
+        if name not in self._sides:
+            system = self._system
+            self._sides[name] = gather_surface(system.mesh, system.space, system.nodes, name)
+        return self._sides[name]
+
+    @cached_property
+    def _sides(self) -> dict[str, Surface]:
+        return {}
+
+    @cached_property
+    def supported(self) -> list[tuple[str, Ints, Array, Array]]:
+        """Name of each support, gmsh numbers (k,), points (k, d) [m] and normals (k, d) of its nodes; collective."""
+        system, found = self._system, []
+        for name, support in system.problem.supports.items():
+            if support.boundary is not None:
+                side = self.side(support.boundary)
+                found.append((name, side.input, side.points, side.node_normals()))
+                continue
+            distance = np.linalg.norm(system.nodes.points - np.array(support.point), axis=1)
+            nearest = int(np.argmin(distance))
+            offers = system.mesh.comm.allgather((float(distance[nearest]), int(system.nodes.input[nearest])))
+            found.append((name, np.array([min(offers)[1]]), np.array([support.point]), np.zeros((1, system.mesh.dim))))
+        return found
+
+    def _supports(self, record: Record, out: Array) -> dict[str, SimpleNamespace]:
+        """Forces along the prescribed directions of nodes; supports that share a node share its force.
+
+        Those of sides that are periodic or rigid are divided by the solver's rule.
+        """
+        system, problem = self._system, self._problem
+        if problem.request.periodic or system.constraints.remote.rigid:
+            own = system.vector()
+            own.array[:] = out[system.nodes.input[: system.nodes.owned]].ravel()
+            shared = {name: system.reactions(own)[name] for name in problem.supports}
+            return {
+                name: self.acting(self._shift(name, record)[None], force[None], couple=moment)
+                for name, (force, moment) in shared.items()
+            }
+        axes = np.eye(problem.dim)
+        held = [
+            (name, nodes, points, normals if axis == "normal" else np.tile(axes["xyz".index(axis)], (len(nodes), 1)))
+            for name, nodes, points, normals in self.supported
+            for axis in problem.supports[name].displacement
+        ]
+        nodes, directions = (np.concatenate([[*each[k]] for each in held]) for k in (1, 3))
+        _, first, count = np.unique(nodes, return_inverse=True, return_counts=True)
+        pulls, order = np.zeros(directions.shape), np.argsort(first, kind="stable")
+        start = np.concatenate([[0], np.cumsum(count)])[:-1]
+        for many in np.unique(count):
+            rows = order[start[count == many][:, None] + np.arange(many)]
+            along = directions[rows]
+            share = np.einsum("kdr,kd->kr", np.linalg.pinv(along, rcond=ROUNDING), out[nodes[rows[:, 0]]])
+            pulls[rows] = share[:, :, None] * along
+        found, at = dict[str, SimpleNamespace](), 0
+        for name in problem.supports:
+            parts = [(each, slice(at, at := at + len(each[1]))) for each in held if each[0] == name]
+            shift = self._shift(name, record)
+            found[name] = self.acting(
+                np.concatenate([each[2] + shift for each, _ in parts]), np.concatenate([pulls[own] for _, own in parts])
+            )
+        return found
+
+    def _shift(self, name: str, record: Record) -> Array:
+        """Mean displacement (d,) [m] of what a support holds."""
+        support = self._problem.supports[name]
+        return self.mean(support.boundary or tuple(support.point or ()), record)
+
+    def mean(self, end: End, record: Record) -> Array:
+        """Displacement (d,) [m] of a point, or the mean one over a side."""
+        if not isinstance(end, str):
+            return np.asarray(record.displacement[self._vertex(end)])
+        side = self.side(end)
+        weights, basis = side.quadrature(2 * side.degree + side.axisymmetric)
+        moved = np.einsum("qk,fkd->fqd", basis, record.displacement[side.input[side.facets]])
+        return np.asarray(np.einsum("fq,fqd->d", weights, moved) / weights.sum())
+
+    def _vertex(self, point: Iterable[float]) -> int:
+        """Number in the gmsh model of the node at a point; collective."""
+        distance = np.linalg.norm(self._system.nodes.points - np.array(point), axis=1)
+        nearest = int(np.argmin(distance))
+        offer = float(distance[nearest]), int(self._system.nodes.input[nearest])
+        return min(self._system.mesh.comm.allgather(offer))[1]
+
+    def moved(self, name: str, record: Record) -> Array:
+        """Translation (d,) [m] of an obstacle."""
+        given, found = self._problem.obstacles[name].displacement, np.zeros(self._problem.dim)
+        for axis, amplitude in given.items():
+            place = Place("obstacles", name, "displacement", axis)
+            found["xyz".index(axis)] = self.value(place, record) if amplitude is not None else 0.0
+        for (other, axis), size in zip(self._problem.driven, record.driven, strict=True):
+            found["xyz".index(axis)] += size * (other == name)
+        return found
+
+    def _obstacle(self, name: str, record: Record, contacts: Mapping[str, SimpleNamespace]) -> SimpleNamespace:
+        """What bodies feel of an obstacle, about the point of its rotation."""
+        dim, obstacle, moved = self._problem.dim, self._problem.obstacles[name], self.moved(name, record)
+        about = np.array(obstacle.rotation.point) + moved if obstacle.rotation else np.zeros(dim)
+        parts = [contacts[pair.name] for pair in self._problem.pairs.values() if pair.obstacle == name]
+        empty = self.acting(np.zeros((0, dim)), np.zeros((0, dim)))
+        points, forces, turned = (
+            np.concatenate([getattr(part, key) for part in (empty, *parts)]) for key in ("points", "forces", "turned")
+        )
+        return self.acting(points - about, forces, turned=turned, displacement=moved)
+
+    @cached_property
+    def _bodies(self) -> dict[str, tuple[Ints, Ints]]:
+        """Numbers in the gmsh model of each body's nodes and cells; collective."""
+        mesh, nodes, dofs = self._system.mesh, self._system.nodes, dx.cell_dofs(self._system.space)
+        count = mesh.domain.topology.index_map(mesh.dim).size_local
+        numbers, found = np.asarray(mesh.domain.topology.original_cell_index), dict[str, tuple[Ints, Ints]]()
+        for name in mesh.bodies:
+            cells = mesh.cells_of(name)
+            cells = cells[cells < count]
+            offers = mesh.comm.allgather((np.unique(nodes.input[dofs[cells]]), numbers[cells]))
+            found[name] = np.unique(np.concatenate([o[0] for o in offers])), np.concatenate([o[1] for o in offers])
+        return found
+
+    def _probe(self, name: str, record: Record, told: Mapping[str, Any]) -> SimpleNamespace:
+        """Fields at a point in each cell that has it; of several cells in the one that is nearest to what is told."""
+        found = [
+            (basis @ record.displacement[nodes], record.stored.stress[cell]) for nodes, basis, cell in self._at[name]
+        ]
+        moved, stress = min(found, key=lambda each: float(np.abs(each[0] - told["displacement"]).max()))
+        return SimpleNamespace(displacement=moved, stress=stress)
+
+    @cached_property
+    def _at(self) -> dict[str, list[tuple[Ints, Array, int]]]:
+        """By probe the nodes, the basis there and the number of each cell that has the point; collective."""
+        system, mesh = self._system, self._system.mesh
+        shape, count = mesh.domain.topology.cell_type.name, mesh.domain.topology.index_map(mesh.dim).size_local
+        dofs, numbers = dx.cell_dofs(system.space)[:count], np.asarray(mesh.domain.topology.original_cell_index)
+        x, middle, found = system.nodes.points[dofs], dx.midpoint(mesh.domain), dict[str, list[Any]]()
+        for name, probe in self._problem.probes.items():
+            point, slack = np.array(probe.point), CLOSE * np.ptp(x, axis=1)
+            near = ((x.min(axis=1) - slack <= point) & (point <= x.max(axis=1) + slack)).all(axis=1)
+            own = []
+            for cell in np.flatnonzero(near):
+                local = middle
+                for _ in range(20):  # Newton's method; cells are nearly straight
+                    basis, slope = dx.reference_basis(shape, mesh.degree, local)
+                    local = local + np.linalg.solve((slope[:, 0] @ x[cell]).T, point - basis[0] @ x[cell])
+                if (dx.reference_basis(shape, 1, local)[0] >= -CLOSE).all():
+                    basis = dx.reference_basis(shape, mesh.degree, local)[0][0]
+                    own.append((system.nodes.input[dofs[cell]], basis, int(numbers[cell])))
+            found[name] = [each for offer in mesh.comm.allgather(own) for each in offer]
+        return found
+
+    def _link(self, link: Link, record: Record) -> SimpleNamespace:
+        """Springs between places: their pull on the body at the first end, and what is found or given of their rest."""
+        ends = [sign * self.mean(end, record) for end, sign in link.ends.values()]
+        longer = link.directions @ np.sum(ends, axis=0)
+        for drive, rest in link.rests.items():
+            longer = longer - self.value(drive, record) * rest
+        tension = link.stiffness * longer
+        forces = -tension[:, None] * link.directions
+        rest = self.value(next(iter(link.rests)), record) if len(link.rests) == 1 else 0.0
+        return self.acting(np.zeros_like(forces), forces, tension=float(tension.sum()), shortening=rest)
+
+    def on_side(self, name: str, record: Record, traction: Callable[[Array, Array], Array]) -> Array:
+        """Nodal forces (n, d) [N] of a traction on a side, by its quadrature.
+
+        Args:
+            traction: of displacements and unit normals (m, d), (m, d) [Pa].
+        """
+        side = self.side(name)
+        degree = 2 * side.degree + 2
+        (weights, basis), local = side.quadrature(degree), dx.reference_rule(side.shape, degree)[0]
+        facets = np.repeat(np.arange(len(side.facets)), len(local))
+        normals = place(side, facets, np.tile(local, (len(side.facets), 1))).area_normals
+        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        moved = np.einsum("qk,fkd->fqd", basis, record.displacement[side.input[side.facets]])
+        stress = traction(moved.reshape(normals.shape), normals).reshape(moved.shape)
+        nodal, found = np.einsum("fq,qk,fqd->fkd", weights, basis, stress), np.zeros(side.points.shape)
+        np.add.at(found, side.facets, nodal)
+        return found
+
+    def _sprung(self, springs: Springs, record: Record) -> SimpleNamespace:
+        """Springs per area to the ground."""
+
+        def resisted(moved: Array, normals: Array) -> Array:
+            along = np.einsum("md,md->m", moved, normals)[:, None] * normals
+            return -springs.normal * along - springs.tangential * (moved - along)
+
+        forces = self.on_side(springs.boundary, record, resisted)
+        return self.acting(self.side(springs.boundary).points + self.mean(springs.boundary, record), forces)
+
+    def _coupled(self, coupling: Coupling, record: Record, out: Array) -> SimpleNamespace:
+        """Mean motion of the side of a remote point, as that of a rigid body; loads on it, and what holds it."""
+        side, dim, about = self.side(coupling.boundary), self._problem.dim, np.array(coupling.point)
+        weights, basis = side.quadrature(2 * side.degree + 2)
+        x, moved = (
+            np.einsum("qk,fkd->fqd", basis, values[side.facets]).reshape(-1, dim)
+            for values in (side.points, record.displacement[side.input])
+        )
+        root = np.sqrt(weights).reshape(-1, 1, 1)
+        fields = rigid_fields(x, about, 1.0, side.axisymmetric)
+        z = np.linalg.lstsq(np.concatenate(root * fields), np.ravel(root[:, 0] * moved), rcond=None)[0]
+        load, held = np.zeros(len(z)), rigid_fields(side.points, about, 1.0, side.axisymmetric)
+        for component, drive in coupling.loads.items():
+            load[component] += self.value(drive, record)
+        pulled = np.einsum("ndk,nd->k", held, out[side.input])
+        for component in coupling.prescribed:
+            load[component] += pulled[component]
+        (shift, turn), (force, moment) = parts_of_motion(z, dim), parts_of_motion(load, dim)
+        return SimpleNamespace(displacement=shift, rotation=turn, force=force, moment=moment)
+
+
+def second_value(number: Number, key: str, seen: Any) -> Value | None:
+    """A number by its second formula; None: nothing of it is seen."""
+    if seen is None:
+        return None
+    if number.again is None:
+        found = getattr(seen, key, None)
+        return None if found is None else number.value(found)
+    try:
+        return number.value(number.again(seen))
+    except AttributeError:
+        return None
+
+
+def differences(
+    told: Told, seen: Mapping[str, Any], scales: Mapping[str, float], noise: float, length: float
+) -> Iterator[tuple[str, float]]:
+    """Each number with its distance from its second value, relative to itself [-].
+
+    Args:
+        told: numbers as result.json has them.
+        seen: see `SecondNumbers.seen`.
+        scales: by unit; what is less than CLOSE of one counts as if it were that.
+        noise: of forces [N].
+        length: that noise acts over [m].
+    """
+    floor = {unit: CLOSE * size + TINY for unit, size in scales.items()}
+    for unit, size in (("N", noise), ("N m", noise * length), ("J", noise * scales["m"])):
+        floor[unit] += size / SLIGHT
+    for table, record in records().items():
+        for name, own in by_name(table, told[table]).items():
+            for key, number in numbers_of(record).items():
+                known, again = np.asarray(own[key], float), second_value(number, key, seen[table].get(name))
+                if again is not None:
+                    size = max(float(np.abs([known, np.asarray(again)]).max(initial=0.0)), floor.get(number.unit, TINY))
+                    yield ".".join(filter(None, (table, name, key))), float(np.abs(known - again).max()) / size
+
+
+def _together(parts: list[SimpleNamespace]) -> SimpleNamespace:
+    """What is seen of a contact of several partners."""
+    joined = {key: np.concatenate([getattr(part, key) for part in parts]) for key in JOINED}
+    works = {key: sum(getattr(part, key) for part in parts) for key in ("dissipation", "dissipation_total", "couple")}
+    return SimpleNamespace(**joined, **works, around=parts[0].around)
