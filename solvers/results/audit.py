@@ -17,7 +17,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import CLOSE, EPS, EXACT, LAST_DIGITS, ROUNDING, SLIGHT, TINY, Array
+from stickslip.geometry.arrays import EPS, EXACT, LAST_DIGITS, ROUNDING, SLIGHT, TINY, Array
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.protocols import CompiledForm, Vec
@@ -84,6 +84,8 @@ class Audit:
     dissipation: float
     fields: float  # largest difference of a stored field from what displacement and tractions give / its largest value
     numbers: float  # largest difference of a reported number from its second value / itself; a status that is wrong: 1
+    # largest difference of what tables and XDMF files tell from the numbers and from the step's file / itself
+    files: float = 0.0
 
     @staticmethod
     def worst(audits: Iterable[Audit]) -> dict[str, float | None]:
@@ -131,15 +133,15 @@ class Auditor:
         self._inner_forces = [weak.compile(form) for form in (*bodies, *stiffening)]
         self._multiplier_forces: dict[str, MultiplierForces] = {}  # by contact, compiled at the first step
         self._j_n: dict[str, tuple[ComplianceForms, CompiledForm]] = {}  # likewise
-        self._largest = 0.0  # traction so far [Pa]
-        self._second = SecondNumbers(self.start)
+        self._largest, self._unseen = 0.0, set[str]()  # traction so far [Pa]; numbers without a second formula
+        self._second, self._last = SecondNumbers(self.start), Balance(self.start.vector(), np.zeros(0), 0.0, 0.0)
         self._set_system(self.start)
 
     def _set_system(self, system: System, time: float = 0.0) -> None:
         """Use the contact rows of `system` as they are at a time [s]."""
         self.system, self.cone = system, AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end).at(time)
 
-    @cached_property
+    @property
     def shared(self) -> tuple[str, ...]:
         """Return terms without a second formula, for which the solver's own is used: an error in it is not seen."""
         problem, zero = self.start.problem, np.zeros(1)
@@ -160,7 +162,7 @@ class Auditor:
                 found.append(f"contacts.{c.name}.normal")
             if c.friction is not None and bound(c.friction, c.normal, zero, np.ones((1, 1)), 0.0, 1.0, zero) is None:
                 found.append(f"contacts.{c.name}.friction")
-        return tuple(dict.fromkeys(found))
+        return tuple(dict.fromkeys([*found, *sorted(self._unseen)]))
 
     def __call__(self, record: Record, before: Record | None = None) -> Audit:
         """Audit one step; collective, `displacement` is read on every rank.
@@ -178,8 +180,7 @@ class Auditor:
         scales = self._scales(record, inner)
         tangential = [self._tangential(place, record, w, scales) for place in self.cone.places]
         normal = [self._normal(place, record, w, scales) for place in self.cone.places]
-        balance = self._balance(record, u, inner, scales)
-        equilibrium, rounding = self._equilibrium(record, u, inner, scales, balance)
+        equilibrium, rounding = self._equilibrium(record, u, inner, scales)
         found = Audit(
             equilibrium=equilibrium,
             moment=_largest([self._moment(place, record) for place in self.cone.places]),
@@ -191,7 +192,7 @@ class Auditor:
             complementarity=_largest([*(n[2] for n in normal), *(t[1] for t in tangential)]),
             dissipation=_largest([t[2] for t in tangential]),
             fields=self._fields(record, before, w, scales),
-            numbers=self._numbers(record, u, w, inner, balance, scales) if record.stored.told else 0.0,
+            numbers=self._numbers(record, u, w, inner, scales) if record.stored.told else 0.0,
         )
         return Audit(**{name: float(f"{value:.6g}") for name, value in asdict(found).items()})  # BLAS sums by alignment
 
@@ -284,13 +285,14 @@ class Auditor:
         sizes = sum_of_sizes(load), sum(map(sum_of_sizes, (inner, load, contact))) + applied
         return Balance(inner - load + contact, obstacles, *sizes)
 
-    def _equilibrium(self, record: Record, u: Vec, inner: Vec, scales: Scales, balance: Balance) -> tuple[float, float]:
+    def _equilibrium(self, record: Record, u: Vec, inner: Vec, scales: Scales) -> tuple[float, float]:
         """Defect of K u - f + B^T p at free dofs, on driven obstacles and bolts, relative to all forces [-].
 
         The second number is the change of these forces by one unit in the last place of u, and of the coordinates that
         gaps are computed from: a stiff body that moves far is out of balance by that, however well it was solved.
         """
-        system = self.system
+        system, balance = self.system, self._balance(record, u, inner, scales)
+        self._last = balance
         free, last_digit = system.T.createVecRight(), system.T.createVecRight()
         system.T.multTranspose(balance.out, free)
         scale, rounding = balance.size, SUMMED * EPS * self._largest_stiffness * sum_of_sizes(u)
@@ -360,9 +362,9 @@ class Auditor:
             off = max(off, float((u - alike).norm(PETSc.NormType.INFINITY)))
         return float(off / largest) if largest else 0.0
 
-    def _numbers(self, record: Record, u: Vec, w: Array, inner: Vec, balance: Balance, scales: Scales) -> float:
+    def _numbers(self, record: Record, u: Vec, w: Array, inner: Vec, scales: Scales) -> float:
         """Largest distance of a reported number from its second value, see `Audit` [-]; collective."""
-        told, system, places = record.stored.told, self.system, self.cone.places
+        told, system, places, balance = record.stored.told, self.system, self.cone.places, self._last
         contacts = {place.rows.name: self._contact(place, record, w) for place in places}
         out = np.zeros(record.displacement.shape)
         out[system.nodes.input[: system.nodes.owned]] = balance.out.array_r.reshape(-1, system.mesh.dim)
@@ -384,14 +386,18 @@ class Auditor:
                 time_remainder=works["contact"] - works["compliance"] - works["dissipated"],
             )
         }
-        motion, length = float(np.abs(record.displacement).max()), system.extent
+        motion, length = float(max(np.abs(record.displacement).max(), np.abs(record.w).max(initial=0.0))), system.extent
         pressure = max(scales.p, float(np.abs(record.stored.stress).max(initial=0.0)))
-        sizes = {"N": balance.size, "N m": balance.size * length, "J": balance.size * motion, "m": motion}
-        sizes |= {"Pa": pressure, "m²": scales.area, "rad": motion / length}
-        noise = SUMMED * EPS * self._largest_stiffness * sum_of_sizes(u)
-        found = dict(differences(told, seen, sizes, noise, length))
-        log.debug("t = %g: %s", record.time, {name: off for name, off in found.items() if off > CLOSE})
-        return _largest([*found.values(), *(each.wrong for each in contacts.values())])
+        rest = max(scales.noise, scales.rest)
+        noise = SUMMED * EPS * self._largest_stiffness * sum_of_sizes(u) + rest * scales.area
+        largest = {"N": balance.size, "N m": balance.size * length, "J": balance.size * motion, "m": motion}
+        largest |= {"Pa": pressure, "m²": scales.area, "rad": motion / length}
+        least = {"N": noise, "N m": noise * length, "J": noise * motion, "m": scales.rounding}
+        least |= {"Pa": rest + noise / (scales.area or 1.0), "rad": scales.rounding / length}
+        found = differences(told, seen, largest, least)
+        self._unseen |= {f"{name}: number" for name, off in found.items() if off is None}
+        log.debug("t = %g: %s", record.time, {name: off for name, off in found.items() if off})
+        return _largest([*(off or 0.0 for off in found.values()), *(each.wrong for each in contacts.values())])
 
     def _compliance(self, place: ContactBlock, record: Record) -> float:
         """Energy that the laws of a contact store [J]."""
@@ -456,8 +462,10 @@ class Auditor:
                     self._gap(rows, record)[1],
                     moved,
                     scales.p,
+                    scales.u[rows.name],
                     scales.rounding,
                     max(scales.noise, scales.rest),
+                    not stored.law_error,
                 )
             if rows.name in stored.contacts and not self.system.problem.pairs[rows.name].contact.sliding:
                 slip = np.asarray(stored.contacts[rows.name]["slip"], float)[:, : rows.surface.dim]

@@ -6,7 +6,7 @@ a number of a new record is judged because it is declared. What cannot be seen i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import CLOSE, ROUNDING, SLIGHT, TINY, Array, Ints
+from stickslip.geometry.arrays import CLOSE, ROUNDING, TINY, Array, Ints, cross
 from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.effects import by_name, records
@@ -119,6 +119,8 @@ class SecondNumbers:
                 name: self.acting(self._shift(name, record)[None], force[None], couple=moment)
                 for name, (force, moment) in shared.items()
             }
+        if not problem.supports:
+            return {}
         axes = np.eye(problem.dim)
         held = [
             (name, nodes, points, normals if axis == "normal" else np.tile(axes["xyz".index(axis)], (len(nodes), 1)))
@@ -183,7 +185,7 @@ class SecondNumbers:
         points, forces, turned = (
             np.concatenate([getattr(part, key) for part in (empty, *parts)]) for key in ("points", "forces", "turned")
         )
-        return self.acting(points - about, forces, turned=turned, displacement=moved)
+        return self.acting(points, forces, turned=turned, couple=-cross(about, forces.sum(axis=0)), displacement=moved)
 
     @cached_property
     def _bodies(self) -> dict[str, tuple[Ints, Ints]]:
@@ -302,27 +304,29 @@ def second_value(number: Number, key: str, seen: Any) -> Value | None:
 
 
 def differences(
-    told: Told, seen: Mapping[str, Any], scales: Mapping[str, float], noise: float, length: float
-) -> Iterator[tuple[str, float]]:
-    """Each number with its distance from its second value, relative to itself [-].
+    told: Told, seen: Mapping[str, Any], largest: Mapping[str, float], rounding: Mapping[str, float]
+) -> dict[str, float | None]:
+    """Each number's distance from its second value beyond rounding, relative to itself [-]; None: it has none.
 
     Args:
         told: numbers as result.json has them.
         seen: see `SecondNumbers.seen`.
-        scales: by unit; what is less than CLOSE of one counts as if it were that.
-        noise: of forces [N].
-        length: that noise acts over [m].
+        largest: by unit; less than CLOSE of it counts as if it were that.
+        rounding: by unit.
     """
-    floor = {unit: CLOSE * size + TINY for unit, size in scales.items()}
-    for unit, size in (("N", noise), ("N m", noise * length), ("J", noise * scales["m"])):
-        floor[unit] += size / SLIGHT
+    found = dict[str, float | None]()
     for table, record in records().items():
         for name, own in by_name(table, told[table]).items():
             for key, number in numbers_of(record).items():
                 known, again = np.asarray(own[key], float), second_value(number, key, seen[table].get(name))
-                if again is not None:
-                    size = max(float(np.abs([known, np.asarray(again)]).max(initial=0.0)), floor.get(number.unit, TINY))
-                    yield ".".join(filter(None, (table, name, key))), float(np.abs(known - again).max()) / size
+                flat, least = ".".join(filter(None, (table, name, key))), CLOSE * largest.get(number.unit, 0.0) + TINY
+                if again is None:
+                    found[flat] = None
+                    continue
+                size = np.maximum(np.maximum(np.abs(known), np.abs(again)), least)  # by component
+                apart = np.abs(known - again) - rounding.get(number.unit, 0.0)
+                found[flat] = float(np.max(apart / size, initial=0.0))
+    return found
 
 
 def _together(parts: list[SimpleNamespace]) -> SimpleNamespace:

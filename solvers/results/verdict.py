@@ -22,6 +22,7 @@ HINTS: Mapping[str, str] = {  # what to do about each number of the audit
     "dissipation": ITERATE,
     "fields": DEFECT,
     "numbers": DEFECT,
+    "files": DEFECT,
 }
 
 
@@ -51,6 +52,7 @@ def limits(tolerance: float, law_error: float = 0.0, rounding: float = 0.0) -> A
         dissipation=laws,
         fields=ROUNDING,
         numbers=SLIGHT,  # many are sums of what cancels
+        files=ROUNDING,
     )
 
 
