@@ -74,6 +74,12 @@ def along(seen: Seen) -> float:
     return float(np.linalg.norm(seen.around * (seen.weight @ seen.traction)))
 
 
+def mean_push(seen: Seen) -> float:
+    """Sum of the pressures of nodes by their weights, over the area that touches [Pa]; 0 where nothing does."""
+    area = float(seen.weight @ seen.touches)
+    return float(seen.weight @ seen.pressure) / area if area else 0.0
+
+
 def weighted(field: str) -> Callable[[Seen], float]:
     """Sum of the values of nodes by their weights."""
     return lambda seen: float(seen.weight @ getattr(seen, field))
@@ -132,8 +138,7 @@ class BodyState(NamedTuple):
         Number(
             "Pa",
             "largest equivalent stress at the midpoint of a cell",
-            column=False,
-            error=False,
+            words="largest von Mises stress",
             again=largest("von_mises"),
         ),
     ]
@@ -174,6 +179,13 @@ class ContactNumbers:
     ]
     dissipation: Annotated[float, Number("J", "work of friction in this step")]
     dissipation_total: Annotated[float, Number("J", "work of friction since t = 0", words="dissipated")]
+
+    @property
+    def mean_pressure(
+        self,
+    ) -> Annotated[float, Number("Pa", "normal force over what touches", words="mean pressure", again=mean_push)]:
+        """Mean pressure [Pa]; 0 where nothing touches."""
+        return self.normal_force / self.contact_area if self.contact_area else 0.0
 
 
 @dataclass(frozen=True)
@@ -237,8 +249,8 @@ CONTACT_NUMBERS = tuple(key for key, number in numbers_of(ContactNumbers).items(
 
 
 def singular(table: str) -> str:
-    """Name of one record of a table: support, spring, elastic_support."""
-    return table.removesuffix("s")
+    """Name of one record of a table: support, body, elastic_support."""
+    return table.removesuffix("s") if not table.endswith("ies") else f"{table.removesuffix('ies')}y"
 
 
 def flat_names(table: str, name: str, key: str, number: Number, size: int) -> list[str]:
