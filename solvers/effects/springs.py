@@ -21,7 +21,7 @@ from stickslip.solvers.effects.effect import Effect, Equilibrium, named
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.scene.loads import End, Link, Springs
 from stickslip.solvers.scene.problem import Problem
-from stickslip.solvers.scene.record import Number, Reaction, resultant
+from stickslip.solvers.scene.record import Number, Reaction
 from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Place
 
@@ -29,7 +29,7 @@ from stickslip.solvers.scene.timeline import Place
 class SpringForce(NamedTuple):
     """Force of a spring between places on the body at its end `at`."""
 
-    force: Annotated[Array, Number("N", "by component", "vector", "force", again=resultant)]
+    force: Annotated[Array, Number("N", "by component", "vector", "force")]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -40,7 +40,6 @@ from stickslip.solvers.results.closed_formulas import (
 )
 from stickslip.solvers.results.resultants import acting
 from stickslip.solvers.results.second_numbers import SecondNumbers, differences
-from stickslip.solvers.results.step_result import OPEN, SLIP, STATUS_WORDS, STICK
 from stickslip.solvers.results.stored_fields import (
     MultiplierForces,
     Record,
@@ -50,6 +49,7 @@ from stickslip.solvers.results.stored_fields import (
     stress_difference,
 )
 from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.record import OPEN, SLIP, STATUS_WORDS, STICK
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.system.nodal_contact import relative_to_obstacle
 from stickslip.solvers.system.system import System, assemble
@@ -416,11 +416,11 @@ class Auditor:
             self.system, rows, rows.nodal_forces(p_n, t), moved, record.searched, (record.time, record.driven)
         )
         shown = {
-            key: values[:, : rows.surface.dim] if values.ndim == 2 else values
+            key: values[:, : rows.surface.dim] if np.ndim(values) == 2 else values
             for key, values in record.stored.contacts[rows.name].items()
-            if isinstance(values, np.ndarray)
+            if key in ("weight", "pressure", "traction", "slip", "status")
         }
-        status = shown["status"]
+        status = shown.pop("status")
         soft = rows.friction.k_T if rows.friction is not None else None
         slid = (w - record.reference)[place.tangential].reshape(t.shape) - (t / soft if soft else 0.0)
         total = before[rows.name]["dissipation_total"] if before else 0.0
@@ -431,10 +431,6 @@ class Auditor:
             acts.points,
             rows.sense * acts.forces,
             turned=rows.sense * acts.turned,
-            weight=shown["weight"],
-            pressure=shown["pressure"],
-            traction=shown["traction"],
-            slip=shown["slip"],
             touches=status != OPEN,
             sticks=status == STICK,
             slips=status == SLIP,
@@ -443,6 +439,7 @@ class Auditor:
             dissipation=work if record.stored.told["substeps"] == 1 else whole,
             dissipation_total=total + told["dissipation"],
             wrong=float(counts != told["statuses"]),
+            **shown,
         )
 
     def _fields(self, record: Record, before: Record | None, w: Array, scales: Scales) -> float:

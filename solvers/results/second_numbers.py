@@ -6,8 +6,8 @@ a number of a new record is judged because it is declared. What cannot be seen i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from functools import cache, cached_property, partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,21 +16,17 @@ import numpy as np
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import CLOSE, ROUNDING, TINY, Array, Ints, cross
 from stickslip.geometry.surfaces.facet_map import place
-from stickslip.geometry.surfaces.surface import Surface, gather_surface
+from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.fem.rigid_fields import parts_of_motion, rigid_fields
 from stickslip.solvers.results.closed_formulas import in_time
 from stickslip.solvers.results.stored_fields import Record
 from stickslip.solvers.scene.loads import Coupling, End, Link, Springs
-from stickslip.solvers.scene.record import Number, Value, numbers_of
+from stickslip.solvers.scene.record import AGAIN, Number, Seen, Value, numbers_of
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.system.system import System
 
-Told = Mapping[str, Mapping[str, Any]]  # a step as result.json has it, by table
-JOINED = (
-    "points", "forces", "turned", "weight", "pressure", "traction", "slip", "touches", "sticks", "slips", "peaks",
-    "closing",
-)  # fmt: skip
+Told = Mapping[str, Any]  # a step as result.json has it, by table
 
 
 class SecondNumbers:
@@ -40,8 +36,9 @@ class SecondNumbers:
         """`system` is as it was at the start."""
         self._system, self._problem = system, system.problem
         self.around = np.array([0.0, 1.0]) if system.mesh.axisymmetric else np.ones(system.mesh.dim)
+        self.side = cache(partial(gather_surface, system.mesh, system.space, system.nodes))  # by name; collective
 
-    def seen(self, record: Record, contacts: Mapping[str, SimpleNamespace], out: Array, told: Told) -> dict[str, Any]:
+    def seen(self, record: Record, contacts: Mapping[str, Seen], out: Array, told: Told) -> dict[str, dict[str, Seen]]:
         """By table and name what is seen of each record's owner; collective.
 
         Args:
@@ -49,7 +46,7 @@ class SecondNumbers:
             out: forces (nodes, d) [N] that supports and rigid sides exert, in the order of the gmsh model.
             told: the numbers that are judged; where two cells have a probe, theirs decide between them.
         """
-        found: dict[str, Any] = {table: {} for table in records()}
+        found: dict[str, dict[str, Seen]] = {table: {} for table in records()}
         found["contacts"] = dict(contacts) | {
             name: _together([contacts[pair] for pair in pairs]) for name, pairs in self._problem.sums.items()
         }
@@ -68,7 +65,7 @@ class SecondNumbers:
             found.setdefault(table, {})[name] = each
         return found
 
-    def acting(self, points: Array, forces: Array, **more: Any) -> SimpleNamespace:
+    def acting(self, points: Array, forces: Array, **more: Seen) -> SimpleNamespace:
         """Forces at points, of which resultant and moment are seen; `couple`: a further moment."""
         found = {"turned": 0 * forces, "couple": 0.0, "around": self.around} | more
         return SimpleNamespace(points=points, forces=forces, **found)
@@ -79,17 +76,6 @@ class SecondNumbers:
         timeline = self._problem.timeline
         return float(found[place] if place in found else in_time(timeline.amplitudes[place], record.time, timeline.end))
 
-    def side(self, name: str) -> Surface:
-        """A side of a body, gathered once; collective."""
-        if name not in self._sides:
-            system = self._system
-            self._sides[name] = gather_surface(system.mesh, system.space, system.nodes, name)
-        return self._sides[name]
-
-    @cached_property
-    def _sides(self) -> dict[str, Surface]:
-        return {}
-
     @cached_property
     def supported(self) -> list[tuple[str, Ints, Array, Array]]:
         """Name of each support, gmsh numbers (k,), points (k, d) [m] and normals (k, d) of its nodes; collective."""
@@ -99,10 +85,8 @@ class SecondNumbers:
                 side = self.side(support.boundary)
                 found.append((name, side.input, side.points, side.node_normals()))
                 continue
-            distance = np.linalg.norm(system.nodes.points - np.array(support.point), axis=1)
-            nearest = int(np.argmin(distance))
-            offers = system.mesh.comm.allgather((float(distance[nearest]), int(system.nodes.input[nearest])))
-            found.append((name, np.array([min(offers)[1]]), np.array([support.point]), np.zeros((1, system.mesh.dim))))
+            at = np.array([support.point])
+            found.append((name, np.array([self._vertex(at[0])]), at, np.zeros(at.shape)))
         return found
 
     def _supports(self, record: Record, out: Array) -> dict[str, SimpleNamespace]:
@@ -153,27 +137,26 @@ class SecondNumbers:
     def mean(self, end: End, record: Record) -> Array:
         """Displacement (d,) [m] of a point, or the mean one over a side."""
         if not isinstance(end, str):
-            return np.asarray(record.displacement[self._vertex(end)])
+            return np.asarray(record.displacement[self._vertex(np.array(end))])
         side = self.side(end)
         weights, basis = side.quadrature(2 * side.degree + side.axisymmetric)
         moved = np.einsum("qk,fkd->fqd", basis, record.displacement[side.input[side.facets]])
         return np.asarray(np.einsum("fq,fqd->d", weights, moved) / weights.sum())
 
-    def _vertex(self, point: Iterable[float]) -> int:
-        """Number in the gmsh model of the node at a point; collective."""
-        distance = np.linalg.norm(self._system.nodes.points - np.array(point), axis=1)
+    def _vertex(self, point: Array) -> int:
+        """Number in the gmsh model of the node at a point (d,) [m]; collective."""
+        distance = np.linalg.norm(self._system.nodes.points - point, axis=1)
         nearest = int(np.argmin(distance))
         offer = float(distance[nearest]), int(self._system.nodes.input[nearest])
         return min(self._system.mesh.comm.allgather(offer))[1]
 
     def moved(self, name: str, record: Record) -> Array:
         """Translation (d,) [m] of an obstacle."""
-        given, found = self._problem.obstacles[name].displacement, np.zeros(self._problem.dim)
-        for axis, amplitude in given.items():
-            place = Place("obstacles", name, "displacement", axis)
-            found["xyz".index(axis)] = self.value(place, record) if amplitude is not None else 0.0
-        for (other, axis), size in zip(self._problem.driven, record.driven, strict=True):
-            found["xyz".index(axis)] += size * (other == name)
+        found = np.zeros(self._problem.dim)
+        for axis in self._problem.obstacles[name].displacement:
+            found["xyz".index(axis)] = self.value(Place("obstacles", name, "displacement", axis), record)
+        for (other, along), size in zip(self._problem.driven, record.driven, strict=True):
+            found["xyz".index(along)] += size * (other == name)
         return found
 
     def _obstacle(self, name: str, record: Record, contacts: Mapping[str, SimpleNamespace]) -> SimpleNamespace:
@@ -232,14 +215,12 @@ class SecondNumbers:
 
     def _link(self, link: Link, record: Record) -> SimpleNamespace:
         """Springs between places: their pull on the body at the first end, and what is found or given of their rest."""
-        ends = [sign * self.mean(end, record) for end, sign in link.ends.values()]
-        longer = link.directions @ np.sum(ends, axis=0)
-        for drive, rest in link.rests.items():
-            longer = longer - self.value(drive, record) * rest
-        tension = link.stiffness * longer
-        forces = -tension[:, None] * link.directions
-        rest = self.value(next(iter(link.rests)), record) if len(link.rests) == 1 else 0.0
-        return self.acting(np.zeros_like(forces), forces, tension=float(tension.sum()), shortening=rest)
+        apart = np.sum([sign * self.mean(end, record) for end, sign in link.ends.values()], axis=0)
+        rests = {drive: self.value(drive, record) for drive in link.rests}
+        tension = link.stiffness * (link.directions @ apart - sum(rests[drive] * link.rests[drive] for drive in rests))
+        forces, first = -tension[:, None] * link.directions, next(iter(rests.values()), 0.0)
+        pull = {"tension": float(tension.sum()), "shortening": first}
+        return self.acting(np.zeros_like(forces), forces, **pull)
 
     def on_side(self, name: str, record: Record, traction: Callable[[Array, Array], Array]) -> Array:
         """Nodal forces (n, d) [N] of a traction on a side, by its quadrature.
@@ -264,7 +245,7 @@ class SecondNumbers:
 
         def resisted(moved: Array, normals: Array) -> Array:
             along = np.einsum("md,md->m", moved, normals)[:, None] * normals
-            return -springs.normal * along - springs.tangential * (moved - along)
+            return np.asarray(-springs.normal * along - springs.tangential * (moved - along))
 
         forces = self.on_side(springs.boundary, record, resisted)
         return self.acting(self.side(springs.boundary).points + self.mean(springs.boundary, record), forces)
@@ -290,21 +271,17 @@ class SecondNumbers:
         return SimpleNamespace(displacement=shift, rotation=turn, force=force, moment=moment)
 
 
-def second_value(number: Number, key: str, seen: Any) -> Value | None:
+def second_value(number: Number, key: str, seen: Seen) -> Value | None:
     """A number by its second formula; None: nothing of it is seen."""
-    if seen is None:
-        return None
-    if number.again is None:
-        found = getattr(seen, key, None)
-        return None if found is None else number.value(found)
-    try:
-        return number.value(number.again(seen))
-    except AttributeError:
-        return None
+    known = getattr(seen, key, None)
+    again = number.again or AGAIN.get(key)
+    if known is None and again is not None and seen is not None:
+        known = again(seen)
+    return None if known is None else number.value(known)
 
 
 def differences(
-    told: Told, seen: Mapping[str, Any], largest: Mapping[str, float], rounding: Mapping[str, float]
+    told: Told, seen: Mapping[str, Mapping[str, Seen]], largest: Mapping[str, float], rounding: Mapping[str, float]
 ) -> dict[str, float | None]:
     """Each number's distance from its second value beyond rounding, relative to itself [-]; None: it has none.
 
@@ -330,7 +307,9 @@ def differences(
 
 
 def _together(parts: list[SimpleNamespace]) -> SimpleNamespace:
-    """What is seen of a contact of several partners."""
-    joined = {key: np.concatenate([getattr(part, key) for part in parts]) for key in JOINED}
-    works = {key: sum(getattr(part, key) for part in parts) for key in ("dissipation", "dissipation_total", "couple")}
-    return SimpleNamespace(**joined, **works, around=parts[0].around)
+    """What is seen of a contact of several partners: rows of all of them, sums of their works."""
+    found = dict[str, Value]()
+    for key in vars(parts[0]):
+        values = [getattr(part, key) for part in parts]
+        found[key] = np.concatenate(values) if np.ndim(values[0]) else float(np.sum(values))
+    return SimpleNamespace(**found | {"around": parts[0].around})

@@ -15,8 +15,8 @@ from stickslip.geometry.arrays import CLOSE, EPS, ROUNDING, AnyArray, Array, inv
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.elastic_energy import stress_by_compliance
-from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
 from stickslip.solvers.scene.material import Material, Orthotropic
+from stickslip.solvers.scene.record import OPEN, SLIP, STICK
 from stickslip.solvers.system.nodal_contact import NodalContact, traction_fields
 from stickslip.solvers.system.system import System
 

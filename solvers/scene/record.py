@@ -1,13 +1,13 @@
 """Records: what a step reports, each number declared once with its unit and meaning by what it belongs to.
 
 Names of goals, result.json with its schema and units, steps.csv, errors, reports and comparisons are walks over them.
-A record is a class whose fields, or properties, are annotated with a `Number`. Each declares how it follows a second
-time from what stands in the step's file: the audit judges every number by that.
+A record is a class whose fields, or properties, are annotated with a `Number`. How each follows a second time from what
+stands in the step's file is declared with it, or by its name in `AGAIN`: the audit judges all of them by that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
@@ -21,6 +21,8 @@ RecordType = Any  # a class whose fields or properties are annotated with a `Num
 Record = Any  # an instance of it
 Value = float | Array  # a number, or a vector by component
 Seen = Any  # what a step's file shows of a record's owner, see `stickslip.solvers.results.second_numbers`
+OPEN, SLIP, STICK = 0, 1, 2  # values of `ContactState.status`
+STATUS_WORDS = ("open", "slip", "stick")  # of these values, in tables
 STRESSES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 KINDS = {  # of numbers that have one scale, by unit
     "N": "force", "N m": "moment", "m²": "area", "Pa": "pressure", "m": "length", "J": "energy", "rad": "rotation",
@@ -39,7 +41,7 @@ class Number(Key):
     words: str = ""  # by which reports and comparisons show it; empty: they do not
     column: bool = True  # whether steps.csv has it by the name that goals use
     error: bool = True  # whether its error is estimated
-    again: Callable[[Seen], Value] | None = None  # second formula; None: it is seen as it is
+    again: Callable[[Seen], Value] | None = None  # its second formula; None: that of its name in `AGAIN`
 
     @property
     def kind(self) -> str:
@@ -58,48 +60,11 @@ class Number(Key):
         return np.asarray(found) if self.shape == "vector" or np.size(found) > 1 else float(np.ravel(found)[0])
 
 
-def resultant(seen: Seen) -> Array:
-    """Sum (d,) of forces at points [N]; over a full circle the radial parts balance."""
-    return np.asarray(seen.around * seen.forces.sum(axis=0))
-
-
-def turning(seen: Seen) -> Array:
-    """Sum of their moments about the origin, (1,) or (3,) [N m]; none over a full circle."""
-    turns = cross(seen.points, seen.forces + seen.turned).sum(axis=0)
-    return np.asarray(seen.around[0] * np.atleast_1d(turns + seen.couple))
-
-
-def along(seen: Seen) -> float:
-    """Length of the sum of the tangential tractions of nodes [N]."""
-    return float(np.linalg.norm(seen.around * (seen.weight @ seen.traction)))
-
-
-def mean_push(seen: Seen) -> float:
-    """Sum of the pressures of nodes by their weights, over the area that touches [Pa]; 0 where nothing does."""
-    area = float(seen.weight @ seen.touches)
-    return float(seen.weight @ seen.pressure) / area if area else 0.0
-
-
-def weighted(field: str) -> Callable[[Seen], float]:
-    """Sum of the values of nodes by their weights."""
-    return lambda seen: float(seen.weight @ getattr(seen, field))
-
-
-def largest(field: str, among: str = "") -> Callable[[Seen], float]:
-    """Largest value (n,), or length of a vector (n, d); 0 without any. among: a mask (n,); empty: all count."""
-
-    def found(seen: Seen) -> float:
-        values = getattr(seen, field)[getattr(seen, among) if among else slice(None)]
-        return float((np.linalg.norm(values, axis=1) if values.ndim == 2 else values).max(initial=0.0))
-
-    return found
-
-
 class Reaction(NamedTuple):
     """Reaction of a support, or of an elastic one, on its body."""
 
-    force: Annotated[Array, Number("N", "by component", "vector", "force", again=resultant)]
-    moment: Annotated[Array, Number("N m", "about the origin, in the plane about z", "turn", "moment", again=turning)]
+    force: Annotated[Array, Number("N", "by component", "vector", "force")]
+    moment: Annotated[Array, Number("N m", "about the origin, in the plane about z", "turn", "moment")]
 
 
 class ObstacleState(NamedTuple):
@@ -109,8 +74,8 @@ class ObstacleState(NamedTuple):
     """
 
     displacement: Annotated[Array, Number("m", "by component", "vector", "displacement")]
-    force: Annotated[Array, Number("N", "by component", "vector", "force", again=resultant)]
-    moment: Annotated[Array, Number("N m", "about the origin, in the plane about z", "turn", "moment", again=turning)]
+    force: Annotated[Array, Number("N", "by component", "vector", "force")]
+    moment: Annotated[Array, Number("N m", "about the origin, in the plane about z", "turn", "moment")]
 
 
 class ProbeValue(NamedTuple):
@@ -124,23 +89,10 @@ class BodyState(NamedTuple):
     """The largest values of a body's fields."""
 
     max_displacement: Annotated[
-        float,
-        Number(
-            "m",
-            "largest length of the displacement of a node",
-            column=False,
-            error=False,
-            again=largest("moved"),
-        ),
+        float, Number("m", "largest length of the displacement of a node", column=False, error=False)
     ]
     max_von_mises: Annotated[
-        float,
-        Number(
-            "Pa",
-            "largest equivalent stress at the midpoint of a cell",
-            words="largest von Mises stress",
-            again=largest("von_mises"),
-        ),
+        float, Number("Pa", "largest equivalent stress at the midpoint of a cell", words="largest von Mises stress")
     ]
 
 
@@ -148,42 +100,25 @@ class BodyState(NamedTuple):
 class ContactNumbers:
     """A contact as a whole: resultants act on the side that the scene calls `surface`."""
 
-    force: Annotated[Array, Number("N", "by component", "vector", column=False, again=resultant)]
-    moment: Annotated[
-        Array, Number("N m", "about the origin, in the plane about z", "turn", column=False, again=turning)
-    ]
-    normal_force: Annotated[
-        float, Number("N", "integral of the pressure", words="normal force", again=weighted("pressure"))
-    ]
+    force: Annotated[Array, Number("N", "by component", "vector", column=False)]
+    moment: Annotated[Array, Number("N m", "about the origin, in the plane about z", "turn", column=False)]
+    normal_force: Annotated[float, Number("N", "integral of the pressure", words="normal force")]
     tangential_force: Annotated[
-        float, Number("N", "length of the resultant of the tangential traction", words="tangential force", again=along)
+        float, Number("N", "length of the resultant of the tangential traction", words="tangential force")
     ]
-    max_pressure: Annotated[
-        float,
-        Number("Pa", "largest pressure at contact points", words="largest pressure", again=largest("peaks")),
-    ]
-    contact_area: Annotated[
-        float, Number("m²", "of nodes that stick or slip", words="touching", again=weighted("touches"))
-    ]
-    stick_area: Annotated[float, Number("m²", "of nodes that stick", words="stick", again=weighted("sticks"))]
-    slip_area: Annotated[float, Number("m²", "of nodes that slip", words="slip", again=weighted("slips"))]
-    max_penetration: Annotated[float, Number("m", "largest penetration", again=largest("closing"))]
+    max_pressure: Annotated[float, Number("Pa", "largest pressure at contact points", words="largest pressure")]
+    contact_area: Annotated[float, Number("m²", "of nodes that stick or slip", words="touching")]
+    stick_area: Annotated[float, Number("m²", "of nodes that stick", words="stick")]
+    slip_area: Annotated[float, Number("m²", "of nodes that slip", words="slip")]
+    max_penetration: Annotated[float, Number("m", "largest penetration")]
     max_slip: Annotated[
-        float,
-        Number(
-            "m",
-            "largest slip since t = 0 where the contact is closed",
-            words="largest slip",
-            again=largest("slip", "touches"),
-        ),
+        float, Number("m", "largest slip since t = 0 where the contact is closed", words="largest slip")
     ]
     dissipation: Annotated[float, Number("J", "work of friction in this step")]
     dissipation_total: Annotated[float, Number("J", "work of friction since t = 0", words="dissipated")]
 
     @property
-    def mean_pressure(
-        self,
-    ) -> Annotated[float, Number("Pa", "normal force over what touches", words="mean pressure", again=mean_push)]:
+    def mean_pressure(self) -> Annotated[float, Number("Pa", "normal force over what touches", words="mean pressure")]:
         """Mean pressure [Pa]; 0 where nothing touches."""
         return self.normal_force / self.contact_area if self.contact_area else 0.0
 
@@ -224,6 +159,39 @@ RECORDS: dict[str, RecordType] = {  # of every scene, by the table whose names i
     "obstacles": ObstacleState,
     "bodies": BodyState,
     "energy": Energy,
+}
+
+
+def weighted(seen: Seen, field: str) -> Value:
+    """Sum of the values of nodes by their weights."""
+    return np.asarray(seen.weight @ getattr(seen, field))
+
+
+def largest(values: Array) -> float:
+    """Largest value (n,), or length of a vector (n, d); 0 without any."""
+    return float((np.linalg.norm(values, axis=1) if values.ndim == 2 else values).max(initial=0.0))
+
+
+def turning(seen: Seen) -> Array:
+    """Moment about the origin of forces at points, (1,) or (3,) [N m]; none over a full circle."""
+    turns = cross(seen.points, seen.forces + seen.turned).sum(axis=0)
+    return np.asarray(seen.around[0] * np.atleast_1d(turns + seen.couple))
+
+
+AGAIN: Mapping[str, Callable[[Seen], Value]] = {  # of numbers that are not seen as they are
+    "force": lambda seen: np.asarray(seen.around * seen.forces.sum(axis=0)),  # radial parts balance in a full circle
+    "moment": turning,
+    "normal_force": lambda seen: weighted(seen, "pressure"),
+    "tangential_force": lambda seen: float(np.linalg.norm(seen.around * weighted(seen, "traction"))),
+    "max_pressure": lambda seen: largest(seen.peaks),
+    "mean_pressure": lambda seen: weighted(seen, "pressure") / (weighted(seen, "touches") or 1.0),
+    "contact_area": lambda seen: weighted(seen, "touches"),
+    "stick_area": lambda seen: weighted(seen, "sticks"),
+    "slip_area": lambda seen: weighted(seen, "slips"),
+    "max_penetration": lambda seen: largest(seen.closing),
+    "max_slip": lambda seen: largest(seen.slip[seen.touches]),
+    "max_displacement": lambda seen: largest(seen.moved),
+    "max_von_mises": lambda seen: largest(seen.von_mises),
 }
 
 

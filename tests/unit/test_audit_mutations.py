@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import copy
+import csv
+import shutil
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,14 +16,21 @@ import pytest
 from shared.audited import record_of, stored_by
 from shared.problems import plane
 from stickslip import Simulation, StepResult
-from stickslip.geometry.arrays import ROUNDING
+from stickslip.geometry.arrays import ROUNDING, SLIGHT
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.results.audit import Audit, Auditor, Record
-from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
+from stickslip.solvers.results.second_numbers import SecondNumbers
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, Errors
 from stickslip.solvers.results.verdict import limits
 from stickslip.solvers.scene.record import numbers_of
+from stickslip.solvers.simulation.simulation import prepare as estimating
+from stickslip.workflows.formats.csv_tables import csv_text
+from stickslip.workflows.formats.marker import MARKER
 from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.written_files import WrittenFiles
 from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.writers import tables
 
 A_PER_CENT = 1.01
 DRAWN = {"x": [[1, 0], [2, 0.06]], "y": [[0, 0], [1, -0.1]]}
@@ -186,3 +196,92 @@ def test_every_status_that_is_flipped_is_noticed(name: str) -> None:
                 if "fields" not in case.exceeded(found):
                     missed.append((contact, node, int(status), wrong))
     assert not missed
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_number_has_a_second_formula(name: str) -> None:
+    case = case_of(name)
+    case.audit()
+    assert not [said for said in case.auditor.shared if said.endswith(": number")]
+
+
+def test_a_number_that_nothing_shows_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = case_of("effects")
+    auditor = Auditor(case.simulation.problem, case.simulation.mesh)
+    monkeypatch.setattr(SecondNumbers, "_link", lambda self, link, record: None)
+    auditor(case.record)
+    named = [said for said in auditor.shared if said.endswith(": number")]
+    assert "bolts.screw.tension: number" in named
+    assert "springs.rope.force: number" in named
+
+
+WRITTEN = scene(probes={"inside": {"point": [0.7, 0.4]}}, output={"pictures": False})
+WRONG = {  # file, and what of it is changed by what; a cell is the first one of its column in the last row
+    "normal force": ("steps.csv", "base.normal_force", A_PER_CENT),
+    "tangential force": ("steps.csv", "base.tangential_force.x", A_PER_CENT),
+    "mean slip": ("steps.csv", "base.slip.x", A_PER_CENT),
+    "moment": ("steps.csv", "base.moment.z", A_PER_CENT),
+    "reaction": ("steps.csv", "support.top.force.y", A_PER_CENT),
+    "prescribed motion": ("steps.csv", "support.top.displacement.x", A_PER_CENT),
+    "energy": ("steps.csv", "energy.stored", A_PER_CENT),
+    "error": ("steps.csv", "base.normal_force.error", A_PER_CENT),
+    "time": ("steps.csv", "time", A_PER_CENT),
+    "pressure": ("contact_base.csv", "pressure", A_PER_CENT),
+    "slip": ("contact_base.csv", "slip_x", A_PER_CENT),
+    "lambda": ("contact_base.csv", "lambda_x", A_PER_CENT),
+    "place": ("contact_base.csv", "x", A_PER_CENT),
+    "status": ("contact_base.csv", "status", "open"),
+    "stress": ("probes.csv", "stress_yy", A_PER_CENT),
+    "displacement": ("probes.csv", "displacement_x", A_PER_CENT),
+    "step of a field": ("fields.xdmf", "000002.h5:/stress<", "000001.h5:/stress<"),
+    "field": ("contact_base.xdmf", "/slip<", "/slip_increment<"),
+    "time of a field": ("fields.xdmf", '"2.0"', '"2.02"'),
+}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Simulation, Path, list[StepResult], list[Errors]]:
+    folder = tmp_path_factory.mktemp("written") / "run"
+    outcome, content = run(from_dict(WRITTEN), folder)
+    assert outcome.status == "converged"
+    assert content["audit"]["files"] == 0.0
+    assert content["audit"]["numbers"] < 1e-6
+    assert content["verdict"]["exceeded"] == content["verdict"]["passed"] == []
+    (folder / MARKER).unlink()  # whose checksums would tell of what is changed here
+    simulation = estimating(from_dict(WRITTEN))
+    steps = list(simulation.steps())
+    return simulation, folder, steps, list(simulation.errors(steps))
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_what_files_tell_wrong_is_noticed(what: str, written: Any, tmp_path: Path) -> None:
+    simulation, folder, steps, errors = written
+    (name, place, by), copied = WRONG[what], tmp_path / "copied"
+    shutil.copytree(folder, copied)
+    assert WrittenFiles(simulation, copied).apart(steps, errors) == [0.0, 0.0]
+    text = (copied / name).read_text()
+    if name.endswith(".csv"):
+        header, *rows = list(csv.reader(text.splitlines()))
+        row = rows[-3 if name.startswith("contact") else -1]
+        cell = header.index(place)
+        row[cell] = by if isinstance(by, str) else repr(float(row[cell]) * by)
+        text = csv_text([header, *rows])
+    else:
+        text = str(by).join(text.rsplit(place, 1))
+    (copied / name).write_text(text)
+    assert WrittenFiles(simulation, copied).apart(steps, errors)[1] > SLIGHT
+
+
+def test_a_run_whose_table_lies_is_doubtful(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = tables.steps_row
+
+    def lying(*given: Any) -> dict[str, float]:
+        row = honest(*given)
+        return row | {"base.normal_force": A_PER_CENT * row["base.normal_force"]}
+
+    monkeypatch.setattr(tables, "steps_row", lying)
+    outcome, content = run(from_dict(WRITTEN), tmp_path / "run")
+    assert outcome.exit_code == 1
+    assert content["status"] == "doubtful"
+    assert "files is 9.9e-03 in step 1" in content["sentence"]
+    assert content["verdict"]["exceeded"] == content["verdict"]["passed"] != []
