@@ -39,7 +39,7 @@ from stickslip.solvers.results.closed_formulas import (
     stored_energy,
 )
 from stickslip.solvers.results.resultants import acting
-from stickslip.solvers.results.second_numbers import SecondNumbers, differences
+from stickslip.solvers.results.second_numbers import SecondNumbers
 from stickslip.solvers.results.stored_fields import (
     MultiplierForces,
     Record,
@@ -394,7 +394,7 @@ class Auditor:
         largest |= {"Pa": pressure, "m²": scales.area, "rad": motion / length}
         least = {"N": noise, "N m": noise * length, "J": noise * motion, "m": scales.rounding}
         least |= {"Pa": rest + noise / (scales.area or 1.0), "rad": scales.rounding / length}
-        found = differences(told, seen, largest, least)
+        found = self._second.differences(record.stored, seen, largest, least)
         self._unseen |= {f"{name}: number" for name, off in found.items() if off is None}
         log.debug("t = %g: %s", record.time, {name: off for name, off in found.items() if off})
         return _largest([*(off or 0.0 for off in found.values()), *(each.wrong for each in contacts.values())])

@@ -6,7 +6,7 @@ a number of a new record is judged because it is declared. What cannot be seen i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache, cached_property, partial
 from types import SimpleNamespace
 from typing import Any
@@ -20,7 +20,7 @@ from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.fem.rigid_fields import parts_of_motion, rigid_fields
 from stickslip.solvers.results.closed_formulas import in_time
-from stickslip.solvers.results.stored_fields import Record
+from stickslip.solvers.results.stored_fields import Record, StoredFields
 from stickslip.solvers.scene.loads import Coupling, End, Link, Springs
 from stickslip.solvers.scene.record import AGAIN, Number, Seen, Value, numbers_of
 from stickslip.solvers.scene.timeline import Place
@@ -35,6 +35,7 @@ class SecondNumbers:
     def __init__(self, system: System) -> None:
         """`system` is as it was at the start."""
         self._system, self._problem = system, system.problem
+        self._most = dict[str, float]()  # largest number so far, by unit
         self.around = np.array([0.0, 1.0]) if system.mesh.axisymmetric else np.ones(system.mesh.dim)
         self.side = cache(partial(gather_surface, system.mesh, system.space, system.nodes))  # by name; collective
 
@@ -63,6 +64,35 @@ class SecondNumbers:
         for key, each in own.items():
             table, _, name = key.partition(".")
             found.setdefault(table, {})[name] = each
+        return found
+
+    def differences(
+        self,
+        stored: StoredFields,
+        seen: Mapping[str, Mapping[str, Seen]],
+        sizes: Mapping[str, float],
+        rounding: Mapping[str, float],
+    ) -> dict[str, float | None]:
+        """Distance of each number from its second value beyond rounding, relative to itself [-]; None: it has none.
+
+        Args:
+            stored: with the numbers as result.json has them.
+            seen: see `seen`.
+            sizes: by unit, of this step; less than CLOSE of it, or of a number so far, counts as if it were that.
+            rounding: by unit.
+        """
+        for told in filter(None, (sizes, stored.told_before, stored.told)):
+            for unit, value in told.items() if told is sizes else ((n.unit, own) for _, n, own in _told(told)):
+                self._most[unit] = max(self._most.get(unit, 0.0), float(np.abs(value).max(initial=0.0)))
+        found = dict[str, float | None]()
+        for (table, name, key), number, known in _told(stored.told):
+            again, flat = second_value(number, key, seen[table].get(name)), ".".join(filter(None, (table, name, key)))
+            if again is None:
+                found[flat] = None
+                continue
+            size = np.maximum(np.maximum(np.abs(known), np.abs(again)), CLOSE * self._most[number.unit] + TINY)
+            apart = np.abs(known - again) - rounding.get(number.unit, 0.0)
+            found[flat] = float(np.max(apart / size, initial=0.0))
         return found
 
     def acting(self, points: Array, forces: Array, **more: Seen) -> SimpleNamespace:
@@ -130,7 +160,9 @@ class SecondNumbers:
         return found
 
     def _shift(self, name: str, record: Record) -> Array:
-        """Mean displacement (d,) [m] of what a support holds."""
+        """Mean displacement (d,) [m] of what a support holds; over a full circle there is no moment."""
+        if self._system.mesh.axisymmetric:
+            return np.zeros(2)
         support = self._problem.supports[name]
         return self.mean(support.boundary or tuple(support.point or ()), record)
 
@@ -280,30 +312,12 @@ def second_value(number: Number, key: str, seen: Seen) -> Value | None:
     return None if known is None else number.value(known)
 
 
-def differences(
-    told: Told, seen: Mapping[str, Mapping[str, Seen]], largest: Mapping[str, float], rounding: Mapping[str, float]
-) -> dict[str, float | None]:
-    """Each number's distance from its second value beyond rounding, relative to itself [-]; None: it has none.
-
-    Args:
-        told: numbers as result.json has them.
-        seen: see `SecondNumbers.seen`.
-        largest: by unit; less than CLOSE of it counts as if it were that.
-        rounding: by unit.
-    """
-    found = dict[str, float | None]()
+def _told(told: Told) -> Iterator[tuple[tuple[str, str, str], Number, Array]]:
+    """Table, name and key of each number, its declaration and its value."""
     for table, record in records().items():
         for name, own in by_name(table, told[table]).items():
             for key, number in numbers_of(record).items():
-                known, again = np.asarray(own[key], float), second_value(number, key, seen[table].get(name))
-                flat, least = ".".join(filter(None, (table, name, key))), CLOSE * largest.get(number.unit, 0.0) + TINY
-                if again is None:
-                    found[flat] = None
-                    continue
-                size = np.maximum(np.maximum(np.abs(known), np.abs(again)), least)  # by component
-                apart = np.abs(known - again) - rounding.get(number.unit, 0.0)
-                found[flat] = float(np.max(apart / size, initial=0.0))
-    return found
+                yield (table, name, key), number, np.asarray(own[key], float)
 
 
 def _together(parts: list[SimpleNamespace]) -> SimpleNamespace:

@@ -16,7 +16,7 @@ import numpy as np
 from stickslip.geometry.arrays import TINY, AnyArray, Array
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.results.closed_formulas import in_time
-from stickslip.solvers.results.step_result import STATUS_WORDS, Errors, StepResult, told
+from stickslip.solvers.results.step_result import STATUS_WORDS, Errors, StepResult, told, values
 from stickslip.solvers.scene.record import STRESSES, flat_names, numbers_of
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.csv_tables import column, is_prescribed, read_steps_table, read_table
@@ -65,16 +65,16 @@ class WrittenFiles:
 
     def _numbers(self, index: int, step: StepResult, errors: Errors | None) -> Iterator[float]:
         """Numbers of a step in steps.csv, their errors, and values in time."""
-        row = {name: values[index - 1] for name, values in self._table.items()}
+        row, reported = {name: rows[index - 1] for name, rows in self._table.items()}, values(step)
         plain = told(step, errors)
         for table, record in records().items():
             for name, own in by_name(table, plain[table]).items():
                 for key, number in numbers_of(record).items():
-                    values = np.ravel(own[key])
+                    parts = np.ravel(own[key])
                     stated = ((own.get("error") or {}).get(key) or {}).get("total")
-                    for k, flat in enumerate(flat_names(table, name, key, number, len(values))):
+                    for k, flat in enumerate(flat_names(table, name, key, number, len(parts))):
                         if number.column or flat in row:
-                            yield _apart(row.get(flat, np.inf), values[k])
+                            yield _apart(row.get(flat, np.inf), parts[k])
                         if number.column and number.error and errors is not None:
                             error = np.nan if stated is None else np.ravel(stated)[k]
                             yield _apart(row.get(f"{flat}.error", np.inf), error)
@@ -83,7 +83,7 @@ class WrittenFiles:
         for key, value in step.columns.items():
             yield _apart(row.get(key, np.inf), value)
         for place, amplitude in self._scene.drives().items():
-            if is_prescribed(place):
+            if is_prescribed(place) and column(place) not in reported:  # what is found wins
                 yield _apart(row.get(column(place), np.inf), in_time(amplitude, step.time, self._scene.steps.end))
 
     def _means(self, index: int, name: str, contact: StoredContact) -> Iterator[float]:
@@ -106,14 +106,14 @@ class WrittenFiles:
         """Rows of a contact's table, which has what the step's file has."""
         points, axes = self._data.surfaces[name].points, "xyz"[: self._dim]
         expected = {axis: points[:, k] for k, axis in enumerate(axes)} | {"time": np.full(len(points), step.time)}
-        for key, values in vars(contact).items():
+        for key, found in vars(contact).items():
             if key == "status":
-                yield float((columns[key] != np.array(STATUS_WORDS)[values]).any())
+                yield float((columns[key] != np.array(STATUS_WORDS)[found]).any())
             else:
-                each = {f"_{axis}": values[:, k] for k, axis in enumerate(axes)} if values.ndim == 2 else {"": values}
+                each = {f"_{axis}": found[:, k] for k, axis in enumerate(axes)} if found.ndim == 2 else {"": found}
                 expected |= {f"{shown_as(key)}{axis}": part for axis, part in each.items()}
-        for key, values in expected.items():
-            yield _apart(columns[key].astype(float), values) if key in columns else np.inf
+        for key, found in expected.items():
+            yield _apart(columns[key].astype(float), found) if key in columns else np.inf
 
     def _probes(self, step: StepResult, columns: dict[str, AnyArray]) -> Iterator[float]:
         """Rows of the table of probes."""
