@@ -7,18 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, Array
+from stickslip.geometry.arrays import CLOSE, Array, Bools
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.surfaces.faces import halves
 from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.user_files.touching import WITHIN
 from stickslip.solvers.contact.build import build_rows
 from stickslip.solvers.contact.coupling import Coupling, nodal_coupling
 from stickslip.solvers.contact.edges import with_edges
 from stickslip.solvers.contact.mortar import mortar_coupling
 from stickslip.solvers.contact.partners import Operator, Partner, alone, among_partners, within_reach
 from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.contact.skins import NEAR, among_skins, nodes_near
 from stickslip.solvers.fem.constraints import Constraints
-from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.contact import REACH, Contact
 from stickslip.solvers.scene.problem import Pair, Problem
 
 OPERATORS: Mapping[str, Operator] = {
@@ -26,9 +28,6 @@ OPERATORS: Mapping[str, Operator] = {
     "node-to-segment": nodal_coupling,
     "node-to-face": nodal_coupling,
 }
-
-
-REACH = 0.2  # of the sides' extent: as far as contact is searched for where the scene does not say
 
 
 def with_halves(problem: Problem, sides: Mapping[str, Surface]) -> Mapping[str, Surface]:
@@ -51,27 +50,36 @@ def with_halves(problem: Problem, sides: Mapping[str, Surface]) -> Mapping[str, 
 def pair_up(
     problem: Problem, sides: Mapping[str, Surface], constraints: Constraints, moved: Mapping[str, Array]
 ) -> tuple[ContactRows, ...]:
-    """Rows of all pairs.
+    """Rows of all pairs; of those that are found some may touch nowhere.
 
     Args:
         sides: surfaces in the reference configuration, see `Pair.surfaces`.
-        moved: displacement (n_all, d) [m] of the nodes of pairs that slide, relative to a rigid obstacle.
+        moved: displacement (n_all, d) [m] of the nodes of pairs that slide, relative to a rigid obstacle; of pairs that
+            are found also which nodes are near, see `NEAR`.
 
     Raises:
         SceneError: nothing of a slave side faces its master within reach.
     """
-    sharing = dict[str, list[str]]()
+    sharing = dict[tuple[str, bool], list[str]]()
     for name, known in problem.pairs.items():
-        sharing.setdefault(known.surfaces[0], []).append(name)
-    couplings = dict[str, tuple[Contact, Coupling]]()
-    for side, names in sharing.items():
+        sharing.setdefault((known.surfaces[0], known.found), []).append(name)
+    couplings, near = dict[str, tuple[Contact, Coupling]](), dict[str, Bools]()
+    for (side, skins), names in sharing.items():
         pairs = [problem.pairs[name] for name in names]
         partners = [_partner(problem, known, sides, moved.get(known.name)) for known in pairs]
-        if any(len(known.bodies) != 2 or len({*known.bodies}) > 1 for known in pairs):  # of one body behind is the body
+        if not skins and any(
+            len(known.bodies) != 2 or len({*known.bodies}) > 1 for known in pairs
+        ):  # of one body behind is the body
             partners = [replace(each, slave=replace(each.slave, depth=None)) for each in partners]
         positive = any(pair.contact.normal.at_quadrature and pair.contact.friction is not None for pair in pairs)
         if positive:  # friction bounds are means of pressures with phi~
             partners = [replace(each, slave=replace(each.slave, positive=True)) for each in partners]
+        if skins:
+            each = dict(zip(names, partners, strict=True))
+            near |= {name: _nodes_near(problem, name, partner, moved) for name, partner in each.items()}
+            of_skins = among_skins(each, {name: near[name] for name in names})
+            couplings |= {name: (problem.pairs[name].contact, coupling) for name, coupling in of_skins.items()}
+            continue
         if not any(pair.contact.sliding for pair in pairs):
             partners = within_reach(partners)
         found = among_partners(partners) if len(partners) > 1 else [alone(partners[0])]
@@ -86,7 +94,20 @@ def pair_up(
                 hidden += "search_distance, or let the contact slide"
                 raise SceneError(hidden if any(touching) else nowhere)
     couplings = {name: couplings[name] for name in problem.pairs}
-    return tuple(build_rows(couplings, constraints, moved, problem.timeline.end))
+    rows = build_rows(couplings, constraints, moved, problem.timeline.end)
+    return tuple(replace(c, near=near[c.name]) if c.name in near else c for c in rows)
+
+
+def _nodes_near(problem: Problem, name: str, partner: Partner, moved: Mapping[str, Array]) -> Bools:
+    known = moved.get(f"{name}{NEAR}")
+    assert isinstance(partner.other, Surface)
+    return nodes_near(partner.slave, partner.other, margin(problem, name)) if known is None else known.astype(bool)
+
+
+def margin(problem: Problem, name: str) -> float:
+    """Distance [m] within which facets of a pair that is found may touch, see `nodes_near`."""
+    diagonal = float(np.linalg.norm(np.ptp(problem.shape.box(problem.dim), axis=0)))
+    return problem.pairs[name].contact.search_distance or WITHIN * diagonal
 
 
 def with_images(side: Surface, constraints: Constraints, name: str) -> Surface:

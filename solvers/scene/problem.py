@@ -41,6 +41,7 @@ class Pair:
     slave: str  # side, as body.side
     master: str | None  # side of another body; None: contact with a rigid obstacle
     obstacle: str | None  # name of the rigid obstacle; None: contact with another body
+    found: bool = False  # whether it is one of a contact between bodies, so that it may touch nowhere
 
     @property
     def surfaces(self) -> tuple[str, str | None]:

@@ -163,7 +163,8 @@ class System:
         sides |= {name: side for name, side in masters.items() if name is not None and side is not None}
         rows = pair_up(self.problem, sides, self.constraints, moved)
         self.counters.searches += sum(1 for c in rows if c.master)
-        fresh = tuple(c if c.name in moved else known[c.name] for c in rows)
+        tied = {name for name, pair in self.problem.pairs.items() if pair.contact.normal.ties}
+        fresh = tuple(c if c.name in moved and c.name not in tied else known[c.name] for c in rows)
         return replace(
             self, contacts=tuple(replace(c, surface=known[c.name].surface, master=known[c.name].master) for c in fresh)
         )
