@@ -77,7 +77,8 @@ def pair_up(
         if skins:
             each = dict(zip(names, partners, strict=True))
             near |= {name: _nodes_near(problem, name, partner, moved) for name, partner in each.items()}
-            of_skins = among_skins(each, {name: near[name] for name in names})
+            given = {name for name in names if problem.pairs[name].contact.gap is not None}
+            of_skins = among_skins(each, {name: near[name] for name in names}, given)
             couplings |= {name: (problem.pairs[name].contact, coupling) for name, coupling in of_skins.items()}
             continue
         if not any(pair.contact.sliding for pair in pairs):
@@ -99,9 +100,9 @@ def pair_up(
 
 
 def _nodes_near(problem: Problem, name: str, partner: Partner, moved: Mapping[str, Array]) -> Bools:
-    known = moved.get(f"{name}{NEAR}")
     assert isinstance(partner.other, Surface)
-    return nodes_near(partner.slave, partner.other, margin(problem, name)) if known is None else known.astype(bool)
+    found, key = nodes_near(partner.slave, partner.other, margin(problem, name)), f"{name}{NEAR}"
+    return found | (moved[key] > 0) if key in moved else found
 
 
 def margin(problem: Problem, name: str) -> float:

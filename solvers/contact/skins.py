@@ -8,7 +8,7 @@ Source of lists with a margin: Verlet, Phys. Rev. 159 (1967).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,12 +73,15 @@ def motion_between(one: Array, other: Array) -> float:
     return float(np.linalg.norm(np.abs(away)))
 
 
-def among_skins(partners: Mapping[str, Partner], near: Mapping[str, Bools]) -> dict[str, Coupling]:
+def among_skins(
+    partners: Mapping[str, Partner], near: Mapping[str, Bools], given: Collection[str]
+) -> dict[str, Coupling]:
     """Coupling of one skin with each of those that it may touch; without a weight where nothing is near.
 
     Args:
         partners: by pair; the slave is the same skin.
         near: of each pair (n_all,), see `nodes_near`.
+        given: pairs whose gap is given: it is that of facets within reach alone, others may be as far as the parts are.
     """
     skin = next(iter(partners.values())).slave
     of_slave = {name: each[: len(skin.nodes)] for name, each in near.items()}
@@ -89,7 +92,12 @@ def among_skins(partners: Mapping[str, Partner], near: Mapping[str, Bools]) -> d
     if not meeting or not len(slave.facets):
         return found
     here = slave.surface
-    parts = [replace(partners[name], slave=here, other=masters[name].surface) for name in meeting]
+    parts = list[Partner]()
+    for name in meeting:
+        there = masters[name].surface
+        far = float(np.linalg.norm(np.ptp(np.concatenate([here.points, there.points]), axis=0)))
+        reach = partners[name].reach if name in given else far
+        parts.append(replace(partners[name], slave=here, other=there, reach=reach))
     couplings = among_partners(parts) if len(parts) > 1 else [alone(parts[0])]
     for name, (coupling, facing) in zip(meeting, couplings, strict=True):
         found[name] = _on_skins(with_edges(coupling, facing), slave, masters[name])

@@ -43,9 +43,9 @@ class PairChange(Noun):
 
     @property
     def given(self) -> dict[str, Any]:
-        """Its fields that replace those of the contact; a tie has no friction, and does not slide."""
+        """Its fields that replace those of the contact; a tie has no friction and no gap, and does not slide."""
         found = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("off", "slave")}
-        tied = {"friction": None, "sliding": False} if self.normal is not None and self.normal.ties else {}
+        tied = {"friction": None, "gap": None, "sliding": False} if self.normal is not None and self.normal.ties else {}
         return tied | {name: value for name, value in found.items() if value is not None}
 
 

@@ -161,6 +161,14 @@ class MethodChain:
         """The bodies as the present method needs them; collective."""
         return prepare_volume(system, self.stage.surface, self._pressed)
 
+    def widen(self, system: System) -> None:
+        """Take contact dofs up that bodies which came near add; nothing is factorised; collective."""
+        self.volume = self.volume.widened(system, condensed_dofs(system, self._pressed))
+        for ready in self._ready.values():  # of the dofs before
+            ready.release()
+        self._ready.clear()
+        self._metric = None
+
     def _suits(self, system: System, volume: Volume) -> bool:
         """Whether bodies in the form of the present method are condensed on what it needs."""
         dofs = condensed_dofs(system, self._pressed)

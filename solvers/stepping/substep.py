@@ -123,6 +123,18 @@ class SubstepSolver:
         if self.volume is not self.chain.volume:
             self.volume, self.surface = self.chain.volume, prepare_surface(self.system, self.chain.volume)
 
+    def widen(self, system: System) -> None:
+        """Let those nodes enter that are near in a system of the same bodies with other pairs; collective."""
+        near = {c.name: c.near for c in system.contacts}
+        known = self.system.contacts
+        if all(c.near is None or np.array_equal(c.near, near[c.name]) for c in known):
+            return
+        self.system = replace(self.system, contacts=tuple(replace(c, near=near[c.name]) for c in known))
+        self.cone = AdmissibleSet(self.system.contacts, 0.0, self.cone.end)
+        self.chain.widen(self.system)
+        self.follow_bodies()
+        self.stage = None
+
     def follow(self) -> None:
         """Take over the current stage of `chain`; a SolverError says that it cannot be prepared; collective."""
         self.follow_bodies()

@@ -20,6 +20,7 @@ from stickslip.geometry.surfaces.faces import split_at_edges
 from stickslip.geometry.surfaces.surface import Surface, gather_surface, own_nodes
 from stickslip.solvers.contact.pairing import pair_up, with_halves, with_images
 from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.contact.skins import NEAR
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.fem.forms import WeakForms
@@ -142,7 +143,7 @@ class System:
             motions=self.lifting,
             obstacles=self.obstacles,
             T=self.T,
-            sliding=any(pair.contact.sliding for pair in self.problem.pairs.values()),
+            sliding=any(pair.contact.sliding or pair.found for pair in self.problem.pairs.values()),
         )
 
     @cached_property
@@ -154,9 +155,12 @@ class System:
         """The same system with the sliding contacts searched again on the deformed surfaces.
 
         Args:
-            moved: displacement (n_all, d) [m] of the nodes of each sliding contact, by contact.
+            moved: displacement (n_all, d) [m] of the nodes of each sliding contact, by contact; of pairs that are found
+                also which nodes are near, besides those that are near here.
         """
         known = {c.name: c for c in self.contacts}
+        lists = {f"{c.name}{NEAR}": c.near for c in self.contacts if c.near is not None}
+        moved = {**moved, **{key: near | (moved.get(key, near) > 0) for key, near in lists.items()}}
         last = sorted(self.problem.pairs.items(), key=lambda each: each[0] in moved)  # others have parts of their sides
         sides = {pair.surfaces[0]: known[name].surface for name, pair in last}
         masters = {pair.surfaces[1]: known[name].master for name, pair in last}
