@@ -84,13 +84,24 @@ def near(surface: Surface, other: Surface, reach: float) -> Surface:
 
 def facets_near(surface: Surface, other: Surface, reach: float) -> Bools:
     """Which facets (f,) may lie within `reach` [m] of another surface."""
+    away, slack = _apart(surface, other)
+    return np.asarray(away <= reach + slack)
+
+
+def farthest(surface: Surface, other: Surface) -> float:
+    """Distance [m] at which each facet of a surface has one of another one."""
+    away, slack = _apart(surface, other)
+    return float((away + slack).max())
+
+
+def _apart(surface: Surface, other: Surface) -> tuple[Array, Array]:
+    """Distances (f,) [m] of the middles of facets from those of another surface, and the sizes of both facets."""
     parts = [side.points[side.facets] for side in (surface, other)]
     (centre, radius), (there, radius_there) = [
         (x.mean(axis=1), np.linalg.norm(x - x.mean(axis=1, keepdims=True), axis=2).max(axis=1)) for x in parts
     ]
-    away = cKDTree(there).query(centre)[0]
     # curved facets bulge out of the balls around their nodes
-    return np.asarray(away <= reach + 2 * (radius + radius_there.max()))
+    return cKDTree(there).query(centre)[0], 2 * (radius + radius_there.max())
 
 
 def halves(surface: Surface, reach: float) -> tuple[Surface, Surface]:

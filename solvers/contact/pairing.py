@@ -62,7 +62,7 @@ def pair_up(
     """
     sharing = dict[tuple[str, bool], list[str]]()
     for name, known in problem.pairs.items():
-        sharing.setdefault((known.surfaces[0], known.found), []).append(name)
+        sharing.setdefault((known.surfaces[0], known.skins), []).append(name)
     couplings, near = dict[str, tuple[Contact, Coupling]](), dict[str, Bools]()
     for (side, skins), names in sharing.items():
         pairs = [problem.pairs[name] for name in names]
@@ -79,16 +79,16 @@ def pair_up(
             near |= {name: _nodes_near(problem, name, partner, moved) for name, partner in each.items()}
             given = {name for name in names if problem.pairs[name].contact.gap is not None}
             of_skins = among_skins(each, {name: near[name] for name in names}, given)
-            couplings |= {name: (problem.pairs[name].contact, coupling) for name, coupling in of_skins.items()}
-            continue
-        if not any(pair.contact.sliding for pair in pairs):
-            partners = within_reach(partners)
-        found = among_partners(partners) if len(partners) > 1 else [alone(partners[0])]
-        found = [(with_edges(coupling, facing), facing) for coupling, facing in found]
-        touching = [bool(np.any(coupling.weights > 0)) for coupling, _ in found]
-        for known, partner, (coupling, _), touches in zip(pairs, partners, found, touching, strict=True):
+            found = [of_skins[name] for name in names]
+        else:
+            if not any(pair.contact.sliding for pair in pairs):
+                partners = within_reach(partners)
+            facing = among_partners(partners) if len(partners) > 1 else [alone(partners[0])]
+            found = [with_edges(coupling, faces) for coupling, faces in facing]
+        touching = [bool(np.any(coupling.weights > 0)) for coupling in found]
+        for known, partner, coupling, touches in zip(pairs, partners, found, touching, strict=True):
             couplings[known.name] = known.contact, coupling
-            if not touches and not (known.contact.sliding and any(touching)):
+            if not (touches or known.found) and not (known.contact.sliding and any(touching)):
                 nowhere = f"contacts.{known.name}: nothing of {side} faces {known.master} within {partner.reach:g} "
                 nowhere += f"{problem.labels.length}; set search_distance, or exchange the sides"
                 hidden = f"contacts.{known.name}: all of {side} reaches other partners first; leave this one out, set "

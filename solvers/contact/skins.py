@@ -16,7 +16,7 @@ from scipy import sparse
 
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
-from stickslip.geometry.surfaces.faces import facets_near, part_of
+from stickslip.geometry.surfaces.faces import facets_near, farthest, part_of
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.coupling import Coupling, On, Points
 from stickslip.solvers.contact.edges import with_edges
@@ -35,7 +35,8 @@ class Part:
     @property
     def facets(self) -> Ints:
         """Those of the skin (f,) that it has."""
-        return np.flatnonzero(self.near[self.skin.facets].all(axis=1))
+        found: Ints = np.flatnonzero(self.near[self.skin.facets].all(axis=1))
+        return found
 
     @property
     def nodes(self) -> Ints:
@@ -95,7 +96,7 @@ def among_skins(
     parts = list[Partner]()
     for name in meeting:
         there = masters[name].surface
-        far = float(np.linalg.norm(np.ptp(np.concatenate([here.points, there.points]), axis=0)))
+        far = farthest(here, there)
         reach = partners[name].reach if name in given else far
         parts.append(replace(partners[name], slave=here, other=there, reach=reach))
     couplings = among_partners(parts) if len(parts) > 1 else [alone(parts[0])]

@@ -86,7 +86,7 @@ class FactorisedVolume:
             self.S = joined(count, [(np.flatnonzero(belongs == k), part.S) for k, part in enumerate(self._parts)])
         self.counters.factorisations += 1
 
-    def widened(self, system: object, dofs: Ints) -> FactorisedVolume:
+    def widened(self, dofs: Ints) -> FactorisedVolume:
         """The same bodies condensed on further dofs too, by the same factor: a volume solve each; collective.
 
         With the columns X = K_ii^-1 E of new dofs n, A = (E^T X)^-1 is the stiffness of these with the old ones held,

@@ -457,8 +457,9 @@ class Scene(Noun):
             key, both = f'contacts.{name}.pairs."{pair}"', pair.split(".")
             with mistakes:
                 require_known(key, pair, known, "no such pair of its bodies")
-                twice = ".".join(reversed(both)) in contact.pairs
-                require(not twice, key, ".".join(reversed(both)), "is the same pair; keep one")
+                other = ".".join(reversed(both))
+                twice = other in contact.pairs and other < pair
+                require(not twice, key, other, "is the same pair; keep one")
                 if change.slave is not None:
                     require_known(f"{key}.slave", change.slave, both, "not one of the two")
             with mistakes, prefixed(key):
@@ -472,10 +473,10 @@ class Scene(Noun):
                     require(not met or both[0] == both[1], f"contacts.{other}.against", against, f"{said}.off = true")
             if other > name and beside.between is not None:
                 others = {*self.bodies} if beside.between == "all" else {*beside.between}
-                for both in combinations([body for body in bodies if body in others], 2):
+                for one, two in combinations([body for body in bodies if body in others], 2):
                     with mistakes:
-                        off = contact.change(*both).off or beside.change(*both).off
-                        pair = ".".join(both)
+                        off = contact.change(one, two).off or beside.change(one, two).off
+                        pair = f"{one}.{two}"
                         said = f"contacts.{other} pairs them too; keep one, or set off = true"
                         require(off, f'contacts.{name}.pairs."{pair}"', pair, said)
 

@@ -38,7 +38,7 @@ class PairSearch:
         self._solver, self.present = solver, solver
         pairs = solver.system.problem.pairs
         self._names = [name for name, pair in pairs.items() if pair.contact.sliding]
-        self._found = [name for name, pair in pairs.items() if pair.found]
+        self._found = [name for name, pair in pairs.items() if pair.skins]
 
     def active(self) -> bool:
         """Whether a contact slides, or bodies may come near."""

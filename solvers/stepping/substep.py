@@ -125,11 +125,10 @@ class SubstepSolver:
 
     def widen(self, system: System) -> None:
         """Let those nodes enter that are near in a system of the same bodies with other pairs; collective."""
-        near = {c.name: c.near for c in system.contacts}
-        known = self.system.contacts
-        if all(c.near is None or np.array_equal(c.near, near[c.name]) for c in known):
+        pairs = [*zip(self.system.contacts, system.contacts, strict=True)]
+        if all(c.near is None or other.near is None or (c.near == other.near).all() for c, other in pairs):
             return
-        self.system = replace(self.system, contacts=tuple(replace(c, near=near[c.name]) for c in known))
+        self.system = replace(self.system, contacts=tuple(replace(c, near=other.near) for c, other in pairs))
         self.cone = AdmissibleSet(self.system.contacts, 0.0, self.cone.end)
         self.chain.widen(self.system)
         self.follow_bodies()

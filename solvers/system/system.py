@@ -143,7 +143,7 @@ class System:
             motions=self.lifting,
             obstacles=self.obstacles,
             T=self.T,
-            sliding=any(pair.contact.sliding or pair.found for pair in self.problem.pairs.values()),
+            sliding=any(pair.contact.sliding or pair.skins for pair in self.problem.pairs.values()),
         )
 
     @cached_property
@@ -160,7 +160,7 @@ class System:
         """
         known = {c.name: c for c in self.contacts}
         lists = {f"{c.name}{NEAR}": c.near for c in self.contacts if c.near is not None}
-        moved = {**moved, **{key: near | (moved.get(key, near) > 0) for key, near in lists.items()}}
+        moved = {**moved, **{key: np.maximum(near, moved.get(key, 0.0)) for key, near in lists.items()}}
         last = sorted(self.problem.pairs.items(), key=lambda each: each[0] in moved)  # others have parts of their sides
         sides = {pair.surfaces[0]: known[name].surface for name, pair in last}
         masters = {pair.surfaces[1]: known[name].master for name, pair in last}
