@@ -130,6 +130,10 @@ class Shape:
         """Points (n, d) [m] where two bodies have the same nodes and hold each other, by the names of the two."""
         return {}
 
+    def note(self, dim: int) -> str:
+        """What was done to the cells of a mesh, in a line; "": nothing."""
+        return ""
+
     def refined(self, factor: float) -> Self:
         """The same shape with cells `factor` times as long.
 

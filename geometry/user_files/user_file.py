@@ -248,6 +248,9 @@ class UserFile(Noun, Shape):
     def shared(self, dim: int) -> Mapping[tuple[str, str], Array]:
         return {bodies: points[:, :dim] for bodies, points in self.outline(dim).shared.items()}
 
+    def note(self, dim: int) -> str:
+        return self.outline(dim).note
+
     def overlaps(self, dim: int) -> Sequence[Overlap]:
         """Bodies that lie in each other, the deepest ones first."""
         return _overlaps(self._metres, self._key(dim))

@@ -95,8 +95,10 @@ def pair_up(
                 hidden += "search_distance, or let the contact slide"
                 raise SceneError(hidden if any(touching) else nowhere)
     couplings = {name: couplings[name] for name in problem.pairs}
-    rows = build_rows(couplings, constraints, moved, problem.timeline.end)
-    return tuple(replace(c, near=near[c.name]) if c.name in near else c for c in rows)
+    every = build_rows(couplings, constraints, moved, problem.timeline.end)
+    exchanged = {name for name, known in problem.pairs.items() if known.slave != known.contact.surface}
+    signed = (replace(rows, sense=-1.0) if rows.name in exchanged else rows for rows in every)
+    return tuple(replace(rows, near=near[rows.name]) if rows.name in near else rows for rows in signed)
 
 
 def _nodes_near(problem: Problem, name: str, partner: Partner, moved: Mapping[str, Array]) -> Bools:

@@ -85,6 +85,9 @@ class ContactRows:
     fields: Fields | None = None  # None: the rows are given without
     near: Bools | None = None  # (n_all,) of skins the nodes that may touch; None: all
     time: float = 0.0  # that `gap`, `node_gap` and `friction` are of [s]
+    sense: float = (
+        1.0  # -1 where the side that the scene calls `surface` is the master: vectors are reported as its own
+    )
 
     def at(self, time: float) -> ContactRows:
         """The rows with the gap and the friction law of another time [s]."""

@@ -292,7 +292,7 @@ class Auditor:
             obstacle, apart = system.problem.obstacles[pair.obstacle], np.zeros_like(acts.points)
             x = (acts.points - system.obstacles.translation(pair.obstacle, record.time, record.driven))[pushed]
             apart[pushed] = obstacle.signed_gap(x)[:, None] * obstacle.normals(x)
-        other = replace(acts, points=acts.points - apart).moment * (1 if pair.slave == pair.contact.surface else -1)
+        other = replace(acts, points=acts.points - apart).moment * rows.sense
         open_now = self._gap(rows, record)[1] - rows.node_motion(self._motion(rows, record))[0]
         offset = rows.fields.offsets(record.time)[1] if rows.fields else 0.0
         allowed = np.linalg.norm(rows.tangential_part(apart), axis=1) + np.abs(open_now) + np.abs(offset)

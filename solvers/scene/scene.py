@@ -263,7 +263,7 @@ class Scene(Noun):
     def quantities(self) -> tuple[str, ...]:
         """Names of the numbers that every step of this scene has."""
         owners = [("contacts", name, RECORDS["contacts"]) for name in (*self.pairs, *self.sums)]
-        named = ("probes", "supports", "obstacles")
+        named = ("probes", "supports", "obstacles", "bodies")
         owners += [(table, name, RECORDS[table]) for table in named for name in getattr(self, table)]
         tables = [(*place, table.reports) for place, table in self.effect_tables().items()]
         of_effects = [(section, name, record) for section, name, record in tables if record is not None]
