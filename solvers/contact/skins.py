@@ -41,7 +41,8 @@ class Part:
     @property
     def nodes(self) -> Ints:
         """Those of the skin (k,) that it has."""
-        return np.unique(self.skin.facets[self.facets])
+        found: Ints = np.unique(self.skin.facets[self.facets])
+        return found
 
     @property
     def surface(self) -> Surface:

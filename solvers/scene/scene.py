@@ -185,22 +185,21 @@ class Scene(Noun):
 
     def _may_meet(self, contact: Contact) -> bool:
         one, other = (side.split(".")[0] for side in (contact.surface, *contact.partners))
-        return self.geometry.apart(one, other, self.dim) <= self.reach(one, other, contact) + self._travel
-
-    def reach(self, one: str, other: str, contact: Contact) -> float:
-        """Distance [m] within which two bodies are paired."""
         sizes = [np.linalg.norm(np.ptp(self.geometry.boxes(body, self.dim), axis=(0, 1))) for body in (one, other)]
-        return contact.search_distance or REACH * float(min(sizes))
+        reach = max(contact.search_distance or 0.0, REACH * float(min(sizes))) + self._travel
+        return self.geometry.apart(one, other, self.dim) <= reach
 
     @cached_property
     def _travel(self) -> float:
-        """How far [m] two bodies may be moved against each other, by all that the scene prescribes."""
+        """How far [m] two bodies may be moved against each other; inf where springs or forces decide that."""
+        turned = any(obstacle.driven() or obstacle.rotation is not None for obstacle in self.obstacles.values())
+        if turned or self.ground_springs() or self.links():
+            return np.inf
         moves: dict[tuple[str, str], list[float]] = {}
         for place, amplitude in self.drives().items():
             if place.quantity == "displacement":
                 knots = amplitude if isinstance(amplitude, tuple) else ((0.0, amplitude),)
-                size = max(abs(value) for _, value in knots)
-                moves.setdefault((place.table, place.name), []).append(size)
+                moves.setdefault(place[:2], []).append(max(abs(value) for _, value in knots))
         return 2 * max((float(np.linalg.norm(sizes)) for sizes in moves.values()), default=0.0)
 
     @property
