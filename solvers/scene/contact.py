@@ -41,12 +41,15 @@ class PairChange(Noun):
     gap: Annotated[float | None, Key("m", "see contacts.NAME")] = None
     search_distance: Annotated[float | None, Key("m", "see contacts.NAME")] = None
 
-    @property
-    def given(self) -> dict[str, Any]:
-        """Its fields that replace those of the contact; a tie has no friction and no gap, and does not slide."""
+    def applied(self, contact: Contact, one: str, other: str) -> Contact:
+        """The contact of two bodies' skins, with what is given here; a tie has no friction and no gap, nor slides."""
+        sides: dict[str, Any] = {"surface": f"{one}.{SKIN}", "against": f"{other}.{SKIN}"}
+        if self.slave is not None:
+            sides["slave"] = "surface" if self.slave == one else "against"
         found = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("off", "slave")}
         tied = {"friction": None, "gap": None, "sliding": False} if self.normal is not None and self.normal.ties else {}
-        return tied | {name: value for name, value in found.items() if value is not None}
+        given = tied | {name: value for name, value in found.items() if value is not None}
+        return replace(contact, **{"between": None, "pairs": {}} | sides | given)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +153,7 @@ class Contact(Noun):
         if self.between is not None:
             listed = bodies if self.between == "all" else self.between
             changes = {pair: self.change(*pair) for pair in combinations(listed, 2)}
-            return {f"{name}.{a}.{b}": self._of(a, b, c) for (a, b), c in changes.items() if not c.off}
+            return {f"{name}.{a}.{b}": c.applied(self, a, b) for (a, b), c in changes.items() if not c.off}
         if isinstance(self.against, str):
             return {name: self}
         labels = [partner.split(".")[0] for partner in self.against]
@@ -162,12 +165,6 @@ class Contact(Noun):
     def change(self, one: str, other: str) -> PairChange:
         """What is different in the pair of two bodies, in whatever order `pairs` has them."""
         return self.pairs.get(f"{one}.{other}") or self.pairs.get(f"{other}.{one}") or PairChange()
-
-    def _of(self, one: str, other: str, change: PairChange) -> Contact:
-        sides = {"surface": f"{one}.{SKIN}", "against": f"{other}.{SKIN}"}
-        if change.slave is not None:
-            sides["slave"] = "surface" if change.slave == one else "against"
-        return replace(self, **{"between": None, "pairs": {}} | sides | change.given)
 
     @property
     def tangential(self) -> FrictionLaw | None:
