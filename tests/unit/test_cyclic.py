@@ -170,7 +170,7 @@ def turned_on_its_axis(folder: Path, dim: int, angle: int) -> tuple[Simulation, 
     return last_of(tables | ({"periodic": cut("disc", first="second", second="first")} if angle == 90 else {}), folder)
 
 
-@pytest.mark.parametrize(("dim", "rtol"), [(2, 1e-4), (3, 0.05)])
+@pytest.mark.parametrize(("dim", "rtol"), [(2, 2e-3), (3, 0.05)])
 def test_a_sector_may_reach_its_axis_whose_points_stay_on_it(dim: int, rtol: float, tmp_path: Path) -> None:
     _, whole = turned_on_its_axis(tmp_path, dim, 360)  # whose sectors are not meshed alike
     simulation, sector = turned_on_its_axis(tmp_path, dim, 90)
