@@ -75,6 +75,11 @@ class Outline:
     shared: dict[tuple[str, str], Array] = field(default_factory=dict)  # two bodies -> points (n, 3) of both
     note: str = ""  # what was done to the cells of a mesh, in a line
 
+    def skin(self, body: str) -> tuple[Array, Array]:
+        """Sample points (k, 3) of all of a body's skin, and unit outward normals there."""
+        faces = [face for face in self.entities if face.bodies == (body,)]
+        return _sample(*(np.concatenate([x(face) for face in faces]) for x in (lambda f: f.corners, Facets.normals)))
+
     def times(self, factor: float, dim: int) -> Outline:
         """The same, its lengths multiplied by a factor: in another unit."""
         if factor == 1:
