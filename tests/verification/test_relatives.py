@@ -186,10 +186,10 @@ def write(folder: Path, name: str, text: str) -> Path:
 @pytest.mark.parametrize("size", [0.5, *slow(0.34, 0.25)])
 def test_a_graph_that_moves_drags_as_the_plane_that_it_is(size: float, dim: int, tmp_path: Path) -> None:
     normal, found = [0.0] * (dim - 1) + [1.0], []
-    shape = BLOCK | {"mesh_size": size} if dim == 3 else {"builder": "block", "mesh_size": size}
+    flat = {key: value for key, value in BLOCK.items() if dim == 3 or key != "width"}
     for floor in ({"shape": "plane", "point": [0.0] * dim, "normal": normal}, {"shape": "graph", "height": "0*x"}):
         step = last({
-            "model": "3d" if dim == 3 else "plane strain", "geometry": shape,
+            "model": "3d" if dim == 3 else "plane strain", "geometry": flat | {"mesh_size": size},
             "bodies": {"block": {"E": 100.0, "nu": 0.3}},
             "obstacles": {"floor": floor | {"displacement": {"x": [[0, 0], [1, 0.01]], "xyz"[dim - 1]: 0.005}}},
             "contacts": {"c": {"surface": "block.bottom", "against": "floor", "friction": COULOMB, "sliding": True}},
