@@ -361,6 +361,35 @@ def _at_corners(observe: Observer, result: StepResult) -> list[str]:
     return list(mesh.comm.bcast(found))
 
 
+def stress_errors(observe: Observer, accepted: Accepted, result: StepResult) -> dict[Quantity, ErrorParts]:
+    """Errors of the largest stresses of bodies, which are those of midpoints; collective.
+
+    Stresses are larger at the surface: STRESS times the difference to the largest one at corners of cells is stated, of
+    order 1 with bubbles, and no less than that of the recovered stress in the cell. At a corner there is no limit.
+    """
+    recovered, data, companion = observe.recovered, observe.data, observe.stepper.companion
+    if recovered is None or data is None:
+        return {}
+    system, state, refined = observe.stepper.system, accepted.state, accepted.state.refined
+    stress = observe.stress(state.u, state.initial)
+    if system.mesh.degree > 1:
+        u, cells = observe.stress.displacement.x.array.reshape(-1, system.mesh.dim), dx.cell_dofs(system.space)
+    elif refined is not None and isinstance(companion, MeshCorrection):
+        u, cells = companion.whole(refined)
+    else:
+        return {}
+    better = recovered.largest(u, cells, stress)
+    errors = dict[Quantity, ErrorParts]()
+    for index, (name, of) in enumerate(result.bodies.items() if len(data.cells) else ()):
+        own = np.flatnonzero(data.body == index)
+        cell = int(own[np.argmax(result.von_mises[own])])
+        off = STRESS * max(abs(better[index] - of.max_von_mises), float(result.stress_error[cell]))
+        grows = grows_in(data.cells, result.stress, cell)
+        known = ErrorParts(converges=False) if grows else ErrorParts(mesh=off, geometry=0.0, converges=True)
+        errors[Quantity("bodies", name, "max_von_mises")] = known
+    return dict(system.mesh.comm.bcast(errors))
+
+
 def _largest_slip(c: ContactRows, contact: ContactState) -> float:
     """Largest slip up to the edge of contact between nodes [m]."""
     closed = contact.status != OPEN

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
 
@@ -39,7 +39,6 @@ from stickslip.solvers.scene.record import (
     ProbeValue,
     Reaction,
     Record,
-    numbers_of,
 )
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.law_memory import with_memory
@@ -224,7 +223,7 @@ class Observer:
         tangential = [self._tangential(i, c, accepted) for i, c in enumerate(rows) if c.name in pairs]
         merged: dict[str, Any] = {
             key: (np.max if key.startswith("max") else np.sum)([getattr(part, key) for part in parts], axis=0)
-            for key in numbers_of(ContactNumbers)
+            for key in (number.name for number in fields(ContactNumbers))
         }
         merged = {key: value if np.ndim(value) else float(value) for key, value in merged.items()}
         return ContactNumbers(**merged | {"tangential_force": float(np.linalg.norm(np.sum(tangential, axis=0)))})
