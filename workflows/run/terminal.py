@@ -26,7 +26,7 @@ from stickslip.solvers.results.step_result import PARTS, ErrorParts, StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
+from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated, with_error
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.watch import Watch
@@ -151,10 +151,8 @@ class Reporter(Speaker):
         if content["steps"] and content["steps"][-1]["energy"]["dissipated"] > 0:
             energy, units = content["steps"][-1]["energy"], Units.of(content["scene"].get("units", "SI"))
             unit = units("J/m" if content["scene"]["model"].startswith("plane") else "J")
-            out.print(
-                f"friction dissipated {energy['dissipated']:.4g} {unit}, time remainder {energy['time_remainder']:.2g} "
-                f"{unit}"
-            )
+            dissipated = with_error(energy["dissipated"], _parts(energy, "dissipated"), unit)
+            out.print(f"friction dissipated {dissipated}, time remainder {energy['time_remainder']:.2g} {unit}")
 
     def files(self, outcome: Outcome) -> None:
         """Print what to doubt, and which files to open."""
@@ -268,14 +266,14 @@ def _cell(contact: Content, key: str, moved: float) -> str:
 
 
 def _parts(numbers: Content, key: str) -> ErrorParts:
-    """The error of a number of a contact, from result.json."""
-    return parts_of((numbers["error"] or {}).get(key))
+    """The error of a number, from result.json."""
+    return parts_of((numbers.get("error") or {}).get(key))
 
 
 def _incomplete(content: Content) -> list[str]:
-    """Parts that some stated error of a contact lacks."""
-    contacts = [c for step in content["steps"] for c in (step["contacts"] or {}).values()]
-    lacking = {name for c in contacts for key in c["error"] or {} for name in missing(_parts(c, key))}
+    """Parts that some stated error lacks."""
+    owners = [c for step in content["steps"] for c in ((step["contacts"] or {}) | {"": step["energy"]}).values()]
+    lacking = {name for one in owners for key in one.get("error") or {} for name in missing(_parts(one, key))}
     return [name.replace("_", " ") for name in PARTS if name in lacking]
 
 

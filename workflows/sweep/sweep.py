@@ -15,8 +15,9 @@ import os
 import re
 import tempfile
 import time as clock
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise, product
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
@@ -54,7 +55,7 @@ class Member:
 
     name: str  # of its folder
     values: Mapping[str, Any]  # of the keys that are swept
-    scene: Scene
+    scene: Scene = field(repr=False)
 
     @property
     def bodies(self) -> str:
@@ -147,6 +148,11 @@ class Sweep:
 
     solved: tuple[Solved, ...]
     path: Path
+
+    def __repr__(self) -> str:
+        ended = Counter(one.status for one in self.solved)
+        said = ", ".join(f"{count} {status.replace('_', ' ')}" for status, count in ended.items())
+        return f"Sweep({str(self.path)!r}: {len(self.solved)} members, {said})"
 
     @property
     def rows(self) -> list[dict[str, Any]]:
