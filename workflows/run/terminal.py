@@ -22,10 +22,12 @@ from rich.table import Table
 
 from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.units import Units
+from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.results.step_result import PARTS, ErrorParts, StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.workflows.commands.process import SHORT
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated, with_error
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
@@ -33,6 +35,16 @@ from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.writers.writer import registered
 
 Content = dict[str, Any]
+LONG = {  # phases, and parts of them, that may take long
+    ("mesh", ""): "meshing",
+    ("assemble", ""): "assembling",
+    ("prepare", ""): "factorising the bodies",
+    ("error", "time steps"): "estimating the error of the time steps: shorter histories",
+    ("error", "other mesh"): "estimating the error of the mesh: another mesh",
+    ("error", "pairs"): "estimating the error of the pairs: with sliding",
+    ("audit", ""): "auditing",
+    ("output", "pictures"): "drawing",
+}
 
 
 class Speaker:
@@ -83,6 +95,8 @@ class Reporter(Speaker):
             on_estimate=self._estimate,
             on_resume=self._resumed,
             on_note=self._note,
+            on_phase=self._phase,
+            answer="" if self.quiet else "stickslip: stopping; what does not stop in five seconds is ended",
             on_round=self.line,
         )
 
@@ -113,6 +127,25 @@ class Reporter(Speaker):
 
     def _estimate(self) -> None:
         self.progress.update(self.task, description="estimating the error of the time steps")
+
+    def _phase(self, clock: Clock, phase: str, part: str) -> None:
+        """Say what begins: on a terminal always, else if it will take longer than others take to answer."""
+        text = LONG.get((phase, part))
+        if text is None or (phase == "prepare" and not clock.expected):
+            return
+        solving = clock.seconds("iterate")
+        about = {
+            "prepare": clock.expected,
+            "audit": clock.seconds("assemble") * (1 + self.done / 4),
+            "time steps": solving,
+            "pairs": solving,
+            "other mesh": 4 * solving,  # see `NestedRun`
+        }.get(part or phase, 0.0)
+        long = about >= SHORT
+        text += f", about {about:.0f} s" if long else ""
+        self.progress.update(self.task, description=text)
+        if long and not self.console.is_terminal:
+            self.line(f"{text} ...")
 
     def _resumed(self, done: int, time: float) -> None:
         self.progress.advance(self.task, done)
