@@ -232,7 +232,7 @@ class Auditor:
         """Motion by unit traction [m/Pa]: the extent of the closed part, at most a body's depth, by E of each body."""
         closed = float(rows.W_n[np.abs(p_n) > ROUNDING * np.abs(p_n).max(initial=0.0)].sum())
         powers = self.system.mesh.dim - 1 + self.system.mesh.axisymmetric
-        extent = (closed or float(rows.W_n.sum())) ** (1 / powers)
+        extent = (closed or float(rows.W_n.sum()) or np.inf) ** (1 / powers)  # inf: nothing can touch
         problem, normals = self.system.problem, rows.frames[:, 0]
         behind = ((min(extent, self._depths[b]), problem.bodies[b]) for b in problem.pairs[rows.name].bodies)
         return float(sum(depth / body.modulus_along(normals) for depth, body in behind))
@@ -364,12 +364,16 @@ class Auditor:
                     scales.rounding,
                     max(scales.noise, scales.rest),
                 )
-            if rows.name in stored.contacts and not self.system.problem.pairs[rows.name].contact.sliding:
+            if rows.name in stored.contacts and not self._searched(rows, record):
                 slip = np.asarray(stored.contacts[rows.name]["slip"], float)[:, : rows.surface.dim]
                 found.append(difference(slip, slip_of(rows, moved), rounding=scales.rounding))
         if len(stored.stress):
             found.append(stress_difference(self.system, record.displacement, record.time, stored))
         return _largest(found)
+
+    def _searched(self, rows: ContactRows, record: Record) -> bool:
+        """Whether pairs of a contact are not those of the start."""
+        return self.system.problem.pairs[rows.name].contact.sliding or rows.name in record.searched
 
     def _history(self, place: ContactBlock, record: Record, before: Record, scales: Scales) -> list[float]:
         """Differences of what slip is counted from, and of the stored slip, from those of the step before [-]."""
@@ -379,7 +383,7 @@ class Auditor:
         if not (softness and rows.name in record.searched):  # t turns with the frames of other rows
             start = rows.N_t @ moved.ravel() - (t / softness if softness else 0.0)
             found.append(difference(record.reference[place.tangential], start, scales.u[rows.name], scales.rounding))
-        if law is not None and rows.name in record.memory and not self.system.problem.pairs[rows.name].contact.sliding:
+        if law is not None and rows.name in record.memory and not self._searched(rows, record):
             moves = rows.N_t @ (self._motion(rows, record) - moved).ravel()
             moves -= (record.p[place.tangential] - t) / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
