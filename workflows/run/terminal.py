@@ -29,7 +29,6 @@ from stickslip.solvers.results.step_result import PARTS, ErrorParts, StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.workflows.commands.process import SHORT
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated, with_error
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
@@ -37,6 +36,7 @@ from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.writers.writer import registered
 
 Content = dict[str, Any]
+ANNOUNCED = 5.0  # s; what takes longer is announced also where there is no terminal
 LONG = {  # phases, and parts of them, that may take long
     ("mesh", ""): "meshing",
     ("assemble", ""): "assembling",
@@ -143,7 +143,7 @@ class Reporter(Speaker):
             "pairs": solving,
             "other mesh": 4 * solving,  # see `NestedRun`
         }.get(part or phase, 0.0)
-        long = about >= SHORT
+        long = about >= ANNOUNCED
         text += f", about {about:.0f} s" if long else ""
         self.progress.update(self.task, description=text)
         if long and not self.console.is_terminal:
