@@ -159,7 +159,7 @@ class Script:
         held = {key: value_at(a, self.time, end) for key, a in drives.items() if not isinstance(a, str)}
         amplitude = drives[place]
         require(place in held, load, amplitude, "expected a number or a table")
-        listed = [amplitude] if isinstance(amplitude, float | int) else [value for _, value in amplitude]  # type: ignore[union-attr]
+        listed = [amplitude] if isinstance(amplitude, float | int) else [value for _, value in amplitude]
         largest, now = max(listed, key=abs), held[place]
         require(largest != 0, load, largest, "a load of zero has no multiples")
         for doubled in range(20):
