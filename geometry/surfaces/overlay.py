@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
+from stickslip.geometry.curved_facets import SHARP
 from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.surface import Surface
 
@@ -73,16 +74,15 @@ def _pairs_in_tree(tree: cKDTree, centres: Array, thick: Array, directions: Arra
 
 CURVED = 1.2  # a curved facet lies within this multiple of the ball around its nodes
 BISECTIONS = 60
-STEEP = 30.0  # [degrees], see `steepest`
 
 
 def steepest(slave: Surface, master: Surface) -> float:
     """Cosine of the largest angle between two facets that face each other.
 
-    Where sides have edges, faces that lean more touch by their edges alone, however they are deformed.
+    Where sides have edges, faces that lean more than facets of one face touch by their edges alone.
     """
     edges = slave.faces is not None or master.faces is not None
-    return float(np.cos(np.radians(STEEP))) if edges else 0.0
+    return float(np.cos(np.radians(SHARP))) if edges else 0.0
 
 
 def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> tuple[Ints, Ints, Array]:

@@ -83,6 +83,7 @@ class ContactRows:
     quadrature: Callable[[int], Points] | None = None  # integration points by degree; None: the rows are given without
     degree: int = 0  # of that at which a compliance law gives pressure by displacement
     fields: Fields | None = None  # None: the rows are given without
+    tips: Ints | None = None  # (n,) see `Coupling`
     time: float = 0.0  # that `gap`, `node_gap` and `friction` are of [s]
 
     def at(self, time: float) -> ContactRows:
