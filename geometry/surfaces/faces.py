@@ -13,7 +13,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from stickslip.geometry.arrays import Bools, Ints
+from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.curved_facets import SMOOTH, angles, sharp, unit
 from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
@@ -74,15 +74,26 @@ def split_at_edges(surface: Surface, edges: Ints | None = None) -> Surface:
     )
 
 
-def near(surface: Surface, other: Surface, reach: float) -> Bools:
-    """Which facets (f,) of a surface may lie within `reach` [m] of another one."""
+def facets_near(surface: Surface, other: Surface, reach: float) -> Bools:
+    """Which facets (f,) may lie within `reach` [m] of another surface."""
+    away, slack = _apart(surface, other)
+    return np.asarray(away <= reach + slack)
+
+
+def farthest(surface: Surface, other: Surface) -> float:
+    """Distance [m] at which each facet of a surface has one of another one."""
+    away, slack = _apart(surface, other)
+    return float((away + slack).max())
+
+
+def _apart(surface: Surface, other: Surface) -> tuple[Array, Array]:
+    """Distances (f,) [m] of the middles of facets from those of another surface, and the sizes of both facets."""
     parts = [side.points[side.facets] for side in (surface, other)]
     (centre, radius), (there, radius_there) = [
         (x.mean(axis=1), np.linalg.norm(x - x.mean(axis=1, keepdims=True), axis=2).max(axis=1)) for x in parts
     ]
-    away = cKDTree(there).query(centre)[0]
-    found = away <= reach + 2 * (radius + radius_there.max())  # curved facets bulge out of the balls around their nodes
-    return np.asarray(found)
+    # curved facets bulge out of the balls around their nodes
+    return cKDTree(there).query(centre)[0], 2 * (radius + radius_there.max())
 
 
 def halves(surface: Surface, reach: float) -> tuple[Surface, Surface]:
@@ -104,13 +115,11 @@ def halves(surface: Surface, reach: float) -> tuple[Surface, Surface]:
     along = normals @ np.linalg.eigh(np.einsum("f,fd,fe->de", weight, normals, normals))[1][:, ::-1]
     first = (np.abs(along) > np.sin(np.radians(SMOOTH))).argmax(axis=1)
     front = np.take_along_axis(along, first[:, None], axis=1)[:, 0] > 0
-    return part(surface, front), part(surface, ~front)
+    return part_of(surface, front), part_of(surface, ~front)
 
 
-def part(surface: Surface, kept: Bools) -> Surface:
-    """The part of a surface that has some of its facets (f,); itself if that is all."""
-    if kept.all():
-        return surface
+def part_of(surface: Surface, kept: Bools) -> Surface:
+    """The part of a surface that has some of its facets (f,)."""
     nodes, facets = np.unique(surface.facets[kept], return_inverse=True)
     return replace(
         surface,

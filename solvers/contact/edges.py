@@ -254,8 +254,8 @@ def _with_rows(coupling: Coupling, points: _Points) -> Coupling:
     weights[np.isin(same, same[node[points.own]]) & (at == 0)] = 0.0
     weights[node] = np.where(weights[node] > 0, weights[node], slave.node_weights()[node])
     carries = (coupling.carries & (weights != 0)) | (at > 0)
-    tips = at.astype(np.int64)
-    tips[node[points.halfway]] = 2
+    tips = at.copy()
+    tips[node[points.halfway]] = 2.0
     changed = replace(coupling, gap=gap, normals=normals, weights=weights, relative=relative)
     return replace(changed, carries=carries, tips=tips)
 

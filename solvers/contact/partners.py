@@ -16,7 +16,7 @@ from scipy import sparse
 
 from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
 from stickslip.geometry.obstacles import Obstacle
-from stickslip.geometry.surfaces.faces import near, part
+from stickslip.geometry.surfaces.faces import facets_near, part_of
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.search import Pairing, pair
 from stickslip.geometry.surfaces.surface import Surface, joined
@@ -97,16 +97,16 @@ def within_reach(partners: Sequence[Partner]) -> list[Partner]:
     kept = np.zeros(len(slave.facets), bool)
     for each in partners:
         if isinstance(each.other, Surface):
-            kept |= near(slave, each.other, each.reach)
+            kept |= facets_near(slave, each.other, each.reach)
         else:
             kept |= np.isfinite(each.distance(on, normals))[slave.facets].any(axis=1)
-    slave = part(slave, kept | ~kept.any())
+    slave = part_of(slave, kept | ~kept.any())
     found = []
     for each in partners:
         other = each.other
         if isinstance(other, Surface):
-            beside = near(other, slave, each.reach)
-            other = part(other, beside | ~beside.any())
+            beside = facets_near(other, slave, each.reach)
+            other = part_of(other, beside | ~beside.any())
         found.append(replace(each, slave=slave, other=other))
     return found
 
