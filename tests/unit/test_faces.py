@@ -157,26 +157,34 @@ def test_fine_fan_is_smooth_though_its_ends_are_not() -> None:
 
 PUNCH = """
 SetFactory("OpenCASCADE");
-DefineConstant[h=0.5]; DefineConstant[lean=0];
-Rectangle(1)={-6,0,0,12,2};
-Point(11)={-2,2,0}; Point(12)={2,2,0}; Point(13)={2+lean,5,0}; Point(14)={-2-lean,5,0};
+DefineConstant[h=0.5]; DefineConstant[lean=0]; DefineConstant[left=1];
+Rectangle(1)={-6*left,0,0,6+6*left,2};
+Point(11)={-2*left,2,0}; Point(12)={2,2,0}; Point(13)={2+lean,5,0}; Point(14)={-2*left-lean*left,5,0};
 Line(11)={11,12}; Line(12)={12,13}; Line(13)={13,14}; Line(14)={14,11};
 Curve Loop(9)={11,12,13,14}; Plane Surface(2)={9};
 Mesh.MeshSizeMin=h; Mesh.MeshSizeMax=h; Mesh.MeshSizeFromPoints=0;
 MeshSize{:}=h;
 Physical Surface("slab")={1}; Physical Surface("block")={2};
-Physical Curve("slab.skin")={2,3,4}; Physical Curve("slab.bottom")={1};
-Physical Curve("block.skin")={11,12,14}; Physical Curve("block.top")={13};
+Physical Curve("slab.bottom")={1}; Physical Curve("block.top")={13};
+If (left)
+  Physical Curve("slab.skin")={2,3,4}; Physical Curve("block.skin")={11,12,14};
+Else
+  Physical Curve("slab.skin")={2,3}; Physical Curve("block.skin")={11,12};
+EndIf
 """
 
 
-def punched(folder: Path, h: float, contact: dict[str, Any], **geometry: Any) -> tuple[StepResult, dict[str, float]]:
-    """A block 4 mm wide, pressed on a slab by 100 MPa; its sides and those of the slab count."""
+def punched(
+    folder: Path, h: float, contact: dict[str, Any], model: str = "plane strain", method: str = "auto", **geometry: Any
+) -> tuple[StepResult, dict[str, float]]:
+    """A block 4 mm wide, or half of it round an axis, pressed on a slab or a floor by 100 MPa; its sides count."""
     (folder / "punch.geo").write_text(PUNCH)
     scene = {
-        "model": "plane strain",
+        "model": model,
         "units": "mm-N-MPa",
         "geometry": {"file": "punch.geo", "h": h} | geometry,
+        "obstacles": {"floor": {"shape": "plane", "point": [0.0, 2.0], "normal": [0.0, 1.0]}},
+        "solver": {"method": method},
         "bodies": {"slab": STEEL, "block": STEEL},
         "contacts": {"c": contact},
         "supports": {
@@ -185,6 +193,8 @@ def punched(folder: Path, h: float, contact: dict[str, Any], **geometry: Any) ->
         },
         "loads": {"press": {"boundary": "block.top", "pressure": 100.0}},
     }
+    if contact["against"] != "floor":
+        del scene["obstacles"]
     simulation, steps = solved(from_dict(scene, folder))
     return steps[-1], audit(simulation, steps[-1])
 
@@ -224,6 +234,22 @@ def test_gaps_of_skins_are_those_of_points_that_face_the_other_side(tmp_path: Pa
     found = report.contacts["c"]
     assert_allclose([found.smallest_gap, found.largest_gap], 0.5, rtol=1e-9)
     assert found.points_that_can_touch == found.normal_points == 9
+
+
+def test_what_faces_away_from_an_obstacle_costs_nothing(tmp_path: Path) -> None:
+    contact = punched(tmp_path, 0.5, {"surface": "block.skin", "against": "floor"})[0].contacts["c"]
+    assert_allclose(contact.points[:, 1], 2.0)
+    assert_allclose(contact.force, [0.0, 400.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(("h", "order"), [(1.0, 1), (0.5, 2), pytest.param(0.25, 2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", ["tangent-cg", "condensed-newton"])
+def test_a_pin_presses_on_its_end_alone(tmp_path: Path, method: str, h: float, order: int) -> None:
+    """The same round an axis: the skin of a pin is its end and its flank."""
+    step, defects = punched(tmp_path, h, SKINS, model="axisymmetric", method=method, order=order, left=0)
+    assert_allclose(np.abs(step.contacts["c"].force[-1]), 400 * np.pi, rtol=1e-7)
+    assert_allclose(step.contacts["c"].contact_area, 4 * np.pi, rtol=1e-9)
+    assert max(defects.values()) < 1e-7
 
 
 POINTED = """
