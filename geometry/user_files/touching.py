@@ -10,6 +10,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, SLIGHT, TINY, Array, Bools, Ints
 from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
+from stickslip.geometry.shape import SKIN
 from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.geometry.user_files.outline import Facets, Form, Outline, fit
@@ -184,8 +185,10 @@ def thinned(pairs: Sequence[Pair], spacing: float) -> Array:
 
 def named(name: str, outline: Outline, dim: int) -> Side:
     """The side of a name that the outline has, as body.side."""
-    faces = tuple(f for f in outline.entities if outline.side_of.get(f.number) == name)
-    return Side.of(name.split(".")[0], faces, dim, name)
+    body, side = name.split(".")
+    whole = side == SKIN
+    faces = (f for f in outline.entities if (f.bodies == (body,) if whole else outline.side_of.get(f.number) == name))
+    return Side.of(body, tuple(faces), dim, name)
 
 
 def _sides(faces: Sequence[Facets], outline: Outline, dim: int) -> list[Side]:

@@ -24,7 +24,7 @@ from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
-from stickslip.geometry.surfaces.overlay import steepest
+from stickslip.geometry.surfaces.overlay import steepest, upright
 from stickslip.geometry.surfaces.search import Pairing, pair, through_body
 from stickslip.geometry.surfaces.surface import Surface
 
@@ -87,6 +87,7 @@ class Coupling:
     normals: Array  # (n, d) unit, towards the other side, half way between both sides' own
     carries: Bools  # (n,) nodes with a multiplier of their own; the weight of the others goes to neighbours
     points: Callable[[int], Points]  # takes a quadrature degree
+    tips: Array | None = None  # (n,) 1 where a corner or an edge touches, 2 where its normal is a choice; None: none
 
 
 @dataclass(frozen=True)
@@ -105,9 +106,12 @@ class Facing:
         """Facets of the master that the slave's nodes meet along unit directions (n, d)."""
         slave, master = self.slave, self.master
         found = pair(slave.points, along, master, self.reach)
-        if steepest(slave, master):  # sides with edges may be all of a body's skin
-            away = place(master, found.facet, found.local).area_normals
-            flat = -np.einsum("md,md->m", away, along) > steepest(slave, master) * np.linalg.norm(away, axis=1)
+        if slave.faces is not None or master.faces is not None:  # sides with edges may be all of a body's skin
+            away, (slope, other) = place(master, found.facet, found.local).area_normals, steepest(slave, master)
+            of_nodes = np.zeros(len(slave.nodes))
+            np.maximum.at(of_nodes, slave.facets, slope[:, None])
+            flat = -np.einsum("md,md->m", away, along)
+            flat = flat > upright(of_nodes, other[found.facet]) * np.linalg.norm(away, axis=1)
             apart = (found.facet >= 0) & flat & ~through_body(slave.points, along, found.gap, master)
             return found.only(apart)
         return found
@@ -245,8 +249,8 @@ def nodal_coupling(facing: Facing) -> Coupling:
     )
 
 
-def on_nodes(surface: Surface, chosen: Bools) -> On:
-    """Chosen nodes (n,) of a surface as points of it, each on the first facet that has it."""
+def on_nodes(surface: Surface, chosen: Bools | Ints) -> On:
+    """Chosen nodes, by a mask (n,) or by number, of a surface as points of it, each on the first facet that has it."""
     k = surface.facets.shape[1]
     at = np.unique(surface.facets.ravel(), return_index=True)[1][chosen]
     return On(at // k, dx.reference_nodes(surface.shape, surface.degree)[at % k])

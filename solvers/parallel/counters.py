@@ -60,6 +60,8 @@ class Clock:
         self._spent: dict[tuple[str, str], tuple[float, int, int]] = {}
         self._on = [(OTHER, "")]
         self._since, self._before = now(), solves()
+        self.expected = 0.0  # s that preparing the bodies and solving all steps will take, once it is known
+        self.on_phase: Callable[[Clock, str, str], None] = lambda clock, phase, part: None  # told where one begins
 
     @contextmanager
     def phase(self, phase: str, part: str = "") -> Iterator[None]:
@@ -69,6 +71,7 @@ class Clock:
         seconds, calls, solves = self._spent.get((phase, part), (0.0, 0, 0))
         self._spent[phase, part] = seconds, calls + 1, solves
         self._on.append((phase, part))
+        self.on_phase(self, phase, part)
         try:
             yield
         finally:
@@ -127,6 +130,7 @@ class Counters:
     factorisations: int = 0  # of K_B, or of its interior block K_ii
     schur_size: int = 0  # c, order of the Schur complement on the contact dofs
     volume_solves: int = 0  # applications of K_B^-1 (of K_ii^-1 when the contact dofs are condensed)
+    added_dofs: int = 0  # contact dofs that bodies which came near added, a volume solve each; nothing is factorised
     linear_iterations: int = 0  # of iterative linear solvers
     error_solves: int = 0  # applications of K_B^-1 for estimates of errors; not in volume_solves
     lanczos_applications: int = 0  # of K_B^-1 for lambda_max (Lanczos); not in volume_solves

@@ -16,9 +16,10 @@ from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.contact.coupling import seen_from
 from stickslip.solvers.effects import active
 from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.method_registry import METHODS, Solver, method_of
 from stickslip.solvers.methods.method import RIGID, Applicability, Method, Refusal, keys_of
-from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.contact import Contact, table_of
 from stickslip.solvers.scene.material import NEARLY, Elastic, Material
 from stickslip.solvers.scene.problem import PlanRow, Problem, Setup
 from stickslip.solvers.scene.scene import Scene
@@ -189,6 +190,12 @@ def _refuse_faint(setup: Setup) -> None:
         wrong = f"too soft beside the bodies, at least {least:.1e} {setup.labels('Pa/m')}"
         require(stiffness >= least, springs.key, stiffness, wrong)
     extent = setup.extent
+    for name, pair in setup.pairs.items():
+        law, most, p = pair.contact.normal, setup.softest / extent / ROUNDING, np.array([setup.softest])
+        if isinstance(law, Compliance) and (found := float(law.stiffness(p, p)[0])) > most:
+            limit = law.c_n * (most / found) ** law.m_n
+            wrong = f"penetrations drown in rounding, at most {limit:.1e} here; a rigid surface has no c_n"
+            raise SceneError(f"contacts.{name}.normal.c_n = {law.c_n:g}: {wrong}")
     least = least_springs(setup) * (extent if setup.model.startswith("plane") else extent**2)
     per_length = setup.labels("N/m")
     for link in setup.links:
@@ -228,8 +235,9 @@ def refusals(problem: Problem) -> Iterator[str]:
         contact = pair.contact
         if pair.obstacle is not None and not problem.obstacles[pair.obstacle].written_in_operators and not table.fields:
             yield f"contacts.{name}.against = {pair.obstacle}: {method} takes no graph; use condensed-newton"
-        if problem.shares(name) and not table.shared:
-            yield f"contacts.{name}.surface = {pair.slave}: {method} takes one contact a side; use condensed-newton"
+        if (problem.shares(name) or pair.skins) and not table.shared:
+            key = "between" if pair.found else f"surface = {pair.slave}"
+            yield f"contacts.{table_of(name)}.{key}: {method} takes one contact a side; use condensed-newton"
         for key, value, reason in _contact(contact, pair.obstacle is not None, table):
             yield f"contacts.{name}.{key} = {value}: {method} {reason}; use condensed-newton"
     for reason in _floating(problem, table):

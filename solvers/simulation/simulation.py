@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 
+from stickslip.geometry.keys import typed
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Comm
@@ -150,7 +151,7 @@ class Simulation:
         Raises:
             StepError: a step could not be solved. If some of its substeps succeeded, the result of the last one was
                 yielded before; its time is not a requested one.
-            NoEquilibriumError: so, and it is proved that contact and friction cannot balance the loads.
+            NoEquilibriumError: so, and it is shown that contact and friction cannot balance the loads.
         """
         state = state or self.stepper.start()
         for time in self.scene.requested_times()[done:]:
@@ -241,6 +242,7 @@ class Simulation:
         return Script(self.scene, self.stepper, self.observer)
 
 
+@typed
 def prepare(
     scene: Scene,
     comm: Comm | None = None,
@@ -281,8 +283,8 @@ def prepare(
         system = assemble(problem, mesh, counters)
         refuse_loose_parts(system)
         choice = reached.choice if reached else choose(system)
-        counts = Counts.of(mesh)
-        demand = memory_of(scene.output, counts, Size.of(problem, mesh, system.constraints, system.contacts), choice)
+        counts, size = Counts.of(mesh), Size.of(problem, mesh, system.constraints, system.contacts)
+        demand, counters.clock.expected = memory_of(scene.output, counts, size, choice), size.condensed_seconds
         with_error, short = affordable(scene.output, demand, spare(system.mesh.comm), bool(scene.accuracy.goals))
         scene = replace(scene, output=replace(scene.output, error=with_error))
         system.assembled()  # too

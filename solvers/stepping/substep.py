@@ -51,7 +51,7 @@ class Attempt:
 
     @property
     def impossible(self) -> bool:
-        """Whether it is proved that nothing balances the loads."""
+        """Whether it is shown that nothing balances the loads."""
         return self.solution.status is Status.NO_EQUILIBRIUM
 
 
@@ -123,6 +123,17 @@ class SubstepSolver:
         if self.volume is not self.chain.volume:
             self.volume, self.surface = self.chain.volume, prepare_surface(self.system, self.chain.volume)
 
+    def widen(self, system: System) -> None:
+        """Let those nodes enter that are near in a system of the same bodies with other pairs; collective."""
+        pairs = [*zip(self.system.contacts, system.contacts, strict=True)]
+        if all(c.near is None or other.near is None or (c.near == other.near).all() for c, other in pairs):
+            return
+        self.system = replace(self.system, contacts=tuple(replace(c, near=other.near) for c, other in pairs))
+        self.cone = AdmissibleSet(self.system.contacts, 0.0, self.cone.end)
+        self.chain.widen(self.system)
+        self.follow_bodies()
+        self.stage = None
+
     def follow(self) -> None:
         """Take over the current stage of `chain`; a SolverError says that it cannot be prepared; collective."""
         self.follow_bodies()
@@ -140,9 +151,9 @@ class SubstepSolver:
             problem, u_s, load = self.posed(state, end)
             # no load: no traction
             start = self._first_tractions(state, end) if problem.p_ref > 0 else np.zeros_like(state.p)
-            motion = unbalanced_motion(problem) if self.surface.floating else None
-            if motion is not None:
-                nothing = replace(tried.solution, p=start, u_c=motion, status=Status.NO_EQUILIBRIUM)
+            if self.surface.floating and (mechanism := unbalanced_motion(problem)) is not None:
+                nothing = replace(tried.solution, p=start, status=Status.NO_EQUILIBRIUM)
+                nothing = replace(nothing, u_c=mechanism.motion, lacking=mechanism.lacking)
                 return replace(tried, solution=nothing, problem=problem)
             solution, problem = self._solved(problem, u_s, state, start, on_step)
             tried = replace(tried, solution=solution, problem=problem)

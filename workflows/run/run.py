@@ -15,6 +15,7 @@ from typing import Any
 
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.mesh_sizes import SizeField
+from stickslip.solvers.accuracy.errors import joined
 from stickslip.solvers.parallel.counters import Clock, Counters, Row
 from stickslip.solvers.parallel.serialise import serialise
 from stickslip.solvers.results.linear_reference import LinearReference, linear_reference
@@ -31,7 +32,7 @@ from stickslip.workflows.formats.mesh_file import mesh_checksum
 from stickslip.workflows.formats.results import profile_lines
 from stickslip.workflows.formats.steps import step_files, write_light, write_step
 from stickslip.workflows.run import resume as resuming
-from stickslip.workflows.run.audit import Audited, audit_steps
+from stickslip.workflows.run.audit import Audited, audit_files, audit_steps
 from stickslip.workflows.run.folder import BEGUN, FORMER, ResultsFolder, work_of
 from stickslip.workflows.run.mesh_report import report_mesh
 from stickslip.workflows.run.ranks import Interrupt, all_act, raise_together
@@ -154,9 +155,22 @@ class Run:
             self._outputs(methodcaller("failed", failed, attempts))
             return "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged", str(error)
         except KeyboardInterrupt:
-            count, by = len(self._simulation.scene.requested_times()), self._interrupt.by or "the user"
-            return "interrupted", f"stopped by {by} after {len(self.steps)} of {count} steps"
+            return self._stopped
         return "converged", ""
+
+    @property
+    def _stopped(self) -> tuple[str, str]:
+        """Status and sentence of a run that was told to stop."""
+        count, by = len(self._simulation.scene.requested_times()), self._interrupt.by or "the user"
+        return "interrupted", f"stopped by {by} after {len(self.steps)} of {count} steps"
+
+    def _unless_stopped(self, status: str, sentence: str) -> tuple[str, str]:
+        """Return them, or those of a run that was told to stop since; collective."""
+        try:
+            self._interrupt.check(self._simulation.mesh.comm)
+        except KeyboardInterrupt:
+            return self._stopped
+        return status, sentence
 
     def kept(self, keep: Keep) -> bool:
         """Whether the results are to be kept; collective."""
@@ -215,15 +229,17 @@ class Run:
             told: warnings of before the first step.
         """
         simulation, audited = self._simulation, Audited()
+        if self._errors is None and simulation.scene.output.error and self.steps:  # of a run that was stopped
+            self._errors = joined(simulation.system.contacts, self.steps)
         simulation.release()  # audit and pictures come when nothing more is solved
+        status, sentence = self._unless_stopped(status, sentence)
         if simulation.scene.output.audit and status != "interrupted":
             with simulation.clock.phase("audit"):
                 audited = audit_steps(simulation, self._folder, self.steps)
+            status, sentence = self._unless_stopped(status, sentence)
         warnings = self._warnings()
-        if audited.passed and status == "converged":
-            status, sentence = "doubtful", f"the audit finds that {'; '.join(audited.passed)}"
-        elif audited.passed:
-            warnings += tuple(f"the audit finds that {one}" for one in audited.passed)
+        status, sentence, found = _with_audit(status, sentence, audited)
+        warnings += found
         outcome = Outcome(status, sentence, self._place, warnings)
         ended = Ended(status=status, steps=self.steps, errors=self._errors)
         reference: LinearReference | None = None
@@ -238,6 +254,13 @@ class Run:
             self._outputs(methodcaller("finish", ended), BEFORE)
             self._on_rank_0(lambda: write_result(self._folder, content()))
             self._outputs(methodcaller("finish", ended), AFTER)
+        if audited.audits:
+            with simulation.clock.phase("audit"):
+                audited, known = audit_files(simulation, self._folder, self.steps, self._errors, audited), audited
+            if audited.passed != known.passed:
+                status, sentence, found = _with_audit(status if status != "doubtful" else "converged", "", audited)
+                warnings += found
+                outcome = Outcome(status, sentence, self._place, warnings)
         if simulation.scene.output.linear_reference and not ended.in_haste:
             reference = linear_reference(simulation.system)
         final = content()
@@ -256,6 +279,15 @@ class Run:
     def _on_rank_0(self, act: Callable[[], object]) -> None:
         """Act on rank 0; if that fails, every rank raises the same error."""
         raise_together(self._simulation.mesh.comm, act)
+
+
+def _with_audit(status: str, sentence: str, audited: Audited) -> tuple[str, str, tuple[str, ...]]:
+    """Status, sentence and further warnings of a run that ended so, with what the audit finds."""
+    if not audited.passed:
+        return status, sentence, ()
+    if status == "converged":
+        return "doubtful", f"the audit finds that {'; '.join(audited.passed)}", ()
+    return status, sentence, tuple(f"the audit finds that {one}" for one in audited.passed)
 
 
 def run(
@@ -277,6 +309,7 @@ def run(
     from mpi4py import MPI
 
     comm, counters, watch = MPI.COMM_WORLD, Counters(), watch or Watch()
+    counters.clock.on_phase = watch.on_phase
     if began is not None:
         imports = clock.perf_counter() - began
         counters.clock.add([Row(phase="imports", part="", seconds=imports, calls=1, volume_solves=0)])
@@ -320,7 +353,7 @@ def _solve(
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
-    with Interrupt() as interrupt:
+    with Interrupt(watch.answer) as interrupt:
         reached = earlier.last.checkpoint.reached if earlier.last else None
         simulation = prepare(scene, comm, reached, sizes, bodies, counters)
         scene = simulation.scene  # without estimates of errors where they do not fit
@@ -341,13 +374,14 @@ def _solve(
             raise_together(comm, lambda: tell(simulation, report, replace(earlier, notes=notes + earlier.notes), watch))
             working = Run(simulation, outputs, place, resuming.run_of(begun), earlier, interrupt)
             try:
-                status, sentence = working.march(watch)
-                if keep is not None and status == "converged":
-                    try:
+                try:
+                    status, sentence = working.march(watch)
+                    if keep is not None and status == "converged":
                         status = status if working.kept(keep) else "abandoned"
-                    except SceneError:
+                except SceneError:
+                    if keep is not None or not working.steps:  # solved steps are not lost
                         raise_together(comm, lambda: results[0].abandon())
-                        raise
+                    raise
                 if status != "abandoned":
                     outcome, content = working.finish(status, sentence, foreseen(simulation, report))
             except MachineError as error:
