@@ -373,7 +373,7 @@ class Auditor:
         out = np.zeros(record.displacement.shape)
         out[system.nodes.input[: system.nodes.owned]] = balance.out.array_r.reshape(-1, system.mesh.dim)
         out = system.mesh.comm.allreduce(out)
-        seen = self._second.seen(record, contacts, out, told)
+        seen = self._second.seen(record, contacts, out)
         values = system.initial.values(system.course, record.time)
         work, works = system.initial.stress_work(values, u), told["energy"]
         for strain, value, pull in zip(system.initial.strains, values, work, strict=False):

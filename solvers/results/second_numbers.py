@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache, cached_property, partial
+from operator import itemgetter
 from types import SimpleNamespace
 from typing import Any
 
@@ -39,13 +40,12 @@ class SecondNumbers:
         self.around = np.array([0.0, 1.0]) if system.mesh.axisymmetric else np.ones(system.mesh.dim)
         self.side = cache(partial(gather_surface, system.mesh, system.space, system.nodes))  # by name; collective
 
-    def seen(self, record: Record, contacts: Mapping[str, Seen], out: Array, told: Told) -> dict[str, dict[str, Seen]]:
+    def seen(self, record: Record, contacts: Mapping[str, Seen], out: Array) -> dict[str, dict[str, Seen]]:
         """By table and name what is seen of each record's owner; collective.
 
         Args:
             contacts: by name.
             out: forces (nodes, d) [N] that supports and rigid sides exert, in the order of the gmsh model.
-            told: the numbers that are judged; where two cells have a probe, theirs decide between them.
         """
         found: dict[str, dict[str, Seen]] = {table: {} for table in records()}
         found["contacts"] = dict(contacts) | {
@@ -53,7 +53,7 @@ class SecondNumbers:
         }
         found["supports"] = self._supports(record, out)
         found["obstacles"] = {name: self._obstacle(name, record, contacts) for name in self._problem.obstacles}
-        found["probes"] = {name: self._probe(name, record, told["probes"][name]) for name in self._problem.probes}
+        found["probes"] = {name: self._probe(name, record) for name in self._problem.probes}
         found["bodies"] = {
             name: SimpleNamespace(moved=record.displacement[nodes], von_mises=record.stored.von_mises[cells])
             for name, (nodes, cells) in self._bodies.items()
@@ -230,13 +230,10 @@ class SecondNumbers:
             found[name] = np.unique(np.concatenate([o[0] for o in offers])), np.concatenate([o[1] for o in offers])
         return found
 
-    def _probe(self, name: str, record: Record, told: Mapping[str, Any]) -> SimpleNamespace:
-        """Fields at a point in each cell that has it; of several cells in the one that is nearest to what is told."""
-        found = [
-            (basis @ record.displacement[nodes], record.stored.stress[cell]) for nodes, basis, cell in self._at[name]
-        ]
-        moved, stress = min(found, key=lambda each: float(np.abs(each[0] - told["displacement"]).max()))
-        return SimpleNamespace(displacement=moved, stress=stress)
+    def _probe(self, name: str, record: Record) -> SimpleNamespace:
+        """Fields at a point; of several cells that have it in the first one of the gmsh model."""
+        nodes, basis, cell = min(self._at[name], key=itemgetter(2))
+        return SimpleNamespace(displacement=basis @ record.displacement[nodes], stress=record.stored.stress[cell])
 
     @cached_property
     def _at(self) -> dict[str, list[tuple[Ints, Array, int]]]:

@@ -44,7 +44,8 @@ def scene_schema() -> dict[str, Any]:
     tables["geometry"] = {"anyOf": [tables["geometry"], tables.pop("a file")]}
     for family in _families([tables, definitions]):
         for kind in family["oneOf"]:
-            definition(kind).setdefault("required", []).append(family["discriminator"]["propertyName"])
+            required, tag = definition(kind).setdefault("required", []), family["discriminator"]["propertyName"]
+            required += [tag] * (tag not in required)  # several tables share a kind
     definition(tables["solver"])["properties"]["method"]["enum"] = list(METHODS)
     scene = {
         "type": "object",
