@@ -132,7 +132,7 @@ def find_edges(gmsh: Gmsh, dim: int, sides: Mapping[str, Sequence[int]]) -> dict
             marked += [(dim - 2, int(tag)) for tag in gmsh.model.getEntitiesForPhysicalGroup(dim - 2, group)]
     named = [_ridges(gmsh, *entity) for entity in marked]
     for side, tags in sides.items():
-        drawn = not any(gmsh.model.getType(dim - 1, tag).startswith("Discrete") for tag in tags)
+        drawn = len(tags) > 0 and not any(gmsh.model.getType(dim - 1, tag).startswith("Discrete") for tag in tags)
         if not drawn and not named:
             continue
         rows = _between_entities(gmsh, dim, tags) if drawn else named

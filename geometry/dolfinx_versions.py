@@ -238,6 +238,13 @@ def facet_dofs(space: FunctionSpace, local_facet: int) -> Ints:
     return np.asarray(space.dofmap.dof_layout.entity_closure_dofs(dim - 1, local_facet))
 
 
+def exterior_facets(domain: DolfinxMesh) -> Ints:
+    """Facets (f,) that this rank owns and that bound one cell."""
+    dim = domain.topology.dim
+    domain.topology.create_connectivity(dim - 1, dim)
+    return np.asarray(mesh.exterior_facet_indices(domain.topology), np.int64)
+
+
 def facet_cells(domain: DolfinxMesh, facets: Ints) -> Ints:
     """Rows (f, 2) of cell and local facet, of exterior facets (f,)."""
     dim = domain.topology.dim

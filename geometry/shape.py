@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self, cast
@@ -19,6 +20,7 @@ from stickslip.geometry.units import Units
 MOST_CELLS = 50_000_000
 BYTES, SECONDS = 1500, 1e-4  # of a cell in gmsh and dolfinx, measured: 600 to 1600 bytes, 8 to 100 microseconds
 SIZES = ("edge_mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size")  # besides `mesh_size`
+SKIN = "*"  # name of the side that is all of a body's skin
 Model = Literal["plane strain", "plane stress", "axisymmetric", "3d"]
 
 
@@ -107,9 +109,30 @@ class Shape:
         """
         raise NotImplementedError
 
+    def skin(self, body: str, dim: int) -> tuple[Array, Array]:
+        """Sample points of all of a body's skin, and normals, as of a side."""
+        samples = [self.sample(f"{body}.{side}", dim) for side in self.bodies(dim)[body]]
+        points, normals = (np.concatenate(each) for each in zip(*samples, strict=True))
+        return points, normals
+
+    def boxes(self, body: str, dim: int) -> Array:
+        """Lower and upper corners (b, 2, d) [m] of the boxes of all that a body's skin is made of."""
+        samples = [self.sample(f"{body}.{side}", dim)[0] for side in self.bodies(dim)[body]]
+        return np.array([[points.min(axis=0), points.max(axis=0)] for points in samples])
+
+    def apart(self, one: str, other: str, dim: int) -> float:
+        """Distance [m] that two bodies have at least."""
+        a, b = self.boxes(one, dim)[:, None], self.boxes(other, dim)[None]
+        between = np.maximum(np.maximum(a[:, :, 0] - b[:, :, 1], b[:, :, 0] - a[:, :, 1]), 0.0)
+        return float(np.linalg.norm(between, axis=2).min())
+
     def shared(self, dim: int) -> Mapping[tuple[str, str], Array]:
         """Points (n, d) [m] where two bodies have the same nodes and hold each other, by the names of the two."""
         return {}
+
+    def note(self, dim: int) -> str:
+        """What was done to the cells of a mesh, in a line; "": nothing."""
+        return ""
 
     def refined(self, factor: float) -> Self:
         """The same shape with cells `factor` times as long.
@@ -188,6 +211,19 @@ class Shape:
     def edges(self, gmsh: Gmsh, sides: Mapping[str, Sequence[int]], dim: int) -> Mapping[str, Ints]:
         """Find the edges of sides in the current gmsh model, after `put`; see `find_edges`."""
         return find_edges(gmsh, dim, sides)
+
+
+def skins(gmsh: Gmsh, dim: int, bodies: Mapping[str, Sequence[int]]) -> dict[str, list[int]]:
+    """Entities of each body's skin, as body.*, without those that two bodies share.
+
+    A body of a mesh whose entities tell no boundary is left out.
+    """
+    found = {
+        body: {int(t) for _, t in gmsh.model.getBoundary([(dim, tag) for tag in tags], combined=True, oriented=False)}
+        for body, tags in bodies.items()
+    }
+    times = Counter(tag for tags in found.values() for tag in tags)
+    return {f"{body}.{SKIN}": sorted(t for t in tags if times[t] == 1) for body, tags in found.items() if tags}
 
 
 def _gigabytes(needed: float, free: float) -> str:

@@ -23,6 +23,7 @@ sweep(scene, {"contacts.base.friction.mu": [0.1, 0.2]}, folder)
     runs it with other values, in processes beside each other; `.rows` and `.to_pandas()` are its table.
 prepare(scene).script()
     returns a `Script`, which is told each step: `script.step(to=1.0, supports={"top": {"x": 0.01}})`.
+    All that a scene gives in time may change: loads, gaps, gravity, temperatures, bolts, remote points.
 
 load(folder)
     gives back what a run has left: `.steps` are the same `StepResult`s, `.mesh` the mesh, `.result` the
@@ -63,9 +64,9 @@ Units and signs
 Units are SI; any consistent set works, and `Scene(units="mm-N-MPa")` labels tables and pictures with
 it. No number is converted. d is 2 or 3. In plane models forces, areas and energies are per
 metre of thickness; in axisymmetric ones they are of the full circle, and x is the radius. Pressure is
-positive where it presses, a gap is positive where it is open. Tractions of a contact act on its slave
-side, its force and moment on the side that the scene calls `surface`. Displacements are measured from
-the undeformed mesh.
+positive where it presses, a gap is positive where it is open. Tractions, force and moment of a contact
+act on the side that the scene calls `surface`, and slips are that side's relative to the other one,
+whichever is the slave. Displacements are measured from the undeformed mesh.
 
 Under mpirun all functions are collective: every rank calls them. Fields (displacement, stress,
 `MeshData`) are on rank 0 and empty elsewhere; all other results are on every rank.

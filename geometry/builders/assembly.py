@@ -15,7 +15,7 @@ from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.mesh.mesh import mesh_shape
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.shape import Model, Request, dimensions
+from stickslip.geometry.shape import SKIN, Model, Request, dimensions
 from stickslip.geometry.user_files.parts import Parts, find_parts
 from stickslip.geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
 
@@ -75,7 +75,8 @@ class Part:
     def request(self, name: str, request: Request) -> Request:
         """Return the part of the request that concerns the body `name`."""
         own = self._own(name, request.dim)
-        slaves = tuple(own[side] for side in request.contact_sides if side in own)
+        own_skin = {f"{name}.{SKIN}": f"{own[side].split('.')[0]}.{SKIN}" for side in own}
+        slaves = tuple((own | own_skin)[side] for side in request.contact_sides if side in own | own_skin)
         pairs = tuple((own[a], own[b]) for a, b in request.periodic if a in own and b in own)
         turns = {own[side]: turn for side, turn in request.turns.items() if side in own}
         sizes = request.sizes and replace(request.sizes, points=self.in_place(request.sizes.points))

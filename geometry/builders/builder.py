@@ -15,7 +15,7 @@ from stickslip.geometry.errors import GeometryError, SceneError, require
 from stickslip.geometry.keys import Choice, Key
 from stickslip.geometry.mesh_sizes import filled
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.shape import Model, Request, Shape
+from stickslip.geometry.shape import SKIN, Model, Request, Shape
 
 Sides = Mapping[str, tuple[Array, Array]]  # by name: sample points (k, d) [m], and unit outward normals there (k, d)
 Places = Mapping[str, tuple[int, int]]  # flat sides: axis of the normal, and 0 for the lower or 1 for the upper end
@@ -74,7 +74,7 @@ class Builder(Choice, Shape):
 
     def sample(self, side: str, dim: int) -> tuple[Array, Array]:
         body, name = side.split(".")
-        return self._described(dim)[body][name]
+        return self.skin(body, dim) if name == SKIN else self._described(dim)[body][name]
 
     def check_model(self, model: Model) -> None:
         if model not in self.models:
@@ -128,7 +128,8 @@ class Builder(Choice, Shape):
 
     def touched(self, request: Request) -> set[str]:
         """Names of the sides of a single body that are to be fine."""
-        return {side.split(".")[1] for side in request.contact_sides}
+        named = {side.split(".")[1] for side in request.contact_sides}
+        return {*self.bodies(request.dim)[self.body]} if SKIN in named else named
 
     def outer(self, gmsh: Gmsh, dim: int, places: Places, rest: str | None = None) -> dict[str, list[int]]:
         """Find the boundary curves (2D) or surfaces (3D) of each side.

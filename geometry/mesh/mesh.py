@@ -20,7 +20,7 @@ from stickslip.geometry.mesh.gmsh_session import gmsh_session, own_interrupt
 from stickslip.geometry.mesh.joints import Joints, find_parts, open_seams
 from stickslip.geometry.mesh.ranks import from_rank_0
 from stickslip.geometry.protocols import Comm, DolfinxMesh, Gmsh, MeshTags
-from stickslip.geometry.shape import Request, Shape
+from stickslip.geometry.shape import SKIN, Request, Shape, skins
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,9 +76,17 @@ class Mesh(NamedParts):
 
     def facets(self, side: str) -> Ints:
         """Local numbers of the facets of a side that this rank owns."""
+        body, name = side.split(".")
+        if name == SKIN:
+            return self._skin(body)
         owned = self.domain.topology.index_map(self.dim - 1).size_local
         found = self.facet_tags.indices[self.facet_tags.values == self.sides[side]]
         return np.asarray(found[found < owned], np.int64)
+
+    def _skin(self, body: str) -> Ints:
+        """Local numbers of the facets that this rank owns and that bound a body alone."""
+        found = dx.exterior_facets(self.domain)
+        return found[np.isin(dx.facet_cells(self.domain, found)[:, 0], self.cells_of(body))]
 
     def cells_of(self, body: str) -> Ints:
         """Local numbers of the cells of a body, ghosts included."""
@@ -170,8 +178,12 @@ def _made(gmsh: Gmsh, shape: Shape, request: Request) -> tuple[NamedParts, Ints,
     dim, unit = request.dim, mesh_shape(gmsh, shape, request)
     bodies, (part, joints) = _group_names(gmsh, dim), find_parts(gmsh, dim, unit)
     sides = _group_names(gmsh, dim - 1)
-    of_sides = {s: gmsh.model.getEntitiesForPhysicalGroup(dim - 1, sides[s]).tolist() for s in request.contact_sides}
-    named = NamedParts(
+    named, whole = [s for s in request.contact_sides if s in sides], dict[str, list[int]]()
+    if len(named) < len(request.contact_sides):
+        whole = skins(gmsh, dim, {b: gmsh.model.getEntitiesForPhysicalGroup(dim, tag) for b, tag in bodies.items()})
+    of_sides = {side: whole.get(side, list[int]()) for side in request.contact_sides}
+    of_sides |= {s: gmsh.model.getEntitiesForPhysicalGroup(dim - 1, sides[s]).tolist() for s in named}
+    found = NamedParts(
         bodies=bodies,
         sides=sides,
         node_count=len(part),
@@ -181,7 +193,7 @@ def _made(gmsh: Gmsh, shape: Shape, request: Request) -> tuple[NamedParts, Ints,
         bulging=shape.bulging(gmsh, dim, unit),
         edges=shape.edges(gmsh, of_sides, dim),
     )
-    return named, part, unit
+    return found, part, unit
 
 
 def mesh_shape(gmsh: Gmsh, shape: Shape, request: Request) -> float:

@@ -78,13 +78,30 @@ def split_at_edges(surface: Surface, edges: Ints | None = None) -> Surface:
 
 def near(surface: Surface, other: Surface, reach: float) -> Surface:
     """The part of a surface whose facets may lie within `reach` [m] of another one; all of it if that is all."""
+    kept = facets_near(surface, other, reach)
+    return surface if kept.all() or not kept.any() else part_of(surface, kept)
+
+
+def facets_near(surface: Surface, other: Surface, reach: float) -> Bools:
+    """Which facets (f,) may lie within `reach` [m] of another surface."""
+    away, slack = _apart(surface, other)
+    return np.asarray(away <= reach + slack)
+
+
+def farthest(surface: Surface, other: Surface) -> float:
+    """Distance [m] at which each facet of a surface has one of another one."""
+    away, slack = _apart(surface, other)
+    return float((away + slack).max())
+
+
+def _apart(surface: Surface, other: Surface) -> tuple[Array, Array]:
+    """Distances (f,) [m] of the middles of facets from those of another surface, and the sizes of both facets."""
     parts = [side.points[side.facets] for side in (surface, other)]
     (centre, radius), (there, radius_there) = [
         (x.mean(axis=1), np.linalg.norm(x - x.mean(axis=1, keepdims=True), axis=2).max(axis=1)) for x in parts
     ]
-    away = cKDTree(there).query(centre)[0]
-    kept = away <= reach + 2 * (radius + radius_there.max())  # curved facets bulge out of the balls around their nodes
-    return surface if kept.all() or not kept.any() else _part(surface, kept)
+    # curved facets bulge out of the balls around their nodes
+    return cKDTree(there).query(centre)[0], 2 * (radius + radius_there.max())
 
 
 def halves(surface: Surface, reach: float) -> tuple[Surface, Surface]:
@@ -106,10 +123,10 @@ def halves(surface: Surface, reach: float) -> tuple[Surface, Surface]:
     along = normals @ np.linalg.eigh(np.einsum("f,fd,fe->de", weight, normals, normals))[1][:, ::-1]
     first = (np.abs(along) > np.sin(np.radians(BLUNT))).argmax(axis=1)
     front = np.take_along_axis(along, first[:, None], axis=1)[:, 0] > 0
-    return _part(surface, front), _part(surface, ~front)
+    return part_of(surface, front), part_of(surface, ~front)
 
 
-def _part(surface: Surface, kept: Bools) -> Surface:
+def part_of(surface: Surface, kept: Bools) -> Surface:
     """The part of a surface that has some of its facets (f,)."""
     nodes, facets = np.unique(surface.facets[kept], return_inverse=True)
     return replace(

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, Rows
 from stickslip.geometry.surfaces.facet_map import locate, place
-from stickslip.geometry.surfaces.overlay import segments, steepest, triangles
+from stickslip.geometry.surfaces.overlay import segments, triangles
 from stickslip.geometry.surfaces.search import through_body
 from stickslip.geometry.surfaces.surface import Surface
 
@@ -159,7 +159,7 @@ def overlap(slave: Surface, master: Surface, reach: float | Array, degree: int) 
         cells = Cells(*triangles(slave, master, normals, farthest))
     middle = _project(slave, master, normals, cells, cells.corners.mean(axis=1), np.zeros(len(cells.areas)))
     near = np.abs(middle.gap) <= reach[cells.master_facet]
-    if steepest(slave, master):  # sides with edges may be all of a body's skin
+    if slave.faces is not None or master.faces is not None:  # sides with edges may be all of a body's skin
         at = place(slave, cells.slave_facet, middle.slave_local).points
         near &= ~through_body(at, middle.normals, middle.gap, master)
     if slave.depth is not None:  # what lies deeper behind a facet is the far side of the same body

@@ -76,13 +76,27 @@ BISECTIONS = 60
 STEEP = 30.0  # [degrees], see `steepest`
 
 
-def steepest(slave: Surface, master: Surface) -> float:
-    """Cosine of the largest angle between two facets that face each other.
+def steepest(slave: Surface, master: Surface) -> tuple[Array, Array]:
+    """Largest angles (f,) and (g,) [radians] whose sum two facets may make that face each other.
 
-    Where sides have edges, faces that lean more touch by their edges alone, however they are deformed.
+    Where sides have edges, faces that lean more touch by their edges alone, however they are deformed. The facets of a
+    curved face stand for all directions between the normals at their nodes.
     """
-    edges = slave.faces is not None or master.faces is not None
-    return float(np.cos(np.radians(STEEP))) if edges else 0.0
+    if slave.faces is None and master.faces is None:
+        return np.full(len(slave.facets), np.pi / 4), np.full(len(master.facets), np.pi / 4)
+    return np.radians(STEEP) / 2 + _bends(slave), np.radians(STEEP) / 2 + _bends(master)
+
+
+def _bends(side: Surface) -> Array:
+    """Largest angles (f,) [radians] between the normals of facets and those at their nodes."""
+    own, nodes = side.facet_normals().mean(axis=1), side.node_normals()[side.facets]
+    away = np.linalg.norm(nodes - (own / np.linalg.norm(own, axis=1, keepdims=True))[:, None], axis=2)
+    return np.asarray(2 * np.arcsin(np.minimum(away / 2, 1.0)).max(axis=1))
+
+
+def upright(slope: Array, other: Array) -> Array:
+    """Cosines of the sums of such angles, of facets that face each other."""
+    return np.asarray(np.cos(np.minimum(slope + other, np.pi / 2)))
 
 
 def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> tuple[Ints, Ints, Array]:
@@ -102,8 +116,8 @@ def segments(slave: Surface, master: Surface, normals: Array, reach: float) -> t
     blocks = list(candidate_pairs(centres, radii + reach * spread, middle, *_balls_around_edges(master), reach))
     i, j = (np.concatenate(rows) for rows in zip(*blocks, strict=True))
     away = place(master, j, np.full((len(j), 1), 0.5)).area_normals
-    upright = steepest(slave, master) * np.linalg.norm(away, axis=1)
-    facing = np.einsum("qd,qd->q", away, middle[i]) < -upright
+    least = upright(*(slope[k] for slope, k in zip(steepest(slave, master), (i, j), strict=True)))
+    facing = np.einsum("qd,qd->q", away, middle[i]) < -least * np.linalg.norm(away, axis=1)
     i, j = i[facing], j[facing]
     feet = [_project_on_slave(slave, field, i, master.points[master.facets[j, end]]) for end in (0, 1)]
     ends = np.sort(np.stack(feet, axis=1), axis=1)
@@ -195,10 +209,11 @@ def triangles(slave: Surface, master: Surface, normals: Array, reach: float) -> 
     along = np.repeat(directions, len(halves), axis=0)
     inverse = np.linalg.inv(np.concatenate([edges, along[:, None]], axis=1))
     away = _area_normals(goals) * np.repeat(master.outward, len(targets))[:, None]
-    upright = steepest(slave, master) * np.linalg.norm(away, axis=1)
+    long, (slope, other) = np.linalg.norm(away, axis=1), steepest(slave, master)
+    slope, other = np.repeat(slope, len(directions) // len(slope) * len(halves)), np.repeat(other, len(targets))
     found = []
     for i, j in candidate_pairs(*_balls(ends), along, *_balls(goals), reach):
-        facing = np.einsum("qd,qd->q", away[j], along[i]) < -upright[j]
+        facing = np.einsum("qd,qd->q", away[j], along[i]) < -upright(slope[i], other[j]) * long[j]
         i, j = i[facing], j[facing]
         row, polygons = _clip(((goals[j] - origin[i]) @ inverse[i])[:, :, :2])
         i, j = i[row], j[row]

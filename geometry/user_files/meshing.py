@@ -20,7 +20,7 @@ from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.mesh.gmsh_session import generate
 from stickslip.geometry.mesh_sizes import GROWTH, USUAL, SizeField, volumes
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.shape import Turn
+from stickslip.geometry.shape import Turn, skins
 from stickslip.geometry.user_files.open_file import raise_gmsh_error
 from stickslip.geometry.user_files.parts import Parts
 from stickslip.geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
@@ -41,6 +41,7 @@ class MeshOptions:
     fine_points: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (p, 3)
     around: int = 0  # cells on a full circle, at least; 0: no rule
     sizes: SizeField | None = None  # instead of all other sizes
+    with_skins: bool = False  # whether whole skins touch
 
 
 def mesh_parts(gmsh: Gmsh, dim: int, parts: Parts, options: MeshOptions) -> RawMesh:
@@ -67,7 +68,7 @@ def mesh_parts(gmsh: Gmsh, dim: int, parts: Parts, options: MeshOptions) -> RawM
         gmsh.model.mesh.setOrder(options.order)
         if options.order == 2:
             gmsh.model.mesh.optimize("HighOrder")  # curved facets may have flattened the cells behind them
-    return read_raw_mesh(gmsh, dim, parts)
+    return read_raw_mesh(gmsh, dim, parts, options.with_skins)
 
 
 def _is_discrete(gmsh: Gmsh, dim: int) -> bool:
@@ -81,7 +82,8 @@ def _set_sizes(gmsh: Gmsh, dim: int, parts: Parts, size: float, options: MeshOpt
     field, fine_size = gmsh.model.mesh.field, options.fine_size or size
     fields = [field.add("MathEval")]
     field.setString(fields[0], "F", f"{size:.17g}")
-    tags = [tag for side in options.fine_sides for tag in parts.sides[side]]
+    known = parts.sides | (skins(gmsh, dim, parts.bodies) if options.with_skins else {})
+    tags = [tag for side in options.fine_sides for tag in known[side]]
     points = [
         gmsh.model.addDiscreteEntity(0) for _ in options.fine_points
     ]  # nodes of no cell: the mesh leaves them out

@@ -9,7 +9,7 @@ from itertools import combinations, product
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, TINY, Array, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, STEPS, TINY, Array, Ints
 from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
 from stickslip.geometry.errors import GeometryError, GluedError
 from stickslip.geometry.mesh.gmsh_session import generate
@@ -20,7 +20,6 @@ from stickslip.geometry.user_files.raw_mesh import RawMesh, facets_among, read_r
 COARSE = 8  # cells along the box's diagonal, for sampling and drawing
 ROUND = 16  # cells on a full circle
 KNOWN = ("Plane", "Cylinder", "Line", "Circle")  # gmsh's types of entities that facets' corners tell all about
-STEPS = 20  # to the nearest point of a CAD face; from a facet's middle it takes about 6
 CURVED, CHECKED = 10_000, 50  # facets of a face whose bulge is asked for, and of those that are checked, at most
 STEEP = 0.5  # bulge of an edge of a facet relative to its length, at most; a half circle's
 RAY = np.array([0.5377, 0.7217, 0.4359])  # direction that is unlikely to meet an edge
@@ -75,6 +74,11 @@ class Outline:
     side_of: dict[int, str]  # tag of an entity -> its body.side
     shared: dict[tuple[str, str], Array] = field(default_factory=dict)  # two bodies -> points (n, 3) of both
     note: str = ""  # what was done to the cells of a mesh, in a line
+
+    def skin(self, body: str) -> tuple[Array, Array]:
+        """Sample points (k, 3) of all of a body's skin, and unit outward normals there."""
+        faces = [face for face in self.entities if face.bodies == (body,)]
+        return _sample(*(np.concatenate([x(face) for face in faces]) for x in (lambda f: f.corners, Facets.normals)))
 
     def times(self, factor: float, dim: int) -> Outline:
         """The same, its lengths multiplied by a factor: in another unit."""
@@ -205,17 +209,23 @@ def _outward_of_mesh(gmsh: Gmsh, dim: int, raw: RawMesh, corners: dict[int, Arra
 
 
 def _outward_of_cad(gmsh: Gmsh, dim: int, parts: Parts, corners: dict[int, Array]) -> Oriented:
-    """Normals of an entity point outward if that of one of its large facets leads out of the body."""
+    """Normals of an entity point outward if that of one of its large facets leads out of the part that it bounds.
+
+    The sides of a closed crack bound different parts of a body.
+    """
     bodies: dict[int, tuple[str, ...]] = dict.fromkeys(corners, ())
     oriented = dict(corners)
     for body, tags in parts.bodies.items():
-        boundary = gmsh.model.getBoundary([(dim, tag) for tag in tags], combined=True, oriented=False)
-        own = [tag for _, tag in boundary if tag in corners]
-        shell = Shell([corners[tag] for tag in own], dim) if own else None
-        for place, tag in enumerate(own):
-            bodies[tag] += (body,)
-            if len(bodies[tag]) == 1 and shell is not None and not shell.outward(place):
-                oriented[tag] = corners[tag][:, ::-1]
+        skin = gmsh.model.getBoundary([(dim, tag) for tag in tags], combined=True, oriented=False)
+        for part in tags:
+            boundary = gmsh.model.getBoundary([(dim, part)], combined=True, oriented=False)
+            own = [tag for _, tag in boundary if tag in corners]
+            shell = Shell([corners[tag] for tag in own], dim) if own else None
+            for place, tag in enumerate(own):
+                if shell is not None and (dim - 1, tag) in skin:
+                    bodies[tag] += (body,)
+                    if len(bodies[tag]) == 1 and not shell.outward(place):
+                        oriented[tag] = corners[tag][:, ::-1]
     return bodies, oriented
 
 

@@ -10,6 +10,7 @@ from stickslip.geometry.arrays import ROUNDING, Array, Ints
 from stickslip.geometry.curved_facets import Bulging, find_bulging, find_edges
 from stickslip.geometry.errors import GeometryError, GluedError
 from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import skins
 from stickslip.geometry.user_files.cells import SHAPES, usable
 from stickslip.geometry.user_files.parts import CELL_WORD, Parts
 
@@ -45,8 +46,11 @@ class RawMesh:
                 gmsh.model.setPhysicalName(dim, number, name)
 
 
-def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
+def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts, with_skins: bool = False) -> RawMesh:
     """Read cells and facets of the current gmsh model, which gets usable ones if it has others.
+
+    Args:
+        with_skins: whether edges of whole skins are looked for.
 
     Raises:
         GeometryError: cells of several orders, in no body, without volume or turned inside out; a node with a
@@ -74,9 +78,8 @@ def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
     _check_volumes(gmsh, dim, kind, parts)
     check_neighbours(kind, cells)
     _check_facets(kind, cells, facets)
-    edges = {
-        side: rows[np.isin(rows, used - 1).all(axis=1)] for side, rows in find_edges(gmsh, dim, parts.sides).items()
-    }
+    sides = parts.sides | (skins(gmsh, dim, parts.bodies) if with_skins else {})
+    edges = {side: rows[np.isin(rows, used - 1).all(axis=1)] for side, rows in find_edges(gmsh, dim, sides).items()}
     return RawMesh(
         dim, kind, points,
         {body: np.searchsorted(used, rows) for body, rows in cells.items()},

@@ -108,8 +108,6 @@ def ask(question: Question) -> Outline | RawMesh:
             f"{name}: gmsh's process gave an answer that cannot be read; is the file damaged?"
         ) from None
     if isinstance(found, Outline | RawMesh):
-        if found.note:
-            log.info("%s: %s", name, found.note)
         return found
     raise GeometryError(f"{name}: {shortened(str(found).removeprefix(f'{name}: '))}")
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, SLIGHT, TINY, Array, Bools, Ints
 from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
+from stickslip.geometry.shape import SKIN
 from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.geometry.user_files.outline import Facets, Form, Outline, fit
@@ -125,7 +126,10 @@ def joined(outline: Outline) -> dict[tuple[str, str], tuple[int, ...]]:
 
 
 def touching(outline: Outline, dim: int, within: float | None = None) -> list[Pair]:
-    """All pairs of sides of different bodies with a part within a distance [m] of each other, and facing it."""
+    """All pairs of sides with a part within a distance [m] of each other, and facing it.
+
+    Sides of one body face each other across what is open, not through it; one that is curved may face itself.
+    """
     reach = WITHIN * float(np.linalg.norm(np.ptp(outline.box, axis=0))) if within is None else within
     faces = [face for face in outline.entities if len(face.bodies) == 1]
     if not faces:
@@ -136,7 +140,9 @@ def touching(outline: Outline, dim: int, within: float | None = None) -> list[Pa
     slack = (reach + sag)[:, None]
     near = np.array([np.all((a - reach <= high + slack) & (low - slack <= b + reach), axis=1)
                      for a, b in zip(low - sag[:, None], high + sag[:, None], strict=True)])  # fmt: skip
-    near &= body[:, None] != body[None, :]
+    flat = [np.unique(_unit(face.normals()).round(1), axis=0) for face in faces]
+    for i, j in zip(*np.nonzero(near & (body[:, None] == body[None, :])), strict=True):
+        near[i, j] = (flat[i] @ flat[j].T).min() < -OPPOSITE / 2  # they are rounded
     used = np.flatnonzero(near.any(axis=1))
     sides = _sides([faces[i] for i in used], outline, dim)
     of = {face.number: side for side in sides for face in side.faces}
@@ -147,7 +153,8 @@ def touching(outline: Outline, dim: int, within: float | None = None) -> list[Pa
     found = []
     for i, j in sorted(candidates):
         one, other = sorted((sides[i], sides[j]), key=lambda side: side.area)
-        pair_found = _measure(one, other, reach, dim)
+        known = one is other and one.form.kind != "other"  # a plane or a bore, which does not face itself closely
+        pair_found = None if known else _measure(one, other, reach, dim)
         if pair_found is not None:
             found.append(pair_found)
     return found
@@ -178,8 +185,10 @@ def thinned(pairs: Sequence[Pair], spacing: float) -> Array:
 
 def named(name: str, outline: Outline, dim: int) -> Side:
     """The side of a name that the outline has, as body.side."""
-    faces = tuple(f for f in outline.entities if outline.side_of.get(f.number) == name)
-    return Side.of(name.split(".")[0], faces, dim, name)
+    body, side = name.split(".")
+    whole = side == SKIN
+    faces = (f for f in outline.entities if (f.bodies == (body,) if whole else outline.side_of.get(f.number) == name))
+    return Side.of(body, tuple(faces), dim, name)
 
 
 def _sides(faces: Sequence[Facets], outline: Outline, dim: int) -> list[Side]:
@@ -198,10 +207,13 @@ def _sides(faces: Sequence[Facets], outline: Outline, dim: int) -> list[Side]:
     return sides
 
 
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
 def sag_of(face: Facets) -> float:
     """Largest distance of a face's facets from the curved face [m]: by their bulge, and the turn of normals."""
-    corners, normals = face.corners, face.normals()
-    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    corners, normals = face.corners, _unit(face.normals())
     f, k = corners.shape[:2]
     low, high = face.box
     places = ((corners.reshape(-1, 3) - low) / np.ptp([low, high], axis=0).max()).round(9)
@@ -244,6 +256,7 @@ class _Meeting:
     master: Surface  # the other side
     normals: Array  # (g, 3) unit normals of its facets
     far: float  # [m] as far as lines are followed
+    least: float  # gap [m] that counts
 
     @staticmethod
     def of(one: Side, other: Side, low: Array, high: Array, far: float) -> _Meeting | None:
@@ -265,9 +278,9 @@ class _Meeting:
             outward=np.ones(len(corners)),
             axisymmetric=False,
         )
-        normals = normals_of(corners)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return _Meeting(one.corners[here], one.bulge[here], (one.form, other.form), master, normals, far)
+        least = -CLOSE * float(np.linalg.norm(high - low)) if one.body == other.body else -np.inf
+        forms = one.form, other.form
+        return _Meeting(one.corners[here], one.bulge[here], forms, master, _unit(normals_of(corners)), far, least)
 
     def sampled(self, facet: Ints, parts: Array, weights: Array) -> _Samples:
         """The middles of parts of facets."""
@@ -281,7 +294,7 @@ class _Meeting:
         met = pair(points[:, :dim], normals[:, :dim], self.master, self.far)
         gap = met.gap if other.kind == "other" else other.distance(points)
         facing = np.einsum("pd,pd->p", normals, self.normals[met.facet])
-        gap = np.where((met.facet >= 0) & (facing < -OPPOSITE), gap, np.inf)
+        gap = np.where((met.facet >= 0) & (facing < -OPPOSITE) & (gap >= self.least), gap, np.inf)
         return _Samples(facet, parts, weights, points, gap, facing)
 
     def spread(self, spacing: float) -> _Samples:
@@ -344,7 +357,8 @@ def _measure(one: Side, other: Side, reach: float, dim: int, spacing: float = np
             least.append(samples)
             near = samples if np.sum(near.gap <= reach) < ENOUGH else near
     area = float(near.weights[near.gap <= reach].sum())
-    touch = (tips.gap <= reach) & ((area > 0) | (tips.facing < -AGAINST))
+    point = one.body != other.body  # faces of one body meet at its edges
+    touch = (tips.gap <= reach) & ((area > 0) | (point & (tips.facing < -AGAINST)))
     points = np.concatenate([near.points[near.gap <= reach], tips.points[touch]])
     if not len(points):
         return None

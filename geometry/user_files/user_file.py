@@ -21,7 +21,7 @@ from stickslip.geometry.errors import GeometryError, SceneError, nearest, prefix
 from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.mesh_sizes import filled, refined_near
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.shape import Model, Request, Shape
+from stickslip.geometry.shape import SKIN, Model, Request, Shape
 from stickslip.geometry.units import LENGTHS, Units
 from stickslip.geometry.user_files.interpenetration import Overlap, overlaps
 from stickslip.geometry.user_files.meshing import MeshOptions, cut_to_sizes
@@ -235,11 +235,21 @@ class UserFile(Noun, Shape):
         return self.outline(dim).box[:, :dim]
 
     def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        points, normals = self.outline(dim).samples[side]
+        body, name = side.split(".")
+        points, normals = self.skin(body, dim) if name == SKIN else self.outline(dim).samples[side]
         return points[:, :dim], normals[:, :dim]
+
+    def skin(self, body: str, dim: int) -> tuple[Array, Array]:
+        return self.outline(dim).skin(body)
+
+    def boxes(self, body: str, dim: int) -> Array:
+        return np.array([face.box[:, :dim] for face in self.outline(dim).entities if face.bodies == (body,)])
 
     def shared(self, dim: int) -> Mapping[tuple[str, str], Array]:
         return {bodies: points[:, :dim] for bodies, points in self.outline(dim).shared.items()}
+
+    def note(self, dim: int) -> str:
+        return self.outline(dim).note
 
     def overlaps(self, dim: int) -> Sequence[Overlap]:
         """Bodies that lie in each other, the deepest ones first."""
@@ -286,6 +296,7 @@ class UserFile(Noun, Shape):
             },
             order=1 if self.own_mesh and sizes else self.order,
             sizes=None if self.own_mesh else sizes,
+            with_skins=any(side.endswith(SKIN) for side in request.contact_sides),
         )
         mesh = ask(self.question(request.dim, options))
         assert isinstance(mesh, RawMesh)

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import CHUNK, EXACT, Array, inverse_and_determinant, inverses
+from stickslip.geometry.arrays import CHUNK, EXACT, Array, Ints, inverse_and_determinant, inverses
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, Sparse, UflForm, Vec
@@ -161,6 +161,11 @@ class Bubbles:
         values = self._whole.x.array.reshape(-1, mesh.dim)
         own = {name: place for name, place in places.items() if place is not None}
         return {name: InCell(cell, basis @ nodes, values[dofs[cell]]) for name, (cell, basis) in own.items()}
+
+    def whole(self, u: Vec, x: Vec) -> tuple[Array, Ints]:
+        """u + x (nodes, d) [m] of this rank, and the nodes (own cells, k) of its cells; collective."""
+        self._add_up(u, x)
+        return self._whole.x.array.reshape(-1, self.system.mesh.dim), dx.cell_dofs(self.space)
 
     def _add_up(self, u: Vec, x: Vec) -> None:
         """Set `_whole` to u + x, ghosts included; collective."""

@@ -23,7 +23,7 @@ import numpy as np
 from stickslip.geometry.arrays import EPS, Bools
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.lower_order import smooth_errors
-from stickslip.solvers.accuracy.mesh_error import Values, mesh_errors
+from stickslip.solvers.accuracy.mesh_error import Values, mesh_errors, stress_errors
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.observe import LINEAR, Observer
 from stickslip.solvers.results.step_result import (
@@ -155,6 +155,23 @@ def with_unresolved(contacts: Sequence[ContactRows], step: StepResult, errors: E
     for name, x in product(step.sums, LOCAL):
         each = [found.get(Quantity("contacts", pair, x), ErrorParts()) for pair in step.parts(name)]
         found[Quantity("contacts", name, x)] = ErrorParts.added(each)
+    return with_means(step, found)
+
+
+def with_means(step: StepResult, errors: Errors) -> Errors:
+    """Errors of a step's numbers; that of the mesh of a mean pressure follows from those of force and area."""
+    found = dict(errors)
+    for name, of in {**step.contacts, **step.sums}.items():
+        force, area, mean = (
+            found.get(Quantity("contacts", name, key), ErrorParts())
+            for key in ("normal_force", "contact_area", "mean_pressure")
+        )
+        parts = dict[str, Value | None]()
+        for part in ("mesh", "geometry"):
+            N, A = getattr(force, part), getattr(area, part)
+            known = N is not None and A is not None and (of.contact_area or not A)
+            parts[part] = (N + of.mean_pressure * A) / (of.contact_area or 1.0) if known else None
+        found[Quantity("contacts", name, "mean_pressure")] = replace(mean, **parts, converges=area.converges)
     return found
 
 
@@ -163,6 +180,7 @@ def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> St
     found = quantities(result)
     of_order_1 = accepted.stepper.system.mesh.degree == 1
     corrected, of_mesh = (mesh_errors if of_order_1 else smooth_errors)(observe, accepted, result)
+    of_mesh = {**of_mesh, **stress_errors(observe, accepted, result)}
     of_iteration = iteration_errors(observe, accepted, found)
     exact_laws = accepted.stepper.chain.exact_laws
     errors = dict[Quantity, ErrorParts]()

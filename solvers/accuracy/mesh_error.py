@@ -82,7 +82,8 @@ def by_chance(c: ContactRows, own: ContactState, better: ContactState) -> dict[s
         better: a solution with less of the same error, at the same nodes.
     """
     weight, pressure = own.weight[:, None], np.abs(better.pressure - own.pressure)
-    force = weight * (better.traction - own.traction + (own.pressure - better.pressure)[:, None] * c.frames[:, 0])
+    n = c.sense * c.frames[:, 0]
+    force = weight * (better.traction - own.traction + (own.pressure - better.pressure)[:, None] * n)
     work = (weight * (better.traction * better.slip_increment - own.traction * own.slip_increment)).sum(axis=1)
     slip = np.linalg.norm(better.slip - own.slip, axis=1)
     slipped = np.where(own.status == OPEN, 0.0, np.linalg.norm(own.slip, axis=1))
@@ -111,7 +112,7 @@ def with_ends(contacts: Iterable[ContactRows], step: StepResult, errors: Errors)
         rings = [row.indices for row in near]
         weights, left = state.weight[c.ends], dict[str, Value]()
         for name, field in {
-            "force": state.traction - state.pressure[:, None] * c.frames[:, 0],
+            "force": state.traction - c.sense * state.pressure[:, None] * c.frames[:, 0],
             "normal_force": state.pressure[:, None],
             "tangential_force": state.traction,
         }.items():
@@ -358,6 +359,35 @@ def _at_corners(observe: Observer, result: StepResult) -> list[str]:
     if mesh.comm.rank == 0:
         found = [name for name, cell in cells.items() if grows_in(observe.data.cells, result.stress, cell)]
     return list(mesh.comm.bcast(found))
+
+
+def stress_errors(observe: Observer, accepted: Accepted, result: StepResult) -> dict[Quantity, ErrorParts]:
+    """Errors of the largest stresses of bodies, which are those of midpoints; collective.
+
+    Stresses are larger at the surface: STRESS times the difference to the largest one at corners of cells is stated, of
+    order 1 with bubbles, and no less than that of the recovered stress in the cell. At a corner there is no limit.
+    """
+    recovered, data, companion = observe.recovered, observe.data, observe.stepper.companion
+    if recovered is None or data is None:
+        return {}
+    system, state, refined = observe.stepper.system, accepted.state, accepted.state.refined
+    stress = observe.stress(state.u, state.initial)
+    if system.mesh.degree > 1:
+        u, cells = observe.stress.displacement.x.array.reshape(-1, system.mesh.dim), dx.cell_dofs(system.space)
+    elif refined is not None and isinstance(companion, MeshCorrection):
+        u, cells = companion.whole(refined)
+    else:
+        return {}
+    better = recovered.largest(u, cells, stress)
+    errors = dict[Quantity, ErrorParts]()
+    for index, (name, of) in enumerate(result.bodies.items() if len(data.cells) else ()):
+        own = np.flatnonzero(data.body == index)
+        cell = int(own[np.argmax(result.von_mises[own])])
+        off = STRESS * max(abs(better[index] - of.max_von_mises), float(result.stress_error[cell]))
+        grows = grows_in(data.cells, result.stress, cell)
+        known = ErrorParts(converges=False) if grows else ErrorParts(mesh=off, geometry=0.0, converges=True)
+        errors[Quantity("bodies", name, "max_von_mises")] = known
+    return dict(system.mesh.comm.bcast(errors))
 
 
 def _largest_slip(c: ContactRows, contact: ContactState) -> float:

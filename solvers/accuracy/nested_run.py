@@ -103,7 +103,7 @@ def _changes(c: ContactRows, steps: Sequence[StepResult]) -> Iterator[tuple[Arra
         status, facets = contact.status[c.surface.facets], c.surface.facets
         changes = (status != status[:, :1]).any(axis=1) | (facets == np.argmax(contact.pressure)).any(axis=1)
         mine = c.surface.points[facets[changes]]
-        yield mine, mine + contact.slip[facets[changes]]
+        yield mine, mine + c.sense * contact.slip[facets[changes]]
 
 
 def _overlap(facets: Array, segments: Array) -> Bools:

@@ -27,7 +27,7 @@ from functools import cached_property
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array
+from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array, Ints
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Vec
 from stickslip.geometry.surfaces.surface import gather_surface
@@ -215,6 +215,11 @@ class MeshCorrection:
         """The same in the cells that the points are in, see `Bubbles.in_cells`; collective."""
         assert state.surplus is not None
         return self._bubbles.in_cells(state.u, state.surplus, places)
+
+    def whole(self, state: State) -> tuple[Array, Ints]:
+        """Displacement of a state with bubbles at all nodes, and those of cells, see `Bubbles.whole`; collective."""
+        assert state.surplus is not None
+        return self._bubbles.whole(state.u, state.surplus)
 
     def rims(self, system: System) -> Mapping[str, Array]:
         """Area (n,) [m²] of the rim of each contact's slave, by node, see `rim_of`."""

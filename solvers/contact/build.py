@@ -14,6 +14,7 @@ from scipy import sparse
 from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools, Ints
 from stickslip.geometry.errors import SceneError, prefixed
 from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.shape import SKIN
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.coupling import DIGITS, Coupling
 from stickslip.solvers.contact.rows import ContactRows, Fields, of_both
@@ -236,7 +237,7 @@ def build_rows(
             dropped = 0
         else:
             carrier = normal_carriers[name]
-            if not carrier.share.shape[0] and weights.any():
+            if not carrier.share.shape[0] and weights.any() and not contact.surface.endswith(SKIN):
                 raise SceneError(
                     f"contacts.{name}: supports prescribe the normal motion of all of {contact.surface}, so it can "
                     "carry no contact pressure; free it or remove the contact"

@@ -24,7 +24,7 @@ from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
-from stickslip.geometry.surfaces.overlay import steepest
+from stickslip.geometry.surfaces.overlay import steepest, upright
 from stickslip.geometry.surfaces.search import Pairing, pair, through_body
 from stickslip.geometry.surfaces.surface import Surface
 
@@ -105,9 +105,12 @@ class Facing:
         """Facets of the master that the slave's nodes meet along unit directions (n, d)."""
         slave, master = self.slave, self.master
         found = pair(slave.points, along, master, self.reach)
-        if steepest(slave, master):  # sides with edges may be all of a body's skin
-            away = place(master, found.facet, found.local).area_normals
-            flat = -np.einsum("md,md->m", away, along) > steepest(slave, master) * np.linalg.norm(away, axis=1)
+        if slave.faces is not None or master.faces is not None:  # sides with edges may be all of a body's skin
+            away, (slope, other) = place(master, found.facet, found.local).area_normals, steepest(slave, master)
+            of_nodes = np.zeros(len(slave.nodes))
+            np.maximum.at(of_nodes, slave.facets, slope[:, None])
+            flat = -np.einsum("md,md->m", away, along)
+            flat = flat > upright(of_nodes, other[found.facet]) * np.linalg.norm(away, axis=1)
             apart = (found.facet >= 0) & flat & ~through_body(slave.points, along, found.gap, master)
             return found.only(apart)
         return found

@@ -7,18 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, Array
+from stickslip.geometry.arrays import CLOSE, Array, Bools
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.surfaces.faces import halves
 from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.user_files.touching import WITHIN
 from stickslip.solvers.contact.build import build_rows
 from stickslip.solvers.contact.coupling import Coupling, nodal_coupling
 from stickslip.solvers.contact.edges import with_edges
 from stickslip.solvers.contact.mortar import mortar_coupling
 from stickslip.solvers.contact.partners import Operator, Partner, alone, among_partners, within_reach
 from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.contact.skins import NEAR, among_skins, nodes_near
 from stickslip.solvers.fem.constraints import Constraints
-from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.contact import REACH, Contact
 from stickslip.solvers.scene.problem import Pair, Problem
 
 OPERATORS: Mapping[str, Operator] = {
@@ -26,9 +28,6 @@ OPERATORS: Mapping[str, Operator] = {
     "node-to-segment": nodal_coupling,
     "node-to-face": nodal_coupling,
 }
-
-
-REACH = 0.2  # of the sides' extent: as far as contact is searched for where the scene does not say
 
 
 def with_halves(problem: Problem, sides: Mapping[str, Surface]) -> Mapping[str, Surface]:
@@ -51,42 +50,67 @@ def with_halves(problem: Problem, sides: Mapping[str, Surface]) -> Mapping[str, 
 def pair_up(
     problem: Problem, sides: Mapping[str, Surface], constraints: Constraints, moved: Mapping[str, Array]
 ) -> tuple[ContactRows, ...]:
-    """Rows of all pairs.
+    """Rows of all pairs; of those that are found some may touch nowhere.
 
     Args:
         sides: surfaces in the reference configuration, see `Pair.surfaces`.
-        moved: displacement (n_all, d) [m] of the nodes of pairs that slide, relative to a rigid obstacle.
+        moved: displacement (n_all, d) [m] of the nodes of pairs that slide, relative to a rigid obstacle; of pairs that
+            are found also which nodes are near, see `NEAR`.
 
     Raises:
         SceneError: nothing of a slave side faces its master within reach.
     """
-    sharing = dict[str, list[str]]()
+    sharing = dict[tuple[str, bool], list[str]]()
     for name, known in problem.pairs.items():
-        sharing.setdefault(known.surfaces[0], []).append(name)
-    couplings = dict[str, tuple[Contact, Coupling]]()
-    for side, names in sharing.items():
+        sharing.setdefault((known.surfaces[0], known.skins), []).append(name)
+    couplings, near = dict[str, tuple[Contact, Coupling]](), dict[str, Bools]()
+    for (side, skins), names in sharing.items():
         pairs = [problem.pairs[name] for name in names]
         partners = [_partner(problem, known, sides, moved.get(known.name)) for known in pairs]
-        if any(len(known.bodies) != 2 or len({*known.bodies}) > 1 for known in pairs):  # of one body behind is the body
+        if not skins and any(
+            len(known.bodies) != 2 or len({*known.bodies}) > 1 for known in pairs
+        ):  # of one body behind is the body
             partners = [replace(each, slave=replace(each.slave, depth=None)) for each in partners]
         positive = any(pair.contact.normal.at_quadrature and pair.contact.friction is not None for pair in pairs)
         if positive:  # friction bounds are means of pressures with phi~
             partners = [replace(each, slave=replace(each.slave, positive=True)) for each in partners]
-        if not any(pair.contact.sliding for pair in pairs):
-            partners = within_reach(partners)
-        found = among_partners(partners) if len(partners) > 1 else [alone(partners[0])]
-        found = [(with_edges(coupling, facing), facing) for coupling, facing in found]
-        touching = [bool(np.any(coupling.weights > 0)) for coupling, _ in found]
-        for known, partner, (coupling, _), touches in zip(pairs, partners, found, touching, strict=True):
+        if skins:
+            each = dict(zip(names, partners, strict=True))
+            near |= {name: _nodes_near(problem, name, partner, moved) for name, partner in each.items()}
+            given = {name for name in names if problem.pairs[name].contact.gap is not None}
+            of_skins = among_skins(each, {name: near[name] for name in names}, given)
+            found = [of_skins[name] for name in names]
+        else:
+            if not any(pair.contact.sliding for pair in pairs):
+                partners = within_reach(partners)
+            facing = among_partners(partners) if len(partners) > 1 else [alone(partners[0])]
+            found = [with_edges(coupling, faces) for coupling, faces in facing]
+        touching = [bool(np.any(coupling.weights > 0)) for coupling in found]
+        for known, partner, coupling, touches in zip(pairs, partners, found, touching, strict=True):
             couplings[known.name] = known.contact, coupling
-            if not touches and not (known.contact.sliding and any(touching)):
+            if not (touches or known.found) and not (known.contact.sliding and any(touching)):
                 nowhere = f"contacts.{known.name}: nothing of {side} faces {known.master} within {partner.reach:g} "
                 nowhere += f"{problem.labels.length}; set search_distance, or exchange the sides"
                 hidden = f"contacts.{known.name}: all of {side} reaches other partners first; leave this one out, set "
                 hidden += "search_distance, or let the contact slide"
                 raise SceneError(hidden if any(touching) else nowhere)
     couplings = {name: couplings[name] for name in problem.pairs}
-    return tuple(build_rows(couplings, constraints, moved, problem.timeline.end))
+    every = build_rows(couplings, constraints, moved, problem.timeline.end)
+    exchanged = {name for name, known in problem.pairs.items() if known.slave != known.contact.surface}
+    signed = (replace(rows, sense=-1.0) if rows.name in exchanged else rows for rows in every)
+    return tuple(replace(rows, near=near[rows.name]) if rows.name in near else rows for rows in signed)
+
+
+def _nodes_near(problem: Problem, name: str, partner: Partner, moved: Mapping[str, Array]) -> Bools:
+    assert isinstance(partner.other, Surface)
+    found, key = nodes_near(partner.slave, partner.other, margin(problem, name)), f"{name}{NEAR}"
+    return found | (moved[key] > 0) if key in moved else found
+
+
+def margin(problem: Problem, name: str) -> float:
+    """Distance [m] within which facets of a pair that is found may touch, see `nodes_near`."""
+    diagonal = float(np.linalg.norm(np.ptp(problem.shape.box(problem.dim), axis=0)))
+    return problem.pairs[name].contact.search_distance or WITHIN * diagonal
 
 
 def with_images(side: Surface, constraints: Constraints, name: str) -> Surface:

@@ -83,7 +83,11 @@ class ContactRows:
     quadrature: Callable[[int], Points] | None = None  # integration points by degree; None: the rows are given without
     degree: int = 0  # of that at which a compliance law gives pressure by displacement
     fields: Fields | None = None  # None: the rows are given without
+    near: Bools | None = None  # (n_all,) of skins the nodes that may touch; None: all
     time: float = 0.0  # that `gap`, `node_gap` and `friction` are of [s]
+    sense: float = (
+        1.0  # -1 where the side that the scene calls `surface` is the master: vectors are reported as its own
+    )
 
     def at(self, time: float) -> ContactRows:
         """The rows with the gap and the friction law of another time [s]."""
@@ -103,6 +107,11 @@ class ContactRows:
     def nodes(self) -> Ints:
         """Global numbers (n_all,): the slave's, then the master's."""
         return np.concatenate([self.surface.nodes, self.master.nodes]) if self.master else self.surface.nodes
+
+    @cached_property
+    def near_nodes(self) -> Ints:
+        """Those of `nodes` that may touch."""
+        return self.nodes if self.near is None else self.nodes[self.near]
 
     @cached_property
     def input(self) -> Ints:

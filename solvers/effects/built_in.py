@@ -29,12 +29,16 @@ class Row(Effect):
 
 def _with_law(key: str, kind: type[object], scene: Scene) -> Iterable[str]:
     """Keys of the contacts with a law of a kind under a key, which is `normal` or `friction`."""
-    return (f"contacts.{name}.{key}" for name, c in scene.contacts.items() if isinstance(getattr(c, key), kind))
+    changes = {
+        f'{name}.pairs."{pair}"': change for name, c in scene.contacts.items() for pair, change in c.pairs.items()
+    }
+    tables = {**scene.contacts, **changes}.items()
+    return (f"contacts.{name}.{key}" for name, c in tables if isinstance(getattr(c, key), kind))
 
 
 def _of_friction(scene: Scene) -> str:
     """Cost of each law beside Coulomb's."""
-    friction = [contact.friction for contact in scene.contacts.values() if contact.friction is not None]
+    friction = [contact.friction for contact in scene.pairs.values() if contact.friction is not None]
     laws = {getattr(law, law.tag): law for law in friction}
     rows = f"{scene.dim - 1} row{'s' * (scene.dim > 2)} a point"
     return "; ".join(f"{name}: {rows}{_more(law)}" for name, law in laws.items())
@@ -54,8 +58,11 @@ def _averaged(scene: Scene) -> Iterable[str]:
 
 def _pairs(scene: Scene) -> Iterable[str]:
     """Contacts between deformable surfaces."""
-    bodies = scene.contacts.items()
-    return (f"contacts.{name}.against" for name, c in bodies if not scene.obstacles.keys() >= set(c.partners))
+    for name, c in scene.contacts.items():
+        if c.between is not None:
+            yield f"contacts.{name}.between"
+        elif not scene.obstacles.keys() >= set(c.partners):
+            yield f"contacts.{name}.against"
 
 
 def _orthotropic(scene: Scene) -> Iterable[str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 from petsc4py import PETSc
@@ -69,12 +70,14 @@ class FactorisedVolume:
         self._factorised = A = K if mixed is None else mixed
         count, displacements = len(contact_dofs), K.getLocalSize()[0]
         contact = self.contact if mixed is None else Replicated(A.createVecRight(), _renumbered(contact_dofs, K, A))
+        self._added = _Added.none(self.contact, K.createVecRight())
+        self._number = np.zeros(0, np.int64)  # of the part that each dof is in; one rank's
         if K.comm.size > 1 or not several:
             pressures = A.getSize()[0] - K.getSize()[0]
             self._parts = [_Factor(A, contact, low_rank, pressures=pressures)]
             self.S = BlockDiagonal.whole(self._parts[0].S)
         else:
-            number = _connected(A)
+            self._number = number = _connected(A)
             self._parts = [
                 _part(A, np.flatnonzero(number == k), contact.rows, low_rank, displacements)
                 for k in range(number.max(initial=-1) + 1)
@@ -82,6 +85,55 @@ class FactorisedVolume:
             belongs = number[contact.rows]
             self.S = joined(count, [(np.flatnonzero(belongs == k), part.S) for k, part in enumerate(self._parts)])
         self.counters.factorisations += 1
+
+    def widened(self, dofs: Ints) -> FactorisedVolume:
+        """The same bodies condensed on further dofs too, by the same factor: a volume solve each; collective.
+
+        With the columns X = K_ii^-1 E of new dofs n, A = (E^T X)^-1 is the stiffness of these with the old ones held,
+        and P = X^T K_ic what they move when the old ones do: S' = [[S + P^T A P, P^T A], [A P, A]].
+
+        Args:
+            dofs: global numbers; those that are contact dofs already cost nothing.
+        """
+        before, other = self._added, copy(self)
+        new = np.setdiff1d(dofs, self.contact.rows)
+        if not len(new):
+            return self
+        rows = np.concatenate([before.dofs.rows, new])
+        known, like = len(before.dofs.rows), self.K.createVecRight()
+        every, own = Replicated(like, rows), before.old
+        F, P = np.zeros((len(rows), len(rows))), np.zeros((len(rows), len(own.rows)))
+        F[:known, :known], P[:known] = before.F, before.P
+        for k in range(known, len(rows)):
+            unit = like.duplicate()
+            every.write(unit, np.eye(1, len(rows), k)[0])
+            moved = self._by_first_factor(unit)
+            F[:, k], P[k] = every.read(moved), own.read(self.K * moved)
+            F[k, :known] = F[:known, k]
+        F = (F + F.T) / 2
+        self.counters.added_dofs += len(new)
+        number = self._number[rows] if len(self._number) else np.zeros(len(rows), np.int64)
+        of_old = self._number[own.rows] if len(self._number) else np.zeros(len(own.rows), np.int64)
+        A, blocks = np.zeros_like(F), list[tuple[Ints, Array]]()
+        order = np.argsort(np.concatenate([own.rows, rows]))
+        place = np.argsort(order)
+        for k, part in enumerate(self._parts):
+            n, c = np.flatnonzero(number == k), np.flatnonzero(of_old == k)
+            if len(n):
+                A[np.ix_(n, n)] = np.linalg.inv(F[np.ix_(n, n)])
+            stiff, moves = (A[np.ix_(n, n)] + A[np.ix_(n, n)].T) / 2, P[np.ix_(n, c)]
+            held = stiff @ moves
+            whole, at = (
+                np.block([[part.S + moves.T @ held, held.T], [held, stiff]]),
+                place[np.concatenate([c, len(own.rows) + n])],
+            )
+            by = np.argsort(at)
+            blocks.append((at[by], whole[np.ix_(by, by)]))
+        other._added = _Added(old=own, dofs=every, F=F, P=P, A=(A + A.T) / 2)
+        other.contact = Replicated(like, np.concatenate([own.rows, rows])[order])
+        other.S = joined(len(order), blocks)
+        self.counters.schur_size = len(order)
+        return other
 
     def counting(self, counters: Counters) -> FactorisedVolume:
         """The same factor for another system, whose counters count its solves; it was factorised before."""
@@ -116,7 +168,17 @@ class FactorisedVolume:
         """Nothing to take up."""
 
     def _interior(self, f: Vec) -> Vec:
-        """K_ii^-1 f_i, zero at the contact dofs."""
+        """K_ii^-1 f_i, zero at the contact dofs; those that were added are held by forces on them."""
+        q, added = self._by_first_factor(f), self._added.dofs
+        if len(added.rows):
+            holding = f.duplicate()
+            added.write(holding, -self._added.A @ added.read(q))
+            q += self._by_first_factor(holding)
+            added.write(q, np.zeros(len(added.rows)))
+        return q
+
+    def _by_first_factor(self, f: Vec) -> Vec:
+        """The same with the contact dofs alone that there were when the bodies were factorised."""
         q = self._by_factor(f)
         if self._factorised is not self.K:  # of 1 - 2 nu = 1e-5 three digits more
             q += self._by_factor(f - self.K * q)
@@ -131,6 +193,24 @@ class FactorisedVolume:
             found[part.rows] = part.interior(given[part.rows])
         q.array[:] = found[:own]
         return q
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Added:
+    """Contact dofs that were added to those of the factorisation, see `FactorisedVolume.widened`."""
+
+    old: Replicated  # those of the factorisation
+    dofs: Replicated  # the added ones (n,)
+    F: Array  # (n, n) flexibility of these with the old ones held [m/N]
+    P: Array  # (n, c) minus their motion by that of the old ones
+    A: Array  # (n, n) inverse of F
+
+    @staticmethod
+    def none(old: Replicated, like: Vec) -> _Added:
+        none = np.zeros((0, 0))
+        return _Added(
+            old=old, dofs=Replicated(like, np.zeros(0, np.int64)), F=none, P=np.zeros((0, len(old.rows))), A=none
+        )
 
 
 def _connected(K: Mat) -> Ints:

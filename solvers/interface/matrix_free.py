@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 
@@ -45,6 +46,16 @@ class IterativeVolume:
         self.tolerance = system.problem.solver.tolerance
         self._multigrid = _FloatingMultigrid(system, self.contact, self.floating, self.stiffness)
         self._cg = ConjugateGradients(K, self._multigrid, self.counters)
+
+    def widened(self, system: System) -> IterativeVolume:
+        """The same bodies with the contact dofs of a system that has more of them; multigrid stays; collective."""
+        other = copy(self)
+        other.contact = Replicated(self.K.createVecRight(), system.interface.dofs)
+        other.floating = FloatingMotions(system, other.contact, system.interface.rigid_modes)
+        other._multigrid = copy(self._multigrid)
+        other._multigrid._floating = other.floating
+        other._cg = ConjugateGradients(self.K, other._multigrid, self.counters)
+        return other
 
     def remember(self, most: int) -> None:
         """Forget the search directions, and store up to `most` of them from now on."""

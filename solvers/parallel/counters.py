@@ -127,6 +127,7 @@ class Counters:
     factorisations: int = 0  # of K_B, or of its interior block K_ii
     schur_size: int = 0  # c, order of the Schur complement on the contact dofs
     volume_solves: int = 0  # applications of K_B^-1 (of K_ii^-1 when the contact dofs are condensed)
+    added_dofs: int = 0  # contact dofs that bodies which came near added, a volume solve each; nothing is factorised
     linear_iterations: int = 0  # of iterative linear solvers
     error_solves: int = 0  # applications of K_B^-1 for estimates of errors; not in volume_solves
     lanczos_applications: int = 0  # of K_B^-1 for lambda_max (Lanczos); not in volume_solves

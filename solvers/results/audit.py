@@ -232,7 +232,7 @@ class Auditor:
         """Motion by unit traction [m/Pa]: the extent of the closed part, at most a body's depth, by E of each body."""
         closed = float(rows.W_n[np.abs(p_n) > ROUNDING * np.abs(p_n).max(initial=0.0)].sum())
         powers = self.system.mesh.dim - 1 + self.system.mesh.axisymmetric
-        extent = (closed or float(rows.W_n.sum())) ** (1 / powers)
+        extent = (closed or float(rows.W_n.sum()) or np.inf) ** (1 / powers)  # inf: nothing can touch
         problem, normals = self.system.problem, rows.frames[:, 0]
         behind = ((min(extent, self._depths[b]), problem.bodies[b]) for b in problem.pairs[rows.name].bodies)
         return float(sum(depth / body.modulus_along(normals) for depth, body in behind))
@@ -292,7 +292,7 @@ class Auditor:
             obstacle, apart = system.problem.obstacles[pair.obstacle], np.zeros_like(acts.points)
             x = (acts.points - system.obstacles.translation(pair.obstacle, record.time, record.driven))[pushed]
             apart[pushed] = obstacle.signed_gap(x)[:, None] * obstacle.normals(x)
-        other = replace(acts, points=acts.points - apart).moment * (1 if pair.slave == pair.contact.surface else -1)
+        other = replace(acts, points=acts.points - apart).moment * rows.sense
         open_now = self._gap(rows, record)[1] - rows.node_motion(self._motion(rows, record))[0]
         offset = rows.fields.offsets(record.time)[1] if rows.fields else 0.0
         allowed = np.linalg.norm(rows.tangential_part(apart), axis=1) + np.abs(open_now) + np.abs(offset)
@@ -364,12 +364,16 @@ class Auditor:
                     scales.rounding,
                     max(scales.noise, scales.rest),
                 )
-            if rows.name in stored.contacts and not self.system.problem.pairs[rows.name].contact.sliding:
+            if rows.name in stored.contacts and not self._searched(rows, record):
                 slip = np.asarray(stored.contacts[rows.name]["slip"], float)[:, : rows.surface.dim]
                 found.append(difference(slip, slip_of(rows, moved), rounding=scales.rounding))
         if len(stored.stress):
             found.append(stress_difference(self.system, record.displacement, record.time, stored))
         return _largest(found)
+
+    def _searched(self, rows: ContactRows, record: Record) -> bool:
+        """Whether pairs of a contact are not those of the start."""
+        return self.system.problem.pairs[rows.name].contact.sliding or rows.name in record.searched
 
     def _history(self, place: ContactBlock, record: Record, before: Record, scales: Scales) -> list[float]:
         """Differences of what slip is counted from, and of the stored slip, from those of the step before [-]."""
@@ -383,7 +387,7 @@ class Auditor:
             closes = np.repeat(pressed & ~was & (rows.normal.sides == 1), rows.free.shape[1])
             reference = np.where(closes, start, record.reference[place.tangential])
             found.append(difference(reference, start, scales.u[rows.name], scales.rounding))
-        if law is not None and rows.name in record.memory and not self.system.problem.pairs[rows.name].contact.sliding:
+        if law is not None and rows.name in record.memory and not self._searched(rows, record):
             moves = rows.N_t @ self._motion(rows, record).ravel() - record.reference[place.tangential]
             moves -= record.p[place.tangential] / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)

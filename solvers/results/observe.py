@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
 
@@ -39,7 +39,6 @@ from stickslip.solvers.scene.record import (
     ProbeValue,
     Reaction,
     Record,
-    numbers_of,
 )
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.law_memory import with_memory
@@ -226,18 +225,18 @@ class Observer:
         tangential = [self._tangential(i, c, accepted) for i, c in enumerate(rows) if c.name in pairs]
         merged: dict[str, Any] = {
             key: (np.max if key.startswith("max") else np.sum)([getattr(part, key) for part in parts], axis=0)
-            for key in numbers_of(ContactNumbers)
+            for key in (number.name for number in fields(ContactNumbers))
         }
         merged = {key: value if np.ndim(value) else float(value) for key, value in merged.items()}
         return ContactNumbers(**merged | {"tangential_force": float(np.linalg.norm(np.sum(tangential, axis=0)))})
 
     def _tangential(self, index: int, c: ContactRows, accepted: Accepted) -> Array:
-        """Resultant (d,) [N] of the multipliers along one contact, on its slave with the opposite sign."""
+        """Resultant (d,) [N] of the multipliers along one contact, on the side that the scene calls `surface`."""
         state = accepted.state
         p_n, t = (parts[index] for parts in accepted.stepper.split(state.p))
         own = slice(len(c.surface.points))
         between = (state.forces[c.name] - c.nodal_forces(p_n, t))[own]  # the friction of a state with bubbles
-        found = (c.node_weights[:, None] * c.node_traction(t) + between).sum(axis=0)
+        found = -c.sense * (c.node_weights[:, None] * c.node_traction(t) + between).sum(axis=0)
         return np.asarray(found * [0, 1] if c.surface.axisymmetric else found)  # the radial parts balance
 
     def _effects(self, state: State, reactions: Mapping[str, tuple[Array, Array]]) -> dict[str, Mapping[str, Record]]:
@@ -307,14 +306,14 @@ class Observer:
             bound = cone.bound_at_nodes(cone.places[index], state.p)
         lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)
         status = _status(c, pressure, multiplier, bound, increment, accepted)
-        weight, pair = c.node_weights, stepper.system.problem.pairs[c.name]
+        weight = c.node_weights
         own = np.arange(len(c.points)) < len(c.surface.points)
-        on = own if pair.slave == pair.contact.surface else ~own  # nodes of the side that the scene calls the surface
+        on = own if c.sense > 0 else ~own  # nodes of the side that the scene calls the surface
         forces = -state.forces[c.name][on]
         resultant, tangential = forces.sum(axis=0), self._tangential(index, c, accepted)
         here = state.time, state.driven
         acts = acting(stepper.system, c, state.forces[c.name], displaced, state.searched, here)
-        moment = acts.moment if pair.slave == pair.contact.surface else -acts.moment
+        moment = c.sense * acts.moment
         if c.surface.axisymmetric:  # over the full circle the radial parts balance
             resultant, moment = resultant * [0, 1], 0 * moment
         return ContactState(
@@ -322,11 +321,11 @@ class Observer:
             weight=weight,
             gap=gap,
             pressure=pressure,
-            traction=-multiplier,
-            slip=slip,
-            slip_increment=increment,
+            traction=-c.sense * multiplier,
+            slip=c.sense * slip,
+            slip_increment=c.sense * increment,
             bound=bound,
-            lam=lam,
+            lam=c.sense * lam,
             status=status,
             force=resultant,
             moment=moment,

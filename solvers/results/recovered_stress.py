@@ -21,9 +21,10 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import CHUNK, Array, Ints, inverse_and_determinant
+from stickslip.geometry.arrays import CHUNK, TINY, Array, Ints, inverse_and_determinant
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.scene.material import DOUBLED, Elastic, Material, Orthotropic
+from stickslip.solvers.scene.record import STRESSES
 from stickslip.solvers.system.system import System
 
 TWICE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # shear counts twice in products of stresses
@@ -121,6 +122,37 @@ class RecoveredStress:
             name: self._at(point, point.displacement - basis @ self._at_point(point, initial))
             for name, point in points.items()
         }
+
+    def largest(self, u: Array, cells: Ints, reported: Array) -> list[float]:
+        """Largest equivalent stress [Pa] of each body at the corners of cells: that of means there; collective.
+
+        Args:
+            u: displacement of the nodes (n, d) [m], of any order.
+            cells: (own cells, k) rows of it.
+            reported: stress (own cells, 3, 3) [Pa] at the midpoints; from there on it changes as that of u does.
+        """
+        at, found = dx.reference_nodes(self._shape, 1), list[float]()
+        given = np.array([reported[:, i, j] for i, j in STRESSES.values()])
+        for body, members in zip(self._bodies, self._members, strict=True):
+            total = np.zeros((7, len(self._points)))  # and the weights
+            for own in members:
+                ends, middle = (self._of(body, own, x, u, cells) for x in (at, at.mean(axis=0, keepdims=True)))
+                nodes = self._cells[own, : len(at)].T
+                weight = np.broadcast_to(middle[1].sum(axis=0), nodes.shape)
+                stress = given[:, None, own] + ends[0] - middle[0]
+                for sums, component in zip(total, (*(weight * stress), weight), strict=True):
+                    sums += np.bincount(nodes.ravel(), component.ravel(), len(sums))
+            total = dx.sums_at_nodes(self._space, total)
+            six = total[:6] / np.maximum(total[6], TINY)
+            deviator = six - np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])[:, None] * six[:3].mean(axis=0)
+            found.append(float(np.sqrt(1.5 * TWICE @ deviator**2).max(initial=0.0)))
+        return [max(offers) for offers in zip(*self._space.mesh.comm.allgather(found), strict=True)]
+
+    def _of(self, body: Elastic, own: Ints, points: Array, u: Array, cells: Ints) -> tuple[Array, Array]:
+        """Stress (6, q, c) [Pa] of a displacement at points of own cells, and their volumes (q, c)."""
+        places = self._places(self._cells[own], points, np.ones(len(points)))
+        basis, slope = dx.reference_basis(self._shape, dx.degree_of(self._shape, cells.shape[1]), points)
+        return self._stress(body, replace(places, basis=basis, slope=slope), cells[own].T, u), places.volume
 
     def _shortening(self, body: int, initial: Array) -> Array:
         """Displacement (nodes, d) [m], or (1, 1) zero, by which the bolts of a body are shortened."""

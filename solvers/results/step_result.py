@@ -117,9 +117,9 @@ class SurfaceMesh(NamedTuple):
 class ContactState(ContactNumbers):
     """One contact at the end of a step, at the n nodes of its slave side and as resultants.
 
-    Vectors have d Cartesian components. Tractions act on the slave side, `force` and `moment` on the side that the
-    scene calls `surface`, which is the slave unless `slave` says or finds otherwise. Pressure is positive where it
-    presses, a gap is positive where it is open. In plane models resultants and areas are per metre of thickness, in
+    Vectors have d Cartesian components. Tractions, `force` and `moment` act on the side that the scene calls `surface`,
+    and slips are its own, whichever side is the slave. Pressure is positive where it presses, a gap is positive where
+    it is open. In plane models resultants and areas are per metre of thickness, in
     axisymmetric ones of the full circle.
     """
 
@@ -128,7 +128,7 @@ class ContactState(ContactNumbers):
     gap: Array  # (n,) current gap g - u_n [m]; negative: penetration
     pressure: Array  # (n,) p_n [Pa]
     traction: Array  # (n, d) tangential traction sigma_T [Pa]
-    slip: Array  # (n, d) tangential displacement relative to the other side, since t = 0 [m]
+    slip: Array  # (n, d) tangential displacement of `surface` relative to the other side, since t = 0 [m]
     slip_increment: Array  # (n, d) the same, since the last accepted substep [m]
     bound: Array  # (n,) friction bound s on |sigma_T| [Pa]; inf: never slips, 0: no friction
     lam: Array  # (n, d) lambda = -sigma_T / s [-]; its length is 1 where the node slips; 0 where s = 0

@@ -93,7 +93,7 @@ def contact_differences(
     """
     d, weights = rows.surface.dim, np.where(rows.node_weights > 0, rows.node_weights, np.inf)
     pressure = (rows.psi @ p_n) / weights
-    traction = -(rows.share_t.T @ np.einsum("mc,mcd->md", t * rows.free, rows.tangents))
+    traction = -rows.sense * (rows.share_t.T @ np.einsum("mc,mcd->md", t * rows.free, rows.tangents))
     finite = np.isfinite(bound)
     nodal = rows.share_t.T @ np.where(finite, bound, 0.0)
     judged = (rows.share_t.T @ (~finite).astype(float) == 0) & (nodal > 0)
@@ -103,7 +103,7 @@ def contact_differences(
     yield difference(np.asarray(stored["pressure"], float), pressure, p_top)
     shown = np.asarray(stored["traction"], float)[:, :d]
     yield difference(shown, traction, p_top)
-    felt = -(rows.N_t.T @ (t * rows.W_t[:, None]).ravel()).reshape(-1, d)  # by the nodes of both sides [N]
+    felt = -rows.sense * (rows.N_t.T @ (t * rows.W_t[:, None]).ravel()).reshape(-1, d)  # by the nodes of both sides [N]
     yield difference(rows.relative.T @ (rows.node_weights[:, None] * shown), felt, p_top * rows.node_weights.max())
     yield difference(lam[judged], -traction[judged], p_top)
     yield difference(np.asarray(stored["gap"], float), node_gap - closing, rounding=rounding)
@@ -112,9 +112,13 @@ def contact_differences(
 
 
 def slip_of(rows: ContactRows, moved: Array) -> Array:
-    """Tangential part (n, d) [m] of the relative displacement at the slave's nodes; moved: (n_all, d) [m]."""
+    """Tangential displacement (n, d) [m] of `surface` relative to the other side at the slave's nodes.
+
+    Args:
+        moved: displacement (n_all, d) [m].
+    """
     n, relative = rows.frames[:, 0], rows.relative @ moved
-    return np.asarray(relative - (relative * n).sum(axis=1, keepdims=True) * n)
+    return np.asarray(rows.sense * (relative - (relative * n).sum(axis=1, keepdims=True) * n))
 
 
 def stress_difference(system: System, displacement: Array, time: float, stored: StoredFields) -> float:

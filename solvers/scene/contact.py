@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from itertools import combinations
+from typing import Annotated, Any, Literal
 
 from stickslip.geometry.errors import SceneError, prefixed, require
 from stickslip.geometry.expression import Varying
 from stickslip.geometry.field import Field, check_field, in_time
 from stickslip.geometry.keys import Key, Noun
-from stickslip.geometry.shape import Model
+from stickslip.geometry.shape import SKIN, Model
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.friction import Stick
 from stickslip.solvers.laws.normal import Unilateral
 
 
 def table_of(name: str) -> str:
-    """Name of the table that a contact comes from: that of one among several partners has the partner's behind it.
+    """Name of the table that a contact comes from: that of one among several has the partner's, or both, behind it.
 
     >>> table_of("rest.left"), table_of("base")
     ('rest', 'base')
@@ -24,18 +26,55 @@ def table_of(name: str) -> str:
     return name.partition(".")[0]
 
 
+REACH = 0.2  # of the sides' extent: as far as contact is searched for where the scene does not say
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairChange(Noun):
+    """What is different in one pair of a contact `between` bodies; what is absent is that of the contact."""
+
+    off: Annotated[bool, Key("-", "true: the two do not touch each other")] = False
+    normal: Annotated[NormalLaw | None, Key("-", "normal law")] = None
+    friction: Annotated[FrictionLaw | None, Key("-", "friction law")] = None
+    slave: Annotated[str | None, Key("-", "body whose skin carries the tractions; absent: the softer one")] = None
+    gap_offset: Annotated[Field | None, Key("m", "see contacts.NAME")] = None
+    gap: Annotated[float | None, Key("m", "see contacts.NAME")] = None
+    search_distance: Annotated[float | None, Key("m", "see contacts.NAME")] = None
+
+    def applied(self, contact: Contact, one: str, other: str) -> Contact:
+        """The contact of two bodies' skins, with what is given here; a tie has no friction and no gap, nor slides."""
+        sides: dict[str, Any] = {"surface": f"{one}.{SKIN}", "against": f"{other}.{SKIN}"}
+        if self.slave is not None:
+            sides["slave"] = "surface" if self.slave == one else "against"
+        found = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("off", "slave")}
+        tied = {"friction": None, "gap": None, "sliding": False} if self.normal is not None and self.normal.ties else {}
+        given = tied | {name: value for name, value in found.items() if value is not None}
+        return replace(contact, **{"between": None, "pairs": {}} | sides | given)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Contact(Noun):
-    """Contact of a slave surface with a rigid obstacle or another body."""
+    """Contact of a slave surface with a rigid obstacle or another body, or of all bodies with each other."""
 
-    surface: Annotated[str, Key("-", "side of a body, as body.side: the slave, see `slave`; resultants act on it")]
+    surface: Annotated[
+        str, Key("-", "side of a body, as body.side, or body.*, all of its skin: the slave; resultants act on it")
+    ] = ""
     against: Annotated[
         str | tuple[str, ...],
         Key(
             "-",
             "obstacle, or a side, of the same body too, or the same; of several each part has the one it reaches first",
         ),
-    ]
+    ] = ()
+    between: Annotated[
+        Literal["all"] | tuple[str, ...] | None,
+        Key(
+            "-", 'instead of `surface` and `against`: "all" bodies or some, whose skins are paired where they come near'
+        ),
+    ] = None
+    pairs: Annotated[
+        Mapping[str, PairChange], Key("-", 'with `between`, what is different in a pair, pairs."hub.shaft"')
+    ] = field(default_factory=dict)
     normal: Annotated[NormalLaw, Key("-", "normal law")] = Unilateral()
     friction: Annotated[FrictionLaw | None, Key("-", "friction law; absent: none")] = None
 
@@ -69,8 +108,7 @@ class Contact(Noun):
     def __post_init__(self) -> None:
         reach = self.search_distance
         require(reach is None or reach > 0, "search_distance", reach, "must be positive, in metres")
-        several = self.partners
-        require(0 < len(several) == len(set(several)), "against", list(several), "name at least one, and each once")
+        self._check_sides()
         require(not (self.sliding and self.normal.ties), "sliding", "true", "a tied surface does not slide")
         check_field(self.gap_offset, "gap_offset")
         given = self.gap is not None
@@ -81,17 +119,41 @@ class Contact(Noun):
             if reason:
                 raise SceneError(f"friction: {reason}")
 
+    def _check_sides(self) -> None:
+        several = self.partners
+        if self.between is None:
+            for key in ("surface", "against"):
+                if not getattr(self, key):
+                    raise SceneError(f"{key}: missing, it has no default")
+            require(len(several) == len(set(several)), "against", list(several), "name at least one, and each once")
+            require(not self.pairs, "pairs", list(self.pairs), "is for a contact between bodies")
+            return
+        for key in ("surface", "against"):
+            require(not getattr(self, key), key, getattr(self, key), "leave it out: `between` names the bodies")
+        if self.between != "all":
+            twice = len(self.between) != len(set(self.between))
+            require(not twice and len(self.between) > 1, "between", list(self.between), "name two bodies or more, once")
+
     @property
     def partners(self) -> tuple[str, ...]:
         """All that `surface` may touch: obstacles, and sides of other bodies."""
         return (self.against,) if isinstance(self.against, str) else self.against
 
-    def pairs(self, name: str) -> dict[str, Contact]:
+    def each(self, name: str, bodies: Sequence[str]) -> dict[str, Contact]:
         """The contact with each partner; of several its name has the obstacle's, or the body's, behind a point.
 
-        >>> list(Contact(surface="bar.bottom", against=("left", "pin.skin")).pairs("rest"))
+        Args:
+            bodies: all that there are.
+
+        >>> list(Contact(surface="bar.bottom", against=("left", "pin.skin")).each("rest", ()))
         ['rest.left', 'rest.pin']
+        >>> list(Contact(between="all").each("any", ("hub", "pin", "shaft")))
+        ['any.hub.pin', 'any.hub.shaft', 'any.pin.shaft']
         """
+        if self.between is not None:
+            listed = bodies if self.between == "all" else self.between
+            changes = {pair: self.change(*pair) for pair in combinations(listed, 2)}
+            return {f"{name}.{a}.{b}": c.applied(self, a, b) for (a, b), c in changes.items() if not c.off}
         if isinstance(self.against, str):
             return {name: self}
         labels = [partner.split(".")[0] for partner in self.against]
@@ -99,6 +161,10 @@ class Contact(Noun):
         labels = [short if labels.count(short) == 1 else long for short, long in zip(labels, whole, strict=True)]
         found = zip(labels, self.against, strict=True)
         return {f"{name}.{label}": replace(self, against=partner) for label, partner in found}
+
+    def change(self, one: str, other: str) -> PairChange:
+        """What is different in the pair of two bodies, in whatever order `pairs` has them."""
+        return self.pairs.get(f"{one}.{other}") or self.pairs.get(f"{other}.{one}") or PairChange()
 
     @property
     def tangential(self) -> FrictionLaw | None:

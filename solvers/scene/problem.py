@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.obstacles import Obstacle
-from stickslip.geometry.shape import Model, Request, Shape
+from stickslip.geometry.shape import SKIN, Model, Request, Shape
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
@@ -41,6 +41,12 @@ class Pair:
     slave: str  # side, as body.side
     master: str | None  # side of another body; None: contact with a rigid obstacle
     obstacle: str | None  # name of the rigid obstacle; None: contact with another body
+    found: bool = False  # whether it is one of a contact between bodies, so that it may touch nowhere
+
+    @property
+    def skins(self) -> bool:
+        """Whether all of two bodies may touch, so that what is near is looked for again as they move."""
+        return self.master is not None and self.slave.endswith(SKIN) and self.master.endswith(SKIN)
 
     @property
     def surfaces(self) -> tuple[str, str | None]:

@@ -87,7 +87,7 @@ class BodyState(NamedTuple):
         float, Number("m", "largest length of the displacement of a node", column=False, error=False)
     ]
     max_von_mises: Annotated[
-        float, Number("Pa", "largest equivalent stress at the midpoint of a cell", column=False, error=False)
+        float, Number("Pa", "largest equivalent stress at the midpoint of a cell", words="largest von Mises stress")
     ]
 
 
@@ -111,6 +111,11 @@ class ContactNumbers:
     ]
     dissipation: Annotated[float, Number("J", "work of friction in this step")]
     dissipation_total: Annotated[float, Number("J", "work of friction since t = 0", words="dissipated")]
+
+    @property
+    def mean_pressure(self) -> Annotated[float, Number("Pa", "normal force over what touches", words="mean pressure")]:
+        """Mean pressure [Pa]; 0 where nothing touches."""
+        return self.normal_force / self.contact_area if self.contact_area else 0.0
 
 
 @dataclass(frozen=True)
@@ -174,8 +179,8 @@ CONTACT_NUMBERS = tuple(key for key, number in numbers_of(ContactNumbers).items(
 
 
 def singular(table: str) -> str:
-    """Name of one record of a table: support, spring, elastic_support."""
-    return table.removesuffix("s")
+    """Name of one record of a table: support, body, elastic_support."""
+    return table.removesuffix("s") if not table.endswith("ies") else f"{table.removesuffix('ies')}y"
 
 
 def flat_names(table: str, name: str, key: str, number: Number, size: int) -> list[str]:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
+from itertools import combinations, permutations
 from operator import or_
 from typing import Annotated, Any, ClassVar, get_origin
 
@@ -18,10 +19,10 @@ from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, r
 from stickslip.geometry.expression import CONSTANTS, RATE, Expression, Varying
 from stickslip.geometry.keys import Key, Keys, Noun, completed
 from stickslip.geometry.obstacles import Obstacle
-from stickslip.geometry.shape import Model, Request, Turn, dimensions
+from stickslip.geometry.shape import SKIN, Model, Request, Turn, dimensions
 from stickslip.geometry.units import Units
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.contact import REACH, Contact, table_of
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
 from stickslip.solvers.scene.material import Elastic
 from stickslip.solvers.scene.record import RECORDS, RecordType, names
@@ -172,24 +173,54 @@ class Scene(Noun):
 
     @cached_property
     def pairs(self) -> Mapping[str, Contact]:
-        """Every contact of one side and one partner by name; of several partners each is one."""
-        return {pair: found for name, c in self.contacts.items() for pair, found in c.pairs(name).items()}
+        """Every contact of one side and one partner by name; of several partners, or of all bodies, each is one.
+
+        Two bodies are one where they are near enough to be paired some time, however the scene moves them.
+        """
+        found = {name: c.each(name, tuple(self.bodies)) for name, c in self.contacts.items()}
+        for name, each in found.items():
+            if self.contacts[name].between is not None:
+                found[name] = {pair: contact for pair, contact in each.items() if self._may_meet(contact)}
+        return {pair: contact for each in found.values() for pair, contact in each.items()}
+
+    def _may_meet(self, contact: Contact) -> bool:
+        one, other = (side.split(".")[0] for side in (contact.surface, *contact.partners))
+        sizes = [np.linalg.norm(np.ptp(self.geometry.boxes(body, self.dim), axis=(0, 1))) for body in (one, other)]
+        reach = max(contact.search_distance or 0.0, REACH * float(min(sizes))) + self._travel
+        return self.geometry.apart(one, other, self.dim) <= reach
+
+    @cached_property
+    def _travel(self) -> float:
+        """How far [m] two bodies may be moved against each other; inf where springs or forces decide that."""
+        turned = any(obstacle.driven() or obstacle.rotation is not None for obstacle in self.obstacles.values())
+        if turned or self.ground_springs() or self.links():
+            return np.inf
+        moves: dict[tuple[str, str], list[float]] = {}
+        for place, amplitude in self.drives().items():
+            if place.quantity == "displacement":
+                knots = amplitude if isinstance(amplitude, tuple) else ((0.0, amplitude),)
+                moves.setdefault(place[:2], []).append(max(abs(value) for _, value in knots))
+        return 2 * max((float(np.linalg.norm(sizes)) for sizes in moves.values()), default=0.0)
 
     @property
     def sums(self) -> Mapping[str, tuple[str, ...]]:
-        """Contacts of several partners, and the names of their `pairs`."""
-        return {name: tuple(c.pairs(name)) for name, c in self.contacts.items() if not isinstance(c.against, str)}
+        """Contacts of several partners, or of all bodies, and the names of their `pairs`."""
+        return {
+            name: tuple(pair for pair in self.pairs if table_of(pair) == name)
+            for name, c in self.contacts.items()
+            if not isinstance(c.against, str)
+        }
 
     def request(self) -> Request:
         """Sides and periodic pairs that the mesh must have."""
         rigid = {c.surface for c in self.pairs.values() if c.against in self.obstacles}
-        pairs = [(c.surface, side) for c in self.contacts.values() for side in c.partners if side not in self.obstacles]
+        pairs = [(c.surface, side) for c in self.pairs.values() for side in c.partners if side not in self.obstacles]
         return Request(
             model=self.model,
             facing=tuple(pair for pair in pairs if rigid.isdisjoint(pair)),
             contact_sides=tuple(
                 dict.fromkeys(
-                    s for c in self.contacts.values() for s in (c.surface, *c.partners) if s not in self.obstacles
+                    s for c in self.pairs.values() for s in (c.surface, *c.partners) if s not in self.obstacles
                 )
             ),
             periodic=tuple(pair for table in self.effect_tables().values() for pair in table.periodic_pairs()),
@@ -200,17 +231,23 @@ class Scene(Noun):
         """All sides, as body.side."""
         return tuple(f"{body}.{side}" for body, sides in self.geometry.bodies(self.dim).items() for side in sides)
 
-    def require_side(self, side: str, key: str) -> None:
+    def require_side(self, side: str, key: str, skins: bool = False) -> None:
         """Check that the geometry has a side.
 
         Args:
             side: as body.side.
             key: dotted key of the scene that names it.
+            skins: whether it may be body.*, too.
 
         Raises:
             SceneError: the geometry does not have it; the nearest name is given.
         """
-        require_known(key, side, self.sides(), "no such side")
+        require_known(key, side, (*self.sides(), *(self._skins if skins else ())), "no such side")
+
+    @property
+    def _skins(self) -> tuple[str, ...]:
+        """The whole skin of each body, as a side."""
+        return tuple(f"{body}.{SKIN}" for body in self.bodies)
 
     def require_body(self, key: str) -> None:
         """Check that the table [EFFECT.BODY] of a key has the name of a body.
@@ -225,7 +262,7 @@ class Scene(Noun):
     def quantities(self) -> tuple[str, ...]:
         """Names of the numbers that every step of this scene has."""
         owners = [("contacts", name, RECORDS["contacts"]) for name in (*self.pairs, *self.sums)]
-        named = ("probes", "supports", "obstacles")
+        named = ("probes", "supports", "obstacles", "bodies")
         owners += [(table, name, RECORDS[table]) for table in named for name in getattr(self, table)]
         tables = [(*place, table.reports) for place, table in self.effect_tables().items()]
         of_effects = [(section, name, record) for section, name, record in tables if record is not None]
@@ -284,7 +321,8 @@ class Scene(Noun):
         """Values (m,) of an expression at points where it acts, at a time [s]; inf or NaN where it has none."""
         acts = self._acting(place)
         if place.table == "contacts":
-            points = self.geometry.sample(self.contacts[place.name].surface, self.dim)[0]
+            sides = [c.surface for name, c in self.pairs.items() if table_of(name) == place.name]
+            points = np.concatenate([self.geometry.sample(side, self.dim)[0] for side in dict.fromkeys(sides)])
         elif acts is None:
             low, high = self.geometry.box(self.dim)
             points = low + (high - low) * np.random.default_rng(0).random((30, self.dim))
@@ -372,19 +410,20 @@ class Scene(Noun):
         (against,) = contact.partners
         if against in self.obstacles:
             return contact.surface, None
-        if contact.slave == "against" or (contact.slave == "auto" and self._much_softer(contact, against)):
+        found, softer = self.contacts[table_of(name)].between is not None, self._softer(contact, against)
+        if contact.slave == "against" or (contact.slave == "auto" and softer > (1 if found else 10)):
             return against, contact.surface
         return contact.surface, against
 
-    def _much_softer(self, contact: Contact, against: str) -> bool:
-        """Whether `against` is a side of a ten times softer body, has no other contact, and mortar pairs the sides.
+    def _softer(self, contact: Contact, against: str) -> float:
+        """How many times the body of `against` is softer, where mortar pairs the sides; else 0.
 
-        A side with several partners keeps its role.
+        A side with several partners keeps its role, but for skins, of which bodies have one each.
         """
         own, other = (self.bodies[side.split(".")[0]].modulus for side in (contact.surface, against))
         sides = [side for each in self.pairs.values() for side in (each.surface, *each.partners)]
-        alone = sides.count(against) == sides.count(contact.surface) == 1
-        return own > 10 * other and alone and contact.operator in (None, "mortar")
+        alone = sides.count(against) == sides.count(contact.surface) == 1 or against.endswith(SKIN)
+        return own / other if alone and contact.operator in (None, "mortar") else 0.0
 
     def _check_references(self, mistakes: Mistakes) -> None:
         for table, items in (("supports", self.supports), ("loads", self.loads)):
@@ -393,13 +432,52 @@ class Scene(Noun):
                     with mistakes:
                         self.require_side(item.boundary, f"{table}.{name}.boundary")
         for name, contact in self.contacts.items():
+            if contact.between is not None:
+                self._check_between(name, contact, mistakes)
+                continue
             with mistakes:
-                self.require_side(contact.surface, f"contacts.{name}.surface")
+                self.require_side(contact.surface, f"contacts.{name}.surface", skins=True)
             for against in contact.partners:
                 with mistakes:
                     self._check_other_side(name, contact, against)
         mistakes.report()  # roles are those of sides that are there
         self._check_roles()
+
+    def _check_between(self, name: str, contact: Contact, mistakes: Mistakes) -> None:
+        """Check the names of bodies, of exceptions, and that no other contact has the sides of its pairs."""
+        bodies = tuple(self.bodies) if contact.between == "all" else contact.between or ()
+        for body in bodies:
+            with mistakes:
+                require_known(f"contacts.{name}.between", body, self.bodies, "no such body")
+        with mistakes:
+            require(len(bodies) > 1, f"contacts.{name}.between", contact.between, "the geometry has one body only")
+        known = [f"{one}.{other}" for one, other in permutations(bodies, 2)]
+        for pair, change in contact.pairs.items():
+            key, both = f'contacts.{name}.pairs."{pair}"', pair.split(".")
+            with mistakes:
+                require_known(key, pair, known, "no such pair of its bodies")
+                other = ".".join(reversed(both))
+                twice = other in contact.pairs and other < pair
+                require(not twice, key, other, "is the same pair; keep one")
+                if change.slave is not None:
+                    require_known(f"{key}.slave", change.slave, both, "not one of the two")
+            with mistakes, prefixed(key):
+                contact.each(name, both)
+        for other, beside in self.contacts.items():
+            for against in beside.partners:
+                both = [side.split(".")[0] for side in (beside.surface, against)]
+                met = against not in self.obstacles and {*both} <= {*bodies} and not contact.change(*both).off
+                with mistakes:
+                    said = f'contacts.{name} pairs the two; keep one, or set contacts.{name}.pairs."{".".join(both)}"'
+                    require(not met or both[0] == both[1], f"contacts.{other}.against", against, f"{said}.off = true")
+            if other > name and beside.between is not None:
+                others = {*self.bodies} if beside.between == "all" else {*beside.between}
+                for one, two in combinations([body for body in bodies if body in others], 2):
+                    with mistakes:
+                        off = contact.change(one, two).off or beside.change(one, two).off
+                        pair = f"{one}.{two}"
+                        said = f"contacts.{other} pairs them too; keep one, or set off = true"
+                        require(off, f'contacts.{name}.pairs."{pair}"', pair, said)
 
     def _check_roles(self) -> None:
         of_slaves: dict[str, list[str]] = {}
@@ -425,7 +503,8 @@ class Scene(Noun):
             key = f"contacts.{name}.{'surface' if slave == contact.surface else 'against'}"
             require(other == name, key, slave, f"contacts.{other} has the same slave and the same partner, keep one")
             alike = f"must be that of contacts.{pairs[0]}, which has the same slave"
-            require(contact.sliding == first.sliding, f"contacts.{name}.sliding", str(contact.sliding).lower(), alike)
+            moved = contact.normal.ties or first.normal.ties or contact.sliding == first.sliding
+            require(moved, f"contacts.{name}.sliding", str(contact.sliding).lower(), alike)
             if master is not None:
                 operator = contact.operator or "mortar"
                 first = next(self.pairs[n] for n in pairs if self.slave_and_master(n)[1])
@@ -434,7 +513,7 @@ class Scene(Noun):
 
     def _check_other_side(self, name: str, contact: Contact, against: str) -> None:
         """Check that `against` is an obstacle or a side of another body, and that the model has the operator."""
-        known = (*self.obstacles, *self.sides())
+        known = (*self.obstacles, *self.sides(), *self._skins)
         require_known(f"contacts.{name}.against", against, known, "no such obstacle or side")
         rigid = against in self.obstacles
         alone = all(partner in self.obstacles for partner in contact.partners)

@@ -18,7 +18,7 @@ from stickslip.solvers.effects import active
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.method_registry import METHODS, Solver, method_of
 from stickslip.solvers.methods.method import RIGID, Applicability, Method, Refusal, keys_of
-from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.contact import Contact, table_of
 from stickslip.solvers.scene.material import NEARLY, Elastic, Material
 from stickslip.solvers.scene.problem import PlanRow, Problem, Setup
 from stickslip.solvers.scene.scene import Scene
@@ -228,8 +228,9 @@ def refusals(problem: Problem) -> Iterator[str]:
         contact = pair.contact
         if pair.obstacle is not None and not problem.obstacles[pair.obstacle].written_in_operators and not table.fields:
             yield f"contacts.{name}.against = {pair.obstacle}: {method} takes no graph; use condensed-newton"
-        if problem.shares(name) and not table.shared:
-            yield f"contacts.{name}.surface = {pair.slave}: {method} takes one contact a side; use condensed-newton"
+        if (problem.shares(name) or pair.skins) and not table.shared:
+            key = "between" if pair.found else f"surface = {pair.slave}"
+            yield f"contacts.{table_of(name)}.{key}: {method} takes one contact a side; use condensed-newton"
         for key, value, reason in _contact(contact, pair.obstacle is not None, table):
             yield f"contacts.{name}.{key} = {value}: {method} {reason}; use condensed-newton"
     for reason in _floating(problem, table):

@@ -22,6 +22,7 @@ from stickslip.solvers.effects import EFFECTS, active
 from stickslip.solvers.fem.constraints import AXES
 from stickslip.solvers.fem.rigid_fields import rigid_fields, rigid_names
 from stickslip.solvers.method_registry import method_of
+from stickslip.solvers.scene.contact import table_of
 from stickslip.solvers.scene.loads import Coupling, End, Support
 from stickslip.solvers.scene.problem import Pair, PlanRow, Problem, Setup
 from stickslip.solvers.scene.scene import Scene
@@ -47,7 +48,8 @@ def set_up(scene: Scene) -> Setup:
     for name, contact in scene.pairs.items():
         slave, master = scene.slave_and_master(name)
         obstacle = str(contact.against) if master is None else None
-        pairs[name] = Pair(name=name, contact=contact, slave=slave, master=master, obstacle=obstacle)
+        found = scene.contacts[table_of(name)].between is not None
+        pairs[name] = Pair(name=name, contact=contact, slave=slave, master=master, obstacle=obstacle, found=found)
     return Setup(
         model=scene.model,
         shape=scene.geometry,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, replace
 from numbers import Real
 from reprlib import repr as shortly
@@ -12,7 +13,9 @@ from typing import Any, TypeGuard
 from stickslip.geometry.amplitude import Amplitude, value_at
 from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.errors import SceneError, nearest, prefixed, require
+from stickslip.geometry.field import Field, HeightMap
 from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.method_registry import method_of
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.contact import Contact
@@ -22,18 +25,24 @@ from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 
-Values = Mapping[str, Mapping[str, float]]  # by name and component
+Parts = Mapping[str, float | Mapping[str, float]]  # by component, or by key and component
+Values = Mapping[str, Parts]  # by name
+Table = Values | Parts  # one that has no names, as gravity
 UNCHANGED: Values = {}
 CHANGEABLE = {
     "supports": "displacement",
     "loads": "traction, force or pressure, other than a bare 0,",
     "obstacles": "displacement, force or rotation",
-}
+}  # of other tables: a value in time
+NOT_ASSEMBLED = {"loads", "body_force"}  # where a constant 0 leaves nothing to change
 NOT_LAWS = {"law", "k_T"}  # keys of friction laws that stay: the kind, and how far a traction has bent the surface
 
 
 class Script:
-    """A history of supports, loads and obstacles that is decided step by step; `Simulation.script` makes one.
+    """A history that is decided step by step; `Simulation.script` makes one.
+
+    A step may change all that a scene gives in time: supports, loads, obstacles, gap offsets, and tables of effects, as
+    gravity, thermal, bolts, springs, plungers, remote_points.
 
     It starts at rest at t = 0. Slip, energy and all else that depends on the path continue from step to step; the
     bodies are prepared only once.
@@ -74,6 +83,7 @@ class Script:
         obstacles: Values = UNCHANGED,
         contacts: Values = UNCHANGED,
         on_iteration: Callable[[HistoryRow], None] = lambda row: None,
+        **effects: Table,
     ) -> StepResult:
         """Solve one step, up to a time, in which the named values change linearly to those given; collective.
 
@@ -86,9 +96,13 @@ class Script:
                 pressure [Pa], positive when pressing.
             obstacles: {name: {component: value}}; x, y, z: displacement [m] or force [N], whichever the scene has;
                 angle [rad].
-            contacts: {name: {component: value}}; `gap_offset` [m], and numbers of the friction law, such as `mu`: they
-                hold from the start of this step on. A `bound` [Pa] changes linearly over the step.
+            contacts: {name: {component: value}}; `gap_offset` [m], of a map of heights its `plus`, and `bound` [Pa];
+                other numbers of the friction law, such as `mu`, hold from the start of this step on, if the scene does
+                not give them in time; so does `gap_offset` with a method that takes one number for a side.
             on_iteration: called with a `HistoryRow` after each iteration of each attempt, on every rank.
+            effects: tables of effects by their names in the scene, in its units: {name: {component or key: value}}, as
+                bolts={"m8": {"force": 9e3}}, gravity={"y": -9.81}; {name: {key: {component: value}}} where a component
+                belongs to several keys, as remote_points={"hub": {"moment": {"z": 5.0}}}.
 
         Returns:
             The result at the time `to`; counts, history and dissipation are of the whole step.
@@ -102,8 +116,9 @@ class Script:
         require(_is_number(to), "to", _in_words(to), "expected a number")
         begins = not self._times and to == 0
         require(to > self.time or begins, "to", to, f"expected a time after {self.time:g}")
-        bounds, laws = self._of_contacts(contacts)
-        wanted = self._places(supports=supports, loads=loads, obstacles=obstacles) | bounds
+        laws, of_contacts, altered = self._of_contacts(contacts)
+        tables = {"supports": supports, "loads": loads, "obstacles": obstacles, "contacts": of_contacts, **effects}
+        wanted = self._places(laws, tables)
         scene = over(
             laws, lambda place, now: self._continued(place, now, to, wanted[place]) if place in wanted else now
         )
@@ -117,7 +132,7 @@ class Script:
                 system.constraints.prescribed(time)  # raises here if supports contradict each other, before any solve
             accepted = _reach(stepper, state, times, on_iteration)
             result = self._observer(accepted)
-        self._stepper, self._altered = stepper, self._altered or laws is not self._scene
+        self._stepper, self._altered = stepper, self._altered or altered
         self._scene, self._named = scene, self._named | wanted.keys()
         self._state, self._times = accepted.state, (*self._times, *times)
         return result
@@ -133,7 +148,7 @@ class Script:
         """
         require(not self._altered, "script", "other laws", "parameters of contacts have changed; a scene's do not")
         require(len(self._times) > 0, "script", "no step yet", "there is nothing to repeat")
-        scene, end = over(self._scene, lambda place, now: self._so_far(now)), self._scene.steps.end
+        scene, end = over(self._scene, self._so_far), self._scene.steps.end
         ramps = {place: found.text for place, found in scene.expressions().items() if not found.in_time}
         ramped = {place: f"({text})*min(t/{end!r}, 1)" for place, text in ramps.items()}
         return replace(with_values(scene, ramped), steps=replace(scene.steps, end=self.time, count=1))
@@ -149,40 +164,47 @@ class Script:
             listed = sorted({*listed, end})
         return (*(t for t in listed if t - self.time > EXACT * to or not self._times), last)
 
-    def _of_contacts(self, given: Values) -> tuple[dict[Place, float], Scene]:
-        """Values in time of friction laws by their place, and the scene with all else that contacts are given.
+    def _of_contacts(self, given: Values) -> tuple[Scene, Values, bool]:
+        """The scene with other numbers of friction laws, the values in time that are left, and whether a law changes.
 
         Raises:
             SceneError: there is no such contact or number, or it refuses the value.
         """
-        bounds, contacts = dict[Place, float](), dict(self._scene.contacts)
+        contacts, left = dict(self._scene.contacts), dict[str, dict[str, float]]()
+        changes = method_of(self._scene.solver).WORKS_WITH.fields
+        altered = False
         for name, parts in _items("contacts", given, "{ name: { component: number } }"):
             if name not in contacts:
                 raise SceneError(f"contacts.{name}: nothing there to change; {nearest(str(name), contacts)}")
             for part, value in _items(f"contacts.{name}", parts, "{ component: number }"):
-                key, friction = f"contacts.{name}.{part}", contacts[name].friction
-                varying = friction.amplitudes() if friction else {}
-                in_time = {key for (key, *_), value in varying.items() if not isinstance(value, str)}
+                key, friction, gap = f"contacts.{name}.{part}", contacts[name].friction, contacts[name].gap_offset
+                if changes and part in ("gap_offset", "plus"):
+                    contacts[name] = replace(contacts[name], gap_offset=_from_rest(gap))
+                varying = contacts[name].amplitudes().items()
+                in_time = {path[-1] for path, value in varying if not isinstance(value, str)}
                 fixed = friction is None or friction.orthotropic  # its coefficients are in the rows
                 own = set() if friction is None or fixed else {f.name for f in fields(friction)} - NOT_LAWS
-                numbers = {name for name in own if name in in_time or _is_number(getattr(friction, name))}
-                if part not in {"gap_offset", *numbers}:
-                    raise SceneError(f"{key}: nothing there to change; {nearest(str(part), {'gap_offset', *numbers})}")
+                numbers = {part for part in own if _is_number(getattr(friction, part))} | in_time
+                numbers |= {"gap_offset"} if _is_number(gap) else set()
+                if part not in numbers:
+                    raise SceneError(f"{key}: nothing there to change; {nearest(str(part), numbers)}")
                 require(_is_number(value), key, _in_words(value), "expected a number")
+                if part in in_time:
+                    left.setdefault(name, {})[part] = value
+                    continue
+                altered = True
                 with prefixed(f"contacts.{name}"):
-                    if part in in_time:
-                        bounds[Place("contacts", name, "friction", part)] = float(value)
-                    elif part == "gap_offset":
+                    if part == "gap_offset":
                         contacts[name] = replace(contacts[name], gap_offset=float(value))
-                    else:
-                        assert friction is not None
+                    elif friction is not None:
                         contacts[name] = replace(contacts[name], friction=replace(friction, **{part: float(value)}))
         changed = contacts != dict(self._scene.contacts)
-        return bounds, replace(self._scene, contacts=contacts) if changed else self._scene
+        return replace(self._scene, contacts=contacts) if changed else self._scene, left, altered and changed
 
-    def _so_far(self, amplitude: Amplitude) -> tuple[tuple[float, float], ...]:
-        """Time [s] and value at each time that was solved."""
-        return tuple((time, value_at(amplitude, time, self._scene.steps.end)) for time in self._times)
+    def _so_far(self, place: Place, amplitude: Amplitude) -> tuple[tuple[float, float], ...]:
+        """Time [s] and value at each time that was solved, and of contacts at rest, where they may be other than 0."""
+        rest = () if place.table != "contacts" or 0.0 in self._times else (0.0,)
+        return tuple((time, value_at(amplitude, time, self._scene.steps.end)) for time in (*rest, *self._times))
 
     def _continued(self, place: Place, amplitude: Amplitude, to: float, value: float) -> Amplitude:
         """A value in time as it was so far, then linear to `value` at the time `to` [s]."""
@@ -190,36 +212,42 @@ class Script:
             held = amplitude[-1][1]
             so_far = amplitude if amplitude[-1][0] == self.time else (*amplitude, (self.time, held))
         else:
-            so_far = self._so_far(amplitude)
-        return (*so_far, (to, float(value)))
+            so_far = self._so_far(place, amplitude)
+        return (*(row for row in so_far if row[0] < to), (to, float(value)))
 
-    def _places(self, **given: Values) -> dict[Place, float]:
-        """The given values by their place in the scene.
+    def _places(self, scene: Scene, given: Mapping[str, Table]) -> dict[Place, float]:
+        """The values given by table, by their place in the scene.
 
         Raises:
             SceneError: the scene does not prescribe it, or it is not a finite number.
         """
-        known: dict[tuple[str, str], dict[str, Place]] = {}
-        for place, amplitude in self._scene.drives().items():
-            if place.table != "loads" or amplitude != 0:  # a load of constant 0 is not assembled
-                of_name = known.setdefault((place.table, place.name), {})
-                of_name[place.component or place.quantity] = place
-        found: dict[Place, float] = {}
+        nouns = {table: getattr(scene, table) for table in ("supports", "loads", "obstacles", "contacts")}
+        nouns |= {table: of if isinstance(of, Mapping) else {"": of} for table, of in scene.sections.items()}
+        found, drives = dict[Place, float](), scene.drives()
         for table, values in given.items():
-            for name, parts in _items(table, values, "{ name: { component: number } }"):
-                there = getattr(self._scene, table)
+            if table not in nouns:
+                raise SceneError(f"{table}: nothing there to change; {nearest(table, nouns)}")
+            there = nouns[table]
+            named = {"": values} if "" in there else values
+            for name, parts in _items(table, named, "{ name: { component: number } }"):
+                owner = f"{table}.{name}" if name != "" else table
                 if name not in there:
-                    raise SceneError(f"{table}.{name}: nothing there to change; {nearest(str(name), there)}")
-                if (table, name) not in known:
-                    raise SceneError(
-                        f"{table}.{name}: has no {CHANGEABLE[table]} that a script can change; the scene must name one"
-                    )
-                for part, value in _items(f"{table}.{name}", parts, "{ component: number }"):
-                    key = f"{table}.{name}.{part}"
-                    only = f"the scene prescribes only {', '.join(known[table, name])}, nothing else can be changed"
-                    require(part in known[table, name], key, _in_words(value), only)
+                    raise SceneError(f"{owner}: nothing there to change; {nearest(str(name), there)}")
+                own = [p for p, now in drives.items() if p[:2] == (table, name)]
+                own = [p for p in own if table not in NOT_ASSEMBLED or drives[p] != 0]
+                if not own:
+                    has = CHANGEABLE.get(table, "value in time")
+                    raise SceneError(f"{owner}: has no {has} that a script can change; the scene must name one")
+                words = Counter(_shortest(place) for place in own)
+                known: dict[tuple[str, ...], Place] = {(place.quantity, place.component): place for place in own}
+                known |= {(_shortest(place),): place for place in own if words[_shortest(place)] == 1}
+                said = [_shortest(p) if words[_shortest(p)] == 1 else f"{p.quantity}.{p.component}" for p in own]
+                only = f"the scene prescribes only {', '.join(said)}, nothing else can be changed"
+                for path, value in _paths(owner, parts):
+                    key = ".".join(map(str, (owner, *path)))
+                    require(path in known, key, _in_words(value), only)
                     require(_is_number(value), key, _in_words(value), "expected a number")
-                    found[known[table, name][part]] = float(value)
+                    found[known[path]] = float(value)
         return found
 
 
@@ -267,6 +295,25 @@ def _reach(
         volume_solves=sum(part.volume_solves for part in parts),
         history=tuple(row for part in parts for row in part.history),
     )
+
+
+def _from_rest(gap: Field) -> Field:
+    """A gap offset as a value in time, where it is a number at all times; an expression stays."""
+    if isinstance(gap, HeightMap):
+        return replace(gap, plus=((0.0, gap.plus),)) if isinstance(gap.plus, float | int) else gap
+    return ((0.0, gap),) if isinstance(gap, float | int) else gap
+
+
+def _shortest(place: Place) -> str:
+    """The word by which a step names a place, if it is the only one."""
+    return place.component or place.quantity
+
+
+def _paths(key: str, parts: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Values by component, or by key and component."""
+    for part, value in _items(key, parts, "{ component: number }"):
+        deeper = value.items() if isinstance(value, Mapping) else ()
+        yield from (((part, axis), number) for axis, number in deeper) if deeper else [((part,), value)]
 
 
 def _is_number(value: object) -> TypeGuard[float]:

@@ -13,7 +13,7 @@ from stickslip.geometry.errors import SolverError
 from stickslip.solvers.interface.coarse_mesh import CoarseMesh
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.flexibility import DelassusOperator
-from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
+from stickslip.solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from stickslip.solvers.interface.prepare import Volume, condensed_dofs, prepare_volume
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Solution, Status
@@ -160,6 +160,18 @@ class MethodChain:
     def _prepared(self, system: System) -> Volume:
         """The bodies as the present method needs them; collective."""
         return prepare_volume(system, self.stage.surface, self._pressed)
+
+    def widen(self, system: System) -> None:
+        """Take contact dofs up that bodies which came near add; nothing is factorised; collective."""
+        if isinstance(self.volume, FactorisedVolume):
+            self.volume = self.volume.widened(condensed_dofs(system, self._pressed))
+        else:
+            assert isinstance(self.volume, IterativeVolume)  # methods of other forms take one contact a side
+            self.volume = self.volume.widened(system)
+        for ready in self._ready.values():  # of the dofs before
+            ready.release()
+        self._ready.clear()
+        self._metric = None
 
     def _suits(self, system: System, volume: Volume) -> bool:
         """Whether bodies in the form of the present method are condensed on what it needs."""

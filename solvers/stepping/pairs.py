@@ -14,6 +14,8 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.contact.pairing import margin
+from stickslip.solvers.contact.skins import NEAR, motion_between, nodes_near
 from stickslip.solvers.iteration import Status
 from stickslip.solvers.stepping.law_memory import Memory
 from stickslip.solvers.stepping.state import State
@@ -35,41 +37,82 @@ class PairSearch:
         """`solver` solves with the pairs of the bodies at rest."""
         self._solver, self.present = solver, solver
         pairs = solver.system.problem.pairs
-        self._names = [c.name for c in solver.system.contacts if pairs[c.name].contact.sliding]
+        self._names = [name for name, pair in pairs.items() if pair.contact.sliding]
+        self._found = [name for name, pair in pairs.items() if pair.skins]
 
     def active(self) -> bool:
-        """Whether a contact slides."""
-        return bool(self._names)
+        """Whether a contact slides, or bodies may come near."""
+        return bool(self._names or self._found)
 
     def around(self, inner: Substep) -> Substep:
         def searching(state: State, end: float) -> Attempt:
             first = self._solver
-            searched = relative_positions(first.system, state, self._names)
+            searched = {name: state.searched[name] for name in self._found if name in state.searched}
+            searched |= relative_positions(first.system, state, self._names)
+            searched |= {key: near for key, near in state.searched.items() if key.endswith(NEAR)}
+            begin = relative_positions(first.system, state, self._found)
             for _ in range(SEARCHES):
                 try:
-                    self.present = self.found(searched)
+                    self.present = self.found(searched) if searched else first
                 except (SceneError, GeometryError) as error:
                     log.warning("t = %g: %s", end, error)
                     apart = unsolved(state, first.surface.size, Status.APART, [])
                     return Attempt(solver=first, begin=state, solution=apart)
                 system = self.present.system
-                attempt = inner(replace(carried_over(state, system), searched=searched), end)
+                lists = {f"{c.name}{NEAR}": c.near.astype(float) for c in system.contacts if c.near is not None}
+                searched |= lists if searched else {}
+                attempt = inner(replace(carried_over(state, system), searched=searched) if searched else state, end)
                 if attempt.state is None:
                     return attempt
-                now = relative_positions(system, attempt.state, self._names)
-                if pairs_hold(system, searched, now):
+                now = relative_positions(system, attempt.state, [*self._names, *self._found])
+                nearer = self._nearer(system, searched, begin, now)
+                if nearer:
+                    searched = searched | begin | nearer
+                    continue
+                slid = {name: now[name] for name in self._names}
+                if pairs_hold(system, {name: searched[name] for name in slid}, slid):
                     return attempt
-                searched = now
+                searched = searched | slid
             log.warning("t = %g: pairs still change after %d searches; the last ones are kept", end, SEARCHES)
             first.chain.unsettled.append(end)
             return attempt
 
         return searching
 
+    def _nearer(
+        self, system: System, searched: Mapping[str, Array], begin: Mapping[str, Array], now: Mapping[str, Array]
+    ) -> dict[str, Array]:
+        """Nodes that may come to touch in a substep and that no list has, by the pairs' names.
+
+        Args:
+            system: its pairs have the lists.
+            searched: where these were made; what is absent: at the start.
+            begin, now: `relative_positions` at both ends of the substep.
+        """
+        nearer = dict[str, Array]()
+        for c in system.contacts if self._found else ():
+            if c.near is None or c.master is None:
+                continue
+            sides, n = (c.surface, c.master), len(c.surface.nodes)
+            since, within = (now[c.name] - at for at in (searched.get(c.name, 0.0), begin[c.name]))
+            far = margin(system.problem, c.name)
+            # half of the margin is kept back, so that a list is not made again at once
+            if motion_between(since[:n], since[n:]) <= far / 2:
+                continue
+            reach = far + motion_between(within[:n], within[n:])
+            one, other = (
+                replace(s, points=s.points + v) for s, v in zip(sides, np.split(begin[c.name], [n]), strict=True)
+            )
+            if (nodes_near(one, other, reach - far / 2) & ~c.near).any():
+                nearer[f"{c.name}{NEAR}"] = nodes_near(one, other, reach).astype(float)
+        return nearer
+
     def found(self, searched: Mapping[str, Array]) -> SubstepSolver:
         """A solver for the same bodies, with the pairs that are found at these `relative_positions`; collective."""
         self._solver.follow_bodies()  # whose form may be another; the solvers of other pairs share what it stores
-        other = SubstepSolver(self._solver.system.searched(searched), self._solver.chain)
+        system = self._solver.system.searched(searched)
+        self._solver.widen(system)
+        other = SubstepSolver(system, self._solver.chain)
         other.surface.adopt(self._solver.surface)
         return other
 

@@ -125,6 +125,17 @@ class SubstepSolver:
         if self.volume is not self.chain.volume:
             self.volume, self.surface = self.chain.volume, prepare_surface(self.system, self.chain.volume)
 
+    def widen(self, system: System) -> None:
+        """Let those nodes enter that are near in a system of the same bodies with other pairs; collective."""
+        pairs = [*zip(self.system.contacts, system.contacts, strict=True)]
+        if all(c.near is None or other.near is None or (c.near == other.near).all() for c, other in pairs):
+            return
+        self.system = replace(self.system, contacts=tuple(replace(c, near=other.near) for c, other in pairs))
+        self.cone = AdmissibleSet(self.system.contacts, 0.0, self.cone.end)
+        self.chain.widen(self.system)
+        self.follow_bodies()
+        self.stage = None
+
     def follow(self) -> None:
         """Take over the current stage of `chain`; a SolverError says that it cannot be prepared; collective."""
         self.follow_bodies()

@@ -111,7 +111,8 @@ class ContactInterface:
     def dofs(self) -> Ints:
         """Indices (c,) of the free displacements at the contact nodes, increasing; the same on every rank."""
         found: list[Ints] = [np.zeros(0, np.int64)]
-        found += [self.constraints.numbers(c.nodes)[self.constraints.bases(c.nodes)[1]] for c in self.contacts]
+        near = [c.near_nodes for c in self.contacts]
+        found += [self.constraints.numbers(nodes)[self.constraints.bases(nodes)[1]] for nodes in near]
         return np.unique(np.concatenate(found))
 
     @cached_property
@@ -133,6 +134,7 @@ class ContactInterface:
         """Sparse matrix (n_all d, c) from the contact dofs to the displacement of a contact's nodes."""
         bases, numbers = self.constraints.bases(c.nodes)[0], self.constraints.numbers(c.nodes)
         node, i, j = np.nonzero(bases)
+        node, i, j = (at[np.isin(numbers[node, j], self.dofs)] if c.near is not None else at for at in (node, i, j))
         columns = np.searchsorted(self.dofs, numbers[node, j])
         shape = (self.mesh.dim * len(c.nodes), len(self.dofs))
         return sparse.csr_matrix((bases[node, i, j], (self.mesh.dim * node + i, columns)), shape=shape)
@@ -150,8 +152,9 @@ class ContactInterface:
         for c in self.contacts if modes.shape[1] else ():
             fields = self.motions.fields(c.points) @ of_part[c.part]
             bases, free = self.constraints.bases(c.nodes)
-            at = np.searchsorted(self.dofs, self.constraints.numbers(c.nodes)[free])
-            values[at] = (np.swapaxes(bases, 1, 2) @ fields)[free]
+            numbers, moved = self.constraints.numbers(c.nodes)[free], (np.swapaxes(bases, 1, 2) @ fields)[free]
+            known = np.isin(numbers, self.dofs) if c.near is not None else slice(None)
+            values[np.searchsorted(self.dofs, numbers[known])] = moved[known]
         self.refuse_loose(values, UNTOUCHED)
         return np.asarray(np.linalg.qr(values)[0])
 

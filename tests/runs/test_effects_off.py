@@ -30,6 +30,7 @@ from stickslip.workflows.lab.verification.hard.judge import Outcome, judge
 from stickslip.workflows.lab.verification.hard.tables import toml
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.pictures.sheet import Sheet
+from stickslip.workflows.run.folder import work_of
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.terminal import Reporter
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
@@ -424,7 +425,8 @@ def test_a_run_that_was_killed_is_reported_in_its_units(call: Call, folder: Path
     begun = json.loads((stopped / "begun.json").read_text())
     (stopped / "begun.json").write_text(json.dumps(begun | {"units": "mm-N-MPa"}))
     (stopped / "result.json").unlink()
-    assert read_results(stopped).unit("Pa") == "MPa"
+    killed = stopped.rename(work_of(stopped))
+    assert read_results(killed).unit("Pa") == "MPa"
 
 
 @pytest.mark.parametrize(

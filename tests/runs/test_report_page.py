@@ -1,5 +1,6 @@
 """stickslip report, output.report: a run on one page; tests/browser opens it in a browser."""
 
+import hashlib
 import json
 import re
 import shutil
@@ -8,12 +9,17 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import stickslip
 from shared.command import Call, assert_said, ended, output_of, result
 from shared.histories import SMALL
+from stickslip.geometry.errors import MachineError
+from stickslip.workflows.formats.hdf5 import LINE, read_arrays, write_arrays
+from stickslip.workflows.formats.marker import RESULT, USER_BLOCK, certify, mark
 from stickslip.workflows.formats.plus_minus import plus_minus
 from stickslip.workflows.formats.results import read_results
 from stickslip.workflows.formats.steps import read_step, step_files
@@ -73,6 +79,12 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def change(folder: Path, content: dict[str, Any]) -> None:
+    """Let result.json say something else, as if its run had."""
+    (folder / RESULT).write_text(json.dumps(content))
+    certify(folder, RESULT)
+
+
 @pytest.fixture
 def copied(done: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(done, tmp_path / "copied"))
@@ -109,7 +121,7 @@ def test_the_page_says_what_its_forces_are_of(copied: Path) -> None:
     assert "Forces are those of a metre of thickness; they act" in page(read_results(copied))
     content = result(copied)
     content["scene"]["geometry"]["symmetric"] = True
-    (copied / "result.json").write_text(json.dumps(content))
+    change(copied, content)
     shown = read_results(copied)
     assert "of a metre of thickness of the modelled half; they act" in page(shown)
     assert (shown.unit("N m"), shown.unit("N")) == ("N m/m", "N/m")
@@ -165,10 +177,104 @@ def test_what_is_not_there_is_left_out(copied: Path) -> None:
     content = result(copied)
     for key in ("audit", "verdict", "counters", "seconds", "warnings", "choice", "plan"):
         del content[key]
-    (copied / "result.json").write_text(json.dumps(content))
+    change(copied, content)
     shown = Page(page(read_results(copied)))
     assert {"summary", "forces", "scene", "curves"} <= set(shown.ids)
     assert not {"view", "pictures", "audit", "canvas"} & set(shown.ids)
+
+
+READERS = {  # of the files of a run, with the words of their commands
+    RESULT: (["report"], ["compare", "copied"], ["extract", "--point=0.1,0.1"]),
+    "steps/000002.h5": (["report"], ["extract", "--point=0.1,0.1"]),
+    "fields.h5": (["report"], ["extract", "--point=0.1,0.1"]),
+    "deformed.png": (["report"],),
+    "steps.csv": (),  # by `load(folder).columns` alone
+}
+
+
+@pytest.mark.parametrize("how", ["cut", "changed", "swapped", "foreign"])
+@pytest.mark.parametrize("name", READERS)
+def test_what_the_run_has_not_left_is_refused_by_all_who_read_it(
+    name: str, how: str, copied: Path, stopped: Path, call: Call
+) -> None:
+    path, content = copied / name, (copied / name).read_bytes()
+    if how == "cut":
+        path.write_bytes(content[: len(content) // 2])
+    elif how == "changed":
+        path.write_bytes(content[:-40] + bytes([content[-40] ^ 1]) + content[-39:])
+    elif how == "swapped":
+        shutil.copy(copied / ("steps/000001.h5" if path.suffix == ".h5" else "history.csv"), path)
+    else:
+        shutil.copy(stopped / ("steps.csv" if path.suffix == ".png" else name), path)
+    said = {
+        "cut": "damaged.* cut short",
+        "changed": "damaged|changed",
+        "swapped": "is not that file: it is what .*was",
+    }
+    pattern = rf"{re.escape(name)}: .*({said.get(how, 'of another one|changed after the run')})"
+    for first, *words in READERS[name]:
+        code, _, err = call(first, str(copied), *words)
+        assert (code, err.count("\n")) == (4, 1), err
+        assert re.search(pattern, err)
+    if path.suffix != ".png":
+        with pytest.raises(MachineError, match=pattern):
+            _ = (*stickslip.load(copied).steps, stickslip.load(copied).columns)
+
+
+def test_files_that_are_missing_are_said(copied: Path, call: Call) -> None:
+    for name in ("steps/000002.h5", "steps.csv", "history.png"):
+        (copied / name).unlink()
+    _, err = ended(call("report", str(copied)))
+    assert err.splitlines() == [
+        f"stickslip: {copied}: files of 1 of 4 steps are lost; not told",
+        f"stickslip: {copied}: history.png, steps.csv: lost; not told",
+    ]
+    loaded = stickslip.load(copied)
+    assert [step.time for step in loaded.steps.kept()] == [loaded.times[0], *loaded.times[2:]]
+    with pytest.raises(MachineError, match=r"000002\.h5: cannot be read: No such file"):
+        _ = loaded.steps[1]
+    (copied / RESULT).unlink()
+    assert_said(call("report", str(copied)), 4, "result.json: cannot be read: No such file")
+
+
+def test_results_without_checksums_are_read_with_a_line(copied: Path, call: Call) -> None:
+    """As earlier versions have left them: what is no whole file is refused all the same."""
+    mark(copied, sha256={})
+    change(copied, result(copied) | {"sentence": "as an earlier version"})
+    line = f"stickslip: {copied}: has no checksums, as results of earlier versions: read as it is\n"
+    for words in (["report"], ["compare", str(copied)], ["extract", "--point=0.1,0.1"]):
+        code, _, err = call(words[0], str(copied), *words[1:])
+        assert (code, err) == (0, line * (1 + (words[0] == "compare")))
+    mark(copied, sha256={})
+    shutil.copy(copied / "steps/000001.h5", copied / "steps/000002.h5")
+    assert "000002.h5: is not that step: it is step 1" in call("report", str(copied))[2]
+    (copied / RESULT).write_text('{"status": "conv')
+    assert_said(call("report", str(copied)), 4, "result.json: damaged or cut short: it is no table of JSON")
+
+
+@pytest.mark.parametrize("kind", ["external", "virtual", "link"])
+def test_numbers_that_lie_in_another_file_are_refused(kind: str, copied: Path, tmp_path: Path, call: Call) -> None:
+    """Whoever makes such a file can give it a checksum, too."""
+    path, secret = copied / "fields.h5", tmp_path / "secret"
+    secret.write_bytes(bytes(80))
+    with h5py.File(tmp_path / "of_others.h5", "w") as file:
+        file["x"] = np.zeros(10)
+    write_arrays(path, read_arrays(path)[0], {})
+    with h5py.File(path, "r+") as file:
+        if kind == "external":
+            file.create_dataset("more", (10,), np.float64, external=[(str(secret), 0, 80)])
+        elif kind == "link":
+            file["more"] = h5py.ExternalLink(str(tmp_path / "of_others.h5"), "x")
+        else:
+            layout = h5py.VirtualLayout((10,), np.float64)
+            layout[:] = h5py.VirtualSource(str(tmp_path / "of_others.h5"), "x", shape=(10,))
+            file.create_virtual_dataset("more", layout)
+    content = path.read_bytes()
+    sums = LINE.format(bytes=hashlib.sha256(content[USER_BLOCK:]).hexdigest(), arrays="0" * 64)
+    path.write_bytes(sums.encode().ljust(USER_BLOCK, b"\0") + content[USER_BLOCK:])
+    certify(copied)
+    assert_said(call("report", str(copied)), 4, "fields.h5: more has its numbers in another file")
+    assert_said(call("fclib", str(path)), 2, "fields.h5: more has its numbers in another file: not supported")
 
 
 def test_a_run_that_was_killed_has_a_page(copied: Path, call: Call, folder: Path) -> None:
@@ -215,7 +321,7 @@ def test_an_interrupted_run_has_a_page(stopped: Path, call: Call) -> None:
 
 
 def test_without_steps_a_page_says_so(copied: Path) -> None:
-    (copied / "result.json").write_text(json.dumps(result(copied) | {"steps": []}))
+    change(copied, result(copied) | {"steps": []})
     assert "no step was solved" in page(read_results(copied))
 
 
@@ -229,7 +335,7 @@ def test_without_steps_a_page_says_so(copied: Path) -> None:
 def test_results_of_another_version_are_refused(copied: Path, call: Call, edit: Edit, said: str) -> None:
     content = result(copied)
     edit(content)
-    (copied / "result.json").write_text(json.dumps(content))
+    change(copied, content)
     assert_said(call("report", str(copied)), 2, said)
 
 
@@ -276,7 +382,7 @@ def test_newtons_are_not_compared_with_newtons_per_metre(done: Path, call: Call,
 
 
 def test_what_cannot_be_compared_is_refused(copied: Path, done: Path, call: Call) -> None:
-    (copied / "result.json").write_text(json.dumps(result(copied) | {"steps": []}))
+    change(copied, result(copied) | {"steps": []})
     for words in ([str(done), "missing"], [str(done), str(copied)], [str(done), str(done), "-o", str(done)]):
         assert_said(call("compare", *words), 2, alone=False)
 

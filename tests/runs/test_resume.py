@@ -30,7 +30,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.accuracy.rounds import Rounds, aiming
 from stickslip.workflows.formats.files import read_regular
 from stickslip.workflows.formats.hdf5 import write_arrays
-from stickslip.workflows.formats.marker import MARKER
+from stickslip.workflows.formats.marker import MARKER, mark
 from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.run.folder import BEGUN, ResultsFolder
 from stickslip.workflows.run.resume import VERSIONS
@@ -351,7 +351,7 @@ def test_last_step_that_cannot_be_read_now_is_kept(
 
     before = content_of(stopped)
     with monkeypatch.context() as patched:
-        patched.setattr("stickslip.workflows.formats.hdf5.read_regular", fail)
+        patched.setattr("stickslip.workflows.formats.marker.read_regular", fail)
         code, _, err = call(*WORDS, "--resume")
     assert (code, err.count("\n")) == (4, 1)
     assert f"steps/000003.h5: cannot be read: {os.strerror(number)}; nothing is resumed, nothing was changed" in err
@@ -362,12 +362,16 @@ def test_last_step_that_cannot_be_read_now_is_kept(
 
 def test_sound_file_that_is_no_step_of_this_version_is_kept(call: Call, stopped: Path) -> None:
     write_arrays(stopped / step_name(3), {}, {"time": 1.0})
+    assert_refused(4, "steps/000003.h5: was changed after the run, or is of another one", stopped, call)
+    mark(stopped, sha256={})
     assert_refused(4, "steps/000003.h5: not a step of this version of stickslip", stopped, call)
 
 
 def test_sound_file_of_another_step_is_named(call: Call, stopped: Path) -> None:
     shutil.copy(stopped / step_name(3), stopped / step_name(2))
-    assert_refused(4, "steps/000002.h5: is not that step: its t = 1", stopped, call)
+    assert_refused(
+        4, "steps/000002.h5: is not that file: it is what steps/000003.h5 was when the run ended", stopped, call
+    )
 
 
 @pytest.mark.parametrize("name", ["stickslip", "dolfinx"])

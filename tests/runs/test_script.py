@@ -193,6 +193,11 @@ def test_obstacle_without_a_distance_is_named(far: float, long: float, said: str
 
 COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5"]
 PLANE = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+SIDE = {"boundary": "block.left"}
+SHANK = {"body": "block", "shank": [[2.0, 0.5], [2.0, 1.5]]}
+ACROSS = {"head": "block.left", "nut": "block.right", "axis": [-1.0, 0.0], "stiffness": 0.1}
+HEAVY = {"bodies": {"block": {"E": 1.0, "nu": 0.3, "density": 1.0}}}
+BASE = {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}
 DRIVEN: dict[str, dict[str, Any]] = {  # what is changed at t = 2 and 3, and the scene that says so
     "support": {"supports": {"top": {"x": (0.05, -0.02)}}},
     "normal support": {"supports": {"top": {"normal": (-0.05, -0.2)}}},
@@ -202,6 +207,17 @@ DRIVEN: dict[str, dict[str, Any]] = {  # what is changed at t = 2 and 3, and the
     "obstacle": {"obstacles": {"foundation": {"x": (-0.05, 0.01), "y": (0.01, 0.0)}}},
     "force on obstacle": {"obstacles": {"foundation": {"y": (0.2, 0.3)}}},
     "rotation": {"obstacles": {"foundation": {"angle": (0.01, 0.0)}}},
+    "gravity": {"gravity": {"": {"y": (-0.02, -0.01)}}},
+    "speed": {"centrifugal": {"": {"speed": (0.1, 0.05)}}},
+    "body force": {"body_force": {"block": {"x": (0.01, -0.005)}}},
+    "temperature": {"thermal": {"block": {"temperature": (20.0, 10.0)}}},
+    "spring": {"springs": {"rope": {"x": (0.05, -0.02)}}},
+    "plunger": {"plungers": {"stop": {"preload": (0.03, 0.01)}}},
+    "remote point": {"remote_points": {"hub": {"x": (0.02, -0.01)}}},
+    "bolt": {"bolts": {"m8": {"shortening": (0.02, 0.01)}}},
+    "bolt by force": {"bolts": {"m8": {"force": (0.02, 0.01)}}},
+    "gap": {"contacts": {"base": {"gap_offset": (-0.01, 0.01)}}},
+    "map of the gap": {"contacts": {"base": {"plus": (-0.01, 0.01)}}},
 }
 TABLES: dict[str, Any] = {  # the tables of each that are not those of the ready block; None is what changes
     "normal support": {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "normal": None}}}},
@@ -211,6 +227,23 @@ TABLES: dict[str, Any] = {  # the tables of each that are not those of the ready
     "obstacle": {"obstacles": {"foundation": PLANE | {"displacement": {"x": None, "y": None}}}},
     "force on obstacle": {"obstacles": {"foundation": PLANE | {"force": {"y": None}}}},
     "rotation": {"obstacles": {"foundation": PLANE | {"rotation": {"point": [0.0, -5.0], "angle": None}}}},
+    "gravity": HEAVY | {"gravity": {"acceleration": [0.0, None]}},
+    "speed": HEAVY | {"centrifugal": {"speed": None}},
+    "body force": {"body_force": {"block": {"force": [None, 0.0]}}},
+    "temperature": {"thermal": {"block": {"expansion": 1e-3, "temperature": None}}},
+    "spring": {"springs": {"rope": {"at": "block.left", "stiffness": [0.1, 0.1], "displacement": [None, 0.0]}}},
+    "plunger": {"plungers": {"stop": SIDE | {"direction": [1.0, 0.0], "stiffness": 0.1, "preload": None}}},
+    "remote point": {
+        "remote_points": {
+            "hub": SIDE | {"point": [0.0, 1.0], "coupling": "distributing", "force": {"x": None}, "moment": {"z": 0.01}}
+        }
+    },
+    "bolt": {"bolts": {"m8": SHANK | {"shortening": None}}},
+    "bolt by force": {"bolts": {"m8": ACROSS | {"force": None}}},
+    "gap": {"contacts": {"base": BASE | {"gap_offset": None}}},
+    "map of the gap": {
+        "contacts": {"base": BASE | {"gap_offset": {"over": ["x"], "rows": [[0.0, 0.0], [4.0, 0.01]], "plus": None}}}
+    },
 }
 AT_ONE = {"support": 0.0, "normal support": -0.1, "obstacle": 0.02, "force on obstacle": 0.1}  # else 0.005
 
@@ -231,9 +264,7 @@ def scene_of(case: str, value: Callable[[str], Any]) -> stickslip.Scene:
         "geometry": {"builder": "block", "length": 4.0, "height": 2.0, "mesh_size": 1.0, "contact_mesh_size": 0.5},
         "bodies": {"block": {"E": 1.0, "nu": 0.3}},
         "obstacles": {"foundation": PLANE},
-        "contacts": {
-            "base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}
-        },
+        "contacts": {"base": BASE},
         "supports": {"top": {"boundary": "block.top", "displacement": top}},
         "steps": {"end": 3.0, "count": 3},
     }
@@ -266,11 +297,39 @@ def test_scripted_values_are_those_of_a_scene_that_lists_them(case: str) -> None
         now: dict[str, Any] = {
             t: {n: {c: v[k] for c, v in of.items()} for n, of in all_of.items()} for t, all_of in DRIVEN[case].items()
         }
+        now = {table: values.get("", values) for table, values in now.items()}
         mine = script.step(to=theirs.time, **now)
         assert_same(mine, theirs)
         assert [u.tolist() for u, *_ in mine.obstacles.values()] == [u.tolist() for u, *_ in theirs.obstacles.values()]
     assert simulation.counters.factorisations == prepared == 1
     assert abs(expected[2].p - expected[1].p).max() > 1e-3 * expected[1].p_ref  # what was changed matters
+
+
+def test_a_component_of_several_keys_is_named_with_its_key() -> None:
+    """A hub with force and moment about z in space; a gap that a script opens is in the scene that repeats it."""
+    base = BASE | {"gap_offset": 0.01}
+    tables = {
+        "model": "3d",
+        "geometry": {"builder": "block", "length": 1.0, "width": 1.0, "height": 1.0, "mesh_size": 0.5},
+        "bodies": {"block": {"E": 1.0, "nu": 0.3}},
+        "obstacles": {"foundation": {"shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}},
+        "contacts": {"base": base},
+        "supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0, "z": [[1, -0.1]]}}},
+        "remote_points": {
+            "hub": SIDE
+            | {"point": [0.0, 0.5, 0.5], "coupling": "distributing"}
+            | {"force": {"z": [[1, 0.0]]}, "moment": {"z": [[1, 0.0]]}}
+        },
+        "steps": {"end": 2.0, "count": 2},
+    }
+    script = stickslip.prepare(from_dict(tables)).script()
+    script.step(to=1.0)
+    with pytest.raises(stickslip.SceneError, match=r"hub\.z = 0\.1: the scene prescribes only force\.z, moment\.z"):
+        script.step(to=2.0, remote_points={"hub": {"z": 0.1}})
+    step = script.step(to=2.0, remote_points={"hub": {"moment": {"z": 0.01}}}, contacts={"base": {"gap_offset": 0.02}})
+    assert_allclose(step.remote_points["hub"].moment, [0.0, 0.0, 0.01], atol=1e-15)
+    assert_same(list(stickslip.steps(script.scene))[-1], step)
+    assert script.scene.contacts["base"].gap_offset == ((0.0, 0.01), (1.0, 0.01), (2.0, 0.02))
 
 
 def test_a_column_is_driven_to_and_fro_by_closed_loop_as_its_closed_form_says() -> None:
@@ -487,6 +546,10 @@ def moved() -> stickslip.Simulation:
         ({"to": 2.0, "loads": {"wind": {"pressure": 1.0}}}, r"loads\.wind\.pressure = 1\.0: the scene"),
         ({"to": 2.0, "obstacles": {"foundation": {"x": 1.0}}}, r"foundation: has no displacement, .* must name one"),
         ({"to": 2.0, "obstacles": {"foundatoin": {"x": 1.0}}}, r"nothing there .* did you mean foundation\?"),
+        ({"to": 2.0, "gravty": {"y": 1.0}}, r"gravty: nothing there to change"),
+        ({"to": 2.0, "gravity": {"y": 1.0}}, r"gravity: nothing there to change"),
+        ({"to": 2.0, "supports": {"top": {"displacement": {"z": 1.0}}}}, r"top\.displacement\.z = 1\.0: the scene"),
+        ({"to": 2.0, "contacts": {"base": {"plus": 1.0}}}, r"contacts\.base\.plus: nothing there to change"),
         ({"to": 2.0, "loads": {"calm": {"x": 1.0}}}, r"loads\.calm: has no traction, .* must name one"),
         ({"to": 2.0, "supports": {"top": {"x": 0.1}, "corner": {"x": 0.0}}}, r"contradict each other"),
     ],

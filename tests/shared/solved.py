@@ -13,6 +13,10 @@ from stickslip.workflows.run.run import run
 
 COARSER = 2.5  # times the mesh sizes of the ready scenes: what is tested holds on every mesh
 SIZES = ("mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size")
+OF_FILES = {
+    "crack": {"fine": 0.1, "coarse": 2.0},
+    "split_clamp": {"size": 1.0},
+}  # sizes that .geo files have by default
 FEWER = {  # steps, of scenes that have many for the accuracy of their dissipation
     "axisymmetric": 4,
     "dam": 12,
@@ -63,7 +67,7 @@ class Solved:
 def coarse(name: str) -> list[str]:
     """Overrides for a coarser mesh, fewer steps, a probe more, and no pictures (they have tests of their own)."""
     scene = read(name)
-    sizes = {key: getattr(scene.geometry, key, None) for key in SIZES}
+    sizes = OF_FILES.get(name) or {key: getattr(scene.geometry, key, None) for key in SIZES}
     held = scene.supports or scene.sections.get("elastic_support", {})
     contact, support = (next(iter(table.values()), None) for table in (scene.contacts, held))
     alone = support is None or contact.against in scene.obstacles  # else another body may reach over the contact side

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stickslip import OPEN, SLIP, STICK, ContactState, Energy, MeshData, Output, ProbeValue, StepResult, read
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.scene.record import CONTACT_NUMBERS
+from stickslip.solvers.scene.record import ContactNumbers
 from stickslip.workflows.writers.writer import Job
 
 FACET = {"triangle": "interval", "quadrilateral": "interval", "tetrahedron": "triangle", "hexahedron": "quadrilateral"}
@@ -67,7 +67,7 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
         status=np.resize(np.array([OPEN, SLIP, STICK], np.int8), n),
         force=np.zeros(d),
         moment=np.zeros(1 if d == 2 else 3),
-        **dict.fromkeys(CONTACT_NUMBERS, 0.0),
+        **{f.name: 0.0 for f in fields(ContactNumbers) if f.name not in ("force", "moment")},
     )
     return StepResult(
         time=time,

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import stickslip
 from shared.audited import audit, record_of, stored_by
@@ -20,10 +20,11 @@ from stickslip.geometry.errors import SceneError
 from stickslip.geometry.shape import Model
 from stickslip.solvers.fem.elastic_energy import stress_by_compliance
 from stickslip.solvers.results.audit import Auditor
-from stickslip.solvers.results.step_result import Quantity, StepResult
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, Errors, Quantity, StepResult, number_of, quantities
 from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan, warnings
+from stickslip.solvers.simulation.simulation import prepare as estimating
 from stickslip.workflows.lab.verification.prepared import prepare, system_of
 from stickslip.workflows.lab.verification.units import in_millimetres
 from stickslip.workflows.scene_file.read import from_dict, read, to_dict
@@ -76,6 +77,76 @@ def test_weights_are_positive_and_make_a_disc(geometry: dict[str, Any]) -> None:
     assert on_axis.sum() == 1
     assert len(rows.W_n) == len(on_axis)  # the axis node is pressed like any other
     assert len(rows.W_t) == len(on_axis) - 1  # but does not slip: u_r = 0 there
+
+
+def test_friction_works_around_the_full_circle() -> None:
+    """A disc pressed on a floor widens by nu p r / E; a small bound s works by 2 pi s nu p R^3 / (3 E)."""
+    bound, R = 1e-7, 2.0
+    friction = {"friction": {"law": "tresca", "bound": [[0, bound], [1, bound]]}}
+    support = {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}}
+    scene = scene_of(
+        geometry={"mesh_size": 0.1}, base=friction, model="axisymmetric", supports=support, solver={"tolerance": 1e-12}
+    )
+    (step,) = prepare(scene).steps()
+    base = step.contacts["base"]
+    assert_allclose(base.dissipation, 2 * np.pi * bound * NU * 0.1 * R**3 / 3, rtol=0.01)
+    assert_allclose(step.energy.dissipated, base.dissipation, rtol=1e-12)
+
+
+RING = """
+SetFactory("OpenCASCADE");
+Rectangle(1) = {FAR, 0, 0, 1, 0.5};
+Mesh.MeshSizeMax = 0.1;
+Physical Surface("block") = {1};
+Physical Curve("block.bottom") = {1}; Physical Curve("block.top") = {3};
+"""
+
+
+def test_a_thin_ring_is_a_strip_around_its_circumference(tmp_path: Path) -> None:
+    """Far from the axis forces, areas, works and all stated errors are those of plane strain by 2 pi r."""
+    far, found, errors = 1e5, dict[str, StepResult](), dict[str, Errors]()
+    (tmp_path / "ring.geo").write_text(RING.replace("FAR", f"{far:g}"))
+    for model in ("plane strain", "axisymmetric"):
+        scene = from_dict(
+            {
+                "model": model,
+                "geometry": {"file": "ring.geo"},
+                "bodies": {"block": {"E": 1.0, "nu": NU}},
+                "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
+                "contacts": {
+                    "base": {
+                        "surface": "block.bottom",
+                        "against": "floor",
+                        "normal": {"law": "compliance", "c_n": 20.0},
+                        "friction": {"law": "coulomb", "mu": 0.3},
+                    }
+                },
+                "supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.04, "y": -0.05}}},
+                "solver": {"tolerance": 1e-11},
+            },
+            tmp_path,
+        )
+        simulation = estimating(scene)
+        (found[model],) = simulation.steps()
+        (errors[model],) = simulation.errors([found[model]])
+    strip, ring = found["plane strain"], found["axisymmetric"]
+    assert {OPEN, SLIP, STICK} > {*strip.contacts["base"].status} > {SLIP}
+    assert_array_equal(ring.contacts["base"].status, strip.contacts["base"].status)
+    around, known = 2 * np.pi * (far + 0.5), quantities(strip)
+    powers = {"N": 1, "J": 1, "m²": 1}
+    for key, value in quantities(ring).items():
+        unit = number_of(key).unit
+        if key.quantity in ("moment", "force", "tangential_force"):  # radial parts balance around the circle
+            continue
+        size = around ** powers.get(unit, 0)
+        assert_allclose(value, size * np.asarray(known[key]), rtol=2e-3, atol=1e-6 * size, err_msg=str(key))
+        one, other = errors["axisymmetric"][key], errors["plane strain"][key]
+        if other.mesh is None:  # the pressure at a corner of the block grows without end
+            assert one.mesh is None
+        else:
+            assert_allclose(one.mesh, size * np.asarray(other.mesh), rtol=0.02, atol=1e-6 * size, err_msg=str(key))
+    assert ring.mesh_error == pytest.approx(strip.mesh_error, rel=1e-3)
+    assert strip.mesh_error > 0.01
 
 
 def test_only_the_shift_along_the_axis_is_rigid() -> None:

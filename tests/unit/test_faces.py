@@ -15,6 +15,7 @@ from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.surfaces.faces import edges_of, split_at_edges
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.run.mesh_report import look
 from stickslip.workflows.scene_file.read import from_dict
 
 STEEL = {"E": 200_000.0, "nu": 0.3}
@@ -206,6 +207,22 @@ def test_a_side_round_two_corners_presses_on_its_bottom_alone(
     assert max(defects.values()) < 1e-8
     if not lean:
         assert_allclose(np.abs(step.displacement).max(), 0.00207, rtol=0.03)
+
+
+def test_gaps_of_skins_are_those_of_points_that_face_the_other_side(tmp_path: Path) -> None:
+    """A block .5 mm above a slab: its flanks face nothing."""
+    (tmp_path / "punch.geo").write_text(PUNCH.replace("{-6,0,0,12,2}", "{-6,0,0,12,1.5}"))
+    report, *_ = look(from_dict({
+        "model": "plane strain", "geometry": {"file": "punch.geo"},
+        "bodies": {"slab": STEEL, "block": STEEL}, "contacts": {"c": SKINS},
+        "supports": {
+            "slab": {"boundary": "slab.bottom", "displacement": [0.0, 0.0]},
+            "block": {"boundary": "block.top", "displacement": {"x": 0.0, "y": -1.0}},
+        },
+    }, tmp_path))  # fmt: skip
+    found = report.contacts["c"]
+    assert_allclose([found.smallest_gap, found.largest_gap], 0.5, rtol=1e-9)
+    assert found.points_that_can_touch == found.normal_points == 9
 
 
 POINTED = """

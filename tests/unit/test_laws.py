@@ -28,7 +28,8 @@ from stickslip.solvers.laws.friction import (
     Stick,
     Tresca,
 )
-from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, Trial
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, Trial, touched
+from stickslip.solvers.laws.mu_table import largest_from
 from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.rate_dependent import SPEEDS, RateDependent
@@ -227,6 +228,8 @@ def test_a_field_of_friction_has_a_coefficient_for_each_point() -> None:
         assert_allclose(law.mu, expected)
         assert law.k_T == 7.0
         assert law.of_points(np.array([1])).mu == pytest.approx(expected[1:])
+    with pytest.raises(SceneError, match=r"^friction\.mu = \"1/x\": has no finite value"):
+        Coulomb(mu="1/x").placed(points, 0.5, 2.0)
     with pytest.raises(SceneError, match=r"^friction\.mu = -2\.0: must not be negative"):
         Coulomb(mu="-x").placed(points, 0.5, 2.0)
     with pytest.raises(SceneError, match=r'^mu = "q": column 1: q is not known'):
@@ -270,6 +273,13 @@ def test_a_field_of_friction_has_a_coefficient_for_each_point() -> None:
             r"^axis = \[1\.0, 0\.0\]: expected a direction",
         ),
         (lambda: across(axis=(0.0, 0.0, 0.0)), r"^axis = .*: expected a direction"),
+        (lambda: RateDependent(mu=((0.0, -0.1),)), r"^mu = -0\.1: mu must not be negative"),
+        (
+            lambda: RateDependent(mu=((0.0, 0.0), (1.0, 0.3))),
+            r"^mu = \[\[0\.0, 0\.0\], \[1\.0, 0\.3\]\]: is 0 at V = 0, .*, such as 1e-3$",
+        ),
+        (lambda: RateDependent(mu=((0.0, 0.3), (1.0, 0.2))), r"^mu = \[\[0\.0, 0\.3\], \[1\.0, 0\.2\]\]: mu falls as"),
+        (lambda: RateDependent(mu="0.3 + x + y"), r'^mu = "0\.3 \+ x \+ y": x, y: mu depends on V alone'),
     ],
 )
 def test_impossible_laws_are_refused(make: Any, text: str) -> None:
@@ -283,10 +293,19 @@ def test_laws_at_the_edge_of_what_is_possible_are_accepted() -> None:
     for law in (Cohesion(a=0.0, mu=0.0), CappedCoulomb(mu=0.0, s_max=1.0), PressureDependent(mu=((0.0, 0.0),))):
         assert not law.resists()
     at_least: list[FrictionLaw] = [Coulomb(mu=0.3), Tresca(bound=0.5), Tresca(bound=((0.0, 0.0), (1.0, 0.5))), Stick()]
-    for law in (*at_least, TangentialCompliance(c_T=0.5), CoulombByPoint(mu=np.array([0.0, 0.1])), *PLAIN, *CAPPED):
+    for law in (
+        *at_least,
+        *RATES,
+        Cohesion(a=0.0, mu=0.3),
+        TangentialCompliance(c_T=0.5),
+        CoulombByPoint(mu=np.array([0.0, 0.1])),
+        *PLAIN,
+        *CAPPED,
+    ):
         assert law.resists()
     assert not CoulombByPoint(mu=np.zeros(2)).resists()
-    assert CoulombByPoint(mu=np.zeros(0)).lines(Unilateral(), 1.0, 1.0) == (np.inf, np.inf, 0.0)
+    for most in (None, np.zeros(0)):
+        assert CoulombByPoint(mu=np.zeros(0), most=most).lines(Unilateral(), 1.0, 1.0) == (np.inf, np.inf, 0.0)
 
 
 def test_no_bound_from_above_is_below_what_mu_becomes_by_slip() -> None:
@@ -294,6 +313,9 @@ def test_no_bound_from_above_is_below_what_mu_becomes_by_slip() -> None:
     law = SlipDependent(mu=((0.0, 0.1), (1e-3, 0.5), (2e-3, 0.3)))
     for slid, most in ((0.0, 0.5), (1.5e-3, 0.4), (1.0, 0.3)):
         assert law.at(np.array([slid])).lines(Unilateral(), 1.0, 1.0)[2] == pytest.approx(most)
+    both = law.at(np.array([0.0, 1.5e-3]))
+    assert both.of_points(np.array([1])).lines(Unilateral(), 1.0, 1.0)[2] == pytest.approx(0.4)
+    assert_allclose(largest_from(((0.0, 0.2), (1.0, 0.3), (2.0, 0.5), (3.0, 0.1)), np.array([0.5, 1.5])), 0.5)
     assert Coulomb(mu=0.3, k_T=0.5).softness == 2.0
     assert Compliance(c_n=0.5).c_n == 0.5
 
@@ -305,6 +327,7 @@ def test_each_point_has_its_own_coefficient() -> None:
     assert_allclose(law.limit_slope(p, alone, normal).toarray(), np.diag([0.0, 0.2, 0.3]))
     assert_allclose(law.limit_slope(np.array([0.0, 0.5, 2.0]), alone, normal).toarray(), np.diag([0.0, 0.2, 0.3]))
     assert law.lines(normal, 1.0, 1.0) == (np.inf, 0.1, 0.3)
+    assert law.homogeneous(normal, 1.0, 1.0)
     with pytest.raises(ValueError, match="broadcast"):  # all points of the contact at once
         law.limit(p[:2], sparse.identity(2).tocsr(), normal, 1.0, 1.0)
 
@@ -318,6 +341,8 @@ LINES: list[tuple[FrictionLaw, NormalLaw, bool]] = [  # and whether the lines ar
     (TangentialCompliance(c_T=2.0, m_T=1.000001), Compliance(c_n=3.0), False),
     (TangentialCompliance(c_T=0.7, m_T=1.5), Compliance(c_n=3.0, m_n=1.5), True),
     (TangentialCompliance(c_T=2.0, m_T=2.0), Compliance(c_n=3.0, m_n=1.5), False),
+    (TangentialCompliance(c_T=0.7, m_T=2.0), Compliance(c_n=3.0, m_n=1.5), False),
+    (TangentialCompliance(c_T=0.0, m_T=2.0), Compliance(c_n=3.0, m_n=1.5), True),
     (CoulombByPoint(mu=np.array([0.1, 0.2, 0.3])), Unilateral(), False),
     (PLAIN[0], Unilateral(), True),
     (PLAIN[1], Unilateral(), False),
@@ -368,7 +393,9 @@ def test_a_light_touch_is_a_touch() -> None:
     light = np.array([0.0, 1e-9])
     assert_array_equal(Tresca(bound=4.0).limit(light, alone, Unilateral(), **at_end), [0.0, 4.0])
     soft = Compliance(c_n=0.2)
-    for law, slope in ((Coulomb(mu=0.3), 0.3), (TangentialCompliance(c_T=2.0), 10.0)):
+    assert_array_equal(touched(light, alone, soft), [0.0, 1.0])
+    level = PressureDependent(mu=((0.0, 0.3), (1.0, 0.3)))
+    for law, slope in ((Coulomb(mu=0.3), 0.3), (TangentialCompliance(c_T=2.0), 10.0), (level, 0.3)):
         assert_allclose(law.limit_slope(light, alone, soft).toarray(), np.diag([0.0, slope]))
 
 
@@ -415,6 +442,8 @@ def test_a_bound_that_would_fall_as_the_pressure_grows_is_refused() -> None:
     PressureDependent(mu=((0.0, 0.4), (2.0, 0.2)))  # s = 0.4 p - 0.1 p^2 is level at 2 Pa
     with pytest.raises(SceneError, match="the bound mu p_n falls as the pressure grows"):
         PressureDependent(mu=((0.0, 0.4), (2.0, 0.19)))
+    with pytest.raises(SceneError, match="the bound mu p_n falls as the pressure grows"):
+        PressureDependent(mu=((1.0, 0.4), (2.0, 0.25)))
 
 
 def test_laws_by_slip_are_coulombs_with_the_mu_of_each_point() -> None:
@@ -459,6 +488,9 @@ def test_the_bound_of_slip_in_a_step_is_that_of_its_rate_and_has_its_derivatives
         resting = law.at(np.zeros(2)).limit_slope(p, SHARES, Unilateral()).toarray()
         own = np.where(at_rest[:, None], resting, found.by_pressure.toarray())
         assert_allclose(own, slope, atol=1e-8)
+    assert not now.dragged(-p, SHARES, Trial(size, gamma)).by_pressure.toarray().any()
+    assert not now.homogeneous(Unilateral(), 1.0, 1.0)
+    assert replace(law, k_T=k_T).at(np.zeros(2)).k_T == k_T
 
 
 @pytest.mark.parametrize(
@@ -473,12 +505,15 @@ def test_the_bound_of_slip_in_a_step_is_that_of_its_rate_and_has_its_derivatives
         ("0.3 - 0.2*exp(-((V-1.03e-1)/1e-4)**2)", "mu falls as the slip rate grows"),
         ("0.3 + 0.1*V + 0.01*sin(200*V)*exp(-V)", "mu falls as the slip rate grows"),
         ("0.3 - 1e-20*V*exp(-1e14*V)*1e20", "mu falls as the slip rate grows"),
+        ("0.3 - 0.2*exp(-((V - 0.103 + 2e-4)/1e-4)**2)", "mu falls as the slip rate grows"),  # below a number in it
+        ("0.3 - 0.1*max(V - 9.5e5, 0)/1e6", "mu falls as the slip rate grows"),
+        ("0.5 + V - 0.1*(3*V - 1)/abs(3*V - 1)", "mu falls as the slip rate grows"),  # at a jump alone
     ],
 )
 def test_an_expression_without_values_or_slopes_or_that_falls_is_refused_in_one_line(mu: str, said: str) -> None:
     with pytest.raises(SceneError) as caught:
         RateDependent(mu=mu)
-    assert said in str(caught.value)
+    assert str(caught.value).startswith(f'mu = "{mu}": {said}')
     assert len(caught.value.lines) == 1
 
 
@@ -493,6 +528,8 @@ def test_an_expression_without_values_or_slopes_or_that_falls_is_refused_in_one_
             "0.2 + 0.01*log(1 + V/1e-6)",
             "0.3 + 1/(1 + exp(1e3 - 1e3*V))",
             "1e-3 + 0.3*V**3/(1 + V**3)",
+            "0.1*pi",
+            "0.3 - 0.1*max(V - 2e6, 0)/1e6",  # falls beyond all speeds that are looked at
         ),
     ],
 )
@@ -504,7 +541,7 @@ def test_an_expression_that_grows_or_stays_is_accepted_and_read_without_warnings
 def test_the_rate_of_a_step_without_length_is_that_of_rest() -> None:
     law, slip = RATES[0], np.array([0.0, 3.0])
     assert_array_equal(law.after(np.zeros(2), slip, 0.5), [0.0, 6.0])
-    assert_array_equal(law.after(np.ones(2), slip, 0.0), [0.0, 0.0])
+    assert_array_equal(law.after(np.ones(2), slip, 0.0), [0.0, 0.0], strict=True)
     assert_array_equal(law.within(np.ones(2), 0.0).mu, [0.2, 0.2])  # type: ignore[attr-defined]
     assert law.resists()
     assert not RateDependent(mu="0").resists()
@@ -524,6 +561,8 @@ def test_directions_are_orthogonal_as_long_as_mu_and_along_the_axis() -> None:
     assert_allclose(one[0, 0] / np.linalg.norm(one[0, 0]), turned[0])
     assert_allclose(np.linalg.norm(one[0, 0]) * 0.5, 1 / np.hypot(0.8 / 0.2, 0.6 / 0.5))
     assert_array_equal(Coulomb(mu=0.3).directions(up, np.ones((1, 2), bool)), up)
+    short = replace(law, axis=(0.0, 1e-4, 3e-4))  # its length tells nothing
+    assert_allclose(short.directions(np.array([up]), np.ones((1, 2), bool)), both[:1])
     with pytest.raises(SceneError, match=r"axis = \[0.0, 3.0, 0.0\]: is normal to the side at some point"):
         OrthotropicCoulomb(mu_1=0.2, mu_2=0.5, axis=AXIS).directions(np.eye(3)[None, [0, 2]], np.ones((1, 2), bool))
 

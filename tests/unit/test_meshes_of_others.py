@@ -18,6 +18,7 @@ from stickslip.geometry.user_files.outline import Outline
 from stickslip.geometry.user_files.raw_mesh import FIRST_ORDER, LOCAL_FACETS, RawMesh
 from stickslip.geometry.user_files.reader import Question, ask
 from stickslip.solvers.simulation.resolve import resolve
+from stickslip.workflows.run.mesh_report import look
 from stickslip.workflows.scene_file.read import from_dict
 
 BOX = """
@@ -112,6 +113,8 @@ def test_what_was_done_is_said(tmp_path: Path) -> None:
         assert isinstance(outline, Outline)
         assert says in outline.note
         assert bool(says) == bool(outline.note)
+        lines = [*look(from_dict(scene_data(path, 3, "a", order=ORDERS[order][0])))[0].lines()]
+        assert lines[1:-1] == [outline.note] * bool(says)  # between those of the mesh and of the contact
 
 
 def test_cells_of_order_3_are_refused(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Contact of a body with itself: cracks, whose ends both sides have, slots, and one side with itself."""
 
+import tomllib
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.audited import audit, solved
+from shared.command import READY
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
@@ -20,6 +22,7 @@ from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.stepping import pairs
 from stickslip.workflows.run.run import run
+from stickslip.workflows.scene_file.proposal import assembly, scene_text
 from stickslip.workflows.scene_file.read import from_dict, read
 
 ROCK = {"E": 25e9, "nu": 0.25}
@@ -313,6 +316,41 @@ def test_the_skin_of_a_split_block_touches_itself_in_3d_as_the_sides_of_its_spli
         found.append(step.contacts["slot"].normal_force)
     assert found[0] > 400
     assert_allclose(found[1], found[0], rtol=0.01)
+
+
+KNIFE = """
+Point(1) = {0, 0, 0}; Point(2) = {10, 0, 0}; Point(3) = {10, 1, 0}; Point(4) = {2, 0.003, 0}; Point(5) = {5, 0.003, 0};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 5}; Line(4) = {5, 4}; Line(5) = {4, 1};
+Curve Loop(1) = {1:5}; Plane Surface(1) = {1}; Physical Surface("c") = {1};
+"""  # a sharp edge, and a sheet thinner than what is near
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "sides", "gap"),
+    [
+        ("slot.geo", SLOT, ("c.upper", "c.lower"), 0.01),
+        ("crack.geo", (READY / "crack.geo").read_text(), ("plate.below", "plate.above"), 0.0),
+        ("needle.geo", needle(30, 37), ("p.hole", "p.hole"), None),
+        ("wedge.py", SPLIT.replace("10.5", "10.02").replace("9.5", "9.98"), ("c.upper", "c.lower"), None),
+        ("knife.geo", KNIFE, None, None),
+    ],
+)
+def test_a_body_that_may_touch_itself_is_proposed_to(
+    name: str, text: str, sides: tuple[str, str] | None, gap: float | None, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text(text.replace('parameters["skin"]', "0"))
+    found = assembly(tmp_path / name, None, None)
+    if sides is None:
+        assert found.pairs == ()
+        return
+    scene = tomllib.loads(scene_text(found, tmp_path / "of.toml"))
+    (contact,) = scene["contacts"].values()
+    assert {contact["surface"], contact["against"]} == {*sides}
+    if gap is None:
+        assert "gap" not in contact
+    else:
+        assert_allclose(contact["gap"], gap, atol=1e-9)
+    assert from_dict(scene, tmp_path).request().facing == ((contact["surface"], contact["against"]),)
 
 
 def test_a_search_takes_over_bodies_whose_form_has_changed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from shared.assemblies import outline_of, pinned, stacked
+from shared.audited import record_of, stored_by
 from shared.cases import every_nth, slow
 from stickslip import GeometryError, Scene, SceneError, StepResult
 from stickslip.geometry import dolfinx_versions as dx
@@ -21,9 +22,11 @@ from stickslip.geometry.surfaces.search import Pairing, intersect, orthogonal_fr
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.geometry.user_files.outline import Facets, fit
 from stickslip.geometry.user_files.touching import Pair, Side, joined, touching
+from stickslip.solvers.results.audit import Auditor
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.proposal import proposed_law, slaves
 from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.writers.tables import steps_row
 
 Map = Callable[[Array], Array]
 KINDS = [(shape, degree) for shape in ("interval", "triangle", "quadrilateral") for degree in (1, 2)]
@@ -365,6 +368,29 @@ def test_resultants_act_on_the_surface_that_is_written(upper: float, rtol: float
     assert_allclose(first.normal_force, second.normal_force, rtol=rtol)
 
 
+@pytest.mark.parametrize("joint", [{}, {"slave": "against"}, {"sliding": True}], ids=str)
+def test_signs_are_those_of_the_surface_whichever_body_is_softer(joint: dict[str, Any]) -> None:
+    """The upper block, `surface`, is drawn to the right: it slips there, and friction holds it back."""
+    for upper in (5.0, 20.0):  # the program exchanges the roles of the second, if nobody says otherwise
+        scene = pair_of_blocks(upper, **joint)
+        simulation = prepare(scene)
+        (step,) = simulation.steps()
+        face, row = step.contacts["joint"], steps_row(1, scene, step)
+        assert row["joint.force.x"] < 0 < row["joint.slip.x"]
+        # where it slides, normals are those of the bent sides
+        assert_allclose(
+            face.weight @ face.traction, [face.force[0], 0.0], atol=1e-9 if not scene.pairs["joint"].sliding else 5e-3
+        )
+        assert row["joint.tangential_force.x"] == pytest.approx((face.weight @ face.traction)[0], rel=1e-12)
+        assert_allclose(face.slip, face.slip_increment, atol=1e-15)
+        assert_allclose(face.traction, -face.bound[:, None] * face.lam, atol=1e-12)
+        audit, record = Auditor(simulation.problem, simulation.mesh), record_of(step)
+        assert audit(replace(record, stored=stored_by(step))).fields < 1e-9
+        turned = replace(face, traction=-face.traction, lam=-face.lam)
+        stored = stored_by(replace(step, contacts={"joint": turned}))
+        assert audit(replace(record, stored=stored)).fields > 0.1
+
+
 @pytest.mark.parametrize("gap", [2e-3, -2e-3])
 def test_a_cube_on_a_plate_touches_it_with_its_bottom(gap: float) -> None:
     """The cube is the smaller side; negative gaps are overlaps."""
@@ -578,7 +604,8 @@ def test_wrong_names_of_bodies_are_refused(names: Any, says: str) -> None:
 def test_several_bodies_can_be_made_one() -> None:
     outline = outline_of(stacked, names={"whole": ["part", "part_2"]})
     assert list(outline.bodies) == ["whole"]
-    assert touching(outline, 3) == []
+    (own,) = touching(outline, 3)  # its parts touch
+    assert (own.one.body, own.other.body) == ("whole", "whole")
 
 
 # --- proposals

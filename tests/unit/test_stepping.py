@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, Status
+from stickslip.solvers.results.observe import _status as status_of
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.solvers.stepping import halving
 from stickslip.solvers.stepping.method_chain import MethodChain
@@ -472,3 +475,38 @@ def test_body_that_is_prescribed_whole_is_refused(scene_of: SceneOf, simulation_
     whole = {side: {"boundary": f"block.{side}", **still} for side in ("left", "right", "top")}
     with pytest.raises(SceneError, match="nothing is left to solve"):
         simulation_of(scene_of(geometry={"mesh_size": 1.0, "length": 1.0}, supports=whole))
+
+
+POINTS = {  # pressure, traction, bound [Pa], slip increment [m]; the largest traction is 1 Pa, the motion by it 1 m
+    "touches nothing": (0.0, 0.0, 0.0, 0.5, OPEN),
+    "a pressure of rounding": (0.9e-9, 0.0, 0.3e-9, 0.5, OPEN),
+    "at its bound, and moves": (1.0, 0.3, 0.3, 0.5, SLIP),
+    "at its bound, and stays": (1.0, 0.3, 0.3, 0.0, STICK),
+    "at its bound, moved by rounding": (1.0, 0.3, 0.3, 0.9e-9, STICK),
+    "below its bound, on springs that give": (1.0, 0.2, 0.3, 0.5, STICK),
+    "within the slack of its bound": (1.0, 0.2998, 0.3, 0.5, SLIP),
+    "beyond the slack of its bound": (1.0, 0.2996, 0.3, 0.5, STICK),
+    "held without end": (1.0, 0.3, np.inf, 0.5, STICK),
+}
+
+
+@pytest.mark.parametrize("sides", [1, 2])
+@pytest.mark.parametrize("smooth", [False, True])
+def test_a_point_slips_at_its_bound_if_it_moves(smooth: bool, sides: int) -> None:
+    pressure, t, bound, by, expected = np.array([*POINTS.values()]).T
+    bound = 0 * pressure if smooth else bound
+    rows = SimpleNamespace(normal=SimpleNamespace(sides=sides))
+    problem = SimpleNamespace(scales=SimpleNamespace(of_tractions=np.max), u_ref=1.0, stiffness=1.0)
+    start = SimpleNamespace(p=np.zeros(1))
+    accepted: Any = SimpleNamespace(problem=problem, state=SimpleNamespace(p=pressure), substep_start=start, slack=1e-3)
+    vectors = (np.column_stack([values, 0 * values]) for values in (t, by))
+    multiplier, increment = vectors
+    found = status_of(rows, pressure, multiplier, bound, increment, accepted)  # type: ignore[arg-type]
+    if sides == 2:  # a bilateral contact is never open: what is pressed by nothing slips at its bound of zero
+        expected = np.where(expected == OPEN, np.where(bound == 0, SLIP, STICK), expected)
+    if smooth:  # nothing sticks without friction
+        expected = np.where(expected == STICK, SLIP, expected)
+    assert dict(zip(POINTS, found, strict=True)) == dict(zip(POINTS, expected.astype(int), strict=True))
+    start.p[0] = 1e3  # a release leaves a rest of the tractions before, and of the motions that they make
+    released = status_of(rows, 1e-7 * pressure, multiplier, bound, increment, accepted)  # type: ignore[arg-type]
+    assert sides == 2 or set(released.tolist()) == {OPEN}

@@ -97,6 +97,10 @@ def test_mean_slip_is_that_of_what_presses(scene: stickslip.Scene, steps: list[S
     )
     row = steps_row(1, scene, replace(steps[1], contacts={"base": half}))
     assert row["base.slip.x"] == pytest.approx(0.01, rel=1e-14)
+    force = base.weight * np.arange(1.0, 1 + len(base.weight))  # pressures by 1, 2, ...: ends count for half a facet
+    uneven = replace(half, pressure=force / base.weight, slip=base.points - base.points.mean(axis=0))
+    row = steps_row(1, scene, replace(steps[1], contacts={"base": uneven}))
+    assert row["base.slip.x"] == pytest.approx(float(force @ uneven.slip[:, 0] / force.sum()), rel=1e-12)
     lifted = replace(half, pressure=0 * half.pressure)
     touching_by_rounding = replace(half, pressure=1e-20 * half.pressure, contact_area=0.0)
     for index, open_one in enumerate((lifted, touching_by_rounding), start=1):  # no slip: not one of 0

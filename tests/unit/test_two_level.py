@@ -467,3 +467,26 @@ def test_what_nobody_asks_for_costs_nothing(scene_of: SceneOf, estimating: Simul
     assert np.isnan(other.mesh_error)
     assert not len(other.stress_error)
     assert len(one.stress_error) == len(asked.data.cells)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_largest_stress_of_a_body_is_known_up_to_its_error(order: int) -> None:
+    """Lamé: a ring under a pressure p around it has 2 p b^2 / (b^2 - a^2) along its inner side, and none across it."""
+    nu = 0.3
+    sizes = ["geometry.mesh_size=0.2", "geometry.inner_mesh_size=0.2", "contacts.fit.gap=-1e-3", "steps.end=1.0"]
+    (step,) = prepare(read("shrink_fit", [f"geometry.order={order}", *sizes, "steps.count=1"])).steps()
+    fit, inner = step.contacts["fit"], step.bodies["inner"]
+    assert fit.mean_pressure == fit.normal_force / fit.contact_area
+    along = 2 * fit.mean_pressure * 2.0**2 / (2.0**2 - 1.0**2)
+    exact = along * np.sqrt(1 - nu + nu**2)
+    stated = step.errors["bodies.inner.max_von_mises"].mesh
+    assert 0.7 * abs(inner.max_von_mises - exact) < stated < 3 * abs(inner.max_von_mises - exact)
+    if order == 1:  # of order 2 forces have theirs at the end of the run
+        force, area = (step.errors[f"contacts.fit.{key}"] for key in ("normal_force", "contact_area"))
+        mean = (force.mesh + fit.mean_pressure * area.mesh) / fit.contact_area
+        assert_allclose(step.errors["contacts.fit.mean_pressure"].mesh, mean)
+
+
+def test_largest_stress_at_a_corner_has_no_error() -> None:
+    (*_, step) = prepare(read("block", ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.125"])).steps()
+    assert step.errors["bodies.block.max_von_mises"].converges is False

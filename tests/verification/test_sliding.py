@@ -74,6 +74,49 @@ def test_force_does_not_feel_the_cells_that_pass(slave: str, order: int, frictio
         assert steps[-1].contacts["joint"].max_slip > 4.5 * CELL
 
 
+WEAKENS = {"law": "static_kinetic", "mu_s": MU, "mu_k": 0.2, "slip_length": 2 * CELL}
+
+
+@pytest.mark.parametrize("law", [WEAKENS, {"law": "slip_dependent", "mu": [[0, MU], [2 * CELL, 0.2]]}], ids=str)
+def test_what_slid_far_remembers_its_slip(law: dict[str, Any]) -> None:
+    """Pairs are searched anew at every step: each point of the lower block keeps its path of slip, and so its mu."""
+    steps = slide("lower", "mortar", 1, {"friction": law}, {"law": "unilateral"})
+    ratios = [step.contacts["joint"].tangential_force / step.contacts["joint"].normal_force for step in steps]
+    drawn_by = np.array([(step.time - 1.0) * 5 * CELL for step in steps])
+    # all slips as far as the rigid block is drawn, less what the layer is sheared, 2 (1 + nu) tau h / E
+    sheared = 2 * np.array(ratios) * FORCE * 0.5 / 100.0
+    expected = MU + (0.2 - MU) * np.minimum((drawn_by - sheared) / (2 * CELL), 1.0)
+    assert_allclose(ratios, expected, rtol=0.01)
+    assert ratios[-1] == pytest.approx(0.2, rel=1e-6)
+    assert drawn_by[-1] > 2 * drawn_by[0]
+
+
+def test_a_point_that_moves_in_the_air_keeps_its_static_friction() -> None:
+    """Lifted, carried along by five slip lengths, put down again and dragged a little: mu is still mu_s."""
+    drive = {"x": [[0, 0], [1, 0], [2, 0], [3, 0.5], [4, 0.5], [5, 0.51]]}
+    drive["y"] = [[0, 0], [1, -0.01], [2, 0.01], [3, 0.01], [4, -0.01]]
+    law = {"law": "static_kinetic", "mu_s": MU, "mu_k": 0.2, "slip_length": 0.1}
+    tables = on_floor(
+        2,
+        {"mesh_size": 0.5},
+        {"nu": 0.0},
+        {"friction": law},
+        supports={"top": {"boundary": "block.top", "displacement": drive}},
+        steps={"end": 5.0, "count": 5},
+    )
+    for sliding in (False, True):
+        tables["contacts"]["base"]["sliding"] = sliding
+        pressed, lifted, carried, put_down, dragged = prepare(from_dict(tables)).steps()
+        base = dragged.contacts["base"]
+        assert not lifted.contacts["base"].contact_area
+        assert np.linalg.norm(carried.memory["base"]) < 1e-12
+        assert put_down.contacts["base"].normal_force == pytest.approx(pressed.contacts["base"].normal_force, rel=1e-9)
+        slipped = base.slip_increment[:, 0].min()  # in this step alone
+        assert 0 < slipped < 0.01
+        mu = base.tangential_force / base.normal_force
+        assert MU - (MU - 0.2) * 0.01 / 0.1 < mu < MU
+
+
 def test_force_of_nodes_on_segments_swings_with_the_cells() -> None:
     steps = slide("lower", "node-to-segment", 1, {}, {"law": "unilateral"})
     forces = np.array([step.contacts["joint"].normal_force for step in steps])

@@ -117,7 +117,7 @@ class Rounds:
 
         def write() -> None:
             write_result(outcome.folder, content)
-            certify(outcome.folder / RESULT)
+            certify(outcome.folder, RESULT)
 
         raise_together(comm, write)
         if last.met or (self._stuck and outcome.status == "inaccurate"):

@@ -47,7 +47,6 @@ def report(scene: Scene, target: Path | None) -> None:
         raise SceneError(f"-o {target}: is the file that the scene reads; choose another name")
     out = _console()
     print_mesh(look(scene)[0], out)
-    _print_note(scene.geometry, scene.dim, out)
     if target is not None:
         raise_together(MPI.COMM_WORLD, lambda: write_msh(scene.geometry, scene.request(), target))
         of = scene.labels
@@ -76,7 +75,7 @@ def _list(geometry: Shape, dim: int, units: Units, picture: Path, out: Console) 
     if not isinstance(geometry, UserFile):
         out.print("a builder's sides have names only; numbers are those of CAD files")
         return
-    _print_note(geometry, dim, out)
+    out.print(geometry.note(dim), end="\n" if geometry.note(dim) else "")
     outline, word = geometry.outline(dim), "face" if dim == 3 else "edge"
     meets: dict[int, list[str]] = {}
     for pair in touching(outline, dim):
@@ -93,12 +92,6 @@ def _list(geometry: Shape, dim: int, units: Units, picture: Path, out: Console) 
     print_table(table_of(labels, rows, labels), out)
     draw_picture(picture, outline.entities, Path(geometry.file).name, units)
     out.print(f"drawn in {picture}")
-
-
-def _print_note(geometry: Shape, dim: int, out: Console) -> None:
-    """Say what was done to the cells of the file's mesh."""
-    if isinstance(geometry, UserFile) and geometry.outline(dim).note:
-        out.print(geometry.outline(dim).note)
 
 
 def _without_wrong_names(geometry: UserFile, dim: int, out: Console) -> UserFile:

@@ -11,7 +11,8 @@ import typer
 from stickslip.geometry.errors import SceneError, shortened
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.commands.process import speaks
-from stickslip.workflows.formats.files import read_json
+from stickslip.workflows.formats.files import parse_json
+from stickslip.workflows.formats.marker import read_checked
 from stickslip.workflows.run.folder import RESULT, place_of
 from stickslip.workflows.run.resume import FINISHED
 from stickslip.workflows.run.terminal import console, contact_cells, contact_numbers, print_table, table_of
@@ -58,7 +59,7 @@ def _print(done: Sweep, scene: Scene) -> None:
     del numbers["max_penetration"]
     keys = short(list(done.solved[0].member.values))
     for one in done.solved:
-        content = read_json(place_of(one.folder) / RESULT) if one.status in FINISHED else {}
+        content = parse_json(read_checked(place_of(one.folder) / RESULT)) if one.status in FINISHED else {}
         steps = content.get("steps") or [{}]
         values = [shortened(said(value), 24) for value in one.member.values.values()]
         for name, contact in (steps[-1].get("contacts") or {"-": None}).items():

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from stickslip.workflows.commands.process import speaks
+from stickslip.workflows.commands.process import complain, speaks
 
 
 def compare(
@@ -26,7 +26,7 @@ def compare(
 
     if output is not None:
         refuse_place(output, "page")
-    first, second = found(a), found(b)
+    first, second = found(a, complain), found(b, complain)
     out = console(160, quiet=not speaks())
     out.print(f"A: {a}, {first.title}\nB: {b}, {second.title}")
     if said := report_compare.unlike(first, second):

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from stickslip.geometry.errors import FolderError, SceneError
-from stickslip.workflows.commands.process import speaks
+from stickslip.workflows.commands.process import complain, speaks
 
 
 def extract(
@@ -26,11 +26,11 @@ def extract(
     from stickslip.workflows.formats.csv_tables import csv_text
     from stickslip.workflows.formats.files import write_output
     from stickslip.workflows.formats.marker import refuse_place
-    from stickslip.workflows.run.stored_results import load
+    from stickslip.workflows.run.stored_results import found, loaded
 
     if output is not None:
         refuse_place(output, "table")
-    results = load(folder)
+    results = loaded(found(folder, complain))
     mesh = results.mesh
     axes = "xyz"[: mesh.points.shape[1]]
     places = []
@@ -42,18 +42,17 @@ def extract(
         if len(x) != len(axes):
             raise SceneError(f"--point {word}: expected {','.join(axes)}, {len(axes)} numbers")
         inside = cells_at(mesh.shape, mesh.points, mesh.cells, x, float(np.ptp(mesh.points, axis=0).max()))
-        if (found := next(inside, None)) is None:
+        if (at := next(inside, None)) is None:
             raise SceneError(f"--point {word}: lies outside the bodies")
-        places.append((x, *found))
+        places.append((x, *at))
     rows = []
-    for step in (step for step in results.steps if len(step.displacement)):  # `output.every` keeps fields of some alone
+    whole = (step for step in results.steps.kept() if len(step.displacement))  # of `output.every` some alone
+    for step in whole:
         for x, cell, basis in places:
             stress = [step.stress[cell][ij] for ij in STRESSES.values()]
             rows.append([step.time, *x, *(basis @ step.displacement[mesh.cells[cell]]), *stress])
     if not rows:
         raise FolderError(f"{folder}: holds no step with its fields")
-    if lost := len(results.times) - len(results.steps):
-        typer.echo(f"stickslip: {folder}: files of {lost} of {len(results.times)} steps are lost; not told", err=True)
     header = ["time", *axes, *(f"displacement_{axis}" for axis in axes), *(f"stress_{ij}" for ij in STRESSES)]
     text = csv_text([header, *([float(number) for number in row] for row in rows)])
     if speaks() and output is not None:

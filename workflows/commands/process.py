@@ -21,6 +21,12 @@ def speaks() -> bool:
     return os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0")) == "0"
 
 
+def complain(line: str) -> None:
+    """Print a line on stderr, on rank 0."""
+    if speaks():
+        print(f"stickslip: {line}", file=sys.stderr, flush=True)
+
+
 def leave_together(code: int) -> None:
     """Before a rank ends with an error, see that the others end too: they would wait for it for ever.
 

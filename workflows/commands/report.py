@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from stickslip.workflows.commands.process import speaks
+from stickslip.workflows.commands.process import complain, speaks
 
 
 def report(
@@ -21,7 +21,7 @@ def report(
     from stickslip.workflows.pictures.report_page import NAME, write_report
     from stickslip.workflows.run.stored_results import found
 
-    results = found(folder)  # that of a run without an end is found as well
+    results = found(folder, complain)  # that of a run without an end is found as well
     if (page := output or results.folder / NAME) != results.folder / NAME or page.is_dir():
         refuse_place(page, "page")
     if speaks():

@@ -14,6 +14,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import MachineError
 from stickslip.solvers.scene.timeline import Place
 from stickslip.workflows.formats.files import disk_errors, make_folder
+from stickslip.workflows.formats.marker import read_checked
 
 STEPS = "steps.csv"
 PRESCRIBED = {  # by table; the displacement of an obstacle is among the results: a force may drive it
@@ -70,12 +71,11 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
     """Header and rows.
 
     Raises:
-        MachineError: it is missing or not a table.
+        MachineError: it is missing or not a table; see `read_checked`.
     """
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            header, *rows = csv.reader(file)
-    except (OSError, ValueError) as error:
+        header, *rows = csv.reader(io.StringIO(read_checked(path).decode(), newline=""))
+    except ValueError as error:
         raise MachineError(f"{path}: cannot be read: {error}") from error
     return header, rows
 

@@ -25,6 +25,7 @@ from stickslip.geometry.arrays import CLOSE, AnyArray, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.protocols import Sparse
 from stickslip.workflows.formats.files import write_aside
+from stickslip.workflows.formats.hdf5 import elsewhere
 
 COLUMNS, ROWS = -1, -2  # values of nz: compressed columns, compressed rows; others: the number of triplets
 ASYMMETRY = 1e-2  # of the largest entry: files of the collection reach 1e-3
@@ -76,6 +77,8 @@ def read_problem(path: Path) -> LocalProblem:
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
     with _named(path), h5py.File(content, "r") as file:
+        if name := elsewhere(file):
+            raise SceneError(f"{name} has its numbers in another file: not supported")
         if "fclib_local" in file:
             return _local(file["fclib_local"])
         if "fclib_global" in file:

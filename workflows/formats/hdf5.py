@@ -12,6 +12,7 @@ import io
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -19,9 +20,9 @@ import numpy as np
 from stickslip.geometry.arrays import AnyArray
 from stickslip.geometry.errors import DamagedError, MachineError
 from stickslip.workflows.formats.files import read_regular, write_aside
+from stickslip.workflows.formats.marker import USER_BLOCK, read_checked
 
 Numbers = Mapping[str, float | int]
-USER_BLOCK = 512  # bytes, HDF5's smallest
 LINE = "stickslip: sha256 of the bytes from 512 on {bytes}, of the arrays {arrays}\n"
 PATTERN = re.compile(re.escape(LINE).replace(r"\{bytes\}", "([0-9a-f]{64})").replace(r"\{arrays\}", "([0-9a-f]{64})"))
 
@@ -63,12 +64,9 @@ def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]
 
     Raises:
         DamagedError: the file is cut short, or its content does not match its checksum.
-        MachineError: it cannot be read, or is foreign.
+        MachineError: it cannot be read, is foreign, or has its numbers elsewhere; see `read_checked`.
     """
-    try:
-        content = read_regular(path)
-    except OSError as error:
-        raise MachineError(f"{path}: cannot be read: {error.strerror or error}") from error
+    content = read_checked(path)
     if len(content) < USER_BLOCK:
         raise DamagedError(f"{path}: damaged: cut short")
     sums = _sums(content)
@@ -83,8 +81,32 @@ def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]
             arrays[name] = found[()]
 
     with h5py.File(io.BytesIO(content), "r") as file:
+        if name := elsewhere(file):
+            raise MachineError(f"{path}: {name} has its numbers in another file; no run writes that")
         file.visititems(keep)
         return arrays, {name: value.item() for name, value in file.attrs.items() if name != "checksum"}
+
+
+def elsewhere(file: Any) -> str:
+    """Return the name of what an HDF5 file has in other files: by a link, external or virtual storage; or nothing."""
+    found: list[str] = []
+
+    def look(name: bytes, link: Any) -> None:
+        item = file[name] if link.type == h5py.h5l.TYPE_HARD else None
+        stored = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
+        found.extend([name.decode(errors="replace")] * bool(stored or link.type == h5py.h5l.TYPE_EXTERNAL))
+
+    file.id.links.visit(look, info=True)
+    return next(iter(found), "")
+
+
+def is_whole(path: Path, total: str) -> bool:
+    """Return whether a file is there, undamaged, and its arrays have this checksum."""
+    try:
+        read_arrays(path)
+    except MachineError:
+        return False
+    return stored_checksum(path) == total
 
 
 def stored_checksum(path: Path) -> str | None:

@@ -2,8 +2,8 @@
 
 Its first line is the program's signature, its second one JSON: names of files below the folder, written before the
 first of them is made. A name that ends with a slash is a folder, whose files are the run's where their own names are
-those of a step's files, as steps/000012.h5. Beside them stand the checksum of result.json, and in former results the
-name of the folder that they were in before.
+those of a step's files, as steps/000012.h5. Beside them stand, once the run has ended, the checksums of the files that
+are read again, and in former results the name of the folder that they were in before.
 """
 
 from __future__ import annotations
@@ -12,21 +12,24 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from stickslip.geometry.errors import FolderError, SceneError
+from stickslip.geometry.errors import DamagedError, FolderError, MachineError, SceneError
 from stickslip.workflows.formats.files import parse_json, read_regular, write_aside
 
 MARKER, PART = ".stickslip", "..stickslip.part"  # and the marker before it is whole
 SIGNATURE = "stickslip: results of a run;"
 HEAD = f"{SIGNATURE} the files that are named here are the run's, all others the user's\n"
+RESULT = "result.json"  # of a run that has ended
 LOG = "run.log"  # of every run; its lock tells other processes that one is at work
 OF_STEP = re.compile(  # names of files that a run makes for a step
     r"[0-9]{6}((\.light)?\.h5|\.[0-9]+\.bin|\.hdf5|\.vtm|_(body|contact)_\w+\.vtu)"
 )
+READ_AGAIN = re.compile(rf"{re.escape(RESULT)}|[^/]+\.(csv|h5|png)|steps/.+\.h5")  # they get a checksum at the end
+USER_BLOCK = 512  # bytes of an HDF5 file, in which it says the checksum of all that follows
 UNFINISHED = re.compile(r"\.(.+)\.part")  # name of a file before it is whole
 
 
@@ -35,7 +38,7 @@ class Marker:
     """Content of the marker of a folder."""
 
     names: tuple[str, ...] = ()  # of the run's files and, with a slash at the end, of its folders
-    sha256: dict[str, str] = field(default_factory=dict)  # by file
+    sha256: dict[str, str] = field(default_factory=dict)  # by file; behind a space its size
     former: str = ""  # name of the folder whose former results these are; empty: of none, or nobody has noted it
 
     def owns(self, name: str) -> bool:
@@ -68,7 +71,8 @@ def marker_of(folder: Path) -> Marker:
     except (ValueError, TypeError, KeyError):
         return Marker()
     below = tuple(name for name in names if isinstance(name, str) and name)
-    return Marker(names=below, sha256=sha256, former=former if isinstance(former, str) else "")
+    sums = {name: total for name, total in sha256.items() if isinstance(total, str)}
+    return Marker(names=below, sha256=sums, former=former if isinstance(former, str) else "")
 
 
 def mark(folder: Path, **said: Any) -> None:
@@ -107,18 +111,59 @@ def refuse_place(path: Path, what: str) -> None:
         raise FolderError(f"{path}: is a file of that run; choose another name with -o")
 
 
-def certify(path: Path) -> None:
-    """Note the checksum of a file of a marked folder, from which `is_certified` tells later edits."""
-    if path.is_file():
-        mark(path.parent, sha256={path.name: hashlib.sha256(path.read_bytes()).hexdigest()})
+def certify(folder: Path, *names: str) -> None:
+    """Note the checksums of files of a marked folder, by default of all that are read again; later edits are then told.
+
+    Args:
+        names: of files that were written again.
+    """
+    below = names or sorted(path.relative_to(folder).as_posix() for path in own_files(folder))
+    sums = {name: _sum(folder / name) for name in below if READ_AGAIN.fullmatch(name)}
+    mark(folder, sha256=marker_of(folder).sha256 | sums)
+
+
+def checksums(folder: Path) -> Mapping[str, str]:
+    """Return checksum and size of files of a run that has ended; what another one has left may still grow."""
+    return marker_of(folder).sha256 if os.path.lexists(folder / RESULT) else {}
 
 
 def is_certified(path: Path) -> bool:
-    """Return whether a file is what it was when it was certified."""
+    """Return whether a file below a marked folder is what it was when it was certified."""
     try:
-        return marker_of(path.parent).sha256.get(path.name) == hashlib.sha256(read_regular(path)).hexdigest()
-    except OSError:
+        return path.name in marker_of(path.parent).sha256 and bool(read_checked(path))
+    except MachineError:
         return False
+
+
+def read_checked(path: Path) -> bytes:
+    """Return the content of a file; one of a run that has ended must be what the run has left there.
+
+    Raises:
+        DamagedError: it is shorter.
+        MachineError: it cannot be read; or it was changed, or is another file.
+    """
+    try:
+        content = read_regular(path)
+    except OSError as error:
+        raise MachineError(f"{path}: cannot be read: {error.strerror or error}") from error
+    folder, total = path.parent if is_marked(path.parent) else path.parent.parent, _sum(path, content)
+    sums = checksums(folder)
+    digest, _, size = sums.get(path.relative_to(folder).as_posix(), "").partition(" ")
+    if digest in ("", total.split()[0]):
+        return content
+    if other := next((name for name, each in sums.items() if each == total), None):
+        raise MachineError(f"{path}: is not that file: it is what {other} was when the run ended")
+    if size.isdigit() and len(content) < (USER_BLOCK if path.suffix == ".h5" else int(size)):
+        raise DamagedError(f"{path}: damaged: cut short or changed after the run, from {size} to {len(content)} bytes")
+    raise MachineError(f"{path}: was changed after the run, or is of another one")
+
+
+def _sum(path: Path, content: bytes | None = None) -> str:
+    """Return checksum and size of a file; of HDF5 that of the block in which it says its own."""
+    start = read_regular(path, USER_BLOCK if path.suffix == ".h5" else -1) if content is None else content
+    size = path.stat().st_size if content is None else len(content)
+    digest = hashlib.sha256(start[:USER_BLOCK] if path.suffix == ".h5" else start).hexdigest()
+    return f"{digest} {size}"
 
 
 def entries(folder: Path) -> Iterator[tuple[Path, bool]]:

@@ -5,27 +5,25 @@ A run that was interrupted, or an older one, may lack some of it; what is not th
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from stickslip.geometry.arrays import AnyArray
-from stickslip.geometry.errors import FolderError
+from stickslip.geometry.errors import DamagedError, FolderError
 from stickslip.geometry.units import Units
 from stickslip.solvers.parallel.counters import PHASES, Row
-from stickslip.solvers.scene.record import CONTACT_NUMBERS
-from stickslip.workflows.formats.csv_tables import STEPS, read_steps_table
-from stickslip.workflows.formats.files import read_json, read_regular
+from stickslip.solvers.results.step_result import told
+from stickslip.workflows.formats.files import json_text, parse_json, read_json, read_regular
 from stickslip.workflows.formats.hdf5 import read_arrays
-from stickslip.workflows.formats.marker import own_files
+from stickslip.workflows.formats.marker import RESULT, checksums, marker_of, own_files, read_checked
 from stickslip.workflows.formats.mesh_file import MESH_FILE
-from stickslip.workflows.formats.steps import step_files
+from stickslip.workflows.formats.steps import light_files, read_checkpoint, step_files
 
-RESULT, BEGUN, LOG = "result.json", "begun.json", "run.log"
+BEGUN, LOG = "begun.json", "run.log"
 PER_METRE = {"N": "N/m", "N m": "N m/m", "J": "J/m", "m²": "m"}
 WORK = re.compile(r"^\.(.*)\.running$")  # name of the folder in which a run works
 OF_MESH = re.compile(r" INFO ((?:mesh|contact \w+): .*)$", re.MULTILINE)  # lines of the log
@@ -76,15 +74,31 @@ class Results:
         """Unit in the model and the units of the scene of what has this unit of the SI in space."""
         return self.units(PER_METRE.get(of, of) if self.plane else of)
 
+    def lacks(self) -> Iterator[str]:
+        """Yield sentences on what cannot be told or vouched for: files that are lost, and results without checksums."""
+        known, every = checksums(self.folder), {*range(1, len(self.reported) + 1)}
+        if lost := every - {*self.steps, *light_files(self.folder)}:
+            yield f"files of {len(lost)} of {len(every)} steps are lost; not told"
+        gone = [name for name in known if "/" not in name and not (self.folder / name).exists()]
+        if gone:
+            yield f"{', '.join(gone)}: lost; not told"
+        if (self.folder / RESULT).exists() and not {*known} - {RESULT}:
+            yield "has no checksums, as results of earlier versions: read as it is"
+
 
 def read_results(folder: Path) -> Results:
-    """Read a results folder.
+    """Read a results folder; what a run has left when it ended is compared with its checksums.
 
     Raises:
         FolderError: no run has written it, or one of another format.
-        MachineError: one of its files is damaged.
+        MachineError: one of its files is damaged, changed, or another one; or result.json is missing.
     """
-    content = read_json(folder / RESULT)
+    content, path = dict[str, Any](), folder / RESULT
+    if os.path.lexists(path) or (RESULT in marker_of(folder).sha256 and not WORK.match(folder.name)):
+        try:
+            content = dict(parse_json(read_checked(path)))
+        except (TypeError, ValueError):
+            raise DamagedError(f"{path}: damaged or cut short: it is no table of JSON") from None
     if content.get("format", 1) != 1:
         raise FolderError(f"{folder / RESULT}: format {content['format']}, and this version reads format 1")
     if not isinstance(content.get("scene"), dict):
@@ -101,27 +115,18 @@ def read_results(folder: Path) -> Results:
 
 
 def _without_end(folder: Path) -> dict[str, Any]:
-    """Return what is known of a run that is at work, or was killed: its scene, and the rows of steps.csv.
+    """Return what is known of a run that is at work, or was killed: its scene, and its steps from their files.
 
     Raises:
         FolderError: no run has written the folder.
+        MachineError: the file of a step is damaged, or that of another one.
     """
     begun = read_json(folder / BEGUN)
     if not isinstance(begun.get("scene"), dict):
         raise FolderError(f"{folder}: holds no results of a run, neither {RESULT} nor {BEGUN}")
-    names = tuple(begun["scene"].get("contacts") or ())
-    table: Mapping[str, AnyArray] = {}
-    if (folder / STEPS).is_file():
-        table = read_steps_table(folder)
-
-    def numbers(row: int, name: str) -> dict[str, Any]:
-        found = {key: float(table[f"{name}.{key}"][row]) for key in CONTACT_NUMBERS if f"{name}.{key}" in table}
-        return {key: value for key, value in found.items() if np.isfinite(value)}
-
-    steps = [
-        {"time": float(time), "contacts": {name: numbers(row, name) for name in names}}
-        for row, time in enumerate(table.get("time", ()))
-    ]
+    files = light_files(folder) | step_files(folder)
+    results = (read_checkpoint(files[index])[0] for index in sorted(files))
+    steps = [parse_json(json_text(told(result, None)).encode()) for result in results]
     said = "the run has not ended: it is at work, or was killed; stickslip run --resume goes on with it"
     return {"status": "not ended", "sentence": said, "version": begun.get("stickslip"), "steps": steps} | {
         "scene": begun["scene"] | {"units": begun.get("units", "SI")},

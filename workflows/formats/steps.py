@@ -155,7 +155,7 @@ def read_step(path: Path) -> StoredStep:
         DamagedError: cut short, or damaged.
         MachineError: it cannot be read, or is not a step.
     """
-    arrays, numbers = read_arrays(path)
+    arrays, numbers = _arrays(path)
     contacts: dict[str, dict[str, AnyArray]] = {}
     for name, array in arrays.items():
         if name.startswith("contacts/"):
@@ -184,13 +184,25 @@ def read_checkpoint(path: Path) -> tuple[StepResult, Plain]:
         DamagedError: cut short, or damaged.
         MachineError: it cannot be read, or is not a step.
     """
-    arrays, _ = read_arrays(path)
+    arrays, _ = _arrays(path)
     try:
         text, content = (arrays.pop(f"{CHECKPOINT}/{name}") for name in (TEXT, BYTES))
         plain = from_arrays(text, content, arrays)
         return from_plain(plain["result"]), plain["going"]
     except (KeyError, TypeError, ValueError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error
+
+
+def _arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]]:
+    """Read a step's file, see `read_arrays`; its name says which step it is.
+
+    Raises:
+        MachineError: it is that of another one.
+    """
+    arrays, numbers = read_arrays(path)
+    if (index := numbers.get("index")) is not None and path.name.partition(".")[0] != f"{index:06d}":
+        raise MachineError(f"{path}: is not that step: it is step {index}")
+    return arrays, numbers
 
 
 def _columns(contact: ContactState) -> dict[str, AnyArray]:

@@ -113,7 +113,7 @@ def driving(scene: Scene, steps: Columns) -> Iterator[Panel]:
 
 
 def sliding(scene: Scene, steps: Columns) -> Iterator[Panel]:
-    """Flat contacts with friction: the friction force of the slave on the other side, over the mean slip."""
+    """Flat contacts with friction: the friction force of `surface` on the other side, over the mean slip."""
     for name, contact in scene.pairs.items():
         flat = contact.friction is not None and _is_flat(name, scene, steps)
         for axis in "xyz"[: scene.dim] if flat else "":

@@ -78,7 +78,7 @@ def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Pa
     drawn[-1].set_xlabel("time [s]", fontsize=9, color=INK)
     shaded = "; shaded: ± error" if errors else ""
     part = modelled(vars(scene.geometry), scene.model)
-    side = f"slave side of the modelled {part}" if part else "slave side"
+    side = f"surface of the modelled {part}" if part else "surface"
     sheet.head(title, f"{len(columns['time'])} steps; forces on contacts act on the {side}{cut}{shaded}", LEFT)
     return sheet.save(folder / "history.png")
 

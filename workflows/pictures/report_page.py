@@ -24,7 +24,7 @@ from stickslip.geometry.units import SI
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of, singular
 from stickslip.workflows.formats.files import write_output
-from stickslip.workflows.formats.marker import declare, is_marked
+from stickslip.workflows.formats.marker import declare, is_marked, read_checked
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
 from stickslip.workflows.formats.results import HEAD, Results, profile_rows
 from stickslip.workflows.formats.templates import render
@@ -269,7 +269,7 @@ def _moment(owner: Told) -> str:
 
 
 def _picture(path: Path) -> dict[str, str]:
-    return {"words": path.stem.replace("_", " "), "data": base64.b64encode(path.read_bytes()).decode()}
+    return {"words": path.stem.replace("_", " "), "data": base64.b64encode(read_checked(path)).decode()}
 
 
 def _asked(results: Results) -> dict[str, Any]:

@@ -21,10 +21,11 @@ from pathlib import Path
 from stickslip.geometry.errors import FolderError, MachineError
 from stickslip.workflows.formats import marker
 from stickslip.workflows.formats.files import disk_errors, read_json, read_regular, sync_folder
+from stickslip.workflows.formats.marker import RESULT as RESULT
 from stickslip.workflows.formats.steps import light_files, step_files
 
 log = logging.getLogger(__name__)
-BEGUN, RESULT = "begun.json", "result.json"  # what a run was begun with, and how it ended
+BEGUN = "begun.json"  # what a run was begun with
 FORMER, OF_MEMBER = ".1", "~1"  # how folders of former results end; no member of a sweep has the second in its name
 SCENE, RUNS = "scene.json", "runs"  # of a cost study, which has no steps; the scene is written when the runs are there
 FILES = (BEGUN, RESULT, "steps/", "learnt/")  # of every run, beside its log
@@ -173,8 +174,9 @@ class ResultsFolder:
                     held.callback(os.close, self._locked(self.work))
                 self._clear(self.work)
                 folder.rename(self.work)
-                marker.mark(self.work, former="")
                 sync_folder(self.work.parent)
+        with disk_errors(self.work):
+            marker.mark(self.work, former="", sha256={})  # what the run goes on with is checked, and grows now
         return self.work
 
     def declare(self, names: Iterable[str]) -> None:
@@ -215,9 +217,9 @@ class ResultsFolder:
             self._held = None
 
     def certify(self) -> None:
-        """Note that result.json is complete: what is left of the run is to move the results to their place."""
+        """Note the checksums of complete results: what is left of the run is to move them to their place."""
         with disk_errors(self.target):
-            marker.certify(self.work / RESULT)
+            marker.certify(self.work)
 
     def finish(self) -> Path:
         """Put the results in their place, and release the lock; earlier ones are kept as `TARGET.1`.

@@ -42,7 +42,7 @@ class ContactReport:
     dropped_multipliers: int
     area: float
     elements_across: int
-    smallest_gap: float
+    smallest_gap: float  # of the points that face the other side
     largest_gap: float
     overlapping_points: int
     overlap_area: float
@@ -62,6 +62,7 @@ class MeshReport:
     plane: bool  # whether areas are those of a metre of thickness
     units: str = "SI"  # as the scene names them
     seams: Mapping[str, int] = field(default_factory=dict)  # pairs of nodes at which a body is open, by body
+    note: str = ""  # what was done to the cells of a file
 
     @property
     def area_unit(self) -> tuple[str, str]:
@@ -77,6 +78,7 @@ class MeshReport:
         """Sentences for the terminal and the log."""
         area, unit = self.area_unit
         yield f"mesh: {self.cells} cells, {self.nodes} nodes, worst quality {self.worst_quality:.2f}"
+        yield from filter(None, [self.note])
         for name, c in self.contacts.items():
             overlap = f"{c.overlapping_points} points overlap, {c.overlap_area:.4g} {unit}"
             other = ""
@@ -126,27 +128,29 @@ def report_mesh(scene: Scene, mesh: Mesh, nodes: int, contacts: Sequence[Contact
         plane=scene.model.startswith("plane"),
         units=scene.units,
         seams=mesh.seams,
+        note=scene.geometry.note(scene.dim),
     )
 
 
 def _report_contact(scene: Scene, c: ContactRows, size: float) -> ContactReport:
-    overlap = c.node_gap < -ROUNDING * size
     facing = c.node_weights > 0
+    facing |= not facing.any()  # what slides may meet its partner later
+    overlap, gaps = facing & (c.node_gap < -ROUNDING * size), c.node_gap[facing]
     changes = c.fields is not None and c.fields.change
     times = scene.requested_times() if changes else ()
     least = np.min([c.node_gap, *(c.at(t).node_gap for t in times)], axis=0)
-    nearest = facing & (c.node_gap <= np.min(c.node_gap[facing], initial=np.inf) + ROUNDING * size)
+    nearest = facing & (c.node_gap <= gaps.min(initial=np.inf) + ROUNDING * size)
     return ContactReport(
         normal_points=len(c.W_n),
         tangential_points=len(c.W_t),
         dropped_multipliers=c.dropped,
         area=float(c.node_weights.sum()),
         elements_across=elements_across(c.surface),
-        smallest_gap=float(c.node_gap.min()),
-        largest_gap=float(c.node_gap.max()),
+        smallest_gap=float(gaps.min()),
+        largest_gap=float(gaps.max()),
         overlapping_points=int(overlap.sum()),
         overlap_area=float(c.node_weights[overlap].sum()),
-        points_that_can_touch=int(np.sum(can_touch(scene, least, size))),
+        points_that_can_touch=int(np.sum(can_touch(scene, least[facing], size))),
         other_elements_across=None if c.master is None else elements_across(c.master),
         other_size=None if c.master is None else _size_at(c.master, faced(c, nearest)) / _size_at(c.surface, nearest),
     )

@@ -184,7 +184,7 @@ def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
         return EarlierRun(finished=ended, notes=(f"{results.target}: the run is finished; {done}",))
     _refuse_versions(begun, results.target)
     found = _read(folder, scene.requested_times(), run_of(begun))
-    if folder == results.place and ended and not is_certified(folder / RESULT):
+    if folder == results.place and (folder / RESULT).exists() and not is_certified(folder / RESULT):
         if not found.steps:
             raise MachineError(f"{folder / RESULT}: was changed after the run, and its steps are gone; {UNTOUCHED}")
         found = replace(found, notes=(f"{folder / RESULT}: was changed after the run; the steps decide", *found.notes))

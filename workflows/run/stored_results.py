@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -18,8 +19,10 @@ from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_from
 from stickslip.workflows.formats.results import Results, read_results
-from stickslip.workflows.formats.steps import light_files, read_checkpoint
+from stickslip.workflows.formats.steps import light_files, read_checkpoint, step_name
 from stickslip.workflows.run.folder import BEGUN, RESULT, work_of
+
+log = logging.getLogger(__name__)
 
 
 class StoredSteps(Sequence[StepResult]):
@@ -44,6 +47,10 @@ class StoredSteps(Sequence[StepResult]):
         """
         return StoredSteps(self._files[index]) if isinstance(index, slice) else read_checkpoint(self._files[index])[0]
 
+    def kept(self) -> Iterator[StepResult]:
+        """Yield those whose files are not lost."""
+        return (read_checkpoint(path)[0] for path in self._files if path.exists())
+
     def __repr__(self) -> str:
         return f"<{len(self)} steps>"
 
@@ -54,7 +61,7 @@ class Loaded:
 
     folder: Path
     result: Mapping[str, Any]  # the content of result.json; of a run without an end: its scene, and what steps.csv has
-    steps: Sequence[StepResult]  # as `steps` has yielded them
+    steps: StoredSteps  # as `steps` has yielded them
 
     @property
     def status(self) -> str:
@@ -113,18 +120,25 @@ class Loaded:
         return f"<p>{escape(repr(self))}</p>" + html_table(f"t = {last['time']:g}", kept)
 
 
-def found(folder: Path) -> Results:
+def found(folder: Path, tell: Callable[[str], object] = log.warning) -> Results:
     """The results that stand there, or those of the run that was to leave them there.
+
+    Args:
+        tell: told what of them cannot be vouched for, in a line each.
 
     Raises:
         FolderError: there are none.
+        MachineError: result.json or the mesh is damaged or missing, or not what the run has left.
     """
     target = folder if folder.name not in ("", "..") else folder.resolve()  # only what is written needs a name
     known = (folder, work_of(target)) if target.name else (folder,)
     if not any(place.is_dir() for place in known):
         raise FolderError(f"{folder}: no such folder")
     places = [place for place in known if any((place / name).is_file() for name in (RESULT, BEGUN))]
-    return read_results(places[0] if places else folder)
+    results = read_results(places[0] if places else folder)
+    for line in results.lacks():
+        tell(f"{folder}: {line}")
+    return results
 
 
 def load(folder: str | Path) -> Loaded:
@@ -138,8 +152,14 @@ def load(folder: str | Path) -> Loaded:
 
     Raises:
         FolderError: there are no results.
+        MachineError: they are damaged, or not what the run has left.
     """
-    read = found(Path(folder))
+    return loaded(found(Path(folder)))
+
+
+def loaded(read: Results) -> Loaded:
+    """Return results as `load` does."""
     files = light_files(read.folder) | dict(read.steps)  # steps without fields too
-    steps = StoredSteps([files[index] for index in sorted(files)][: len(read.reported)])
+    count = len(read.reported)
+    steps = StoredSteps([files.get(index, read.folder / step_name(index)) for index in range(1, count + 1)])
     return Loaded(folder=read.folder, result=read.content, steps=steps)

@@ -301,7 +301,7 @@ def print_plan(content: Content) -> None:
             if c["dropped_multipliers"]:
                 out.print(f"contact {name}: {c['dropped_multipliers']} multipliers dropped")
         contacts = {name: ContactReport(**c) for name, c in mesh["contacts"].items()}
-        keys = ("cells", "nodes", "worst_quality", "plane", "units", "seams")
+        keys = ("cells", "nodes", "worst_quality", "plane", "units", "seams", "note")
         report = MeshReport(**{key: mesh[key] for key in keys}, contacts=contacts)
         print_mesh(report, out)
         print_memory(content["memory"], out)
@@ -326,6 +326,7 @@ def print_memory(memory: Content, out: Console) -> None:
 def print_mesh(report: MeshReport, out: Console) -> None:
     """The mesh in a table, its contacts in another, warnings below."""
     out.print(f"{report.cells} cells, {report.nodes} nodes, worst quality {report.worst_quality:.2f} (1 is best)")
+    out.print(report.note, end="\n" if report.note else "")
     rows, (area, unit), length = list[tuple[str, ...]](), report.area_unit, report.length_unit
     heads = ["contact", "normal points", "tangential", f"{area} [{unit}]", "elements across", "other side"]
     heads += [f"smallest gap [{length}]", f"largest gap [{length}]", "overlapping points", f"overlap [{unit}]"]

@@ -22,13 +22,13 @@ from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from typing import Any
 
-from stickslip.geometry.errors import FolderError, MachineError, SceneError
+from stickslip.geometry.errors import FolderError, SceneError
 from stickslip.geometry.keys import plain
 from stickslip.geometry.protocols import DataFrame
 from stickslip.geometry.user_files.child_process import run_child
 from stickslip.solvers.results.step_result import data_frame
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.formats.csv_tables import csv_text, read_steps_table
+from stickslip.workflows.formats.csv_tables import STEPS, csv_text, read_steps_table
 from stickslip.workflows.formats.files import disk_errors, read_json, read_regular, write_aside
 from stickslip.workflows.formats.marker import is_certified
 from stickslip.workflows.run.folder import BEGUN, RESULT, place_of
@@ -336,11 +336,12 @@ def _already(member: Member, folder: Path) -> Solved | None:
 
 
 def _last_row(folder: Path) -> dict[str, Any]:
-    """Numbers of the last step, by column; nothing if there is none."""
-    try:
-        columns = read_steps_table(folder)
-    except MachineError:
-        return {}
+    """Numbers of the last step, by column; nothing if there is none.
+
+    Raises:
+        MachineError: the table is damaged, or not what the run has left.
+    """
+    columns = read_steps_table(folder) if (folder / STEPS).exists() else {}
     last = {key: float(values[-1]) for key, values in columns.items() if len(values)}
     return {key: "" if math.isnan(value) else value for key, value in last.items()}
 

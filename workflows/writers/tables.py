@@ -174,7 +174,7 @@ def errors_row(step: StepResult, errors: Errors) -> dict[str, float]:
 def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
     """By column, in SI units; NaN: the mean slip where nothing touches.
 
-    Resultants act on the side that the scene calls `surface`.
+    Resultants act on the side that the scene calls `surface`, and slips are its own.
     """
     found: dict[str, float] = {"step": index, "time": step.time}
     for place, amplitude in scene.drives().items():

@@ -15,7 +15,7 @@ import numpy as np
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.formats.files import make_folder, write_aside
-from stickslip.workflows.formats.hdf5 import checksum, stored_checksum, write_arrays
+from stickslip.workflows.formats.hdf5 import checksum, is_whole, stored_checksum, write_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_arrays, shape_of
 from stickslip.workflows.formats.steps import shown_as, step_files, step_name
 from stickslip.workflows.formats.templates import render
@@ -133,7 +133,7 @@ class FieldFiles(SeriesWriter):
         if stored is None or stored != self._checksum:
             arrays = mesh_arrays(mesh)
             self._checksum = checksum(arrays, {})
-            if stored != self._checksum:
+            if not is_whole(folder / MESH_FILE, self._checksum):
                 write_arrays(folder / MESH_FILE, arrays, {})
         if not steps:
             return
