@@ -306,7 +306,7 @@ class _Path:
         follows = ((self.state == CLOSED) | (self.state == STICK))[maps.rows]
         push = (maps.share * maps.problem.gamma * self.wider)[maps.rows]
         found = np.concatenate([np.where(follows, push, 0.0), np.zeros(len(maps.H))])
-        return found - self.at_start if len(self.at_start) else found
+        return np.asarray(found - self.at_start if len(self.at_start) else found)
 
     def _next_kink(self, dp: Array, db: Array) -> tuple[float, int, int]:
         """Distance to the next kink, the row that changes there, and its next state."""
