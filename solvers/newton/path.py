@@ -130,8 +130,7 @@ def continued(problem: SurfaceProblem, p: Array, w: Array, found: Solution) -> t
     rubs = any(True for _ in problem.cone.with_friction())
     if not rubs or len(p) > MOST or problem.p_ref == 0 or not applies(problem) or proved(problem):
         return None, False
-    n, r = problem.surface.normal_rows, problem.cone.give(p)
-    r[:n] += np.where(p[:n] == 0, np.minimum((w - problem.gap)[:n], 0.0), 0.0)
+    r = standing(problem, p, w)
     size = max(problem.scales.of_tractions(p), problem.scales.of_tractions(found.p))
     if _in_one_piece(problem, (p, r), (found.p, found.w - problem.gap), CLOSE * size):
         return None, False
@@ -146,6 +145,13 @@ def continued(problem: SurfaceProblem, p: Array, w: Array, found: Solution) -> t
     if end is None or np.abs(end.p - found.p).max(initial=0.0) <= SLIGHT * size:
         return None, path.turned
     return end, path.turned
+
+
+def standing(problem: SurfaceProblem, p: Array, w: Array) -> Array:
+    """Return w - gap (rows,) [m] of the state before, with tractions p (rows,) [Pa]: slip counts from where it is."""
+    n, r = problem.surface.normal_rows, problem.cone.give(p)
+    r[:n] += np.where(p[:n] == 0, np.minimum((w - problem.gap)[:n], 0.0), 0.0)
+    return r
 
 
 def _in_one_piece(

@@ -21,7 +21,9 @@ from stickslip.solvers.interface.limit_analysis import unbalanced_motion
 from stickslip.solvers.interface.prepare import elastic_stiffness, prepare_surface
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, Status, Step
-from stickslip.solvers.newton.path import continued
+from stickslip.solvers.newton.path import applies, continued
+from stickslip.solvers.newton.semismooth import branches
+from stickslip.solvers.newton.uniqueness import critical
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.stepping.choice import Stage
 from stickslip.solvers.stepping.law_memory import LawMemory, Solving, with_memory
@@ -220,7 +222,18 @@ class SubstepSolver:
             if nearer.status is Status.CONVERGED and np.abs(nearer.p - end.p).max(initial=0.0) <= SLIGHT * size:
                 log.info("t = %g: several solutions; the one that goes on from the step before", problem.cone.time)
                 return replace(nearer, others=(solution.p,)), last
-        return replace(solution, jumps=jumps, others=() if end is None else (end.p,)), problem
+        if applies(problem) or critical(problem) > 1 or state.memory:
+            return replace(solution, jumps=jumps, others=() if end is None else (end.p,)), problem
+        settings, chosen = self.system.problem.solver, solution
+        tried = branches(problem, state.p, state.w, settings.tolerance, settings.max_iterations)
+        solved = [each for each in tried if each.status is Status.CONVERGED]
+        if solved and solved[0] is tried[0] and _apart(problem, solved[0].p, [solution.p]):
+            chosen = replace(tried[0], history=solution.history)
+        known = [chosen.p]
+        for each in (solution, *solved):
+            if _apart(problem, each.p, known):
+                known.append(each.p)
+        return replace(chosen, others=tuple(known[1:])), problem
 
     def memory(self, state: State, end: float) -> LawMemory:
         """Memory of laws in a substep from a state to a time [s]."""
@@ -265,6 +278,12 @@ class SubstepSolver:
         """Displacement (c,) [m] of the contact dofs in a state; collective."""
         q = self.system.free_part(state.u, state.time)
         return np.concatenate([self.volume.contact.read(q), state.driven])
+
+
+def _apart(problem: SurfaceProblem, p: Array, known: list[Array]) -> bool:
+    """Whether tractions p (rows,) [Pa] differ from all that are known by more than a slight part of the largest."""
+    largest = max(problem.scales.of_tractions(each) for each in (p, *known))
+    return all(np.abs(p - each).max(initial=0.0) > SLIGHT * largest for each in known)
 
 
 def unsolved(state: State, size: int, status: Status, rows: list[Step]) -> Solution:

@@ -37,7 +37,7 @@ LIMITS = {  # what the house may weigh; a limit is lowered when the house got li
     ("outside tests", "files"): 423,
     ("outside tests", "gross"): 73_000,
     ("outside tests", "net"): 48_600,
-    ("product", "gross"): 56_800,
+    ("product", "gross"): 56_900,
     ("product", "small"): 60,
     ("outside tests", "constants"): 740,
     ("tests", "gross"): 44_000,

@@ -27,6 +27,22 @@ coupling = "rigid"
 rotation.z = 0.0
 force = {{ x = {x}, y = [[0, 0], [1, -1.0]] }}
 """
+SOLID = """
+model = "3d"
+geometry = {{ builder = "block", length = 1.0, width = 1.0, height = 1.0, mesh_size = 1.0 }}
+bodies.block = {{ E = 1e5, nu = 0.3 }}
+obstacles.floor = {{ shape = "plane", point = [0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0] }}
+contacts.base = {{ surface = "block.bottom", against = "floor", friction = {{ law = "coulomb", mu = {mu} }} }}
+steps = {{ end = 3.0, count = {count} }}
+output.error = false
+springs = {{ {springs}, across = {{ at = "block.top", stiffness = 1.0, direction = [0, 1, 0] }} }}
+[remote_points.handle]
+boundary = "block.top"
+point = [0.5, 0.5, 1.0]
+coupling = "rigid"
+rotation = {{ x = 0.0, y = 0.0, z = 0.0 }}
+force = {{ x = {x}, z = [[0, 0], [1, -1.0]] }}
+"""
 WAVE = """
 For i In {0:40}
   x = -0.5 + i / 40; Point(i + 1) = {x, 0.001 * (1 - Cos(2 * Pi * x)), 0, 0.02};
@@ -109,6 +125,31 @@ def test_a_particle_sticks_until_its_friction_is_spent(mu: float, x: str, count:
     assert last.contacts["base"].tangential_force == pytest.approx(0.4 if mu == 0.5 else 1.8, rel=1e-3)
     assert last.unique == "several"
     assert min(one["base"] for one in last.other_solutions) == 0.0
+
+
+def test_a_particle_in_space_sticks_as_well(tmp_path: Path) -> None:
+    springs = ", ".join(
+        f's{k} = {{ at = "block.top", stiffness = {s}, direction = {[d[0], 0, d[1]]} }}'
+        for k, (s, d) in enumerate(SPRINGS.items())
+    )
+    x = "[[0, 0], [1, 0], [2, -0.3], [3, -1.8]]"
+    *_, last = solved(tmp_path, SOLID.format(mu=2.0, x=x, springs=springs, count=3))
+    assert last.contacts["base"].tangential_force == pytest.approx(1.8, rel=1e-3)
+    assert last.unique == "several"
+
+
+def test_what_no_solution_goes_on_from_jumps(tmp_path: Path) -> None:
+    """The particle leaves the floor where its friction is spent: the energy set free is neither stored nor rubbed."""
+    springs = ", ".join(
+        f's{k} = {{ at = "block.top", stiffness = {s}, direction = {d} }}' for k, (s, d) in enumerate(SPRINGS.items())
+    )
+    found = solved(tmp_path, PARTICLE.format(mu=0.5, x="[[0, 0], [1, 0], [3, -0.7]]", springs=springs, count=15))
+    (jump,) = (k for k, step in enumerate(found) if step.jump is not None)
+    before, after = found[jump - 1], found[jump]
+    assert (before.contacts["base"].normal_force > 0.9, after.contacts["base"].normal_force) == (True, 0.0)
+    assert before.contacts["base"].tangential_force < 0.5 < 0.7 / 2 * (after.time - 1)
+    assert after.jump == pytest.approx(after.energy.time_remainder - before.energy.time_remainder)
+    assert after.jump > 0
 
 
 @pytest.mark.parametrize(("lean", "mu"), [(1.0, 0.4), (1.3, 0.33)])
