@@ -212,7 +212,7 @@ class SubstepSolver:
     ) -> tuple[Solution, SurfaceProblem]:
         """The solution that goes on from the state, if there are several; else the one that is found."""
         solution, problem = found
-        if solution.status is not Status.CONVERGED or self.chain.repeats:
+        if solution.status is not Status.CONVERGED:
             return found
         end, jumps = continued(problem, state.p, state.w, solution)
         if end is not None and not jumps:
