@@ -193,6 +193,7 @@ def doubts(
         yield "nothing loads or moves the bodies: all displacements and forces are zero"
     yield from _carried_at_points(problem, steps)
     yield from _several_solutions(steps, problem.labels("N/m" if problem.model.startswith("plane") else "N"))
+    yield from _jumps(steps, problem.labels("J/m" if problem.model.startswith("plane") else "J"))
     yield from _slip_jumps(steps)
     yield from large_time_errors(problem, steps, errors or ())
     for rows in contacts:
@@ -201,6 +202,7 @@ def doubts(
             continue
         if not problem.pairs[rows.name].contact.sliding:
             yield from _slid_far(rows, problem, states)
+        yield from _at_corners(rows, problem, states)
         peak = max(states, key=lambda state: state.max_pressure)
         if (peak.status != OPEN).any() and peak.max_pressure > 0:
             yield from _few_points(rows, problem, peak)
@@ -252,9 +254,21 @@ def _several_solutions(steps: Sequence[StepResult], unit: str) -> Iterator[str]:
     more = ", ".join(f"{one[name]:.4g}" for one in step.other_solutions)
     yield (
         f"t = {step.time:g}: so much friction admits several solutions, and the model does not say which; taken is the "
-        f"one reached from the tractions of the step before, with a normal force of {found[0][name]:.4g} {unit} "
+        f"one reached from the step before, with a normal force of {found[0][name]:.4g} {unit} "
         f"in contacts.{name}; others that were met have {more} {unit}"
     )
+
+
+def _jumps(steps: Sequence[StepResult], unit: str) -> Iterator[str]:
+    """Warn of steps whose solution does not go on from the step before."""
+    found = [(step.time, step.jump) for step in steps if step.jump is not None]
+    if found:
+        time, freed = max(found, key=lambda each: abs(each[1]))
+        yield (
+            f"t = {found[0][0]:g}: no equilibrium goes on from the step before as the load grows: bodies jump, in "
+            f"{len(found)} of {len(steps)} steps, and inertia, which is left out, may carry them elsewhere; the jump "
+            f"at t = {time:g} sets {freed:.3g} {unit} free"
+        )
 
 
 def _slip_jumps(steps: Sequence[StepResult]) -> Iterator[str]:
@@ -285,7 +299,8 @@ def large_time_errors(problem: Problem, steps: Sequence[StepResult], errors: Seq
                 numbers["dissipation"] = "dissipation_total", contact.dissipation_total
             for what, (key, scale) in numbers.items():
                 off = its[Quantity("contacts", name, key)].time_step
-                if off is not None and scale > 0:
+                # a number within its error of zero has no error in per cent
+                if off is not None and scale > (float(off) if what == "dissipation" else 0.0):
                     found.append((float(off) / scale, f"the {what} of contacts.{name}"))
     share, where = max(found)
     if share > LARGE:
@@ -328,6 +343,26 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
             f"contacts.{rows.name}: slips by up to {worst:.3g} {length} on a curved obstacle, while each point keeps "
             f"the normal it began with; set contacts.{table_of(rows.name)}.sliding = true"
         )
+
+
+def _at_corners(rows: ContactRows, problem: Problem, states: Sequence[ContactState]) -> Iterator[str]:
+    """Corners that press on corners, and those that a compliance law between nodes does not feel."""
+    side, tips = rows.surface, np.zeros(len(rows.surface.nodes)) if rows.tips is None else rows.tips
+    if not (side.at_edge.any() or tips.any()):
+        return
+    scale = ROUNDING * float(np.ptp(side.points, axis=0).max())
+    for state in states:
+        unfelt = ~np.isin(side.nodes, side.nodes[state.pressure > 0]) & (state.weight > 0) & (state.gap < -scale)
+        unfelt &= rows.normal.at_quadrature & ((tips > 0) | (side.at_edge > 0))
+        depth = f"{-state.gap[unfelt].min(initial=0.0):.2g} {problem.labels.length} deep"
+        for places, said in (
+            ((tips > 1) & (state.pressure > 0), "presses on one along it, half way between faces, which is a choice"),
+            (unfelt, f"lies {depth}, and a law of compliance, at points between nodes, does not feel it: refine"),
+        ):
+            if places.any():
+                place = ", ".join(f"{x:.4g}" for x in side.points[places][0])
+                yield f"contacts.{rows.name}: the corner or edge at ({place}) {said}"
+                return
 
 
 def _few_points(rows: ContactRows, problem: Problem, state: ContactState) -> Iterator[str]:
