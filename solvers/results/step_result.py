@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from functools import reduce
 from html import escape
 from operator import add, or_
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +83,9 @@ class ErrorParts:
     converges: Annotated[
         bool | None, Key("", "whether the number has a limit on ever finer meshes; null: not known")
     ] = None
+    model: Annotated[
+        Value | None, Key("", "of strains and rotations taken to be small, see docs/theory/errors.md; not in the total")
+    ] = None
     # of a step it stands in `StepResult.corrected`, but where it is found at the end
     corrected: Annotated[Value | None, Key("", "the number with most of the mesh's error removed")] = None
 
@@ -110,7 +113,7 @@ class ErrorParts:
         return ErrorParts(**mine | {name: part for name, part in theirs.items() if part is not None})
 
 
-PARTS = tuple(f.name for f in fields(ErrorParts) if f.name not in ("converges", "corrected"))
+PARTS = tuple(f.name for f in fields(ErrorParts) if f.name not in ("converges", "model", "corrected"))
 Errors = Mapping[Quantity, ErrorParts]  # of one step
 
 
@@ -239,6 +242,8 @@ class StepResult(Numbers):
     linear_error: float = 0.0  # error left by an iterative volume solve, energy norm, relative [-]; 0: direct solver
     convergence: Convergence | None = None  # of Uzawa's iteration, from methods that measure it
     other_solutions: tuple[Mapping[str, float], ...] = ()  # that friction admits: normal force by contact [N]
+    unique: Literal["proved", "several", "not proved"] = "not proved"  # whether friction admits one solution
+    jump: float | None = None  # energy [J] set free where no solution goes on from the step before; None: one does
     corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
     errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
     bodies: Mapping[str, BodyState] = field(default_factory=dict)
@@ -354,7 +359,8 @@ def told(step: StepResult, errors: Errors | None) -> Plain:
     for table, record in records().items():
         for name, own in found[table].items() if is_estimated(record) else ():
             stated = {
-                key.quantity: _parts(parts) | {"corrected": _plain(step.corrected.get(str(key), parts.corrected))}
+                key.quantity: _parts(parts)
+                | {"model": _plain(parts.model), "corrected": _plain(step.corrected.get(str(key), parts.corrected))}
                 for key, parts in (errors or {}).items()
                 if key[:2] == (table, name)
             }
@@ -365,6 +371,8 @@ def told(step: StepResult, errors: Errors | None) -> Plain:
         "error": {"energy_norm": energy_norm(step)},
         "convergence": step.convergence and asdict(step.convergence),
         "other_solutions": [dict(forces) for forces in step.other_solutions],
+        "unique": step.unique,
+        "jump": step.jump,
     }
 
 
