@@ -54,7 +54,7 @@ def on_softer_springs(
             yield Mechanism(surface.R @ motion / far, stiffness * float(motion @ motion) / work)
             return
         before = far
-    yield Start.at(problem, p, u_c)
+    yield replace(Start.at(problem, p, u_c), in_equilibrium=False)  # but for what the last springs hold
 
 
 def _on_springs(problem: SurfaceProblem, surface: CondensedSurface, stiffness: float) -> SurfaceProblem:
