@@ -98,7 +98,12 @@ class Contact(Noun):
         Literal["mortar", "node-to-segment", "node-to-face"] | None, Key("-", "between bodies; absent: mortar")
     ] = None
     search_distance: Annotated[
-        float | None, Key("m", "largest distance at which sides are paired; absent: a fifth of the sides' extent")
+        float | None,
+        Key(
+            "m",
+            "largest distance at which sides are paired; absent: a fifth of the sides' extent; of whole skins what lies "
+            "within it enters, absent within a thousandth of the geometry's diagonal, and is looked for again in each step",
+        ),
     ] = None
 
     sliding: Annotated[
