@@ -101,8 +101,8 @@ class Contact(Noun):
         float | None,
         Key(
             "m",
-            "largest distance at which sides are paired; absent: a fifth of the sides' extent; of whole skins what lies "
-            "within it enters, absent within a thousandth of the geometry's diagonal, and is looked for again in each step",
+            "largest distance at which sides are paired; absent: a fifth of the sides' extent; of skins parts "
+            "within it enter, absent within 1e-3 of the geometry's diagonal, at the start and as bodies move",
         ),
     ] = None
 
