@@ -25,6 +25,7 @@ ROUNDING = 1e-9  # of coordinates, shape functions, forces and motions that went
 CLOSE = 1e-6  # of what other programs hand over, of directions, and of answers that are improved afterwards
 SLIGHT = 1e-3  # a part that the eye does not see, and by which numbers tell nothing apart
 
+STEPS = 60  # of Gauss and Newton's method to the nearest point of a surface, at most; near it about 6 are enough
 CHUNK = 20_000  # rows of long arrays that are worked on at a time: bounds the memory
 
 

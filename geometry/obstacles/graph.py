@@ -8,15 +8,13 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, EXACT, Array
+from stickslip.geometry.arrays import CLOSE, EXACT, STEPS, Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.expression import Expression, check_varying
 from stickslip.geometry.field import FieldTable, HeightMap
 from stickslip.geometry.keys import Key
 from stickslip.geometry.obstacles.obstacle import AXES, Obstacle
 from stickslip.geometry.shape import Model
-
-TURNS = 60  # to find the nearest point of the surface; far away, where several may be, one of them is taken
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,9 +72,12 @@ class Graph(Obstacle):
         raise AssertionError("a graph is not `written_in_operators`")
 
     def _nearest(self, points: Array) -> tuple[Array, Array]:
-        """Nearest points of the surface (m, d) [m], by Gauss and Newton's method, and the slopes there (m, d-1)."""
+        """Nearest points of the surface (m, d) [m], by Gauss and Newton's method, and the slopes there (m, d-1).
+
+        Far away, where several are nearest, it is one of them.
+        """
         at, found = points[:, :-1], points[:, :-1].copy()
-        for _ in range(TURNS):
+        for _ in range(STEPS):
             slope, above = self._slopes(found), points[:, -1] - self._heights(found)
             r = at - found + above[:, None] * slope
             step = r - slope * (np.einsum("mk,mk->m", slope, r) / (1 + (slope**2).sum(axis=1)))[:, None]

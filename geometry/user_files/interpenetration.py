@@ -14,15 +14,10 @@ from itertools import combinations, product
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
-from stickslip.geometry.user_files.outline import Outline, crossings
+from stickslip.geometry.user_files.outline import RAY, Outline, crossings
 from stickslip.geometry.user_files.touching import sag_of, simplices
 
-FEW, RAYS, DEEPEST = (
-    8,
-    32,
-    50,
-)  # rays across the common box, to find overlaps and their volume; points whose depth is measured
-BESIDE = 0.4863  # of the distance of two rays: so far beside the box's rim, that edges are not met
+FEW, RAYS = 8, 32  # across the common box, to find overlaps and their volume; depth is measured at as many points
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +64,7 @@ def _overlap(one: str, other: str, skins: dict[str, tuple[Array, float]], dim: i
     _, middles = _common(a, b, low, high, FEW)
     if not len(middles):
         return None
-    chosen = middles[:: max(1, len(middles) // DEEPEST)]
+    chosen = middles[:: max(1, len(middles) // RAYS)]
     directions = np.array([d for d in product((-1, 0, 1), repeat=dim) if d > (0,) * dim], float)
     ways = np.zeros((len(directions), len(chosen)))
     for k, direction in enumerate(directions / np.linalg.norm(directions, axis=1, keepdims=True)):
@@ -95,7 +90,7 @@ def _common(a: Array, b: Array, low: Array, high: Array, rays: int) -> tuple[flo
     for axis, along in enumerate(np.eye(dim)):
         across = np.delete(np.arange(dim), axis)
         step = (high - low)[across] / rays
-        ticks = [low[k] + (np.arange(rays) + BESIDE) * d for k, d in zip(across, step, strict=True)]
+        ticks = [low[k] + (np.arange(rays) + RAY[0]) * d for k, d in zip(across, step, strict=True)]
         start = np.full((rays ** (dim - 1), dim), low[axis])
         start[:, across] = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, dim - 1)
         spans = list(_inside_both(a, b, start, along))

@@ -9,7 +9,7 @@ from itertools import combinations, product
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, TINY, Array, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, STEPS, TINY, Array, Ints
 from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
 from stickslip.geometry.errors import GeometryError, GluedError
 from stickslip.geometry.mesh.gmsh_session import generate
@@ -20,7 +20,6 @@ from stickslip.geometry.user_files.raw_mesh import RawMesh, facets_among, read_r
 COARSE = 8  # cells along the box's diagonal, for sampling and drawing
 ROUND = 16  # cells on a full circle
 KNOWN = ("Plane", "Cylinder", "Line", "Circle")  # gmsh's types of entities that facets' corners tell all about
-STEPS = 20  # to the nearest point of a CAD face; from a facet's middle it takes about 6
 CURVED, CHECKED = 10_000, 50  # facets of a face whose bulge is asked for, and of those that are checked, at most
 STEEP = 0.5  # bulge of an edge of a facet relative to its length, at most; a half circle's
 RAY = np.array([0.5377, 0.7217, 0.4359])  # direction that is unlikely to meet an edge

@@ -9,7 +9,7 @@ others are eliminated.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -64,6 +64,7 @@ class Periodic:
     part: Ints  # (f,) of the mesh
     root_part: Ints  # (f,)
     turn: Array  # (f, d, d) by which the displacement of a root is that of its follower: 1, or that of cyclic sides
+    fixed: Mapping[int, Array]  # of nodes on the axis of a turn, which follow themselves: directions (r, d) across it
 
     @property
     def cyclic(self) -> Bools:

@@ -7,6 +7,7 @@ from functools import partial
 from itertools import chain
 
 import numpy as np
+from scipy.linalg import orth
 from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools, Ints, cross
@@ -33,9 +34,10 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
     periodic = _periodic(problem, mesh, space, nodes)
     axes = [(name, axis) for name, support in problem.supports.items() for axis in support.displacement]
     drives = [Place("supports", name, "displacement", axis) for name, axis in axes]
-    values: list[Drive] = [*drives, 0.0] if mesh.axisymmetric else [*drives]
-    names = list(dict.fromkeys([*(name for name, _ in axes), *([AXIS] if mesh.axisymmetric else [])]))
-    found = _own_components(problem, mesh, space, nodes, drives, names)
+    axial = [AXIS] if mesh.axisymmetric or periodic.fixed else []
+    values: list[Drive] = [*drives, *(0.0 for _ in axial)]
+    names = list(dict.fromkeys([*(name for name, _ in axes), *axial]))
+    found = _own_components(problem, mesh, space, nodes, periodic, drives, names)
     shared = np.zeros(nodes.owned, bool)
     rigid = [coupling.boundary for coupling in problem.couplings if coupling.rigid]
     of_periodic = chain.from_iterable(problem.request.periodic)
@@ -63,7 +65,13 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
 
 
 def _own_components(
-    problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes, drives: list[Place], names: list[str]
+    problem: Problem,
+    mesh: Mesh,
+    space: FunctionSpace,
+    nodes: Nodes,
+    periodic: Periodic,
+    drives: list[Place],
+    names: list[str],
 ) -> Components:
     """Prescribed displacements at this rank's nodes, support by support; collective."""
     found = [_components(nodes, np.zeros(0, np.int64), np.zeros((0, mesh.dim)), 0, 0)]
@@ -84,6 +92,10 @@ def _own_components(
         local = _on_axis(mesh, nodes)
         radial = np.tile([1.0, 0.0], (len(local), 1))
         found.append(_components(nodes, local, radial, len(drives), names.index(AXIS)))
+    for node, across in periodic.fixed.items():
+        if nodes.offset <= node < nodes.offset + nodes.owned:
+            local = np.full(len(across), node - nodes.offset)
+            found.append(_components(nodes, local, across, len(drives), names.index(AXIS)))
     return Components.joined(found)
 
 
@@ -179,6 +191,7 @@ def _periodic(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) 
     """The nodes that each eliminated periodic node follows; collective."""
     follows: dict[int, tuple[int, Array]] = {}
     known: dict[int, tuple[Array, int]] = {}  # coordinates and part of both sides' nodes
+    fixed: dict[int, Array] = {}
     for slave_side, master_side in problem.request.periodic:
         slave, master = (gather_surface(mesh, space, nodes, side) for side in (slave_side, master_side))
         turn, matrix = problem.request.turns.get(slave_side), np.eye(mesh.dim)
@@ -195,10 +208,7 @@ def _periodic(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) 
         for node, other in zip(slave.nodes.tolist(), master.nodes[match].tolist(), strict=True):
             (own, first), (others, second) = _end_of(follows, node, mesh.dim), _end_of(follows, other, mesh.dim)
             if node == other and turn is not None:
-                at = ", ".join(f"{c:.6g}" for c in known[node][0])
-                raise GeometryError(
-                    f"periodic side {slave_side}: the axis of its turn is in the body, at ({at}); leave a hole"
-                )
+                fixed[node] = orth((matrix - np.eye(mesh.dim)).T).T
             if own != others:  # an edge that two periodic pairs share in 3D appears twice; the second is redundant
                 follows[own] = others, first.T @ matrix @ second
     followers = sorted(follows)
@@ -212,6 +222,7 @@ def _periodic(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) 
         part=np.array([known[node][1] for node in followers], np.int64),
         root_part=np.array([known[node][1] for node in roots], np.int64),
         turn=np.array([turn for _, turn in ends]).reshape(-1, mesh.dim, mesh.dim),
+        fixed=fixed,
     )
 
 

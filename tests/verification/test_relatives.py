@@ -1,0 +1,201 @@
+"""Relatives of users' geometries, of other dimensions, orders and methods, with closed forms and patch tests."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.audited import audit, solved
+from shared.cases import slow
+from stickslip import StepResult
+from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.workflows.scene_file.read import from_dict
+
+Tables = dict[str, Any]
+COULOMB = {"law": "coulomb", "mu": 0.2}
+
+
+def last(data: Tables, folder: Path) -> StepResult:
+    """The last step, in balance."""
+    simulation, steps = solved(from_dict(data, folder))
+    defects = audit(simulation, steps[-1])
+    assert max(value for name, value in defects.items() if name != "fields") < 1e-6, defects
+    return steps[-1]
+
+
+RING = """
+DefineConstant[ a = 0.05 ];
+Point(1) = {0, 0, 0}; Point(2) = {a, 0, 0}; Point(3) = {0, a, 0}; Point(4) = {1, 0, 0}; Point(5) = {0, 1, 0};
+Circle(1) = {2, 1, 3}; Circle(2) = {4, 1, 5}; Line(3) = {2, 4}; Line(4) = {3, 5};
+Curve Loop(1) = {3, 2, -4, -1}; Plane Surface(1) = {1}; Physical Surface("ring") = {1};
+Physical Curve("ring.bore") = {1}; Physical Curve("ring.x") = {3}; Physical Curve("ring.y") = {4};
+"""  # of gmsh's own kernel, with an arc that is small against the whole
+
+
+@pytest.mark.parametrize("size", [0.02, *slow(0.01, 0.005)])
+def test_a_small_bore_on_a_rigid_pin_has_the_pressure_of_lame(size: float, tmp_path: Path) -> None:
+    (tmp_path / "ring.geo").write_text(RING)
+    planes = {side: {"boundary": f"ring.{side}", "displacement": {axis: 0.0}} for side, axis in ("xy", "yx")}
+    scene = {
+        "model": "plane stress",
+        "geometry": {"file": "ring.geo", "mesh_size": 0.2, "contact_mesh_size": size, "order": 2},
+        "bodies": {"ring": {"E": 1e5, "nu": 0.3}},
+        "obstacles": {"pin": {"shape": "cylinder", "point": [0.0, 0.0], "radius": 0.0501}},
+        "contacts": {"fit": {"surface": "ring.bore", "against": "pin"}}, "supports": planes,
+    }  # fmt: skip
+    fit = last(scene, tmp_path).contacts["fit"]
+    force = 1e5 * 1e-4 / 0.05 / ((1 + 0.05**2) / (1 - 0.05**2) + 0.3) * 0.05 * np.pi / 2
+    assert_allclose(fit.normal_force, force, rtol=2e-3)
+
+
+PENNY = """
+Point(1) = {0, 0, 0, h}; Point(2) = {1, 0, 0, h}; Point(3) = {3, 0, 0, 1}; Point(4) = {3, 3, 0, 1};
+Point(5) = {0, 3, 0, 1}; Point(6) = {3, -3, 0, 1}; Point(7) = {0, -3, 0, 1}; Point(8) = {0, 0, 0, h};
+Line(1) = {1, 2}; Line(2) = {8, 2}; Line(3) = {2, 3}; Line(4) = {3, 4}; Line(5) = {4, 5}; Line(6) = {5, 1};
+Line(7) = {3, 6}; Line(8) = {6, 7}; Line(9) = {7, 8};
+Curve Loop(1) = {1, 3, 4, 5, 6}; Plane Surface(1) = {1}; Curve Loop(2) = {2, 3, 7, 8, 9}; Plane Surface(2) = {2};
+Physical Surface("rock") = {1, 2}; Physical Curve("rock.above") = {1}; Physical Curve("rock.below") = {2};
+Physical Curve("rock.top") = {5}; Physical Curve("rock.bottom") = {8};
+"""  # a cylinder with a crack across its axis, which reaches to half a third of its radius
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("h", [0.3, *slow(0.15, 0.08)])
+@pytest.mark.parametrize(
+    "solver",
+    [{"method": "condensed-newton"}, {"method": "surface-uzawa", "surface": "matrix-free"}, {"method": "tangent-cg"}],
+)
+def test_a_crack_of_the_shape_of_a_penny_passes_a_pressure_on(
+    solver: Tables, h: float, order: int, tmp_path: Path
+) -> None:
+    (tmp_path / "penny.geo").write_text(f"h = {h};{PENNY}")
+    step = last({
+        "model": "axisymmetric", "geometry": {"file": "penny.geo", "order": order},
+        "bodies": {"rock": {"E": 1e3, "nu": 0.2}},
+        "contacts": {"crack": {"surface": "rock.above", "against": "rock.below", "friction": COULOMB}},
+        "supports": {"bottom": {"boundary": "rock.bottom", "displacement": {"y": 0.0}}},
+        "loads": {"top": {"boundary": "rock.top", "pressure": 2.0}},
+        "solver": solver | {"tolerance": 1e-11},
+    }, tmp_path)  # fmt: skip
+    crack = step.contacts["crack"]
+    assert_allclose(crack.normal_force, 2.0 * np.pi, rtol=1e-6)
+    assert_allclose(crack.pressure[crack.weight > 0], 2.0, rtol=1e-5)
+
+
+GLUED = """
+SetFactory("OpenCASCADE");
+Box(1) = {0, 0, 0, 2, 2, 1}; Box(2) = {0, 0, 1, 2, 2, 1}; BooleanFragments{ Volume{1, 2}; Delete; }{}
+Physical Volume("low") = {1}; Physical Volume("high") = {2};
+b() = Surface In BoundingBox {-1, -1, -0.1, 3, 3, 0.1}; Physical Surface("low.bottom") = {b()};
+t() = Surface In BoundingBox {-1, -1, 1.9, 3, 3, 2.1}; Physical Surface("high.top") = {t()};
+"""
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("size", [1.0, *slow(0.7, 0.5)])
+def test_solids_glued_by_fragments_press_on_a_floor_as_one(size: float, order: int, tmp_path: Path) -> None:
+    (tmp_path / "glued.geo").write_text(GLUED)
+    step = last({
+        "model": "3d", "geometry": {"file": "glued.geo", "mesh_size": size, "order": order},
+        "bodies": {"low": {"E": 100.0, "nu": 0.0}, "high": {"E": 400.0, "nu": 0.0}},
+        "obstacles": {"floor": {"shape": "plane", "point": [0.0] * 3, "normal": [0.0, 0.0, 1.0]}},
+        "contacts": {"c": {"surface": "low.bottom", "against": "floor", "friction": COULOMB}},
+        "supports": {"top": {"boundary": "high.top", "displacement": {"x": 0.0, "y": 0.0, "z": -0.0125}}},
+    }, tmp_path)  # fmt: skip
+    assert_allclose(step.contacts["c"].normal_force, 4.0, rtol=1e-8)
+    assert_allclose(step.contacts["c"].max_pressure, 1.0, rtol=1e-7)
+
+
+TUBES = """
+SetFactory("OpenCASCADE");
+Rectangle(1) = {1, 0, 0, 1, 3}; Rectangle(2) = {1.9, 0, 0, 1, 3};
+Physical Surface("inner") = {1}; Physical Surface("outer") = {2};
+Physical Curve("inner.outside") = {2}; Physical Curve("outer.inside") = {8};
+Physical Curve("inner.base") = {1}; Physical Curve("outer.base") = {5};
+"""  # a press fit drawn with its interference, .1
+
+
+def test_tubes_that_overlap_are_told_and_pushed_apart_to_the_pressure_of_lame(tmp_path: Path) -> None:
+    (tmp_path / "tubes.geo").write_text(TUBES)
+    (found,) = UserFile(file=str(tmp_path / "tubes.geo")).overlaps(2)
+    assert_allclose([found.depth, found.volume], [0.1, 0.3], rtol=1e-6)
+    assert_allclose(found.place, [1.95, 1.5], atol=0.2)
+    for size in (0.5, 0.25):
+        step = last({
+            "model": "axisymmetric", "geometry": {"file": "tubes.geo", "mesh_size": size, "order": 2},
+            "bodies": {"inner": {"E": 1.0, "nu": 0.0}, "outer": {"E": 1.0, "nu": 0.0}},
+            "contacts": {"fit": {"surface": "outer.inside", "against": "inner.outside"}},
+            "supports": {body: {"boundary": f"{body}.base", "displacement": {"y": 0.0}} for body in ("inner", "outer")},
+        }, tmp_path)  # fmt: skip
+        fit = step.contacts["fit"]
+        # the gap closes where both are: u_outer(1.9) - u_inner(2) = .1; Lamé, nu = 0, long tubes
+        yields = 1.9 * (2.9**2 + 1.9**2) / (2.9**2 - 1.9**2) + 1.9 * (2.0**2 + 1.0**2) / (2.0**2 - 1.0**2)
+        assert_allclose(fit.normal_force / (2 * np.pi * 1.9 * 3), 0.1 / yields, rtol=0.005)
+
+
+BLOCK = {"builder": "block", "length": 2.0, "width": 1.0, "height": 1.0}
+MAP = {"over": ["x"], "rows": [[0.0, 0.1], [2.0, 0.3]]}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("size", [0.5, *slow(0.34, 0.25)])
+def test_friction_of_a_map_adds_up_in_3d(size: float, order: int, tmp_path: Path) -> None:
+    """Pressed by .01 and dragged far: all slips, and nu = 0 keeps the pressure even where shear does not lift it."""
+    step = last({
+        "model": "3d", "geometry": BLOCK | {"mesh_size": size, "order": order},
+        "bodies": {"block": {"E": 100.0, "nu": 0.0}},
+        "obstacles": {"floor": {"shape": "plane", "point": [0.0] * 3, "normal": [0.0, 0.0, 1.0]}},
+        "contacts": {"c": {"surface": "block.bottom", "against": "floor", "friction": {"law": "coulomb", "mu": MAP}}},
+        "supports": {"top": {"boundary": "block.top", "displacement": {"x": 1.0, "y": 0.0, "z": -0.01}}},
+    }, tmp_path)  # fmt: skip
+    base = step.contacts["c"]
+    mu = 0.1 + 0.1 * base.points[:, 0]
+    assert_allclose(base.bound, mu * base.pressure, atol=1e-6 * base.pressure.max())
+    assert_allclose(np.abs(base.force[0]), (base.weight * base.bound).sum(), rtol=1e-3)
+    assert 0.15 < -base.force[0] / base.normal_force < 0.25
+
+
+@pytest.mark.parametrize("time", [0.5, 1.0])
+@pytest.mark.parametrize("size", [0.2, *slow(0.1, 0.05)])
+def test_an_interference_grows_in_an_axisymmetric_shrink_fit(size: float, time: float, tmp_path: Path) -> None:
+    """Lamé's rings between planes of symmetry."""
+    steps = solved(from_dict({
+        "model": "axisymmetric",
+        "geometry": {"file": "tubes.geo", "mesh_size": size, "order": 2},
+        "bodies": {"inner": {"E": 1.0, "nu": 0.3}, "outer": {"E": 1.0, "nu": 0.3}},
+        "contacts": {
+            "fit": {"surface": "outer.inside", "against": "inner.outside", "gap_offset": [[0, 0], [1, -1e-3]]}
+        },
+        "supports": {body: {"boundary": f"{body}.base", "displacement": {"y": 0.0}} for body in ("inner", "outer")},
+        "steps": {"count": 2},
+    }, write(tmp_path, "tubes.geo", TUBES.replace("1.9, 0, 0", "2, 0, 0"))))[1]  # fmt: skip
+    step = next(step for step in steps if step.time == time)
+    yields = 2 * (3**2 + 2**2) / (3**2 - 2**2) + 2 * (2**2 + 1) / (2**2 - 1)
+    assert_allclose(step.contacts["fit"].normal_force / (2 * np.pi * 2 * 3), time * 1e-3 / yields, rtol=2e-3)
+
+
+def write(folder: Path, name: str, text: str) -> Path:
+    """The folder, with a file of that name."""
+    (folder / name).write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("size", [0.5, *slow(0.34, 0.25)])
+def test_a_graph_that_moves_drags_as_the_plane_that_it_is(size: float, dim: int, tmp_path: Path) -> None:
+    normal, found = [0.0] * (dim - 1) + [1.0], []
+    flat = {key: value for key, value in BLOCK.items() if dim == 3 or key != "width"}
+    for floor in ({"shape": "plane", "point": [0.0] * dim, "normal": normal}, {"shape": "graph", "height": "0*x"}):
+        step = last({
+            "model": "3d" if dim == 3 else "plane strain", "geometry": flat | {"mesh_size": size},
+            "bodies": {"block": {"E": 100.0, "nu": 0.3}},
+            "obstacles": {"floor": floor | {"displacement": {"x": [[0, 0], [1, 0.01]], "xyz"[dim - 1]: 0.005}}},
+            "contacts": {"c": {"surface": "block.bottom", "against": "floor", "friction": COULOMB, "sliding": True}},
+            "supports": {"top": {"boundary": "block.top", "displacement": [0.0] * dim}}, "steps": {"count": 2},
+        }, tmp_path)  # fmt: skip
+        base = step.contacts["c"]
+        found.append([base.normal_force, base.tangential_force, base.max_slip, base.stick_area])
+    assert found[0][1] > 0
+    assert_allclose(found[1], found[0], rtol=1e-6)
