@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import unicodedata
 from collections.abc import Collection, Iterable, Sequence
 
 LONGEST, LONGEST_LINE = 120, 280  # characters of a user's text that an error repeats, and of the whole line
@@ -15,9 +16,21 @@ def shortened(text: object, longest: int = LONGEST) -> str:
     >>> shortened("a" * 500 + "\\nb", 20)
     'aaaaaaaaa ... aaaa b'
     """
-    line = " ".join(str(text).split())
+    line = printable(" ".join(str(text).split()))
     head = longest - 5 - longest // 3
     return line if len(line) <= longest else f"{line[:head]} ... {line[len(line) - longest // 3 :]}"
+
+
+def printable(text: str) -> str:
+    """A text in which a terminal finds no commands, nor signs that turn its direction: these are shown by their codes.
+
+    >>> printable("a\x1b[2Jb\u202ec, é")
+    'a\\x1b[2Jb\\u202ec, é'
+    """
+    if text.isprintable():
+        return text
+    seen = (c if c in "\n\t" or unicodedata.category(c)[0] != "C" else ascii(c)[1:-1] for c in text)
+    return "".join(seen)
 
 
 class StickslipError(Exception):

@@ -7,15 +7,28 @@ wrong one is refused in the same words.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from difflib import get_close_matches
-from functools import cache, reduce
-from inspect import get_annotations
+from functools import cache, reduce, wraps
+from inspect import get_annotations, signature
 from operator import or_
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, ClassVar, NotRequired, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    NotRequired,
+    ParamSpec,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 from pydantic import Discriminator, TypeAdapter, ValidationError
@@ -43,6 +56,8 @@ OF_KIND = "kind of table: "  # before the name of a kind that the keys of a tabl
 UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 Keys = Mapping[str, Any]  # values, or types, by key
 Vector = tuple[float, ...]
+Given = ParamSpec("Given")
+Returned = TypeVar("Returned")
 
 
 @dataclass(frozen=True)
@@ -237,6 +252,47 @@ def parse(kind: Any, value: Any, at: tuple[str, ...]) -> Any:
         return adapter(kind).validate_json(json.dumps(value, default=str), strict=True)
     except ValidationError as error:
         raise SceneError(*_explained(error, kind, value, at)) from None
+
+
+def numbers_in(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], float]]:
+    """Yield the numbers of a table with the parts of their keys."""
+    if isinstance(value, float):
+        yield path, value
+    items: Any = value.items() if isinstance(value, Mapping) else ()
+    if is_dataclass(value):
+        items = ((f.name.rstrip("_"), getattr(value, f.name)) for f in fields(value))
+    for name, item in enumerate(value) if isinstance(value, list | tuple) else items:
+        yield from numbers_in(item, (*path, str(name)))
+
+
+def typed(act: Callable[Given, Returned]) -> Callable[Given, Returned]:
+    """Decorate a public function: values of other kinds than it declares are refused in a line, as those of a scene."""
+
+    @wraps(act)
+    def checked(*args: Given.args, **values: Given.kwargs) -> Returned:
+        hints = get_type_hints(act)
+        for name, value in signature(act).bind(*args, **values).arguments.items():
+            if not _fits(value, hints[name]):
+                words = re.sub(r"<class '|'>|\w+\.", "", str(hints[name]))
+                raise SceneError(f"{act.__name__}: {name} = {shortened(repr(value))}: expected {words}")
+        return act(*args, **values)
+
+    return checked
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    """Whether a value is of a kind; a text is no list of texts."""
+    of, parts = get_origin(kind), get_args(kind)
+    if of in (Union, UnionType):
+        return any(_fits(value, part) for part in parts)
+    if of is Sequence:
+        return isinstance(value, Sequence) and not isinstance(value, str) and all(_fits(v, parts[0]) for v in value)
+    if of is Mapping:
+        return isinstance(value, Mapping) and all(_fits(key, parts[0]) for key in value)
+    if of is Callable:
+        return callable(value)
+    loose = kind is Any or of is not None or getattr(kind, "_is_protocol", False)
+    return loose or isinstance(value, (int, float) if kind is float else kind)
 
 
 def _explained(error: ValidationError, kind: Any, data: Any, at: tuple[str, ...]) -> Iterator[str]:

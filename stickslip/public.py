@@ -20,7 +20,7 @@ from stickslip.geometry.errors import (
     SolverError,
     StickslipError,
 )
-from stickslip.geometry.keys import Choice, Key, Noun
+from stickslip.geometry.keys import Choice, Key, Noun, typed
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.obstacles.obstacle import Rotation
 from stickslip.geometry.obstacles.plane import Plane
@@ -78,6 +78,7 @@ from stickslip.workflows.scene_file.read import read
 from stickslip.workflows.sweep.sweep import Solved, Sweep, sweep
 
 
+@typed
 def steps(scene: Scene) -> Iterator[StepResult]:
     """Solve a scene; nothing is written. Collective.
 

@@ -173,7 +173,11 @@ def walls() -> tuple[str, ...]:
 
 
 def contain(memory: int) -> None:
-    """Contain this process, for good: nothing is started, nothing is written, `memory` [bytes] is all it may take."""
+    """Contain this process, for good: nothing is started, nothing is written, `memory` [bytes] is all it may take.
+
+    Its environment is empty: neither is a mesh another one on another machine, nor do secrets get into its names.
+    """
+    os.environ.clear()
     limit_memory(memory)
     _libc("prctl", PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
     restrict_files(())

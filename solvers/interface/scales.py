@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, ROUNDING, Array
+from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, ROUNDING, TINY, Array
+from stickslip.geometry.errors import SceneError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,6 +21,18 @@ class Scales:
     motion: float  # u_ref [m]: the largest that contact resists
     traction: float  # p_ref [Pa]: the mean pressure of the applied force, and at least what that motion causes
     given: Array  # (rows,) [m] the larger of gap and prescribed motion
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            SceneError: squares of motions, tractions or energies are 0 or infinite.
+        """
+        for size in (self.motion, self.traction, self.motion * self.traction):
+            if size and not TINY < size * size < 1 / TINY:
+                raise SceneError(
+                    f"motions of about {self.motion:.1g} and tractions of about {self.traction:.1g} leave the range of "
+                    "numbers: their squares are 0 or infinite; check the units of E, loads and lengths"
+                )
 
     def no_motion(self, w: Array) -> Array:
         """Return which motions (rows,) [m] are rounding: the last digits of those that are given and of w (rows,) [m].

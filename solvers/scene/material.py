@@ -84,6 +84,8 @@ class Material(Elastic, kind="isotropic"):
     def __post_init__(self) -> None:
         require(self.E > 0, "E", self.E, "must be positive, in pascal")
         require(-1 < self.nu <= 0.5, "nu", self.nu, "must lie above -1, and not above 0.5")
+        near = f"must lie above -1 by {LEAST:g}, or shear drowns all else"
+        require(self.nu >= LEAST - 1, "nu", self.nu, near)
         locks = self.nu == 0.5 and self.formulation == "displacement"
         require(not locks, "nu", self.nu, 'must lie below 0.5 with formulation = "displacement"')
         require(self.density >= 0, "density", self.density, "must not be negative, in kg/m³")

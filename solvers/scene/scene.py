@@ -15,9 +15,18 @@ import numpy as np
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
-from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, require, require_known, shortened
+from stickslip.geometry.errors import (
+    LONGEST,
+    Mistakes,
+    SceneError,
+    nearest,
+    prefixed,
+    require,
+    require_known,
+    shortened,
+)
 from stickslip.geometry.expression import CONSTANTS, RATE, Expression, Varying
-from stickslip.geometry.keys import Key, Keys, Noun, completed
+from stickslip.geometry.keys import Key, Keys, Noun, completed, numbers_in
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import SKIN, Model, Request, Turn, dimensions
 from stickslip.geometry.units import Units
@@ -26,7 +35,7 @@ from stickslip.solvers.scene.contact import REACH, Contact, table_of
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
 from stickslip.solvers.scene.material import Elastic
 from stickslip.solvers.scene.record import RECORDS, RecordType, names
-from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Solver, Steps
+from stickslip.solvers.scene.settings import LARGEST, SMALLEST, Accuracy, Exact, Output, Probe, Solver, Steps
 from stickslip.solvers.scene.timeline import Place, Timeline
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -345,10 +354,15 @@ class Scene(Noun):
             yield from ((Place(section, name, *part), value) for part, value in table.amplitudes().items())
 
     def _check_names(self, mistakes: Mistakes) -> None:
+        for key, number in numbers_in(vars(self) | {"sections": ()} | dict(self.sections)):
+            with mistakes:
+                ok = number == 0 or SMALLEST <= abs(number) <= LARGEST
+                require(ok, ".".join(key), number, f"must be 0, or from {SMALLEST:g} to {LARGEST:g} in size")
         tables = ("bodies", "obstacles", "contacts", "supports", "loads", "probes")
         names = [(table, name) for table in tables for name in getattr(self, table)]
         for table, name in [*names, *((section, name) for section, name in self.effect_tables() if name)]:
             with mistakes:
+                require(len(name) <= LONGEST, table, name, f"a name has at most {LONGEST} letters")
                 if not NAME.fullmatch(name):
                     raise SceneError(f"{table}.{name}: a name is made of a-z, 0-9 and _, and begins with a letter")
         known = self.geometry.bodies(self.dim)

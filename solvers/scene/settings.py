@@ -10,7 +10,7 @@ from stickslip.geometry.errors import require, require_components
 from stickslip.geometry.keys import Key, Keys, Noun, Vector
 from stickslip.geometry.shape import Model, dimensions
 
-SHORTEST, LONGEST = 1e-100, 1e100  # [s] of a history; powers of times far beyond are 0 or infinite
+SMALLEST, LARGEST = 1e-100, 1e100  # of numbers other than 0; powers of those far beyond are 0 or infinite
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,7 @@ class Steps(Noun):
 
     def __post_init__(self) -> None:
         require(self.end > 0, "end", self.end, "must be positive")
-        require(SHORTEST <= self.end <= LONGEST, "end", self.end, f"must be from {SHORTEST:g} to {LONGEST:g} s")
+        require(SMALLEST <= self.end <= LARGEST, "end", self.end, f"must be from {SMALLEST:g} to {LARGEST:g} s")
         require(1 <= self.count <= 1_000_000, "count", self.count, "must be a whole number from 1 to 1000000")
 
 

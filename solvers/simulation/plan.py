@@ -16,6 +16,7 @@ from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.contact.coupling import seen_from
 from stickslip.solvers.effects import active
 from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.method_registry import METHODS, Solver, method_of
 from stickslip.solvers.methods.method import RIGID, Applicability, Method, Refusal, keys_of
 from stickslip.solvers.scene.contact import Contact, table_of
@@ -189,6 +190,12 @@ def _refuse_faint(setup: Setup) -> None:
         wrong = f"too soft beside the bodies, at least {least:.1e} {setup.labels('Pa/m')}"
         require(stiffness >= least, springs.key, stiffness, wrong)
     extent = setup.extent
+    for name, pair in setup.pairs.items():
+        law, most = pair.contact.normal, setup.softest / extent / ROUNDING
+        if isinstance(law, Compliance) and law.stiffest(setup.softest) > most:
+            limit = law.c_n * (most / law.stiffest(setup.softest)) ** law.m_n
+            wrong = f"penetrations drown in rounding, at most {limit:.1e} here; a rigid surface has no c_n"
+            raise SceneError(f"contacts.{name}.normal.c_n = {law.c_n:g}: {wrong}")
     least = least_springs(setup) * (extent if setup.model.startswith("plane") else extent**2)
     per_length = setup.labels("N/m")
     for link in setup.links:

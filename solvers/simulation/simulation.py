@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 
+from stickslip.geometry.keys import typed
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Comm
@@ -241,6 +242,7 @@ class Simulation:
         return Script(self.scene, self.stepper, self.observer)
 
 
+@typed
 def prepare(
     scene: Scene,
     comm: Comm | None = None,

@@ -1,10 +1,13 @@
 """Runs to an accuracy and sweeps over keys."""
 
+import fcntl
 import json
+import os
 import re
 import signal
 import sys
-from collections.abc import Callable
+import time as clock
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,9 +20,10 @@ from shared.cases import slow
 from shared.command import COARSE as COARSER
 from shared.command import Call, assert_one_line, assert_said, ended, output_of, result, table
 from shared.histories import Stop
-from stickslip.geometry.errors import SceneError
+from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.mesh.mesh import write_msh
 from stickslip.geometry.user_files.child_process import Ended
+from stickslip.workflows.commands._sweep import sweep_scene
 from stickslip.workflows.formats.results import read_results
 from stickslip.workflows.pictures.report_page import page
 from stickslip.workflows.run.result import result_schema, scene_hash
@@ -228,6 +232,54 @@ def test_table_that_no_sweep_has_written_is_refused_and_stays(text: str, call: C
     )
     assert [path.name for path in (folder / "out").iterdir()] == ["sweep.csv"]
     assert (folder / "out" / "sweep.csv").read_text() == text
+
+
+def test_two_sweeps_in_one_folder_lose_nothing(call: Call, folder: Path) -> None:
+    """One at a time, and over the same keys: the table is one of all members."""
+    words = ["sweep", "block", *COARSER, "-q", "-o", "out"]
+    assert call(*words, f"{MU}=[0.2]") == (0, "", "")
+    before = (folder / "out" / "sweep.csv").read_bytes()
+    assert_said(call(*words, "steps.count=[2]"), 2, "out/sweep.csv: is the table of a sweep over other keys; choose")
+    held = os.open(folder / "out", os.O_RDONLY)
+    fcntl.flock(held, fcntl.LOCK_EX)
+    assert_said(call(*words, f"{MU}=[0.2, 0.3]"), 2, "-o out: another sweep works there; choose another folder with -o")
+    os.close(held)
+    assert (folder / "out" / "sweep.csv").read_bytes() == before
+    assert sorted(path.name for path in (folder / "out").iterdir()) == ["mu=0.2", "sweep.csv"]
+    assert call(*words, f"{MU}=[0.2, 0.3]") == (0, "", "")
+
+
+def test_a_large_sweep_says_how_far_it_is(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """While it checks its scenes, and of each member as it ends, not of a whole task."""
+    heard = list[tuple[int, float]]()
+    monkeypatch.setattr(module, "run_child", slow_child)
+    monkeypatch.setattr(module, "PARTS", 1)  # one task
+    over = {MU: [0.1, 0.2, 0.3]}
+    solved = sweep(read("block", SETS), over, tmp_path, on_member=lambda n, *_: heard.append((n, ENDED[0])))
+    assert heard == [(1, 1), (2, 2), (3, 3)]
+    assert [one.status for one in solved.solved] == ["converged"] * 3
+    many = [f"{MU}={[k / 1e4 for k in range(120)]}"]
+    with pytest.raises(MachineError):
+        sweep_scene(read("block", SETS), many, tmp_path, tmp_path / "out", 1, False)
+    assert capsys.readouterr().out.splitlines()[:2] == [f"{n} of 120 members are checked" for n in (50, 100)]
+
+
+ENDED = [0]  # members that the process below has told of
+
+
+def slow_child(module: str, words: Sequence[str], folder: None, seconds: float) -> Ended:
+    """Tell of one member after the other, and of more than a few of none."""
+    order = json.loads(Path(words[0]).read_text())
+    if len(order) > 3:
+        raise MachineError("too many")
+    for _ in order:
+        ENDED[0] += 1
+        with Path(words[1]).open("a") as answers:
+            answers.write(json.dumps({"status": "converged", "sentence": "", "seconds": 1.0}) + "\n")
+        clock.sleep(0.3)  # until the others have heard
+    return Ended(code=0, printed="", full=False)
 
 
 def test_bodies_are_prepared_once_and_answers_are_those_of_runs_alone(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """A wrong scene or file is refused with one line: the key, what was found, what is expected. Nothing is written."""
 
 import re
+import unicodedata
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,9 @@ from shared.command import COARSE as COARSER
 from shared.command import Call, assert_refused, ended
 from shared.drawn import draw, scene_data
 from shared.ranks import options
+from stickslip.geometry.errors import FolderError
 from stickslip.workflows.commands.cli import guarded
+from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import READY, from_dict, read
 
 ROLLER = "shape='cylinder',point=[2.0,-5.0],radius=5.0"
@@ -155,6 +158,23 @@ WRONG: list[tuple[str, ...]] = [
     ("supports.top.displacement.y=[[-1,0],[1,-0.1]]",
      "supports.top.displacement.y = [-1.0, 1.0]: times must increase, from 0 or later"),
     ("supports.top.displacement.y=[]", "top.displacement.y = []: .*at least one"),
+    # beyond all numbers, and beyond all names
+    ("bodies.block.E=1e-300", "bodies.block.E = 1e-300: must be 0, or from 1e-100 to 1e+100 in size"),
+    ("bodies.block.E=1e300", "bodies.block.E = 1e+300: must be 0, or from"),
+    ("bodies.block.E=" + "9" * 400, "bodies.block.E = ...: is too large"),
+    ("contacts.base.friction.mu=1e120", "contacts.base.friction.mu = 1e+120: must be 0, or from"),
+    ("supports.top.displacement.y=-1e-170", "supports.top.displacement.y = -1e-170: must be 0, or from"),
+    ("supports.top.displacement.y=[[0,0],[1,-1e170]]", "supports.top.displacement.y.1.1 = -1e+170: must be 0, or from"),
+    ("gravity.acceleration=[0.0,1e150]", "bodies.block.density=1.0", "gravity.acceleration.1 = 1e+150: must be 0"),
+    ("supports.top.displacement={x=0.0,y='-1e-170*t'}", "motions of about 1e-170 and tractions .* leave the range"),
+    ("supports.top.displacement={x=0.0,y=-1e90}", "bodies.block.E=1e90", "motions of about .* check the units of E"),
+    ("gravity.acceleration=[0.0,-1e90]", "bodies.block.density=1e90", "tractions of about .* leave the range of num"),
+    ("bodies.block.nu=-0.9999999999", "bodies.block.nu = -0.9999999999: must lie above -1 by 1e-05, or shear"),
+    ("contacts.base.normal={law='compliance',c_n=1e15}",
+     "contacts.base.normal.c_n = 1e+15: penetrations drown in rounding, at most 2.5e+08 here"),
+    ("contacts.base.normal={law='compliance',c_n=1e20,m_n=2.0}",
+     "contacts.base.normal.c_n = 1e+20: penetrations drown in rounding, at most 1.6e+16 here"),
+    (f"probes.{'n' * 250}.point=[0.5,0.5]", "probes = nnn.*nnn: a name has at most 120 letters"),
     # number of components
     ("obstacles.foundation.point=[0.0,0.0,0.0]", "foundation.point = [.*]: expected 2 comp"),
     ("loads.side={boundary='block.left',traction=[1.0,0.0,0.0]}", "side.traction.*expected 2 "),
@@ -403,3 +423,29 @@ def test_a_damaged_file_ends_the_command_with_code_2(tmp_path: Path, capfd: pyte
     out, err = capfd.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert err.startswith("stickslip: b.msh: ")
+
+
+def test_a_name_of_a_file_is_no_command_to_the_terminal(call: Call, folder: Path) -> None:
+    """Neither in a refusal, nor in what is said of results; a title neither."""
+    name = "a\x1b[31m\x9b2J\u202eb"
+    (folder / f"{name}.toml").write_text((READY / "block.toml").read_text().replace("nu = 0.3", "nu = 0.7"))
+    shown = r"a\\x1b\[31m\\x9b2J\\u202eb\.toml:\d+: bodies\.block\.nu"
+    assert_refused(call("plan", f"{name}.toml"), shown, folder, [f"{name}.toml"])
+    title = '--set=title="a\\u001b[2J\\u009b3J"'
+    for words in (["run", "block", *COARSER, title, "-o", name], ["report", name], ["compare", name, name]):
+        _, out, err = call(*words)
+        assert "\\x1b[" in out
+        assert not {c for c in out + err if unicodedata.category(c) in ("Cc", "Cf")} - {"\n", "\t"}
+    assert "\x1b" not in (folder / name / "run.log").read_text()
+
+
+def test_a_hint_can_be_pasted(call: Call, folder: Path) -> None:
+    (folder / "it's.geo").write_text("// nothing")
+    said = r"it's\.geo: is a geometry file; for a scene: stickslip new --from 'it'\"'\"'s\.geo'$"
+    assert_refused(call("plan", "it's.geo"), said, folder, ["it's.geo"])
+
+
+def test_a_folder_whose_name_no_disk_takes_is_refused(call: Call, folder: Path) -> None:
+    assert_refused(call("run", "block", "-q", *COARSE, "-o", "n" * 250), "File name too long", folder, [])
+    with pytest.raises(FolderError, match="name a folder that may be made"):
+        run(read("block"), "a\0b")

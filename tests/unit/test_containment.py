@@ -109,6 +109,13 @@ def test_a_script_starts_nothing_and_writes_nothing(name: str, folder: Path) -> 
     assert says or name in ("CreateDir", "ExternalProcess", "in a skipped block")
 
 
+def test_a_script_knows_no_variable_of_the_users(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither gets a secret into a name of the results, nor is a mesh another one elsewhere."""
+    monkeypatch.setenv("SECRET", "token")
+    (folder / "b.geo").write_text(f'{GEO}Physical Curve(StrCat("block.left", GetEnv("SECRET"))) = {{4}};\n')
+    assert {*from_dict(scene_data(folder / "b.geo")).geometry.bodies(2)["block"]} == {"bottom", "left", "top"}
+
+
 @pytest.mark.parametrize("name", DISGUISED)
 def test_a_script_under_another_name_starts_nothing(name: str, folder: Path) -> None:
     text = (DISGUISED[name] + GEO + CALL).encode()

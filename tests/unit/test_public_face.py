@@ -6,7 +6,8 @@ import inspect
 import pydoc
 import re
 import textwrap
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any, Literal, get_args
@@ -115,6 +116,35 @@ def test_a_new_kind_is_public_without_a_line_here(monkeypatch: pytest.MonkeyPatc
     assert {"Sticky", "Wind"} <= set(dir(stickslip))
     assert "Shared" not in dir(stickslip)
     assert importlib.import_module("stickslip").Sticky is Sticky
+
+
+def block_of(E: float) -> stickslip.Scene:
+    """The ready scene, of another material."""
+    return replace(stickslip.read("block"), bodies={"block": stickslip.Material(E=E, nu=0.3)})
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: stickslip.steps("block"), "steps: scene = 'block': expected Scene"),
+        (lambda: stickslip.prepare(None), "prepare: scene = None: expected Scene"),
+        (lambda: stickslip.run(None, "out"), "run: scene = None: expected Scene"),
+        (lambda: stickslip.run(stickslip.read("block"), 3), "run: folder = 3: expected str | Path"),
+        (lambda: stickslip.read("block", [3]), "read: overrides = [3]: expected Sequence[str]"),
+        (lambda: stickslip.read("block", "steps.count=3"), "read: overrides = 'steps.count=3': expected Sequence[str]"),
+        (lambda: stickslip.load(None), "load: folder = None: expected str | Path"),
+        (lambda: stickslip.sweep("block", {}, "out"), "sweep: scene = 'block': expected Scene"),
+        (lambda: stickslip.sweep(stickslip.read("block"), {3: [1]}, "out"), "sweep: over = {3: [1]}: expected Mapping"),
+        (lambda: stickslip.sweep(stickslip.read("block"), {"steps.count": [object()]}, "out"), "expected a whole"),
+        (lambda: stickslip.Material(E=10**400, nu=0.3), "E = 1000.*000: expected a number, in Pa"),
+        (lambda: block_of(1e300), "bodies.block.E = 1e+300: must be 0, or from 1e-100 to 1e+100 in size"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_what_is_no_scene_and_no_folder_is_refused_in_a_line(call: Callable[[], Any], said: str) -> None:
+    with pytest.raises(stickslip.SceneError, match=re.escape(said).replace(r"\.\*", ".*")) as caught:
+        call()
+    assert len(caught.value.lines) == 1
 
 
 def test_a_name_that_nothing_has_is_refused() -> None:

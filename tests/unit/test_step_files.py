@@ -385,6 +385,13 @@ def test_a_run_that_was_stopped_can_be_loaded(tmp_path: Path) -> None:
     assert [step.time for step in loaded.steps] == list(loaded.times) == [0.5, 1.0]
 
 
+def test_a_run_without_a_step_has_no_columns(tmp_path: Path) -> None:
+    s.run(s.read("block", [*QUIET, "solver.max_iterations=1"]), tmp_path / "out")
+    loaded = s.load(tmp_path / "out")
+    assert (loaded.status, loaded.times, len(loaded.steps), loaded.columns) == ("not_converged", (), 0, {})
+    assert "0 steps" in loaded._repr_html_()
+
+
 def test_what_no_run_has_written_is_refused(tmp_path: Path) -> None:
     with pytest.raises(s.FolderError, match="holds no results of a run"):
         s.load(tmp_path)

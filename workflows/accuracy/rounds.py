@@ -19,6 +19,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import EXACT, Array
 from stickslip.geometry.errors import SceneError
+from stickslip.geometry.keys import typed
 from stickslip.geometry.memory import available, peak
 from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
 from stickslip.geometry.protocols import Comm
@@ -349,6 +350,7 @@ def parsed(words: Sequence[str]) -> dict[str, float]:
     return found
 
 
+@typed
 def run(
     scene: Scene,
     folder: str | Path,

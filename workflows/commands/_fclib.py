@@ -15,6 +15,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.discrete import discrete_problem, rank
 from stickslip.solvers.stepping.discrete_chain import AUTO, refuse_unusable, solve, usable
+from stickslip.workflows.commands.process import say
 from stickslip.workflows.formats.fclib import LocalProblem, read_problem, write_solved
 from stickslip.workflows.formats.files import write_json, write_output
 from stickslip.workflows.pictures.performance_profile import FACTORS, draw_profile, shares
@@ -89,9 +90,9 @@ def solve_all(files: Sequence[Path], output: Path, asked: Sequence[str], toleran
         entries = []
         for path, problem in problems.items():
             entries.append(_entry(path, problem, methods, tolerance, folder.work))
-            print("\n".join(entries[-1].lines()), flush=True)
+            say("\n".join(entries[-1].lines()))
         found = {name: seconds(entries, name) for name in methods}
-        print("\n".join(summary(entries, found)))
+        say("\n".join(summary(entries, found)))
         if len(methods) > 1:
             draw_profile(folder.work / "profile.png", f"{len(entries)} discrete problems at {tolerance:g}", found)
         content = _content(entries, tolerance, found)

@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from stickslip.geometry.errors import SceneError, shortened
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.commands.process import speaks
-from stickslip.workflows.formats.files import parse_json
-from stickslip.workflows.formats.marker import read_checked
+from stickslip.workflows.commands.process import complain, say, speaks
+from stickslip.workflows.formats.marker import read_checked_json
 from stickslip.workflows.run.folder import RESULT, place_of
 from stickslip.workflows.run.resume import FINISHED
 from stickslip.workflows.run.terminal import console, contact_cells, contact_numbers, print_table, table_of
@@ -34,20 +31,22 @@ def sweep_scene(scene: Scene, words: Sequence[str], files: Path, folder: Path, j
 
     def tell(number: int, count: int, solved: Solved) -> None:
         if speaks() and not quiet:
-            typer.echo(f"{number:>{len(str(count))}}/{count}  {solved}")
+            say(f"{number:>{len(str(count))}}/{count}  {solved}")
 
-    done = sweep(scene, _parsed(words), folder, jobs, tell, files)
+    def checked(number: int, count: int) -> None:
+        if speaks() and not quiet and number % 50 == 0:
+            say(f"{number} of {count} members are checked")
+
+    done = sweep(scene, _parsed(words), folder, jobs, tell, files, checked)
     if not speaks():
         return 0
     off = [one for one in done.solved if one.status != "converged"]
     if not quiet:
         _print(done, scene)
-        typer.echo(f"{done.path}: a row for each of {len(done.solved)} members")
+        say(f"{done.path}: a row for each of {len(done.solved)} members")
     if off:
         names = ", ".join(one.member.name for one in off[:5]) + (", ..." if len(off) > 5 else "")
-        typer.echo(
-            f"stickslip: {len(off)} of {len(done.solved)} members are not solved, or doubtful: {names}", err=True
-        )
+        complain(f"{len(off)} of {len(done.solved)} members are not solved, or doubtful: {names}")
     return max((PROBLEM.get(one.status, 3) for one in off), default=0)
 
 
@@ -59,7 +58,7 @@ def _print(done: Sweep, scene: Scene) -> None:
     del numbers["max_penetration"]
     keys = short(list(done.solved[0].member.values))
     for one in done.solved:
-        content = parse_json(read_checked(place_of(one.folder) / RESULT)) if one.status in FINISHED else {}
+        content = read_checked_json(place_of(one.folder) / RESULT) if one.status in FINISHED else {}
         steps = content.get("steps") or [{}]
         values = [shortened(said(value), 24) for value in one.member.values.values()]
         for name, contact in (steps[-1].get("contacts") or {"-": None}).items():

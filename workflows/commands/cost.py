@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from stickslip.workflows.commands.options import SceneArgument, SetOption
+from stickslip.workflows.commands.process import complain, say
 
 
 def cost(
@@ -40,7 +41,7 @@ def cost(
     with named(scene, override or ()):
         beside = [name.strip() for name in methods.split(",")] if methods is not None else []
         answer = command.cost(loaded, folder, budget, quantity or (), resume, Teller(budget, quiet), beside)
-    typer.echo(answer.sentence)
+    say(answer.sentence)
     if answer.complaint:
-        typer.echo(f"stickslip: {answer.complaint}", err=True)
+        complain(answer.complaint)
     sys.exit(answer.exit_code)

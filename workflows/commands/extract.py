@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from stickslip.geometry.errors import FolderError, SceneError
-from stickslip.workflows.commands.process import complain, speaks
+from stickslip.workflows.commands.process import complain, say, speaks
 
 
 def extract(
@@ -57,6 +57,6 @@ def extract(
     text = csv_text([header, *([float(number) for number in row] for row in rows)])
     if speaks() and output is not None:
         write_output(output, text.encode())
-        typer.echo(f"wrote {output}")
+        say(f"wrote {output}")
     elif speaks():
         typer.echo(text, nl=False)

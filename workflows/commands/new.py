@@ -9,7 +9,7 @@ import typer
 
 from stickslip.geometry.errors import SceneError, nearest
 from stickslip.workflows.commands.contacts import UnitOption, UnitsOption, WithinOption
-from stickslip.workflows.commands.process import speaks
+from stickslip.workflows.commands.process import say, speaks
 
 
 def new(
@@ -55,4 +55,4 @@ def _copy(name: str, path: Path) -> None:
     for beside in (p for p in READY.iterdir() if f'"{p.name}"' in text):  # its geometry, and its tables
         write_new(path.with_name(beside.name), beside.read_text(encoding="utf-8"))
     write_new(path, text)
-    typer.echo(f"wrote {path}; solve it with: stickslip run {path}")
+    say(f"wrote {path}; solve it with: stickslip run {path}")

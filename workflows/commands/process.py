@@ -1,4 +1,4 @@
-"""The process of the command line: signals that stop it, whether it speaks, how its ranks end; imports no package."""
+"""The process of the command line: signals that stop it, what it prints, how its ranks end; imports no library."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import os
 import signal
 import sys
 import time as clock
+
+from stickslip.geometry.errors import printable
 
 BEGAN = clock.perf_counter()  # about when the process began
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
@@ -21,10 +23,15 @@ def speaks() -> bool:
     return os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0")) == "0"
 
 
+def say(line: str) -> None:
+    """Print a line in which names of files and scenes may stand."""
+    print(printable(line), flush=True)
+
+
 def complain(line: str) -> None:
-    """Print a line on stderr, on rank 0."""
+    """Print such a line on stderr, on rank 0."""
     if speaks():
-        print(f"stickslip: {line}", file=sys.stderr, flush=True)
+        print(f"stickslip: {printable(line)}", file=sys.stderr, flush=True)
 
 
 def leave_together(code: int) -> None:

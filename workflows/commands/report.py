@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from stickslip.workflows.commands.process import complain, speaks
+from stickslip.workflows.commands.process import complain, say, speaks
 
 
 def report(
@@ -25,4 +25,4 @@ def report(
     if (page := output or results.folder / NAME) != results.folder / NAME or page.is_dir():
         refuse_place(page, "page")
     if speaks():
-        typer.echo(f"wrote {write_report(results, output)}")
+        say(f"wrote {write_report(results, output)}")

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from stickslip.workflows.commands.options import SceneArgument, SetOption
-from stickslip.workflows.commands.process import BEGAN, speaks
+from stickslip.workflows.commands.process import BEGAN, complain, speaks
 
 
 def run(
@@ -54,5 +54,5 @@ def run(
             *([] if budget is None else [f"--budget={budget:g}"]),
         ]
         how = f"; go on with: {shlex.join([*again, '--resume'])}" if outcome.status == "interrupted" else ""
-        typer.echo(f"stickslip: {outcome.status.replace('_', ' ')}: {outcome.sentence}{how}", err=True)
+        complain(f"{outcome.status.replace('_', ' ')}: {outcome.sentence}{how}")
     sys.exit(outcome.exit_code)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import typer
+from stickslip.workflows.commands.process import say
 
 
 def scenes() -> None:
@@ -10,4 +10,4 @@ def scenes() -> None:
     from stickslip.workflows.scene_file.read import READY, title_of
 
     for path in sorted(READY.glob("*.toml")):
-        typer.echo(f"{path.stem:<12} {title_of(path)}")
+        say(f"{path.stem:<12} {title_of(path)}")

@@ -158,6 +158,18 @@ def read_checked(path: Path) -> bytes:
     raise MachineError(f"{path}: was changed after the run, or is of another one")
 
 
+def read_checked_json(path: Path) -> dict[str, Any]:
+    """Return the table in a JSON file, see `read_checked`.
+
+    Raises:
+        DamagedError: it holds none.
+    """
+    try:
+        return dict(parse_json(read_checked(path)))
+    except (TypeError, ValueError):
+        raise DamagedError(f"{path}: damaged or cut short: it is no table of JSON") from None
+
+
 def _sum(path: Path, content: bytes | None = None) -> str:
     """Return checksum and size of a file; of HDF5 that of the block in which it says its own."""
     start = read_regular(path, USER_BLOCK if path.suffix == ".h5" else -1) if content is None else content

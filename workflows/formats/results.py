@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from stickslip.geometry.arrays import AnyArray
-from stickslip.geometry.errors import DamagedError, FolderError
+from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import Units
 from stickslip.solvers.parallel.counters import PHASES, Row
 from stickslip.solvers.results.step_result import told
 from stickslip.workflows.formats.files import json_text, parse_json, read_json, read_regular
 from stickslip.workflows.formats.hdf5 import read_arrays
-from stickslip.workflows.formats.marker import RESULT, checksums, marker_of, own_files, read_checked
+from stickslip.workflows.formats.marker import RESULT, checksums, marker_of, own_files, read_checked_json
 from stickslip.workflows.formats.mesh_file import MESH_FILE
 from stickslip.workflows.formats.steps import light_files, read_checkpoint, step_files
 
@@ -95,10 +95,7 @@ def read_results(folder: Path) -> Results:
     """
     content, path = dict[str, Any](), folder / RESULT
     if os.path.lexists(path) or (RESULT in marker_of(folder).sha256 and not WORK.match(folder.name)):
-        try:
-            content = dict(parse_json(read_checked(path)))
-        except (TypeError, ValueError):
-            raise DamagedError(f"{path}: damaged or cut short: it is no table of JSON") from None
+        content = read_checked_json(path)
     if content.get("format", 1) != 1:
         raise FolderError(f"{folder / RESULT}: format {content['format']}, and this version reads format 1")
     if not isinstance(content.get("scene"), dict):

@@ -44,7 +44,7 @@ def place_of(target: Path) -> Path:
         place = Path(os.path.realpath(target)) if target.is_symlink() else target
     except (OSError, ValueError) as error:
         raise FolderError(f"-o {target}: {getattr(error, 'strerror', None) or error}") from None
-    if place.name in ("", ".."):
+    if "\0" in place.name or place.name in ("", ".."):
         raise FolderError(f"-o {target}: name a folder that may be made and replaced, for example results/mine")
     return place
 

@@ -23,8 +23,8 @@ from stickslip.solvers.parallel.serialise import Plain, broadcast, deserialise
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoint
-from stickslip.workflows.formats.files import disk_errors, make_folder, parse_json, read_json, read_regular
-from stickslip.workflows.formats.marker import OF_STEP, is_certified, remove_unfinished
+from stickslip.workflows.formats.files import disk_errors, make_folder, read_json
+from stickslip.workflows.formats.marker import OF_STEP, is_certified, read_checked_json, remove_unfinished
 from stickslip.workflows.formats.serialised import PlainFile, read_plain
 from stickslip.workflows.formats.steps import light_files, light_name, read_checkpoint, step_files, step_name
 from stickslip.workflows.run.folder import BEGUN, RESULT, ResultsFolder
@@ -170,7 +170,10 @@ def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
                 raise MachineError(f"{place / BEGUN}: is lost, so its {left} steps belong to no scene; {UNTOUCHED}")
         return EarlierRun(notes=(f"nothing to resume in {results.target}: begins at the start",))
     results.lock(folder)
-    begun = _json(folder / BEGUN)
+    try:
+        begun = read_checked_json(folder / BEGUN)
+    except MachineError as error:
+        raise MachineError(f"{error}; {UNTOUCHED}") from None
     if not isinstance(begun.get("scene"), dict) or not isinstance(begun.get("mesh"), str):
         raise MachineError(f"{folder / BEGUN}: damaged: names no scene or no mesh; {UNTOUCHED}")
     refuse_changes(begun["scene"], identity(scene, DECIDES_NOTHING), results.target)
@@ -283,14 +286,3 @@ def _refuse_versions(begun: Mapping[str, Any], target: Path) -> None:
                 f"--resume: {target} was begun with {name} {before}, this is {name} {now}; go on with that one, or "
                 "leave out --resume and choose another folder with -o"
             )
-
-
-def _json(path: Path) -> dict[str, Any]:
-    try:
-        found = parse_json(read_regular(path))
-    except (OSError, ValueError) as error:
-        said = error.strerror if isinstance(error, OSError) else " ".join(str(error).split())
-        raise MachineError(f"{path}: cannot be read: {said}; {UNTOUCHED}") from None
-    if not isinstance(found, dict):
-        raise MachineError(f"{path}: damaged: holds no table; {UNTOUCHED}")
-    return found

@@ -341,13 +341,14 @@ def _solve(
             raise_together(comm, lambda: tell(simulation, report, replace(earlier, notes=notes + earlier.notes), watch))
             working = Run(simulation, outputs, place, resuming.run_of(begun), earlier, interrupt)
             try:
-                status, sentence = working.march(watch)
-                if keep is not None and status == "converged":
-                    try:
+                try:
+                    status, sentence = working.march(watch)
+                    if keep is not None and status == "converged":
                         status = status if working.kept(keep) else "abandoned"
-                    except SceneError:
+                except SceneError:
+                    if keep is not None or not working.steps:  # solved steps are not lost
                         raise_together(comm, lambda: results[0].abandon())
-                        raise
+                    raise
                 if status != "abandoned":
                     outcome, content = working.finish(status, sentence, foreseen(simulation, report))
             except MachineError as error:

@@ -12,10 +12,11 @@ from typing import Any, overload
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import FolderError
+from stickslip.geometry.keys import typed
 from stickslip.geometry.protocols import DataFrame
 from stickslip.solvers.results.step_result import MeshData, StepResult, data_frame, html_table
 from stickslip.solvers.scene.record import CONTACT_NUMBERS
-from stickslip.workflows.formats.csv_tables import read_steps_table
+from stickslip.workflows.formats.csv_tables import STEPS, read_steps_table
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_from
 from stickslip.workflows.formats.results import Results, read_results
@@ -97,7 +98,8 @@ class Loaded:
     @cached_property
     def columns(self) -> dict[str, Array]:
         """The columns of steps.csv, with a value for each step; NaN where a cell is empty."""
-        return read_steps_table(self.folder)
+        none = not self.result["steps"] and not (self.folder / STEPS).exists()
+        return {} if none else read_steps_table(self.folder)
 
     def to_pandas(self) -> DataFrame:
         """The table of the steps as a `pandas.DataFrame`.
@@ -141,6 +143,7 @@ def found(folder: Path, tell: Callable[[str], object] = log.warning) -> Results:
     return results
 
 
+@typed
 def load(folder: str | Path) -> Loaded:
     """Read what a run has left; nothing is solved.
 

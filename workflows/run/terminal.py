@@ -19,8 +19,10 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
+from rich.text import Text
 
 from stickslip.geometry.arrays import EXACT
+from stickslip.geometry.errors import printable
 from stickslip.geometry.units import Units
 from stickslip.solvers.results.step_result import PARTS, ErrorParts, StepResult
 from stickslip.solvers.simulation.plan import warnings
@@ -43,7 +45,7 @@ class Speaker:
         Args:
             columns: of the bar, behind what is done.
         """
-        self.quiet, self.console = quiet, Console(stderr=True, highlight=False, markup=False)
+        self.quiet, self.console = quiet, Terminal(stderr=True, highlight=False, markup=False)
         shown = (TextColumn("{task.description}"), BarColumn(), *columns)
         self.progress = Progress(*shown, console=self.console, disable=quiet or not self.console.is_terminal)
 
@@ -169,7 +171,7 @@ class Reporter(Speaker):
         said = (
             f"{listed(dict.fromkeys(files))} for {reader}" for reader, files in by_reader.items() if reader and files
         )
-        print(f"results in {folder}: {', '.join(said)},")
+        print(f"results in {printable(str(folder))}: {', '.join(said)},")
         print(f"pictures {', '.join(pictures)}" if pictures else "no pictures")
 
 
@@ -195,9 +197,16 @@ def listed(names: Iterable[str]) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
+class Terminal(Console):
+    """A console on which a text of the user's is no command."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        return super().render_str(printable(text), **options)
+
+
 def console(width: int, quiet: bool = False) -> Console:
     """Standard output, `width` columns wide unless it is a terminal; [m²] is a unit, and no markup."""
-    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else width, quiet=quiet)
+    return Terminal(highlight=False, markup=False, width=None if sys.stdout.isatty() else width, quiet=quiet)
 
 
 def table_of(heads: Iterable[str], rows: Iterable[Iterable[str]], words: Container[str]) -> Table:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stickslip.geometry.dolfinx_versions import CACHE_NOTE
+from stickslip.geometry.errors import printable
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
@@ -78,6 +79,9 @@ class RunLog(logging.FileHandler):
         self._former: dict[str, tuple[int, bool]] = {}  # of the loggers: level, and whether they propagate
         self._onward = Onward()
         self.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
+
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record))
 
     def __enter__(self) -> RunLog:
         for name in LOGGERS:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,7 +14,7 @@ from typing import Any, get_type_hints
 
 from stickslip.geometry.builders import Builder
 from stickslip.geometry.errors import FolderError, GeometryError, Mistakes, SceneError, nearest, require, shortened
-from stickslip.geometry.keys import adapter, parse
+from stickslip.geometry.keys import adapter, parse, typed
 from stickslip.geometry.shape import Model
 from stickslip.geometry.units import SI, Units
 from stickslip.geometry.user_files.open_file import kind_of
@@ -40,6 +41,7 @@ TOKEN = re.compile(  # a text, a comment, a bracket or an end of line, or what l
 KEY = re.compile(r"[^\s:=]+")  # at the beginning of a message
 
 
+@typed
 def read(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """Read a scene file, or a ready scene by name.
 
@@ -82,7 +84,7 @@ def _load(source: str | Path, overrides: Sequence[str]) -> tuple[Path, dict[str,
     path = find(source)
     if kind_of(path) is not None:
         said = shortened(path)
-        raise SceneError(f"{said}: is a geometry file; for a scene: stickslip new --from {said}")
+        raise SceneError(f"{said}: is a geometry file; for a scene: stickslip new --from {shlex.quote(said)}")
     try:
         with path.open("rb") as file:
             text = file.read(LARGEST + 1).decode("utf-8-sig")  # editors of Windows put a mark in front

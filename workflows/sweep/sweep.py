@@ -8,6 +8,7 @@ each member then runs on one core.
 from __future__ import annotations
 
 import csv
+import fcntl
 import hashlib
 import json
 import math
@@ -15,23 +16,27 @@ import os
 import re
 import tempfile
 import time as clock
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from itertools import pairwise, product
+from functools import partial
+from itertools import chain, pairwise, product
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Event, Thread
 from typing import Any
 
 from stickslip.geometry.errors import FolderError, SceneError
-from stickslip.geometry.keys import plain
+from stickslip.geometry.keys import plain, typed
 from stickslip.geometry.protocols import DataFrame
-from stickslip.geometry.user_files.child_process import run_child
+from stickslip.geometry.user_files.child_process import LOOK, run_child
 from stickslip.solvers.results.step_result import data_frame
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.csv_tables import STEPS, csv_text, read_steps_table
 from stickslip.workflows.formats.files import disk_errors, read_json, read_regular, write_aside
 from stickslip.workflows.formats.marker import is_certified
-from stickslip.workflows.run.folder import BEGUN, RESULT, place_of
+from stickslip.workflows.run.folder import BEGUN, NO_LOCKS, RESULT, place_of
 from stickslip.workflows.run.ranks import raise_together
 from stickslip.workflows.run.result import scene_hash
 from stickslip.workflows.run.resume import FINISHED
@@ -46,6 +51,12 @@ PARTS = 4  # tasks for each process: members of one task share their bodies, and
 OF_MPIRUN = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "ORTE_", "HYDI_", "MPI_LOCAL")  # variables that make a child a rank
 ROOT_MAY = "OMPI_ALLOW_RUN_AS_ROOT"
 Task = Sequence[Mapping[str, Any]]
+Answer = tuple[str, dict[str, Any]]  # name of a member, and how it ended
+OnChecked = Callable[[int, int], None]
+
+
+def unheard(*told: object) -> None:
+    """Do nothing with what is told."""
 
 
 @dataclass(frozen=True)
@@ -63,12 +74,15 @@ class Member:
         return json.dumps([whole["geometry"], whole["bodies"]], sort_keys=True)
 
 
-def members(scene: Scene, over: Mapping[str, Sequence[Any]], files: Path | None = None) -> list[Member]:
+def members(
+    scene: Scene, over: Mapping[str, Sequence[Any]], files: Path | None = None, on_checked: OnChecked = unheard
+) -> list[Member]:
     """All combinations; the last key changes fastest.
 
     Args:
         over: values by dotted key, as in a scene file.
         files: where a relative `geometry.file` begins, by default the working folder.
+        on_checked: told how many scenes are found right, of how many.
 
     Raises:
         SceneError: a key has no values, or a scene with one of them is wrong.
@@ -78,7 +92,7 @@ def members(scene: Scene, over: Mapping[str, Sequence[Any]], files: Path | None 
     for key, values in over.items():
         if isinstance(values, str) or not isinstance(values, Sequence) or not len(values):
             raise SceneError(f"sweep: {key}: expected a list of values, for example {key}=[0.1, 0.2, 0.3]")
-    found, names, count = list[Member](), short(list(over)), 1
+    found, names, count = dict[str, Member](), short(list(over)), 1
     for values in over.values():
         count *= len(values)
     if count > 10_000:
@@ -90,10 +104,11 @@ def members(scene: Scene, over: Mapping[str, Sequence[Any]], files: Path | None 
             changed = with_keys(scene, chosen, files)
         except SceneError as error:
             raise SceneError(f"sweep: {name}: {error}") from None
-        if name in (member.name for member in found):
+        if name in found:
             raise SceneError(f"sweep: {name}: stands there twice")
-        found.append(Member(name, chosen, changed))
-    return found
+        found[name] = Member(name, chosen, changed)
+        on_checked(len(found), count)
+    return [*found.values()]
 
 
 def short(keys: Sequence[str]) -> dict[str, str]:
@@ -109,7 +124,7 @@ def short(keys: Sequence[str]) -> dict[str, str]:
 
 def said(value: Any) -> str:
     """A value in a word or two."""
-    return value if isinstance(value, str) else json.dumps(value)
+    return value if isinstance(value, str) else json.dumps(value, default=str)
 
 
 def _safe(name: str) -> str:
@@ -170,13 +185,15 @@ class Sweep:
         return data_frame(self.rows)
 
 
+@typed
 def sweep(
     scene: Scene,
     over: Mapping[str, Sequence[Any]],
     folder: str | Path,
     jobs: int = 1,
-    on_member: Callable[[int, int, Solved], None] = lambda number, count, solved: None,
+    on_member: Callable[[int, int, Solved], None] = unheard,
     files: Path | None = None,
+    on_checked: OnChecked = unheard,
 ) -> Sweep:
     """Solve a scene with all combinations of values of some keys; not collective: one process calls it, or all ranks.
 
@@ -187,53 +204,58 @@ def sweep(
         jobs: number of processes; under mpirun the ranks are taken instead.
         on_member: told how many members have ended, of how many, and the last one.
         files: where a relative `geometry.file` begins, by default the working folder.
+        on_checked: told how many scenes are found right, of how many, before anything is solved.
 
     Returns:
         All members; each folder is as `run` leaves it.
 
     Raises:
         SceneError: a key or a value is wrong, or the scene has goals of accuracy; nothing is solved.
-        FolderError: the folder has a sweep.csv that no sweep has written, or is none; nothing is solved.
+        FolderError: another sweep works in the folder, or its sweep.csv is over other keys or no sweep's; or it is
+            none; nothing is solved.
         MachineError: the folder cannot be written.
     """
     from mpi4py import MPI
 
     if jobs < 1:
         raise SceneError(f"jobs = {jobs}: expected a number of processes, at least 1")
-    every, place = members(scene, over, files), Path(folder)
+    every, place = members(scene, over, files, on_checked), Path(folder)
     if any(member.scene.accuracy.goals for member in every):
         raise SceneError(
             "sweep: accuracy.goals: each member is solved once, without rounds towards an accuracy; leave the goals "
             "out (accuracy.goals = {}), or run the scenes one by one"
         )
-    raise_together(MPI.COMM_WORLD, lambda: _make(place))
-    ended = {member.name: found for member in every if (found := _already(member, place / member.name))}
-    for number, found in enumerate(ended.values(), start=1):
-        on_member(number, len(every), found)
-    left = sorted((m for m in every if m.name not in ended), key=lambda member: member.bodies)
-    by_name = {member.name: member for member in left}
-    for answers in _spread(left, place, jobs):
-        for name, answer in answers:
+    with ExitStack() as held:
+        raise_together(MPI.COMM_WORLD, lambda: _make(place, over, held))
+        ended = {member.name: found for member in every if (found := _already(member, place / member.name))}
+        for number, found in enumerate(ended.values(), start=1):
+            on_member(number, len(every), found)
+        left = sorted((m for m in every if m.name not in ended), key=lambda member: member.bodies)
+        by_name = {member.name: member for member in left}
+        for name, answer in _spread(left, place, jobs):
             ended[name] = Solved(by_name[name], place / name, **answer)
             on_member(len(ended), len(every), ended[name])
-    done = Sweep(tuple(ended[member.name] for member in every if member.name in ended), place / TABLE)
-    if len(done.solved) == len(every) and MPI.COMM_WORLD.rank == 0:
-        _write(done)
-    return done
+        done = Sweep(tuple(ended[member.name] for member in every if member.name in ended), place / TABLE)
+        if len(done.solved) == len(every) and MPI.COMM_WORLD.rank == 0:
+            _write(done)
+        return done
 
 
-def solve_task(task: Task) -> list[tuple[str, dict[str, Any]]]:
-    """Solve some members in a process of their own; whoever ends it ends one member, and the next ones go on."""
-    found, left = list[tuple[str, dict[str, Any]]](), list(task)
+def solve_task(task: Task, tell: Callable[[Answer], object] = unheard) -> list[Answer]:
+    """Solve some members in a process of their own; whoever ends it ends one member, and the next ones go on.
+
+    Args:
+        tell: told of each as it ends.
+    """
+    found, left = list[Answer](), list(task)
     while left:
         with tempfile.TemporaryDirectory(prefix="stickslip_") as here:
             order, answers = Path(here) / "task.json", Path(here) / "answers"
             order.write_text(json.dumps(left), encoding="utf-8")
             answers.touch()
-            began = clock.perf_counter()
-            ended = run_child("stickslip.workflows.sweep.child", [str(order), str(answers)], None, math.inf)
-            told = [json.loads(line) for line in answers.read_text(encoding="utf-8").splitlines()]
-        names = [Path(member["folder"]).name for member in left]
+            began, names = clock.perf_counter(), [Path(member["folder"]).name for member in left]
+            with _hearing(answers, names, tell) as told:
+                ended = run_child("stickslip.workflows.sweep.child", [str(order), str(answers)], None, math.inf)
         found += list(zip(names, told, strict=False))
         left = left[len(told) :]
         if left:
@@ -243,12 +265,38 @@ def solve_task(task: Task) -> list[tuple[str, dict[str, Any]]]:
             why += "; memory was full" if ended.full else ""
             spent = clock.perf_counter() - began - before
             found.append((names[len(told)], {"status": "killed", "sentence": why, "seconds": spent}))
+            tell(found[-1])
             left = left[1:]
     return found
 
 
-def _spread(left: Sequence[Member], place: Path, jobs: int) -> Iterator[list[tuple[str, dict[str, Any]]]]:
-    """Solve members, by tasks, in processes or, under mpirun, on the other ranks; answers on rank 0 alone."""
+@contextmanager
+def _hearing(answers: Path, names: Sequence[str], tell: Callable[[Answer], object]) -> Iterator[list[dict[str, Any]]]:
+    """Context that reads each answer once it is whole, and tells it; yields the list of those that were read."""
+    told, over = list[dict[str, Any]](), Event()
+
+    def read() -> None:
+        last = False
+        while not last:
+            last = over.wait(LOOK)
+            for line in answers.read_text(encoding="utf-8").rpartition("\n")[0].splitlines()[len(told) :]:
+                told.append(json.loads(line))
+                tell((names[len(told) - 1], told[-1]))
+
+    thread = Thread(target=read)
+    thread.start()
+    try:
+        yield told
+    finally:
+        over.set()
+        thread.join()
+
+
+def _spread(left: Sequence[Member], place: Path, jobs: int) -> Iterator[Answer]:
+    """Solve members, by tasks, in processes or, under mpirun, on the other ranks; answers on rank 0 alone.
+
+    A process tells of each member as it ends, a rank of a task.
+    """
     from mpi4py import MPI
 
     ranks = MPI.COMM_WORLD.size
@@ -260,10 +308,17 @@ def _spread(left: Sequence[Member], place: Path, jobs: int) -> Iterator[list[tup
             _leave_mpirun()
         with MPICommExecutor(MPI.COMM_WORLD, root=0) as executor:
             if executor is not None:
-                yield from executor.map(solve_task, tasks, unordered=True)
+                yield from chain.from_iterable(executor.map(solve_task, tasks, unordered=True))
     elif tasks:
+        told = SimpleQueue[Answer]()
         with ThreadPool(min(jobs, len(tasks))) as pool:  # a thread for each process
-            yield from pool.imap_unordered(solve_task, tasks)
+            done = pool.map_async(partial(solve_task, tell=told.put), tasks)
+            for _ in left:
+                while told.empty() and not done.ready():
+                    done.wait(LOOK)
+                if told.empty():
+                    done.get()  # raises what has ended it
+                yield told.get()
 
 
 def _tasks(left: Sequence[Member], place: Path, workers: int) -> Iterator[Task]:
@@ -282,24 +337,37 @@ def _leave_mpirun() -> None:
             del os.environ[key]
 
 
-def _make(place: Path) -> None:
-    """Make the folder, for the table too if no member writes anything; before the hours are spent.
+def _make(place: Path, keys: Collection[str], held: ExitStack) -> None:
+    """Make the folder, for the table too if no member writes anything; before the hours are spent; and lock it.
+
+    Args:
+        keys: that are swept.
+        held: releases the lock at its end.
 
     Raises:
-        FolderError: a file is there, or a table that no sweep has written.
+        FolderError: a file is there, or a table over other keys or of no sweep; or another sweep works there.
         MachineError: it cannot be made.
     """
     if place.exists() and not place.is_dir():
         raise FolderError(f"-o {place}: is not a folder; choose another one with -o")
-    _refuse_foreign(place / TABLE)
+    _refuse_foreign(place / TABLE, keys)
     with disk_errors(place):
         os.makedirs(os.path.realpath(place), exist_ok=True)
+        lock = os.open(place, os.O_RDONLY)
+        held.callback(os.close, lock)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise FolderError(f"-o {place}: another sweep works there; choose another folder with -o") from None
+        except OSError as error:
+            if error.errno not in NO_LOCKS:  # of network disks: members have notes of their own there
+                raise
 
 
-def _refuse_foreign(path: Path) -> None:
+def _refuse_foreign(path: Path, keys: Collection[str]) -> None:
     """
     Raises:
-        FolderError: a table is there that no sweep has written.
+        FolderError: a table is there that no sweep, or one over other keys, has written.
     """
     if not os.path.lexists(path):
         return
@@ -307,9 +375,11 @@ def _refuse_foreign(path: Path) -> None:
         first = read_regular(path, 100_000).decode(errors="replace").splitlines()[:1]
     except OSError:
         first = []
-    names = next(csv.reader(first), [])
-    if OWN not in pairwise(names[1:]):
+    head = next(csv.reader(first), [])
+    if OWN not in pairwise(head[1:]):
         raise FolderError(f"{path}: is not the table of a sweep; move it away, or choose another folder with -o")
+    if {*head[: head.index(OWN[0])]} != {*keys}:
+        raise FolderError(f"{path}: is the table of a sweep over other keys; choose another folder with -o")
 
 
 def _is_of(place: Path, one: Solved) -> bool:
