@@ -191,6 +191,9 @@ REFUSED = {
     },
     "contacts.more pairs them too": {"any": {"between": "all"}, "more": {"between": ["base", "lid"]}},
     "contacts.any.surface: missing, it has no default": {"any": {"friction": FRICTION}},
+    "contacts.any.operator = node-to-face: there is none in 2D": {
+        "any": {"between": "all", "operator": "node-to-face"}
+    },
 }
 
 
@@ -200,6 +203,15 @@ def test_wrong_input_is_refused_with_one_line(said: str, tmp_path: Path) -> None
         from_dict(stack(tmp_path, REFUSED[said]), tmp_path)
     assert said in error.value.lines[0]
     assert len(error.value.lines) == 1
+
+
+def test_a_finer_mesh_knows_the_skins_of_a_run_of_order_2(tmp_path: Path) -> None:
+    scene = stack(tmp_path, {"any": {"between": "all"}})
+    scene["geometry"]["order"] = 2
+    simulation, steps = solved(from_dict(scene, tmp_path))
+    errors = simulation.mesh_errors(steps)[-1]
+    found = {str(q): parts.mesh for q, parts in errors.items() if parts.mesh is not None}
+    assert any("base.left" in name for name in found), found
 
 
 def test_goals_know_pairs_and_their_sum(tmp_path: Path) -> None:
