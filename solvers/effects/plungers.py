@@ -17,15 +17,21 @@ from stickslip.geometry.keys import Key, Vector
 from stickslip.geometry.obstacles.obstacle import unit
 from stickslip.solvers.effects.effect import Effect, Equilibrium, named
 from stickslip.solvers.scene.loads import Link
-from stickslip.solvers.scene.record import Number
+from stickslip.solvers.scene.record import Number, Seen
 from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Place
+
+
+def _push(seen: Seen) -> float:
+    return float(np.linalg.norm(seen.forces.sum(axis=0)))
 
 
 class PlungerState(NamedTuple):
     """A spring plunger."""
 
-    force: Annotated[float, Number("N", "push on its side along the direction, never negative", words="push")]
+    force: Annotated[
+        float, Number("N", "push on its side along the direction, never negative", words="push", again=_push)
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,19 +7,20 @@ from the stored displacement; laws, gaps and supports are written a second time.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
+from types import SimpleNamespace
 
 import numpy as np
 from petsc4py import PETSc
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import EPS, EXACT, LAST_DIGITS, ROUNDING, SLIGHT, TINY, Array, Ints
+from stickslip.geometry.arrays import EPS, EXACT, LAST_DIGITS, ROUNDING, SLIGHT, TINY, Array
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.protocols import CompiledForm, Vec
-from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
@@ -28,8 +29,17 @@ from stickslip.solvers.fem.elastic_energy import forces_of_energy
 from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
-from stickslip.solvers.results.closed_formulas import bound, gap, penetration, prescribed, pressure, remembered
+from stickslip.solvers.results.closed_formulas import (
+    bound,
+    gap,
+    penetration,
+    prescribed,
+    pressure,
+    remembered,
+    stored_energy,
+)
 from stickslip.solvers.results.resultants import acting
+from stickslip.solvers.results.second_numbers import SecondNumbers
 from stickslip.solvers.results.stored_fields import (
     MultiplierForces,
     Record,
@@ -39,9 +49,12 @@ from stickslip.solvers.results.stored_fields import (
     stress_difference,
 )
 from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.record import OPEN, SLIP, STATUS_WORDS, STICK
+from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.system.nodal_contact import relative_to_obstacle
 from stickslip.solvers.system.system import System, assemble
 
+log = logging.getLogger(__name__)
 FRICTION = 0.1  # of the pressures; smaller friction bounds are judged as if so large: tolerances are of all tractions
 SUMMED = 1e3  # times the rounding error of K u; smaller forces count as zero
 
@@ -70,6 +83,9 @@ class Audit:
     # + s_top u_top area)
     dissipation: float
     fields: float  # largest difference of a stored field from what displacement and tractions give / its largest value
+    numbers: float  # largest difference of a reported number from its second value / itself; a status that is wrong: 1
+    # largest difference of what tables and XDMF files tell from the numbers and from the step's file / itself
+    files: float = 0.0
 
     @staticmethod
     def worst(audits: Iterable[Audit]) -> dict[str, float | None]:
@@ -90,6 +106,16 @@ class Scales:
     area: float = 0.0  # of all contacts [m^(d-1)]
 
 
+@dataclass(frozen=True)
+class Balance:
+    """Forces of a step: what is left of them, and sums of their magnitudes."""
+
+    out: Vec  # inner forces less loads, with those of contact; of free dofs, defects; else reactions [N]
+    obstacles: Array  # on driven obstacles and bolts [N]
+    load: float  # of all loads [N]
+    size: float  # of all forces [N]
+
+
 class Auditor:
     """Audits steps with a system of its own; called with one `Record` after the other."""
 
@@ -107,14 +133,15 @@ class Auditor:
         self._inner_forces = [weak.compile(form) for form in (*bodies, *stiffening)]
         self._multiplier_forces: dict[str, MultiplierForces] = {}  # by contact, compiled at the first step
         self._j_n: dict[str, tuple[ComplianceForms, CompiledForm]] = {}  # likewise
-        self._largest = 0.0  # traction so far [Pa]
+        self._largest, self._unseen = 0.0, set[str]()  # traction so far [Pa]; numbers without a second formula
+        self._second, self._last = SecondNumbers(self.start), Balance(self.start.vector(), np.zeros(0), 0.0, 0.0)
         self._set_system(self.start)
 
     def _set_system(self, system: System, time: float = 0.0) -> None:
         """Use the contact rows of `system` as they are at a time [s]."""
         self.system, self.cone = system, AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end).at(time)
 
-    @cached_property
+    @property
     def shared(self) -> tuple[str, ...]:
         """Return terms without a second formula, for which the solver's own is used: an error in it is not seen."""
         problem, zero = self.start.problem, np.zeros(1)
@@ -135,7 +162,7 @@ class Auditor:
                 found.append(f"contacts.{c.name}.normal")
             if c.friction is not None and bound(c.friction, c.normal, zero, np.ones((1, 1)), 0.0, 1.0, zero) is None:
                 found.append(f"contacts.{c.name}.friction")
-        return tuple(dict.fromkeys(found))
+        return tuple(dict.fromkeys([*found, *sorted(self._unseen)]))
 
     def __call__(self, record: Record, before: Record | None = None) -> Audit:
         """Audit one step; collective, `displacement` is read on every rank.
@@ -165,6 +192,7 @@ class Auditor:
             complementarity=_largest([*(n[2] for n in normal), *(t[1] for t in tangential)]),
             dissipation=_largest([t[2] for t in tangential]),
             fields=self._fields(record, before, w, scales),
+            numbers=self._numbers(record, u, w, inner, scales) if record.stored.told else 0.0,
         )
         return Audit(**{name: float(f"{value:.6g}") for name, value in asdict(found).items()})  # BLAS sums by alignment
 
@@ -243,12 +271,8 @@ class Auditor:
         boxes = {body: self.start.mesh.body_box(body) for body in self.start.problem.bodies}
         return {body: float(np.ptp(box, axis=0).min()) for body, box in boxes.items()}
 
-    def _equilibrium(self, record: Record, u: Vec, inner: Vec, scales: Scales) -> tuple[float, float]:
-        """Defect of K u - f + B^T p at free dofs, on driven obstacles and bolts, relative to all forces [-].
-
-        The second number is the change of these forces by one unit in the last place of u, and of the coordinates that
-        gaps are computed from: a stiff body that moves far is out of balance by that, however well it was solved.
-        """
+    def _balance(self, record: Record, u: Vec, inner: Vec, scales: Scales) -> Balance:
+        """Forces that are not in balance; collective."""
         system = self.system
         contact, obstacles = system.vector(), system.obstacles.driving_force(record.time)
         applied = float(np.abs(obstacles).sum())
@@ -258,18 +282,27 @@ class Auditor:
             obstacles += system.interface.resultant_on_driven(place.rows, force)
         obstacles = np.append(obstacles, tension_off(system, u, record.time))
         load = system.initial.added(system.load(record.time), system.initial.values(system.course, record.time))
-        out = inner - load + contact
+        sizes = sum_of_sizes(load), sum(map(sum_of_sizes, (inner, load, contact))) + applied
+        return Balance(inner - load + contact, obstacles, *sizes)
+
+    def _equilibrium(self, record: Record, u: Vec, inner: Vec, scales: Scales) -> tuple[float, float]:
+        """Defect of K u - f + B^T p at free dofs, on driven obstacles and bolts, relative to all forces [-].
+
+        The second number is the change of these forces by one unit in the last place of u, and of the coordinates that
+        gaps are computed from: a stiff body that moves far is out of balance by that, however well it was solved.
+        """
+        system, balance = self.system, self._balance(record, u, inner, scales)
+        self._last = balance
         free, last_digit = system.T.createVecRight(), system.T.createVecRight()
-        system.T.multTranspose(out, free)
-        scale = sum(map(sum_of_sizes, (inner, load, contact))) + applied
-        rounding = SUMMED * EPS * self._largest_stiffness * sum_of_sizes(u)
+        system.T.multTranspose(balance.out, free)
+        scale, rounding = balance.size, SUMMED * EPS * self._largest_stiffness * sum_of_sizes(u)
         rounding += max(scales.rest, ROUNDING * self._largest) * scales.area
-        if sum_of_sizes(load) == 0 and scale <= rounding:  # bodies move as a whole, or are released
+        if balance.load == 0 and scale <= rounding:  # bodies move as a whole, or are released
             return 0.0, 0.0
         shaken = u.copy()
         shaken.array[:] *= 1 + EPS * self._signs.array
         system.T.multTranspose(self._inner(shaken) - inner, last_digit)
-        found = (sum_of_sizes(free) + np.abs(obstacles).sum()) / scale
+        found = (sum_of_sizes(free) + np.abs(balance.obstacles).sum()) / scale
         of_laws = EPS * sum(
             self._gap_digits(place, record) * _law_stiffness(place, record.p) for place in self.cone.places
         )
@@ -318,7 +351,7 @@ class Auditor:
         """Prescribed displacements that are not met, see `Audit` [-]; periodic sides move alike."""
         system, problem = self.system, self.system.problem
         largest, off = float(np.abs(record.displacement).max(initial=0.0)), 0.0
-        for name, nodes, points, directions in self._supported:
+        for name, nodes, points, directions in self._second.supported:
             for axis in problem.supports[name].displacement:
                 wanted = prescribed(problem, name, axis, points, record.time)
                 along = directions if axis == "normal" else np.eye(problem.dim)["xyz".index(axis)]
@@ -329,20 +362,85 @@ class Auditor:
             off = max(off, float((u - alike).norm(PETSc.NormType.INFINITY)))
         return float(off / largest) if largest else 0.0
 
-    @cached_property
-    def _supported(self) -> list[tuple[str, Ints, Array, Array]]:
-        """Name of each support, gmsh numbers (k,), points (k, d) [m] and normals (k, d) of its nodes."""
-        system, found = self.start, []
-        for name, support in system.problem.supports.items():
-            if support.boundary is not None:
-                side = gather_surface(system.mesh, system.space, system.nodes, support.boundary)
-                found.append((name, side.input, side.points, side.node_normals()))
-                continue
-            distance = np.linalg.norm(system.nodes.points - np.array(support.point), axis=1)
-            nearest = int(np.argmin(distance))
-            offers = system.mesh.comm.allgather((float(distance[nearest]), int(system.nodes.input[nearest])))
-            found.append((name, np.array([min(offers)[1]]), np.array([support.point]), np.zeros((1, system.mesh.dim))))
-        return found
+    def _numbers(self, record: Record, u: Vec, w: Array, inner: Vec, scales: Scales) -> float:
+        """Largest distance of a reported number from its second value, see `Audit` [-]; collective."""
+        told, system, places, balance = record.stored.told, self.system, self.cone.places, self._last
+        contacts = {place.rows.name: self._contact(place, record, w) for place in places}
+        out = np.zeros(record.displacement.shape)
+        out[system.nodes.input[: system.nodes.owned]] = balance.out.array_r.reshape(-1, system.mesh.dim)
+        out = system.mesh.comm.allreduce(out)
+        seen = self._second.seen(record, contacts, out, told)
+        values = system.initial.values(system.course, record.time)
+        work, works = system.initial.stress_work(values, u), told["energy"]
+        for strain, value, pull in zip(system.initial.strains, values, work, strict=False):
+            if strain.shrunk is not None and isinstance(strain.drive, Place):
+                seen["bolts"][strain.drive.name] = SimpleNamespace(tension=-float(pull), shortening=float(value))
+        compliance = (self._compliance(place, record) for place in places)
+        seen["energy"] = {
+            "": SimpleNamespace(
+                external=works["stored"] + works["contact"],
+                stored=inner.dot(u) / 2 + system.initial.stored(values, work),
+                contact=works["external"] - works["stored"],
+                compliance=sum(compliance),
+                dissipated=sum(told["contacts"][name]["dissipation_total"] for name in contacts),
+                time_remainder=works["contact"] - works["compliance"] - works["dissipated"],
+            )
+        }
+        motion, length = float(max(np.abs(record.displacement).max(), np.abs(record.w).max(initial=0.0))), system.extent
+        pressure = max(scales.p, float(np.abs(record.stored.stress).max(initial=0.0)))
+        rest = max(scales.noise, scales.rest)
+        noise = SUMMED * EPS * self._largest_stiffness * sum_of_sizes(u) + rest * scales.area
+        largest = {"N": balance.size, "N m": balance.size * length, "J": balance.size * motion, "m": motion}
+        largest |= {"Pa": pressure, "m²": scales.area, "rad": motion / length}
+        least = {"N": noise, "N m": noise * length, "J": noise * motion, "m": scales.rounding}
+        least |= {"Pa": rest + noise / (scales.area or 1.0), "rad": scales.rounding / length}
+        found = self._second.differences(record.stored, seen, largest, least)
+        self._unseen |= {f"{name}: number" for name, off in found.items() if off is None}
+        log.debug("t = %g: %s", record.time, {name: off for name, off in found.items() if off})
+        return _largest([*(off or 0.0 for off in found.values()), *(each.wrong for each in contacts.values())])
+
+    def _compliance(self, place: ContactBlock, record: Record) -> float:
+        """Energy that the laws of a contact store [J]."""
+        rows, t = place.rows, record.p[place.tangential].reshape(-1, place.components)
+        own = stored_energy(rows.normal, record.p[place.normal])
+        found = float(rows.W_n @ (rows.normal.energy(record.p[place.normal]) if own is None else own))
+        soft = rows.friction.k_T if rows.friction is not None else None
+        return found + (float(rows.W_t @ (t**2).sum(axis=1)) / (2 * soft) if soft else 0.0)
+
+    def _contact(self, place: ContactBlock, record: Record, w: Array) -> SimpleNamespace:
+        """What is seen of a contact: fields at its nodes, forces where they act, and the work of friction."""
+        rows, told = place.rows, record.stored.told["contacts"][place.rows.name]
+        p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
+        moved, before = record.displacement[rows.input], record.stored.told_before.get("contacts", {})
+        acts = acting(
+            self.system, rows, rows.nodal_forces(p_n, t), moved, record.searched, (record.time, record.driven)
+        )
+        shown = {
+            key: values[:, : rows.surface.dim] if np.ndim(values) == 2 else values
+            for key, values in record.stored.contacts[rows.name].items()
+            if key in ("weight", "pressure", "traction", "slip", "status")
+        }
+        status = shown.pop("status")
+        soft = rows.friction.k_T if rows.friction is not None else None
+        slid = (w - record.reference)[place.tangential].reshape(t.shape) - (t / soft if soft else 0.0)
+        total = before[rows.name]["dissipation_total"] if before else 0.0
+        whole = told["dissipation_total"] - total  # of several substeps the parts are not known
+        work = float(rows.W_t @ (t * slid).sum(axis=1))
+        counts = dict(zip(STATUS_WORDS, np.bincount(status, minlength=len(STATUS_WORDS)).tolist(), strict=True))
+        return self._second.acting(
+            acts.points,
+            rows.sense * acts.forces,
+            turned=rows.sense * acts.turned,
+            touches=status != OPEN,
+            sticks=status == STICK,
+            slips=status == SLIP,
+            peaks=self._pressure_of_law(rows, record) if isinstance(rows.normal, Compliance) else shown["pressure"],
+            closing=w[place.normal] - self._gap(rows, record)[0],
+            dissipation=work if record.stored.told["substeps"] == 1 else whole,
+            dissipation_total=total + told["dissipation"],
+            wrong=float(counts != told["statuses"]),
+            **shown,
+        )
 
     def _fields(self, record: Record, before: Record | None, w: Array, scales: Scales) -> float:
         """Largest difference of a stored field, see `Audit` [-]; collective."""
@@ -361,8 +459,10 @@ class Auditor:
                     self._gap(rows, record)[1],
                     moved,
                     scales.p,
+                    scales.u[rows.name],
                     scales.rounding,
                     max(scales.noise, scales.rest),
+                    not stored.law_error,
                 )
             if rows.name in stored.contacts and not self._searched(rows, record):
                 slip = np.asarray(stored.contacts[rows.name]["slip"], float)[:, : rows.surface.dim]

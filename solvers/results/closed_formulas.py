@@ -85,6 +85,16 @@ def pressure(law: NormalLaw, closing: Array) -> Array | None:
     return np.asarray(law.c_n * np.where(closing > 0, np.abs(closing), 0.0) ** law.m_n)
 
 
+def stored_energy(law: NormalLaw, p: Array) -> Array | None:
+    """Energy per area (m,) [J/m²] that a law stores at pressures p (m,) [Pa]; None: no second formula.
+
+    >>> stored_energy(Compliance(c_n=4.0, m_n=1.0), np.array([2.0]))
+    array([0.5])
+    """
+    depth, power = penetration(law, p), law.m_n if type(law) is Compliance else 0.0
+    return None if depth is None else depth * np.where(p > 0, p, 0.0) / (1 + power)
+
+
 def bound(
     law: FrictionLaw, normal: NormalLaw, p: Array, average: Sparse | Array, time: float, end: float, memory: Array
 ) -> Array | None:

@@ -37,10 +37,19 @@ from stickslip.solvers.scene.record import (
     flat_names,
     numbers_of,
 )
+from stickslip.solvers.scene.record import (
+    OPEN as OPEN,
+)
+from stickslip.solvers.scene.record import (
+    SLIP as SLIP,
+)
+from stickslip.solvers.scene.record import (
+    STATUS_WORDS as STATUS_WORDS,
+)
+from stickslip.solvers.scene.record import (
+    STICK as STICK,
+)
 from stickslip.solvers.stepping.history import HistoryTuple
-
-OPEN, SLIP, STICK = 0, 1, 2  # values of `ContactState.status`
-STATUS_WORDS = ("open", "slip", "stick")  # of these values, in tables
 
 
 class Quantity(NamedTuple):

@@ -6,15 +6,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import EPS, ROUNDING, AnyArray, Array, inverses
+from stickslip.geometry.arrays import CLOSE, EPS, ROUNDING, AnyArray, Array, inverses
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.elastic_energy import stress_by_compliance
 from stickslip.solvers.scene.material import Material, Orthotropic
+from stickslip.solvers.scene.record import OPEN, SLIP, STICK
 from stickslip.solvers.system.nodal_contact import NodalContact, traction_fields
 from stickslip.solvers.system.system import System
 
@@ -27,6 +29,9 @@ class StoredFields:
     von_mises: Array = field(default_factory=lambda: np.zeros(0))  # (cells,) [Pa]
     contacts: Mapping[str, Mapping[str, AnyArray]] = field(default_factory=dict)  # by contact, as in `ContactState`
     moments: Mapping[str, Array] = field(default_factory=dict)  # by contact, as reported [N m]
+    told: Mapping[str, Any] = field(default_factory=dict)  # all numbers of the step, as result.json has them
+    law_error: float = 0.0  # that the method states of its approximate contact laws, see `StepResult`
+    told_before: Mapping[str, Any] = field(default_factory=dict)  # and those of the step before; empty: it is the first
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,8 +80,10 @@ def contact_differences(
     node_gap: Array,
     moved: Array,
     p_top: float,
+    u_top: float,
     rounding: float,
     noise: float,
+    exact: bool,
 ) -> Iterator[float]:
     """Differences of the stored fields of a contact, slip apart [-]; tractions also as forces on the nodes of bodies.
 
@@ -88,8 +95,10 @@ def contact_differences(
         node_gap: initial gaps (n,) [m].
         moved: displacement (n_all, d) [m] of the nodes, less that of a rigid obstacle.
         p_top: scale of tractions [Pa].
+        u_top: scale of motions [m].
         rounding: of lengths [m].
         noise: of tractions [Pa]; a node that is open may have a pressure of that size.
+        exact: whether the method's friction laws are; if not, points below their bound count as slipping.
     """
     d, weights = rows.surface.dim, np.where(rows.node_weights > 0, rows.node_weights, np.inf)
     pressure = (rows.psi @ p_n) / weights
@@ -107,8 +116,18 @@ def contact_differences(
     yield difference(rows.relative.T @ (rows.node_weights[:, None] * shown), felt, p_top * rows.node_weights.max())
     yield difference(lam[judged], -traction[judged], p_top)
     yield difference(np.asarray(stored["gap"], float), node_gap - closing, rounding=rounding)
+    status, size = stored["status"], np.linalg.norm(shown, axis=1)
+    slid = np.linalg.norm(np.asarray(stored["slip_increment"], float), axis=1)
+    limit = np.where(rows.share_t.T @ (~finite).astype(float) > 0, np.inf, nodal)
+    wrong = (status != OPEN) & (pressure <= 0) & (rows.normal.sides == 1)
+    if not limit.any():
+        wrong |= status == STICK
+    elif exact:
+        wrong |= (status == SLIP) & ((size < limit * (1 - 2 * CLOSE)) | (slid == 0))
+        wrong |= (status == STICK) & (size >= limit * (1 - CLOSE / 2)) & (slid > CLOSE * u_top)
+    yield float(wrong.any() and np.abs(p_n).max(initial=0.0) > noise)
     # where the edge of contact crosses a facet, dual means of compliant pressures may be below zero beside it
-    yield max(float(pressure[stored["status"] == 0].max(initial=0.0)) - noise, 0.0) / p_top
+    yield max(float(pressure[status == OPEN].max(initial=0.0)) - noise, 0.0) / p_top
 
 
 def slip_of(rows: ContactRows, moved: Array) -> Array:

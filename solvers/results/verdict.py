@@ -21,6 +21,8 @@ HINTS: Mapping[str, str] = {  # what to do about each number of the audit
     "complementarity": ITERATE,
     "dissipation": ITERATE,
     "fields": DEFECT,
+    "numbers": DEFECT,
+    "files": DEFECT,
 }
 
 
@@ -49,6 +51,8 @@ def limits(tolerance: float, law_error: float = 0.0, rounding: float = 0.0) -> A
         complementarity=laws,
         dissipation=laws,
         fields=ROUNDING,
+        numbers=SLIGHT,  # many are sums of what cancels
+        files=ROUNDING,
     )
 
 

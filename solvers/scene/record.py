@@ -1,24 +1,28 @@
 """Records: what a step reports, each number declared once with its unit and meaning by what it belongs to.
 
 Names of goals, result.json with its schema and units, steps.csv, errors, reports and comparisons are walks over them.
-A record is a class whose fields, or properties, are annotated with a `Number`.
+A record is a class whose fields, or properties, are annotated with a `Number`. How each follows a second time from what
+stands in the step's file is declared with it, or by its name in `AGAIN`: the audit judges all of them by that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import Array, cross
 from stickslip.geometry.keys import Key
 
 RecordType = Any  # a class whose fields or properties are annotated with a `Number`
 Record = Any  # an instance of it
 Value = float | Array  # a number, or a vector by component
+Seen = Any  # what a step's file shows of a record's owner, see `stickslip.solvers.results.second_numbers`
+OPEN, SLIP, STICK = 0, 1, 2  # values of `ContactState.status`
+STATUS_WORDS = ("open", "slip", "stick")  # of these values, in tables
 STRESSES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 KINDS = {  # of numbers that have one scale, by unit
     "N": "force", "N m": "moment", "m²": "area", "Pa": "pressure", "m": "length", "J": "energy", "rad": "rotation",
@@ -37,6 +41,7 @@ class Number(Key):
     words: str = ""  # by which reports and comparisons show it; empty: they do not
     column: bool = True  # whether steps.csv has it by the name that goals use
     error: bool = True  # whether its error is estimated
+    again: Callable[[Seen], Value] | None = None  # its second formula; None: that of its name in `AGAIN`
 
     @property
     def kind(self) -> str:
@@ -154,6 +159,39 @@ RECORDS: dict[str, RecordType] = {  # of every scene, by the table whose names i
     "obstacles": ObstacleState,
     "bodies": BodyState,
     "energy": Energy,
+}
+
+
+def weighted(seen: Seen, field: str) -> Value:
+    """Sum of the values of nodes by their weights."""
+    return np.asarray(seen.weight @ getattr(seen, field))
+
+
+def largest(values: Array) -> float:
+    """Largest value (n,), or length of a vector (n, d); 0 without any."""
+    return float((np.linalg.norm(values, axis=1) if values.ndim == 2 else values).max(initial=0.0))
+
+
+def turning(seen: Seen) -> Array:
+    """Moment about the origin of forces at points, (1,) or (3,) [N m]; none over a full circle."""
+    turns = cross(seen.points, seen.forces + seen.turned).sum(axis=0)
+    return np.asarray(seen.around[0] * np.atleast_1d(turns + seen.couple))
+
+
+AGAIN: Mapping[str, Callable[[Seen], Value]] = {  # of numbers that are not seen as they are
+    "force": lambda seen: np.asarray(seen.around * seen.forces.sum(axis=0)),  # radial parts balance in a full circle
+    "moment": turning,
+    "normal_force": lambda seen: weighted(seen, "pressure"),
+    "tangential_force": lambda seen: float(np.linalg.norm(seen.around * weighted(seen, "traction"))),
+    "max_pressure": lambda seen: largest(seen.peaks),
+    "mean_pressure": lambda seen: weighted(seen, "pressure") / (weighted(seen, "touches") or 1.0),
+    "contact_area": lambda seen: weighted(seen, "touches"),
+    "stick_area": lambda seen: weighted(seen, "sticks"),
+    "slip_area": lambda seen: weighted(seen, "slips"),
+    "max_penetration": lambda seen: largest(seen.closing),
+    "max_slip": lambda seen: largest(seen.slip[seen.touches]),
+    "max_displacement": lambda seen: largest(seen.moved),
+    "max_von_mises": lambda seen: largest(seen.von_mises),
 }
 
 

@@ -31,7 +31,7 @@ from stickslip.workflows.scene_file.read import from_dict, read
 Call = Callable[..., Spoken]
 NUMBERS = {
     *("equilibrium", "rounding", "supports", "penetration", "negative_pressure", "cone", "complementarity"),
-    *("dissipation", "fields", "moment"),
+    *("dissipation", "fields", "moment", "numbers", "files"),
 }
 
 

@@ -4,6 +4,7 @@ from dataclasses import asdict
 
 from stickslip import Scene, Simulation, StepResult
 from stickslip.solvers.results.audit import Auditor, Record
+from stickslip.solvers.results.step_result import told
 from stickslip.solvers.results.stored_fields import StoredFields
 from stickslip.workflows.lab.verification.prepared import prepare
 
@@ -16,11 +17,19 @@ def solved(scene: Scene) -> tuple[Simulation, list[StepResult]]:
     return simulation, list(simulation.steps())
 
 
-def stored_by(step: StepResult) -> StoredFields:
-    """The fields for readers."""
+def stored_by(step: StepResult, before: StepResult | None = None) -> StoredFields:
+    """The fields for readers, and the numbers of result.json; before: the step before, None of the first one."""
     contacts = {name: vars(contact) for name, contact in step.contacts.items()}
     moments = {name: contact.moment for name, contact in step.contacts.items()}
-    return StoredFields(stress=step.stress, von_mises=step.von_mises, contacts=contacts, moments=moments)
+    return StoredFields(
+        stress=step.stress,
+        von_mises=step.von_mises,
+        contacts=contacts,
+        moments=moments,
+        told=told(step, None),
+        told_before={} if before is None else told(before, None),
+        law_error=step.law_error,
+    )
 
 
 def audit(simulation: Simulation, step: StepResult) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -125,7 +126,7 @@ def test_the_case_has_everything_that_can_go_wrong(case: Case) -> None:
 def test_an_accepted_step_is_clean(case: Case) -> None:
     found = case.defects(case.record)
     laws = {"penetration", "negative_pressure", "cone", "complementarity", "dissipation"}
-    assert set(found) == {"equilibrium", "moment", "rounding", "supports", "fields"} | laws
+    assert set(found) == {"equilibrium", "moment", "rounding", "supports", "fields", "numbers", "files"} | laws
     assert max(found.values()) < CLEAN
     assert found["equilibrium"] < 1e-12  # rounding
     assert case.broken(case.with_p(case.record.p)) == set()  # the compensation itself is clean
@@ -583,7 +584,8 @@ def case_of() -> Callable[[str], Solved]:
             tables |= {"solver": {"tolerance": 1e-10}}
             simulation = prepare(scene_of(3 if "in 3D" in name else 2, **tables | SCENES[name]))
             steps = tuple(simulation.steps())
-            records = tuple(replace(record_of(step), stored=stored_by(step)) for step in steps)
+            pairs = pairwise((None, *steps))
+            records = tuple(replace(record_of(step), stored=stored_by(step, before)) for before, step in pairs if step)
             known[name] = Solved(simulation, steps, records)
         return known[name]
 
@@ -632,7 +634,7 @@ def test_it_does_not_ask_the_laws_of_the_solver(
 def test_laws_and_obstacles_without_a_second_formula_are_audited_by_the_first(
     name: str, case_of: Callable[[str], Solved], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for formula in ("gap", "bound", "penetration", "pressure"):
+    for formula in ("gap", "bound", "penetration", "pressure", "stored_energy"):
         monkeypatch.setattr(module, formula, lambda *given: None)
     for found in case_of(name).audits():
         assert max(found.values()) < CLEAN

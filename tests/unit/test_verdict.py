@@ -232,7 +232,13 @@ def test_the_worst_step_is_named() -> None:
 def test_each_number_has_its_own_advice() -> None:
     bad = Audit(**dict.fromkeys(vars(limits(1e-8)), 1.0))
     found = {line.split(" is ")[0]: line.split(": ", 1)[1] for line in passed([bad], [1.0], [0.0], 1e-8)}
-    assert {name for name, advice in found.items() if "please report it" in advice} == {"moment", "supports", "fields"}
+    assert {name for name, advice in found.items() if "please report it" in advice} == {
+        "moment",
+        "supports",
+        "fields",
+        "numbers",
+        "files",
+    }
     assert {name for name, advice in found.items() if "units" in advice} == {"equilibrium", "rounding"}
 
 

@@ -6,14 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from stickslip.solvers.results.audit import Audit, Auditor
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import Errors, StepResult, told
 from stickslip.solvers.results.stored_fields import Record, StoredFields
 from stickslip.solvers.results.verdict import passed
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.steps import light_name, read_step, step_name
 from stickslip.workflows.run.ranks import from_rank_0
+from stickslip.workflows.run.written_files import WrittenFiles
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,12 +41,39 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
     if not steps:
         return Audited()
     comm, auditor = simulation.mesh.comm, Auditor(simulation.problem, simulation.mesh)
-    audits, before = list[Audit | None](), None
+    audits, before, told_before = list[Audit | None](), None, dict[str, Any]()
     for index, step in enumerate(steps, start=1):
-        record = from_rank_0(comm, partial(_record, folder, index, simulation.mesh.dim, step))
+        record = from_rank_0(comm, partial(_record, folder, index, simulation.mesh.dim))
+        now = told(step, None)
+        if record is not None:
+            moments = {name: np.array(each["moment"]) for name, each in now["contacts"].items()}
+            stored = replace(
+                record.stored, moments=moments, told=now, told_before=told_before, law_error=step.law_error
+            )
+            record = replace(record, stored=stored)
+        told_before = now
         audits.append(None if record is None else auditor(record, before if step.substeps == 1 else None))
         before = record
     simulation.counters.forms += auditor.start.counters.forms
+    return _judged(simulation, steps, audits, auditor.shared)
+
+
+def audit_files(
+    simulation: Simulation, folder: Path, steps: Sequence[StepResult], errors: Sequence[Errors] | None, audited: Audited
+) -> Audited:
+    """The audits with what tables and XDMF files tell, once they are all written; collective.
+
+    Raises:
+        MachineError: on every rank: a file cannot be read back.
+    """
+    off = from_rank_0(simulation.mesh.comm, lambda: WrittenFiles(simulation, folder).apart(steps, errors))
+    audits = [audit and replace(audit, files=float(f"{x:.6g}")) for audit, x in zip(audited.audits, off, strict=True)]
+    return _judged(simulation, steps, audits, audited.shared)
+
+
+def _judged(
+    simulation: Simulation, steps: Sequence[StepResult], audits: Sequence[Audit | None], shared: tuple[str, ...]
+) -> Audited:
     known = [(audit, k) for k, audit in enumerate(audits) if audit is not None]
     over = passed(
         [audit for audit, _ in known],
@@ -51,16 +82,15 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
         simulation.scene.solver.tolerance,
         [k + 1 for _, k in known],
     )
-    return Audited(audits=tuple(audits), shared=auditor.shared, passed=tuple(over))
+    return Audited(audits=tuple(audits), shared=shared, passed=tuple(over))
 
 
-def _record(folder: Path, index: int, dim: int, step: StepResult) -> Record | None:
-    """Read a step's file, and the moments that are reported; None if it is a light one."""
+def _record(folder: Path, index: int, dim: int) -> Record | None:
+    """Read a step's file; None if it is a light one."""
     path = folder / step_name(index)
     if (folder / light_name(index)).exists() and not path.exists():
         return None
     stored = read_step(path)
     contacts = {name: vars(contact) for name, contact in stored.contacts.items()}
-    moments = {name: contact.moment for name, contact in step.contacts.items()}
-    fields = StoredFields(stress=stored.stress, von_mises=stored.von_mises, contacts=contacts, moments=moments)
+    fields = StoredFields(stress=stored.stress, von_mises=stored.von_mises, contacts=contacts)
     return replace(Record.of(stored), displacement=stored.displacement[:, :dim], stored=fields)

@@ -151,6 +151,7 @@ def _verdict(simulation: Simulation, steps: Sequence[StepResult], audited: Audit
     law_error, rounding = max(s.law_error for s in steps), max((a.rounding for a in audited.audits if a), default=0.0)
     return {
         "limits": asdict(limits(simulation.scene.solver.tolerance, law_error, rounding)),
+        "exceeded": list(audited.passed),
         "passed": list(audited.passed),
         "shared": list(audited.shared),
     }
@@ -204,6 +205,9 @@ def _result() -> Any:
     counted = {"unknowns": unknowns, "dropped_multipliers": int, **get_type_hints(Counters)}
     counted["coarse_mesh"] = dict[str, int] | None
     shared = Annotated[list[str], Key("", "what the audit takes from the code that it judges")]
+    exceeded = Annotated[list[str], Key("", "sentences on the limits that are exceeded")]
+    alias = Annotated[list[str], Key("", "the same as `exceeded`")]
+    judged: dict[str, Any] = {"limits": Audit, "exceeded": exceeded, "passed": alias, "shared": shared}
     goal = _table("Goal", {"value": float, "error": float, "asked": Annotated[float, Key("", "as the error")]})
     sizes: dict[str, Any] = {"order": int, "unknowns": int, "steps": int, "seconds": float}
     accuracy: dict[str, Any] = {
@@ -233,7 +237,7 @@ def _result() -> Any:
         "steps": LIST[_reported_step()],
         "counters": _table("Counters", counted, "What the run has done so many times."),
         "audit": Annotated[Audit | None, Key("", "the largest defects of all steps")],
-        "verdict": _table("Verdict", {"limits": Audit, "passed": list[str], "shared": shared}) | None,
+        "verdict": _table("Verdict", judged) | None,
         "error": _table("Errors", dict.fromkeys(LARGEST, float | None) | {"what": str}, "The largest of all steps."),
         "seconds": SAID[_table("Seconds", phases | {"total": float}), Key("s", "wall time by phase")],
         "profile": list[Row],

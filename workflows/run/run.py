@@ -31,7 +31,7 @@ from stickslip.workflows.formats.mesh_file import mesh_checksum
 from stickslip.workflows.formats.results import profile_lines
 from stickslip.workflows.formats.steps import step_files, write_light, write_step
 from stickslip.workflows.run import resume as resuming
-from stickslip.workflows.run.audit import Audited, audit_steps
+from stickslip.workflows.run.audit import Audited, audit_files, audit_steps
 from stickslip.workflows.run.folder import BEGUN, FORMER, ResultsFolder, work_of
 from stickslip.workflows.run.mesh_report import report_mesh
 from stickslip.workflows.run.ranks import Interrupt, all_act, raise_together
@@ -220,10 +220,8 @@ class Run:
             with simulation.clock.phase("audit"):
                 audited = audit_steps(simulation, self._folder, self.steps)
         warnings = self._warnings()
-        if audited.passed and status == "converged":
-            status, sentence = "doubtful", f"the audit finds that {'; '.join(audited.passed)}"
-        elif audited.passed:
-            warnings += tuple(f"the audit finds that {one}" for one in audited.passed)
+        status, sentence, found = _with_audit(status, sentence, audited)
+        warnings += found
         outcome = Outcome(status, sentence, self._place, warnings)
         ended = Ended(status=status, steps=self.steps, errors=self._errors)
         reference: LinearReference | None = None
@@ -238,6 +236,13 @@ class Run:
             self._outputs(methodcaller("finish", ended), BEFORE)
             self._on_rank_0(lambda: write_result(self._folder, content()))
             self._outputs(methodcaller("finish", ended), AFTER)
+        if audited.audits:
+            with simulation.clock.phase("audit"):
+                audited, known = audit_files(simulation, self._folder, self.steps, self._errors, audited), audited
+            if audited.passed != known.passed:
+                status, sentence, found = _with_audit(status if status != "doubtful" else "converged", "", audited)
+                warnings += found
+                outcome = Outcome(status, sentence, self._place, warnings)
         if simulation.scene.output.linear_reference and not ended.in_haste:
             reference = linear_reference(simulation.system)
         final = content()
@@ -256,6 +261,15 @@ class Run:
     def _on_rank_0(self, act: Callable[[], object]) -> None:
         """Act on rank 0; if that fails, every rank raises the same error."""
         raise_together(self._simulation.mesh.comm, act)
+
+
+def _with_audit(status: str, sentence: str, audited: Audited) -> tuple[str, str, tuple[str, ...]]:
+    """Status, sentence and further warnings of a run that ended so, with what the audit finds."""
+    if not audited.passed:
+        return status, sentence, ()
+    if status == "converged":
+        return "doubtful", f"the audit finds that {'; '.join(audited.passed)}", ()
+    return status, sentence, tuple(f"the audit finds that {one}" for one in audited.passed)
 
 
 def run(

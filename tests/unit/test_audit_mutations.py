@@ -1,0 +1,287 @@
+"""A per cent of any number, a status, or any physics term: the audit notices each of them, or it is named here."""
+
+from __future__ import annotations
+
+import copy
+import csv
+import shutil
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shared.audited import record_of, stored_by
+from shared.problems import plane
+from stickslip import Simulation, StepResult
+from stickslip.geometry.arrays import ROUNDING, SLIGHT
+from stickslip.solvers.effects import by_name, records
+from stickslip.solvers.results.audit import Audit, Auditor, Record
+from stickslip.solvers.results.second_numbers import SecondNumbers
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, Errors
+from stickslip.solvers.results.verdict import limits
+from stickslip.solvers.scene.record import numbers_of
+from stickslip.solvers.simulation.simulation import prepare as estimating
+from stickslip.workflows.formats.csv_tables import csv_text
+from stickslip.workflows.formats.marker import MARKER
+from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.written_files import WrittenFiles
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.writers import tables
+
+A_PER_CENT = 1.01
+DRAWN = {"x": [[1, 0], [2, 0.06]], "y": [[0, 0], [1, -0.1]]}
+COULOMB = {"law": "coulomb", "mu": 0.3}
+SOFT = {"law": "compliance", "c_n": 20.0, "m_n": 2.0}
+BASE = {"surface": "block.bottom", "against": "floor"}
+BLOCK = {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.5}
+TWO = {"builder": "two_blocks", "length": 2.0, "height": 0.5, "mesh_size": 0.5, "lower_mesh_size": 0.4}
+
+
+def scene(dim: int = 2, **tables: Any) -> dict[str, Any]:
+    """A block on a floor that has moved and turned, pressed, then drawn to the right."""
+    aside = {} if tables.get("model") == "axisymmetric" else {"x": -0.01}
+    floor = plane(dim) | {"displacement": aside | {"xyz"[dim - 1]: 0.02}}
+    return {
+        "model": "plane strain" if dim == 2 else "3d",
+        "geometry": BLOCK,
+        "bodies": {"block": {"E": 1.0, "nu": 0.3, "density": 1.0}},
+        "obstacles": {"floor": floor},
+        "contacts": {"base": BASE | {"friction": COULOMB}},
+        "supports": {"top": {"boundary": "block.top", "displacement": DRAWN}},
+        "probes": {"inside": {"point": [0.7, 0.4, 0.3][:dim]}},
+        "steps": {"end": 2.0, "count": 2},
+    } | tables
+
+
+DEEP = {"z": [[0, 0], [1, -0.05]], "x": [[1, 0], [2, 0.03]], "y": 0.01}
+HELD = {"bed": {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0}}}
+SCENES: dict[str, dict[str, Any]] = {
+    "block": scene(),
+    "turning floor": scene(
+        obstacles={
+            "floor": {"shape": "cylinder", "point": [1.0, -4.0], "radius": 4.0, "displacement": {"y": 0.05}}
+            | {"rotation": {"angle": 0.01, "point": [0.5, -4.0]}}
+        }
+    ),
+    "3D, compliant springs": scene(
+        3,
+        geometry=BLOCK | {"width": 1.0, "order": 2, "mesh_size": 1.0},
+        contacts={"base": BASE | {"normal": SOFT, "friction": COULOMB | {"k_T": 5.0}}},
+        supports={"top": {"boundary": "block.top", "displacement": DEEP}},
+    ),
+    "axisymmetric": scene(
+        model="axisymmetric",
+        supports={"top": {"boundary": "block.top", "displacement": {"y": -0.1}}},
+        contacts={"base": BASE | {"friction": {"law": "tresca", "bound": 0.01}}},
+    ),
+    "two bodies, roles exchanged": scene(
+        geometry=TWO,
+        bodies={"upper": {"E": 20.0, "nu": 0.3}, "lower": {"E": 1.0, "nu": 0.2}},
+        obstacles={},
+        contacts={"joint": {"surface": "upper.bottom", "against": "lower.top", "friction": COULOMB}},
+        supports=HELD | {"top": {"boundary": "upper.top", "displacement": DRAWN}},
+    ),
+    "effects": scene(
+        geometry=TWO,
+        bodies={"upper": {"E": 1.0, "nu": 0.3, "density": 0.01}, "lower": {"E": 1.0, "nu": 0.2, "density": 0.01}},
+        obstacles={},
+        contacts={"joint": {"surface": "upper.bottom", "against": "lower.top", "friction": COULOMB}},
+        supports={},
+        elastic_support={"bed": {"boundary": "lower.bottom", "normal": 5.0, "tangential": 3.0}},
+        springs={"rope": {"at": "upper.right", "stiffness": [0.5, 0.2], "displacement": [0.05, 0.01]}},
+        bolts={"screw": {"head": "upper.top", "nut": "lower.bottom", "axis": [0, 1], "stiffness": 2.0, "force": 0.1}},
+        plungers={"stop": {"boundary": "upper.left", "direction": [1, 0], "stiffness": 1.0, "preload": 0.02}},
+        remote_points={"hand": {"boundary": "upper.top", "point": [1.0, 2.0], "coupling": "distributing",
+                                "force": {"x": 0.01, "y": -0.02}, "moment": {"z": 0.01}}},
+        gravity={"acceleration": [0.0, -1.0]},
+    ),
+    "bolt, rigid point": scene(
+        bolts={"screw": {"body": "block", "shank": [[0.0, 0.3], [0.0, 0.8]], "shortening": 0.01}},
+        supports={},
+        remote_points={"grip": {"boundary": "block.top", "point": [0.5, 1.5], "coupling": "rigid",
+                                "displacement": {"x": DRAWN["x"], "y": DRAWN["y"]}, "moment": {"z": 0.001}}},
+    ),
+    "partners": scene(
+        obstacles={
+            name: {"shape": "plane", "point": [x, 0.0], "normal": [lean, 1.0]}
+            for name, x, lean in (("left", 1.0, 0.02), ("right", 1.0, -0.02))
+        },
+        contacts={"seat": {"surface": "block.bottom", "against": ["left", "right"], "friction": COULOMB}},
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    """A solved scene and the record of its last step."""
+
+    simulation: Simulation
+    step: StepResult
+    record: Record
+
+    @cached_property
+    def auditor(self) -> Auditor:
+        return Auditor(self.simulation.problem, self.simulation.mesh)
+
+    def audit(self, **stored: Any) -> Audit:
+        """With some of what is stored in place of what is."""
+        return self.auditor(replace(self.record, stored=replace(self.record.stored, **stored)))
+
+    def exceeded(self, found: Audit) -> set[str]:
+        """Names of the limits that are exceeded."""
+        most = limits(self.simulation.scene.solver.tolerance, self.step.law_error, found.rounding)
+        return {name for name, value in vars(found).items() if not value <= getattr(most, name)}
+
+
+KNOWN: dict[str, Case] = {}
+
+
+def case_of(name: str) -> Case:
+    if name not in KNOWN:
+        simulation = prepare(from_dict(SCENES[name]))
+        *_, before, last = simulation.steps()
+        KNOWN[name] = Case(simulation, last, replace(record_of(last), stored=stored_by(last, before)))
+    return KNOWN[name]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_nothing_is_exceeded_as_it_is(name: str) -> None:
+    case = case_of(name)
+    assert not case.exceeded(found := case.audit()), found
+    assert found.numbers < 1e-6
+
+
+def components(told: dict[str, Any]) -> dict[tuple[str, str, str, int], float]:
+    """Each component of each number of a step but for what is rounding beside the largest of its unit."""
+    found, units = dict[tuple[str, str, str, int], float](), dict[tuple[str, str, str, int], str]()
+    for table, record in records().items():
+        for name, own in by_name(table, told[table]).items():
+            for key, number in numbers_of(record).items():
+                for k, value in enumerate(np.ravel(own[key]).tolist()):
+                    found[table, name, key, k], units[table, name, key, k] = value, number.unit
+    largest = {unit: max(abs(found[at]) for at, own in units.items() if own == unit) for unit in units.values()}
+    return {at: value for at, value in found.items() if abs(value) > ROUNDING * largest[units[at]]}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_per_cent_of_any_number_is_noticed(name: str) -> None:
+    case, missed = case_of(name), []
+    known = dict(case.record.stored.told)
+    for at, value in components(known).items():
+        told, (table, owner, key, k) = copy.deepcopy(known), at
+        own = told[table][owner] if owner else told[table]
+        values = np.array(own[key], float)
+        values.reshape(-1)[k] = A_PER_CENT * value
+        own[key] = values.tolist()
+        found = case.audit(told=told)
+        if "numbers" not in case.exceeded(found):
+            missed.append(at)
+    assert not missed
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_status_that_is_flipped_is_noticed(name: str) -> None:
+    case, missed = case_of(name), []
+    for contact, fields in case.record.stored.contacts.items():
+        for node, status in enumerate(fields["status"]):
+            for wrong in {OPEN, SLIP, STICK} - {status}:
+                statuses = fields["status"].copy()
+                statuses[node] = wrong
+                contacts = {**case.record.stored.contacts, contact: {**fields, "status": statuses}}
+                found = case.audit(contacts=contacts)
+                if "fields" not in case.exceeded(found):
+                    missed.append((contact, node, int(status), wrong))
+    assert not missed
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_number_has_a_second_formula(name: str) -> None:
+    case = case_of(name)
+    case.audit()
+    assert not [said for said in case.auditor.shared if said.endswith(": number")]
+
+
+def test_a_number_that_nothing_shows_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = case_of("effects")
+    auditor = Auditor(case.simulation.problem, case.simulation.mesh)
+    monkeypatch.setattr(SecondNumbers, "_link", lambda self, link, record: None)
+    auditor(case.record)
+    named = [said for said in auditor.shared if said.endswith(": number")]
+    assert "bolts.screw.tension: number" in named
+    assert "springs.rope.force: number" in named
+
+
+WRITTEN = scene(probes={"inside": {"point": [0.7, 0.4]}}, output={"pictures": False})
+WRONG = {  # file, and what of it is changed by what; a cell is the first one of its column in the last row
+    "normal force": ("steps.csv", "base.normal_force", A_PER_CENT),
+    "tangential force": ("steps.csv", "base.tangential_force.x", A_PER_CENT),
+    "mean slip": ("steps.csv", "base.slip.x", A_PER_CENT),
+    "moment": ("steps.csv", "base.moment.z", A_PER_CENT),
+    "reaction": ("steps.csv", "support.top.force.y", A_PER_CENT),
+    "prescribed motion": ("steps.csv", "support.top.displacement.x", A_PER_CENT),
+    "energy": ("steps.csv", "energy.stored", A_PER_CENT),
+    "error": ("steps.csv", "base.normal_force.error", A_PER_CENT),
+    "time": ("steps.csv", "time", A_PER_CENT),
+    "pressure": ("contact_base.csv", "pressure", A_PER_CENT),
+    "slip": ("contact_base.csv", "slip_x", A_PER_CENT),
+    "lambda": ("contact_base.csv", "lambda_x", A_PER_CENT),
+    "place": ("contact_base.csv", "x", A_PER_CENT),
+    "status": ("contact_base.csv", "status", "open"),
+    "stress": ("probes.csv", "stress_yy", A_PER_CENT),
+    "displacement": ("probes.csv", "displacement_x", A_PER_CENT),
+    "step of a field": ("fields.xdmf", "000002.h5:/stress<", "000001.h5:/stress<"),
+    "field": ("contact_base.xdmf", "/slip<", "/slip_increment<"),
+    "time of a field": ("fields.xdmf", '"2.0"', '"2.02"'),
+}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Simulation, Path, list[StepResult], list[Errors]]:
+    folder = tmp_path_factory.mktemp("written") / "run"
+    outcome, content = run(from_dict(WRITTEN), folder)
+    assert outcome.status == "converged"
+    assert content["audit"]["files"] == 0.0
+    assert content["audit"]["numbers"] < 1e-6
+    assert content["verdict"]["exceeded"] == content["verdict"]["passed"] == []
+    (folder / MARKER).unlink()  # whose checksums would tell of what is changed here
+    simulation = estimating(from_dict(WRITTEN))
+    steps = list(simulation.steps())
+    return simulation, folder, steps, list(simulation.errors(steps))
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_what_files_tell_wrong_is_noticed(what: str, written: Any, tmp_path: Path) -> None:
+    simulation, folder, steps, errors = written
+    (name, place, by), copied = WRONG[what], tmp_path / "copied"
+    shutil.copytree(folder, copied)
+    assert WrittenFiles(simulation, copied).apart(steps, errors) == [0.0, 0.0]
+    text = (copied / name).read_text()
+    if name.endswith(".csv"):
+        header, *rows = list(csv.reader(text.splitlines()))
+        row = rows[-3 if name.startswith("contact") else -1]
+        cell = header.index(place)
+        row[cell] = by if isinstance(by, str) else repr(float(row[cell]) * by)
+        text = csv_text([header, *rows])
+    else:
+        text = str(by).join(text.rsplit(place, 1))
+    (copied / name).write_text(text)
+    assert WrittenFiles(simulation, copied).apart(steps, errors)[1] > SLIGHT
+
+
+def test_a_run_whose_table_lies_is_doubtful(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = tables.steps_row
+
+    def lying(*given: Any) -> dict[str, float]:
+        row = honest(*given)
+        return row | {"base.normal_force": A_PER_CENT * row["base.normal_force"]}
+
+    monkeypatch.setattr(tables, "steps_row", lying)
+    outcome, content = run(from_dict(WRITTEN), tmp_path / "run")
+    assert outcome.exit_code == 1
+    assert content["status"] == "doubtful"
+    assert "files is 9.9e-03 in step 1" in content["sentence"]
+    assert content["verdict"]["exceeded"] == content["verdict"]["passed"] != []
