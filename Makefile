@@ -7,14 +7,15 @@
 # make debian13  on another Debian, as root: Debian 13 in a root of its own; see tests/platforms/debian13.sh
 # make fuzz      inputs, files, environments, kills and tampering drawn by lot; N=20000: so many of each kind
 # make dist      a wheel and a source archive, in dist
-# make docs      runs every console block of the pages, then makes build/docs/index.html; five minutes
+# make docs      runs every console block of the pages, then makes build/docs/index.html; five minutes or more
+# make site      makes build/docs/index.html of the pages as they are; solves nothing; a minute
 # make mutants   changes the code in small ways: does a test notice? ONLY="laws path": some modules of tests/mutation
 
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .ONESHELL:
 .DEFAULT_GOAL := install
-.PHONY: install run lint test verify browser debian13 dist fuzz docs mutants again
+.PHONY: install run lint test verify browser debian13 dist fuzz docs site mutants again
 
 PYTHON := /usr/bin/python3# Debian's own: its python3-* packages belong to no other
 WORKERS ?= 2
@@ -109,10 +110,15 @@ dist: install
 fuzz: install
 	FUZZ=$(N) .venv/bin/python -m pytest -n $(WORKERS) --timeout 0 tests/fuzz
 
+PAGES := -q -W --keep-going -d build/doctrees docs build/docs
+
 docs: install build/sphinx/installed
 	.venv/bin/python -m stickslip.workflows.lab.pages.gallery
 	.venv/bin/python -m stickslip.workflows.lab.pages.console README.md docs
-	PYTHONPATH=$(CURDIR)/build/sphinx .venv/bin/python -m sphinx -q -W --keep-going -d build/doctrees docs build/docs
+	PYTHONPATH=$(CURDIR)/build/sphinx .venv/bin/python -m sphinx $(PAGES)
+
+site: install build/sphinx/installed
+	PYTHONPATH=$(CURDIR)/build/sphinx .venv/bin/python -m sphinx -D nb_execution_mode=off $(PAGES)
 
 build/sphinx/installed: requirements-docs.txt
 	rm -rf build/sphinx

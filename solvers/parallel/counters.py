@@ -60,6 +60,8 @@ class Clock:
         self._spent: dict[tuple[str, str], tuple[float, int, int]] = {}
         self._on = [(OTHER, "")]
         self._since, self._before = now(), solves()
+        self.expected = 0.0  # s that preparing the bodies and solving all steps will take, once it is known
+        self.on_phase: Callable[[Clock, str, str], None] = lambda clock, phase, part: None  # told where one begins
 
     @contextmanager
     def phase(self, phase: str, part: str = "") -> Iterator[None]:
@@ -69,6 +71,7 @@ class Clock:
         seconds, calls, solves = self._spent.get((phase, part), (0.0, 0, 0))
         self._spent[phase, part] = seconds, calls + 1, solves
         self._on.append((phase, part))
+        self.on_phase(self, phase, part)
         try:
             yield
         finally:

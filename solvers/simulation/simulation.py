@@ -283,8 +283,8 @@ def prepare(
         system = assemble(problem, mesh, counters)
         refuse_loose_parts(system)
         choice = reached.choice if reached else choose(system)
-        counts = Counts.of(mesh)
-        demand = memory_of(scene.output, counts, Size.of(problem, mesh, system.constraints, system.contacts), choice)
+        counts, size = Counts.of(mesh), Size.of(problem, mesh, system.constraints, system.contacts)
+        demand, counters.clock.expected = memory_of(scene.output, counts, size, choice), size.condensed_seconds
         with_error, short = affordable(scene.output, demand, spare(system.mesh.comm), bool(scene.accuracy.goals))
         scene = replace(scene, output=replace(scene.output, error=with_error))
         system.assembled()  # too

@@ -370,6 +370,8 @@ def test_member_whose_process_is_killed_is_told_others_go_on(monkeypatch: pytest
     assert re.match(r"mu=0\.2: killed, -?[\d.]+ s: its process was ended by signal 9", str(done.solved[1]))
     assert done.solved[1].sentence == "its process was ended by signal 9; memory was full"
     assert [one.member.name for one in told] == ["mu=0.1", "mu=0.2", "mu=0.3"]
+    assert repr(done) == f"Sweep({str(tmp_path / 'sweep.csv')!r}: 3 members, 2 converged, 1 killed)"
+    assert len(repr(done.solved[0])) < 500  # no scene in it
 
 
 @pytest.mark.parametrize(("E", "numbers"), [(2.0, False), (1.0, True)])

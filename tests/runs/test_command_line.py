@@ -310,6 +310,11 @@ def test_full_disk_ends_with_4(call: Call, folder: Path, monkeypatch: pytest.Mon
     assert not (folder / "out").exists()
 
 
+def test_what_friction_dissipated_is_said_with_its_error(call: Call, folder: Path) -> None:
+    _, out, _ = call("run", "block", "-o", "out", *COARSE, "--set=output.error=true")
+    assert re.search(r"friction dissipated [\d.]+ ± [\d.]+\*? J/m, time remainder", out)
+
+
 def test_ctrl_c_in_a_write_leaves_readable_results(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write = write_step
 
@@ -319,12 +324,15 @@ def test_ctrl_c_in_a_write_leaves_readable_results(call: Call, folder: Path, mon
         return write(where, index, *rest)
 
     monkeypatch.setattr(stickslip.workflows.run.run, "write_step", press)
-    ended(call("run", "block", "-q", "-o", "out", *COARSE, "--set=steps.count=8"), 130)
+    ended(call("run", "block", "-q", "-o", "out", *COARSE, "--set=steps.count=8", "--set=output.error=true"), 130)
     done = result(folder / "out")
     assert done["status"] == "interrupted"
     stored = sorted(path.name for path in (folder / "out" / "steps").iterdir())
     assert len(stored) == len(done["steps"]) in (2, 3)
     assert {step["audit"] for step in done["steps"]} == set(done["audit"].values()) == {None}  # there is no time
+    error = done["steps"][-1]["contacts"]["base"]["error"]["normal_force"]
+    assert error["mesh"] > 0
+    assert error["time_step"] is None  # it would have been found at the end
     shown = re.findall(r"steps/\d+\.h5", (folder / "out" / "fields.xdmf").read_text())
     assert sorted({name.partition("/")[2] for name in shown}) == stored
     times = {float(row["time"]) for row in table(folder / "out" / "probes.csv")}

@@ -209,6 +209,43 @@ def test_signal_while_gmsh_works_ends_both_at_once(
     assert {path.name for path in folder.iterdir()} == {"b.geo", "b.toml"}
 
 
+HANGS = {  # what never comes back, and never lets Python hear a signal
+    "factorisation": "solvers.simulation.simulation.MethodChain",
+    "drawing": "workflows.pictures.draw.draw",
+    "meshing": "solvers.simulation.simulation.build_mesh",
+    "errors": "solvers.simulation.simulation.TimeStepErrors",
+    "audit": "workflows.run.run.audit_steps",
+}
+
+
+@pytest.mark.parametrize("phase", every_nth(2, HANGS))
+def test_ctrl_c_is_answered_and_obeyed_while_a_library_works(
+    phase: str, folder: Path, environment: dict[str, str]
+) -> None:
+    place, _, name = f"stickslip.{HANGS[phase]}".rpartition(".")
+    program = "import sys; from collections import deque; from itertools import repeat; from importlib import "
+    program += "import_module; from stickslip.workflows.commands import start; "
+    program += "hang = lambda *_, **__: (print('hangs', file=sys.stderr, flush=True), deque(repeat(0), maxlen=0)); "
+    program += f"setattr(import_module({place!r}), {name!r}, hang); start.main()"
+    words = [sys.executable, "-c", program, "run", "block", "-o", "out", *COARSE]
+    words += [f"--set=output.{key}=true" for key in ("error", "pictures")]
+    with running(words, cwd=folder, env=environment, stderr=subprocess.PIPE) as process:
+        assert "hangs\n" in iter(process.stderr.readline, "")
+        began = clock.monotonic()
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.readline() == "stickslip: stopping; what does not stop in five seconds is ended\n"
+        answered = clock.monotonic() - began
+        process.wait(timeout=LIMIT)
+        obeyed = clock.monotonic() - began
+        rest = process.stderr.read()
+    assert process.returncode == -signal.SIGKILL
+    assert rest == "stickslip: interrupted; solved steps are kept, --resume goes on from them\n"
+    assert answered < 1.0
+    assert 3.9 < obeyed < 8.0  # five on a machine that is not busy
+    kept = phase in ("drawing", "errors", "audit")
+    assert (folder / ".out.running" / step_name(1)).exists() == kept
+
+
 # read-only results, and clocks
 
 

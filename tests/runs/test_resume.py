@@ -194,7 +194,7 @@ def test_a_run_that_is_stopped_behind_its_last_step_goes_on_to_the_estimate(tmp_
     outcome, content = run(scene, tmp_path / "out", Watch(on_estimate=lambda: stop(None)))
     assert (outcome.status, len(content["steps"])) == ("interrupted", len(scene.requested_times()))
     assert outcome.sentence.endswith("after 6 of 6 steps")
-    assert content["steps"][-1]["energy"]["error"] is None
+    assert content["steps"][-1]["energy"]["error"]["dissipated"]["time_step"] is None
     outcome, content = run(scene, tmp_path / "out", resume=True)
     assert outcome.status == "converged"
     assert content["steps"][-1]["energy"]["error"]["dissipated"]["time_step"] > 0

@@ -42,7 +42,7 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.contact_line import walk
 from stickslip.workflows.formats.steps import write_step
 from stickslip.workflows.pictures.animation import animate, close_up, frames, palette, survey
-from stickslip.workflows.pictures.body_picture import PlaneBodies, cells_at_pixels, displacement_scale
+from stickslip.workflows.pictures.body_picture import BodyPictures, PlaneBodies, cells_at_pixels, displacement_scale
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
 from stickslip.workflows.pictures.draw import _said, draw, draw_course
 from stickslip.workflows.pictures.force_displacement import (
@@ -56,7 +56,7 @@ from stickslip.workflows.pictures.force_displacement import (
 )
 from stickslip.workflows.pictures.history import draw_history, errors_of, most, panels_of
 from stickslip.workflows.pictures.render import grid_of, outline_of, surface_of
-from stickslip.workflows.pictures.rigid import Rigid
+from stickslip.workflows.pictures.rigid import Rigid, rigids
 from stickslip.workflows.pictures.sheet import STATUS_COLOURS, Sheet
 from stickslip.workflows.pictures.view import View, focus
 from stickslip.workflows.run.run import run
@@ -568,6 +568,30 @@ def test_what_touches_is_shown_closely_if_it_is_small() -> None:
     assert close_up(view, small[:1]) is close_up(view, small[:0]) is None
 
 
+def test_sides_of_order_2_are_curved_and_a_window_on_a_contact_shows_what_touches() -> None:
+    """A half disc of order 2 with few cells, whose chords are up to .03 off the circle."""
+    scene = stickslip.read("half_disc", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.1", "steps.count=1"])
+    simulation = stickslip.prepare(scene)
+    *_, step = simulation.steps()
+    mesh, radius = simulation.data, scene.geometry.radius
+    bodies = PlaneBodies(mesh, step.displacement, (), 1.0)
+    along = np.concatenate(bodies._edges_at(0.0 * step.displacement)[bodies._edges[1]])
+    off = radius - np.linalg.norm(along - [0.0, radius], axis=1)[along[:, 1] < 0.9 * radius]
+    assert mesh.cells.shape[1] in (6, 9)
+    assert np.abs(off).max() < 1e-3
+    pictures = BodyPictures(mesh, step, "", rigids(scene, step))
+    (name,) = step.contacts
+    touching = step.contacts[name].status != OPEN
+    view = pictures.view_of_contact(name, touching)
+    places = (mesh.points + step.displacement)[mesh.slaves[name]][touching]
+    assert (np.abs(places - (view.low + view.high) / 2) < view.size / 2).all()
+    assert view.size[0] < 4 * np.ptp(places[:, 0])
+    axes = Sheet(4.0, 4.0).axes(0.5, 0.5, 3.0, 3.0 / view.aspect)
+    pictures.show_contact(axes, view, name, 300)
+    assert [*axes.get_xlim(), *axes.get_ylim()] == list(view.extent)  # obstacle and mesh reach farther
+    assert len(axes.collections) > 4
+
+
 def test_of_two_bodies_that_touch_the_slave_is_followed() -> None:
     scene = stickslip.read(
         "two_blocks", ["geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.5", "geometry.contact_mesh_size=0.5"]
@@ -732,6 +756,19 @@ def test_gravity_and_a_given_bound_have_their_curves_also_of_contacts_with_misle
     assert panels["friction bound [Pa]"]["load"][-1] == 5.0
     assert panels["gravity [m/s²]"]["y"][-1] == -24.0
     assert "contact force [N/m]" in panels
+
+
+def test_axes_of_a_history_have_the_unit_of_what_is_given() -> None:
+    scene, columns = circle()
+    grows = dataclasses.replace(
+        scene.contacts["base"], friction=stickslip.Coulomb(mu=((0.0, 0.3), (24.0, 0.4))), gap_offset=((24.0, 1e-3),)
+    )
+    bolt = stickslip.Bolt(head="block.left", nut="block.right", axis=(1.0, 0.0), stiffness=1.0, force=((24.0, 2.0),))
+    time = columns["time"]
+    columns |= {f"contact.base.{key}": time for key in ("friction.mu", "gap_offset")} | {"bolt.m8.force": time}
+    other = dataclasses.replace(scene, contacts={"base": grows}, sections={"bolts": {"m8": bolt}})
+    labels = [label for label, _ in panels_of(other, from_rest(columns))]
+    assert {"coefficient of friction [-]", "gap offset [m]", "force [N/m]"} <= set(labels)
 
 
 def test_a_support_and_an_obstacle_of_one_name_have_a_curve_each() -> None:

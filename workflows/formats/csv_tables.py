@@ -21,7 +21,7 @@ PRESCRIBED = {  # by table; the displacement of an obstacle is among the results
     "supports": ("displacement",),
     "loads": ("pressure", "traction", "force"),
     "obstacles": ("rotation",),
-    "contacts": ("friction",),
+    "contacts": ("friction", "gap_offset"),
 }
 Row = Sequence[object]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from stickslip.solvers.results.step_result import OPEN, MeshData
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.steps import light_files, read_step, step_name, three
-from stickslip.workflows.pictures.body_picture import PlaneBodies, displacement_scale, plain
+from stickslip.workflows.pictures.body_picture import PlaneBodies, displacement_scale, plain, status_line
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
 from stickslip.workflows.pictures.render import SolidBodies, render
 from stickslip.workflows.pictures.sheet import COLOURS, STATUS_COLOURS, Sheet, show_image, span
@@ -129,7 +128,7 @@ def _drawn(mesh: MeshData, course: Course, frame: Frame, title: str, units: Unit
     sheet = Sheet(max(5.0, left + width + 1.55 + room + wide), foot + max(height, high) + 1.0, 110, units)
     moved = frame.displacement[:, : mesh.points.shape[1]]
     bodies = (SolidBodies if solid else PlaneBodies)(mesh, moved, (), scale)
-    lines = [] if solid else [_line(mesh, name, scale * moved, status) for name, status in frame.status.items()]
+    lines = [] if solid else [status_line(mesh, name, scale * moved, status) for name, status in frame.status.items()]
 
     def show(view: View, *place: float) -> Any:
         axes = sheet.axes(*place)
@@ -167,16 +166,6 @@ def _map(mesh: MeshData, statuses: Statuses) -> Callable[[Any], None]:
             stage.add_mesh(cells, scalars="colour", rgb=True, lighting=False)
 
     return add
-
-
-def _line(mesh: MeshData, name: str, motion: Array, status: NDArray[np.int8]) -> tuple[list[Array], list[str]]:
-    """The deformed contact line, each half of a facet (2, 2) [m] in the colour of the node at its end."""
-    points, facets = (mesh.points + motion)[mesh.slaves[name]], mesh.surfaces[name][1]
-    along = (facets[:, 0], *facets[:, 2:].T, facets[:, 1])  # dolfinx numbers middle nodes last
-    pairs = np.concatenate([np.stack(pair, axis=1) for pair in pairwise(along)])
-    middle = points[pairs].mean(axis=1)
-    ends = [np.stack([points[pairs[:, k]], middle], axis=1) for k in (0, 1)]
-    return [*np.concatenate(ends)], [STATUS_COLOURS[int(s)] for s in status[pairs].T.ravel()]
 
 
 def palette(solid: bool) -> Pillow.Image:

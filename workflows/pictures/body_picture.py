@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,15 +13,17 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
+from numpy.typing import NDArray
 
-from stickslip.geometry.arrays import EXACT, Array, Ints
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import EXACT, Array, Bools, Ints
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, MeshData, StepResult
 from stickslip.workflows.formats.mesh_file import corner_cells
 from stickslip.workflows.formats.steps import StoredStep, three
 from stickslip.workflows.pictures.rigid import Rigid, shade
-from stickslip.workflows.pictures.sheet import COLOURS, DPI, LINE, Sheet, decades, show_image, span
-from stickslip.workflows.pictures.view import FEW_CELLS, Image, View, close_up
+from stickslip.workflows.pictures.sheet import COLOURS, DPI, LINE, STATUS_COLOURS, Sheet, decades, show_image, span
+from stickslip.workflows.pictures.view import FEW_CELLS, Image, View, close_up, focus
 
 FINER = 2  # an image is the mean of so many pixels in both directions
 EDGES: dict[str, Any] = {"colors": "#222222", "linewidths": 0.7}
@@ -60,11 +63,37 @@ class BodyPictures:
     def draw_stress(self, folder: Path) -> Path:
         """Draw deformed.png: von Mises stress, the obstacles, and the outline of the undeformed bodies in grey."""
         values = self._result.von_mises
+        label = f"von Mises stress [Pa], largest {float(values.max(initial=0.0)):.3g}"
+        return self._draw(folder / "deformed.png", values, self._stresses, label)
+
+    @cached_property
+    def _stresses(self) -> Normalize:
+        """Range of the colours of von Mises stress."""
+        values = self._result.von_mises
         norm, peak = span(values), float(values.max(initial=0.0))
         most = float(np.quantile(values, 0.99)) if len(values) else peak
-        if 0 < most < peak / 1.5:  # a corner would leave one colour for all else
-            norm = Normalize(norm.vmin, most)
-        return self._draw(folder / "deformed.png", values, norm, f"von Mises stress [Pa], largest {peak:.3g}")
+        # a corner would leave one colour for all else
+        return Normalize(norm.vmin, most) if 0 < most < peak / 1.5 else norm
+
+    def view_of_contact(self, name: str, touching: Bools) -> View:
+        """Window on a contact of a plane model, as wide as high or up to 2.2 times wider.
+
+        Args:
+            touching: nodes (n,) of its line that it is about, see `focus`.
+        """
+        nodes = self._mesh.slaves[name]
+        points = (self._mesh.points + self._result.displacement)[nodes]
+        shown = View.facing(three(points[focus(points, touching)]))
+        half = shown.size / 2
+        half = np.maximum(half, [half[1], half[0] / 2.2])
+        middle = (shown.low + shown.high) / 2
+        return View(shown.right, shown.up, middle - half, middle + half)
+
+    def show_contact(self, axes: Any, view: View, name: str, width: int) -> None:
+        """Show a contact of a plane model where it is: bodies, obstacles, and the status along its line."""
+        self._bodies.show(axes, view, width, 1.0, self._result.von_mises, self._stresses)
+        lines, colours = status_line(self._mesh, name, self._result.displacement, self._result.contacts[name].status)
+        axes.add_collection(LineCollection(lines, colors=colours, linewidths=3.0, zorder=3), autolim=False)
 
     def draw_error(self, folder: Path) -> Path:
         """Draw stress_error.png: what the mesh leaves in the stress of each cell, on a logarithmic scale."""
@@ -97,6 +126,16 @@ class BodyPictures:
         caption = f"t = {result.time:g} s, {drawn}; grey: undeformed"
         sheet.head(self._title, "\n".join(filter(None, (caption, more))), left)
         return sheet.save(path)
+
+
+def status_line(mesh: MeshData, name: str, motion: Array, status: NDArray[np.int8]) -> tuple[list[Array], list[str]]:
+    """The deformed contact line, each half of a facet (2, 2) [m] in the colour of the node at its end."""
+    points, facets = (mesh.points + motion)[mesh.slaves[name]], mesh.surfaces[name][1]
+    along = (facets[:, 0], *facets[:, 2:].T, facets[:, 1])  # dolfinx numbers middle nodes last
+    pairs = np.concatenate([np.stack(pair, axis=1) for pair in pairwise(along)])
+    middle = points[pairs].mean(axis=1)
+    ends = [np.stack([points[pairs[:, k]], middle], axis=1) for k in (0, 1)]
+    return [*np.concatenate(ends)], [STATUS_COLOURS[int(s)] for s in status[pairs].T.ravel()]
 
 
 def _touching(mesh: MeshData, result: StepResult) -> Array:
@@ -147,7 +186,10 @@ class PlaneBodies:
         """
         self._points, self._displacement, self._obstacles = mesh.points, displacement, obstacles
         self.view = View.facing(three(np.vstack([mesh.points, mesh.points + scale * displacement])))
-        self._cells, _ = corner_cells(mesh.shape, mesh.cells)
+        self._cells, self._corners = mesh.cells, corner_cells(mesh.shape, mesh.cells)[0]
+        degree = dx.degree_of(mesh.shape, mesh.cells.shape[1])
+        places, self._pieces, self._sides = straight_pieces(self._corners.shape[1], degree**2)
+        self._basis = dx.reference_basis(mesh.shape, degree, places)[0]
         self._shown: dict[tuple[float, ...], Ints] = {}
 
     def show(self, axes: Any, view: View, width: int, scale: float, values: Array, norm: Normalize) -> None:
@@ -159,32 +201,64 @@ class PlaneBodies:
             values: by which the cells are coloured (cells,).
             norm: range of the colours.
         """
-        found, moved = self._cell_at(view, width, scale), self._points + scale * self._displacement
-        show_image(axes, view, _coloured(found, values, norm), ("x", "y"))
+        show_image(axes, view, _coloured(self._cell_at(view, width, scale), values, norm), ("x", "y"))
+        now, before = (self._edges_at(part * self._displacement) for part in (scale, 0.0))
         if len(self._cells) <= FEW_CELLS:
-            axes.add_collection(LineCollection(list(moved[self._edges[0]]), **GRID))
-        for points, look in ((moved, EDGES), (self._points, GHOST)):
-            axes.add_collection(LineCollection(list(points[self._edges[1]]), capstyle="round", **look))
+            axes.add_collection(LineCollection(list(now[self._edges[0]]), **GRID))
+        for lines, look in ((now, EDGES), (before, GHOST)):
+            axes.add_collection(LineCollection(list(lines[self._edges[1]]), capstyle="round", **look))
         shade(axes, view, self._obstacles, scale)
+        axes.set_xlim(view.low[0], view.high[0])  # what is drawn besides reaches farther
+        axes.set_ylim(view.low[1], view.high[1])
 
     def _cell_at(self, view: View, width: int, scale: float) -> Ints:
         """Index of the cell at each of the finer pixels; -1: none."""
         key = (*view.extent, width, scale)
         if key not in self._shown:
             columns, rows = FINER * width, FINER * max(1, round(width / view.aspect))
-            moved = self._points + scale * self._displacement
-            places = (moved - view.low) / view.size * (columns, rows)
-            places[:, 1] = rows - places[:, 1]  # the first row is on top
-            self._shown[key] = cells_at_pixels(places[self._cells], rows, columns)
+            places = (self._at(scale * self._displacement) - view.low) / view.size * (columns, rows)
+            places[..., 1] = rows - places[..., 1]  # the first row is on top
+            pieces = places[:, self._pieces].reshape(-1, self._pieces.shape[1], 2)
+            found = cells_at_pixels(pieces, rows, columns)
+            self._shown[key] = np.where(found < 0, -1, found // len(self._pieces))
         return self._shown[key]
+
+    def _at(self, displacement: Array) -> Array:
+        """Places (c, q, 2) [m] of the points of `straight_pieces` in all cells, moved by (nodes, 2) [m]."""
+        return np.asarray(np.einsum("qk,ckd->cqd", self._basis, (self._points + displacement)[self._cells]))
+
+    def _edges_at(self, displacement: Array) -> Array:
+        """Lines (c k, n + 1, 2) [m] along the edges of all cells."""
+        return self._at(displacement)[:, self._sides].reshape(-1, self._sides.shape[1], 2)
 
     @cached_property
     def _edges(self) -> tuple[Ints, Ints]:
-        """Nodes (e, 2) of all edges, and of those of one cell alone."""
-        ends = np.sort(np.stack([self._cells, np.roll(self._cells, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-        keys, counts = np.unique(ends @ [len(self._points), 1], return_counts=True)
-        every = np.stack(np.divmod(keys, len(self._points)), axis=-1)
+        """Which of these lines are an edge each, and which the edges of one cell alone."""
+        ends = np.sort(np.stack([self._corners, np.roll(self._corners, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+        _, every, counts = np.unique(ends @ [len(self._points), 1], return_index=True, return_counts=True)
         return every, every[counts == 1]
+
+
+def straight_pieces(corners: int, n: int) -> tuple[Array, Ints, Ints]:
+    """Straight pieces of a reference triangle or square, whose sides are curved on the mesh, n along each edge.
+
+    Returns:
+        Points (q, 2), the pieces (s, k) in order around each, and the edges (k, n + 1) from corner to corner.
+
+    >>> straight_pieces(3, 1)[1:]
+    (array([[0, 1, 2]]), array([[0, 1],
+           [1, 2],
+           [2, 0]]))
+    """
+    grid = [(i, j) for j in range(n + 1) for i in range(n + 1) if corners == 4 or i + j <= n]
+    number = {place: k for k, place in enumerate(grid)}
+    around = [(0, 0), (1, 0), (1, 1), (0, 1)] if corners == 4 else [(0, 0), (1, 0), (0, 1)]
+    kinds = [around] if corners == 4 else [around, [(1, 0), (1, 1), (0, 1)]]
+    each = ([(i + a, j + b) for a, b in kind] for i, j in grid for kind in kinds)
+    pieces = [[number[place] for place in piece] for piece in each if all(place in number for place in piece)]
+    ways = zip(around, [*around[1:], around[0]], strict=True)
+    edges = [[number[a * (n - t) + c * t, b * (n - t) + d * t] for t in range(n + 1)] for (a, b), (c, d) in ways]
+    return np.array(grid) / n, np.array(pieces), np.array(edges)
 
 
 def cells_at_pixels(corners: Array, rows: int, columns: int) -> Ints:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.geometry.arrays import AnyArray, Array, Ints
+from stickslip.geometry.arrays import AnyArray, Array
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, ContactState, Errors, MeshData, Quantity, StepResult
 from stickslip.solvers.scene.scene import Scene
@@ -75,7 +75,7 @@ def draw(
 
             drawn.append(draw_surface(folder, name, surface, contact, head, units))
         else:
-            drawn.append(draw_line(folder, name, surface[0], surface[1], contact, head, units))
+            drawn.append(draw_line(folder, name, mesh, contact, head, bodies, units))
     return drawn
 
 
@@ -106,16 +106,25 @@ def _said(name: str, contact: ContactState, errors: Errors, per_metre: bool, uni
 
 
 def draw_line(
-    folder: Path, name: str, points: Array, facets: Ints, contact: ContactState, head: str, units: Units = SI
+    folder: Path, name: str, mesh: MeshData, contact: ContactState, head: str, bodies: BodyPictures, units: Units = SI
 ) -> Path:
-    """Draw pressure, tangential traction with the friction bound, and the status: open, slip or stick."""
-    line = walk(points, facets)
+    """Draw the contact to scale; pressure, tangential traction with the friction bound; and the status.
+
+    Args:
+        bodies: the step's.
+    """
+    (points, facets, _), touching = mesh.surfaces[name], contact.status != OPEN
+    line, near = walk(points, facets), touching.copy()
+    near[facets[touching[facets].any(axis=1)]] = True  # of one node alone its facets are shown
     pressure = contact.pressure[line.nodes]
     tangential = np.einsum("ki,ki->k", contact.traction[line.nodes], line.tangents)
     magnitude = np.linalg.norm(contact.traction[line.nodes], axis=1)
     bound = np.where(np.isfinite(contact.bound), contact.bound, np.nan)[line.nodes]
-    sheet = Sheet(7.0, 4.0 + LINE, units=units)
-    axes = sheet.axes(0.85, 0.87, 5.85, 2.23)
+    view = bodies.view_of_contact(name, near)
+    width, high = (5.85, 5.85 / view.aspect) if view.aspect > 2 else (2.9 * view.aspect, 2.9)
+    sheet = Sheet(7.0, 4.5 + high + LINE, units=units)
+    bodies.show_contact(sheet.axes(0.85, 3.75, width, high), view, name, round(width * sheet.dpi))
+    axes = sheet.axes(0.85, 0.87, 5.85, 2.1)
     axes.axhline(0.0, color=PALE, linewidth=0.6)
     style = {"markersize": 2.5, "marker": "o"} if len(line.nodes) <= 120 else {}
     lines = [axes.plot(*line_of(line, pressure), color=PRESSURE, linewidth=1.4, label="pressure $p_n$", **style)[0]]
@@ -148,7 +157,7 @@ def draw_line(
     band.set_yticks([])
     band.set_xlabel(line.label, fontsize=9)
     sheet.status_legend(band, loc="upper left", bbox_to_anchor=(-0.005, -1.6), borderpad=0)
-    shown = line.place[focus(line.place[:, None], contact.status[line.nodes] != OPEN)]
+    shown = line.place[focus(line.place[:, None], near[line.nodes])]
     margin = 0.01 * (float(np.ptp(shown)) or 1.0)
     axes.set_xlim(shown.min() - margin, shown.max() + margin)
     title, caption, numbers = head.split("\n")

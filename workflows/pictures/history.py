@@ -28,7 +28,9 @@ PANELS = {  # by what is prescribed
     "rotation": "rotation [rad]",
     "pressure": "load [Pa]",
     "traction": "load [Pa]",
-    "friction": "friction bound [Pa]",
+    "bound": "friction bound [Pa]",
+    "mu": "coefficient of friction [-]",
+    "gap_offset": "gap offset [m]",
     "acceleration": "gravity [m/s²]",
 }
 ENERGIES = {  # by label
@@ -92,8 +94,9 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
         axis = place.component if place.component in ("x", "y", "z", "normal") else ""
         label = ", ".join(word for word in (place.name, axis) if word)
         curve = np.concatenate([[at_rest], steps[column(place)][1:]])
-        known = place.quantity in panels and (place.table not in scene.sections or place.table == "gravity")
-        panel = panels[place.quantity] if known else _panel_of_effect(scene, place)
+        key = place.component if place.quantity == "friction" else place.quantity
+        known = key in panels and (place.table not in scene.sections or place.table == "gravity")
+        panel = panels[key] if known else _panel_of_effect(scene, place)
         curves = prescribed.setdefault(panel, {})
         curves[f"{place.table.removesuffix('s')} {label}" if label in curves else label] = curve
     yield from prescribed.items()
@@ -126,7 +129,7 @@ def _panel_of_effect(scene: Scene, place: Place) -> str:
     table = scene.effect_tables()[place.table, place.name]
     hints = get_type_hints(type(table), include_extras=True)
     unit = next(part.unit for part in get_args(hints[place.quantity]) if isinstance(part, Key))
-    return f"{place.quantity} [{unit}]"
+    return f"{place.quantity} [{per_metre(scene, unit) if unit in ('N', 'N m') else unit}]"
 
 
 def _driven(scene: Scene) -> Iterator[tuple[Place, float]]:

@@ -15,6 +15,7 @@ from typing import Any
 
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.mesh_sizes import SizeField
+from stickslip.solvers.accuracy.errors import joined
 from stickslip.solvers.parallel.counters import Clock, Counters, Row
 from stickslip.solvers.parallel.serialise import serialise
 from stickslip.solvers.results.linear_reference import LinearReference, linear_reference
@@ -154,9 +155,22 @@ class Run:
             self._outputs(methodcaller("failed", failed, attempts))
             return "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged", str(error)
         except KeyboardInterrupt:
-            count, by = len(self._simulation.scene.requested_times()), self._interrupt.by or "the user"
-            return "interrupted", f"stopped by {by} after {len(self.steps)} of {count} steps"
+            return self._stopped
         return "converged", ""
+
+    @property
+    def _stopped(self) -> tuple[str, str]:
+        """Status and sentence of a run that was told to stop."""
+        count, by = len(self._simulation.scene.requested_times()), self._interrupt.by or "the user"
+        return "interrupted", f"stopped by {by} after {len(self.steps)} of {count} steps"
+
+    def _unless_stopped(self, status: str, sentence: str) -> tuple[str, str]:
+        """Return them, or those of a run that was told to stop since; collective."""
+        try:
+            self._interrupt.check(self._simulation.mesh.comm)
+        except KeyboardInterrupt:
+            return self._stopped
+        return status, sentence
 
     def kept(self, keep: Keep) -> bool:
         """Whether the results are to be kept; collective."""
@@ -215,10 +229,14 @@ class Run:
             told: warnings of before the first step.
         """
         simulation, audited = self._simulation, Audited()
+        if self._errors is None and simulation.scene.output.error and self.steps:  # of a run that was stopped
+            self._errors = joined(simulation.system.contacts, self.steps)
         simulation.release()  # audit and pictures come when nothing more is solved
+        status, sentence = self._unless_stopped(status, sentence)
         if simulation.scene.output.audit and status != "interrupted":
             with simulation.clock.phase("audit"):
                 audited = audit_steps(simulation, self._folder, self.steps)
+            status, sentence = self._unless_stopped(status, sentence)
         warnings = self._warnings()
         status, sentence, found = _with_audit(status, sentence, audited)
         warnings += found
@@ -291,6 +309,7 @@ def run(
     from mpi4py import MPI
 
     comm, counters, watch = MPI.COMM_WORLD, Counters(), watch or Watch()
+    counters.clock.on_phase = watch.on_phase
     if began is not None:
         imports = clock.perf_counter() - began
         counters.clock.add([Row(phase="imports", part="", seconds=imports, calls=1, volume_solves=0)])
@@ -334,7 +353,7 @@ def _solve(
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
-    with Interrupt() as interrupt:
+    with Interrupt(watch.answer) as interrupt:
         reached = earlier.last.checkpoint.reached if earlier.last else None
         simulation = prepare(scene, comm, reached, sizes, bodies, counters)
         scene = simulation.scene  # without estimates of errors where they do not fit

@@ -24,17 +24,29 @@ from rich.text import Text
 from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.errors import printable
 from stickslip.geometry.units import Units
+from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.results.step_result import PARTS, ErrorParts, StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
+from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated, with_error
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.writers.writer import registered
 
 Content = dict[str, Any]
+ANNOUNCED = 5.0  # s; what takes longer is announced also where there is no terminal
+LONG = {  # phases, and parts of them, that may take long
+    ("mesh", ""): "meshing",
+    ("assemble", ""): "assembling",
+    ("prepare", ""): "factorising the bodies",
+    ("error", "time steps"): "estimating the error of the time steps: shorter histories",
+    ("error", "other mesh"): "estimating the error of the mesh: another mesh",
+    ("error", "pairs"): "estimating the error of the pairs: with sliding",
+    ("audit", ""): "auditing",
+    ("output", "pictures"): "drawing",
+}
 
 
 class Speaker:
@@ -85,6 +97,8 @@ class Reporter(Speaker):
             on_estimate=self._estimate,
             on_resume=self._resumed,
             on_note=self._note,
+            on_phase=self._phase,
+            answer="" if self.quiet else "stickslip: stopping; what does not stop in five seconds is ended",
             on_round=self.line,
         )
 
@@ -115,6 +129,25 @@ class Reporter(Speaker):
 
     def _estimate(self) -> None:
         self.progress.update(self.task, description="estimating the error of the time steps")
+
+    def _phase(self, clock: Clock, phase: str, part: str) -> None:
+        """Say what begins: on a terminal always, else if it will take longer than others take to answer."""
+        text = LONG.get((phase, part))
+        if text is None or (phase == "prepare" and not clock.expected):
+            return
+        solving = clock.seconds("iterate")
+        about = {
+            "prepare": clock.expected,
+            "audit": clock.seconds("assemble") * (1 + self.done / 4),
+            "time steps": solving,
+            "pairs": solving,
+            "other mesh": 4 * solving,  # see `NestedRun`
+        }.get(part or phase, 0.0)
+        long = about >= ANNOUNCED
+        text += f", about {about:.0f} s" if long else ""
+        self.progress.update(self.task, description=text)
+        if long and not self.console.is_terminal:
+            self.line(f"{text} ...")
 
     def _resumed(self, done: int, time: float) -> None:
         self.progress.advance(self.task, done)
@@ -153,10 +186,8 @@ class Reporter(Speaker):
         if content["steps"] and content["steps"][-1]["energy"]["dissipated"] > 0:
             energy, units = content["steps"][-1]["energy"], Units.of(content["scene"].get("units", "SI"))
             unit = units("J/m" if content["scene"]["model"].startswith("plane") else "J")
-            out.print(
-                f"friction dissipated {energy['dissipated']:.4g} {unit}, time remainder {energy['time_remainder']:.2g} "
-                f"{unit}"
-            )
+            dissipated = with_error(energy["dissipated"], _parts(energy, "dissipated"), unit)
+            out.print(f"friction dissipated {dissipated}, time remainder {energy['time_remainder']:.2g} {unit}")
 
     def files(self, outcome: Outcome) -> None:
         """Print what to doubt, and which files to open."""
@@ -277,14 +308,14 @@ def _cell(contact: Content, key: str, moved: float) -> str:
 
 
 def _parts(numbers: Content, key: str) -> ErrorParts:
-    """The error of a number of a contact, from result.json."""
-    return parts_of((numbers["error"] or {}).get(key))
+    """The error of a number, from result.json."""
+    return parts_of((numbers.get("error") or {}).get(key))
 
 
 def _incomplete(content: Content) -> list[str]:
-    """Parts that some stated error of a contact lacks."""
-    contacts = [c for step in content["steps"] for c in (step["contacts"] or {}).values()]
-    lacking = {name for c in contacts for key in c["error"] or {} for name in missing(_parts(c, key))}
+    """Parts that some stated error lacks."""
+    owners = [c for step in content["steps"] for c in ((step["contacts"] or {}) | {"": step["energy"]}).values()]
+    lacking = {name for one in owners for key in one.get("error") or {} for name in missing(_parts(one, key))}
     return [name.replace("_", " ") for name in PARTS if name in lacking]
 
 

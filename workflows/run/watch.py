@@ -10,6 +10,7 @@ from pathlib import Path
 
 from stickslip.geometry.dolfinx_versions import CACHE_NOTE
 from stickslip.geometry.errors import printable
+from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
@@ -33,6 +34,8 @@ class Watch:
     on_estimate: Callable[[], None] = lambda: None  # all steps are solved, next is the error of the time steps
     on_resume: Callable[[int, float], None] = lambda done, time: None  # number of steps that are there, and their end
     on_note: Callable[[str], None] = lambda line: None
+    on_phase: Callable[[Clock, str, str], None] = lambda clock, phase, part: None  # and part that begin
+    answer: str | None = None  # what is said to Ctrl-C, see `Interrupt`
     on_round: Callable[[str], None] = lambda line: None  # of rounds towards an accuracy: a line on each
 
 

@@ -16,9 +16,10 @@ import os
 import re
 import tempfile
 import time as clock
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, pairwise, product
 from multiprocessing.pool import ThreadPool
@@ -65,7 +66,7 @@ class Member:
 
     name: str  # of its folder
     values: Mapping[str, Any]  # of the keys that are swept
-    scene: Scene
+    scene: Scene = field(repr=False)
 
     @property
     def bodies(self) -> str:
@@ -162,6 +163,11 @@ class Sweep:
 
     solved: tuple[Solved, ...]
     path: Path
+
+    def __repr__(self) -> str:
+        ended = Counter(one.status for one in self.solved)
+        said = ", ".join(f"{count} {status.replace('_', ' ')}" for status, count in ended.items())
+        return f"Sweep({str(self.path)!r}: {len(self.solved)} members, {said})"
 
     @property
     def rows(self) -> list[dict[str, Any]]:

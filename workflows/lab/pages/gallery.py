@@ -10,6 +10,7 @@ import json
 import re
 import subprocess
 import sys
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +18,7 @@ import typer
 from PIL import Image
 
 from stickslip import VERSION
-from stickslip.workflows.formats.plus_minus import plus_minus
+from stickslip.workflows.formats.plus_minus import parts_of, plus_minus, with_error
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.scene_file.read import READY
 
@@ -70,7 +71,7 @@ def lessons(name: str) -> tuple[str, str]:
 def solved(name: str) -> dict[str, Any]:
     """Return result.json of a run of the scene as shipped, in a process of its own."""
     command = [sys.executable, "-m", "stickslip", "run", name, "-q", "-o", str(RUNS / name)]
-    subprocess.run(command, check=True, cwd=ROOT, timeout=900)
+    subprocess.run(command, check=True, cwd=ROOT)
     result: dict[str, Any] = json.loads((RUNS / name / "result.json").read_text(encoding="utf-8"))
     return result
 
@@ -87,8 +88,21 @@ def facts(name: str, result: dict[str, Any]) -> dict[str, Any]:
         "steps": len(result["steps"]),
         "seconds": float(f"{result['seconds']['total']:.2g}"),
         "main": lessons(name)[0],
+        "number": main_number(lessons(name)[0], result),
         "effects": [row["effect"] for row in result["plan"] if row["on"]],
     }
+
+
+def main_number(said: str, result: dict[str, Any]) -> str:
+    """Return the main number of a run as its last step has it, with its error and unit.
+
+    Args:
+        said: its name, and what else the scene says of it.
+    """
+    contact, key = said.split()[0].rsplit(".", 1)
+    last = result["steps"][-1]["contacts"][contact]
+    number = with_error(last[key], parts_of((last["error"] or {}).get(key)), result["units"][f"contacts.{key}"])
+    return f"{contact.replace('_', ' ')}: {NUMBERS[key]} {number}"
 
 
 def shrunk(source: Path, target: Path) -> None:
@@ -127,7 +141,10 @@ def page(name: str, fact: dict[str, Any], result: dict[str, Any]) -> str:
 
 def contents(found: dict[str, dict[str, Any]]) -> str:
     """Return the list of all scenes."""
-    return render("lab/pages/templates/gallery.md", found=found, machines=MACHINES)
+    rest = [name for name in found if name not in MACHINES]
+    kinds = {"Machines and structures": [name for name in found if name in MACHINES], "Models to learn from": rest}
+    groups = {title: list(zip_longest(*[iter(names)] * 3, fillvalue="")) for title, names in kinds.items()}
+    return render("lab/pages/templates/gallery.md", found=found, groups=groups)
 
 
 def main(names: Annotated[list[str] | None, typer.Argument(help="solve these again, changed or not")] = None) -> None:
