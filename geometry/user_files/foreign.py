@@ -130,10 +130,10 @@ class Cells:
         else:
             third = np.where(corners[:, 3] < 0, corners[:, 0], corners[:, 3])
             ring = np.column_stack([corners[:, :3], third, corners[:, 0]])
-            ends = np.stack([ring[:, :-1], ring[:, 1:]], axis=2).reshape(-1, 2)
+            ends = np.sort(np.stack([ring[:, :-1], ring[:, 1:]], axis=2).reshape(-1, 2), axis=1)
             of = np.repeat(np.arange(len(rows)), 4)
-        order = np.lexsort(np.sort(ends, axis=1).T)
-        same = np.all(np.sort(ends, axis=1)[order][1:] == np.sort(ends, axis=1)[order][:-1], axis=1)
+        order = np.lexsort(ends.T)
+        same = np.all(ends[order][1:] == ends[order][:-1], axis=1)
         one, other = of[order][:-1][same], of[order][1:][same]
         near = np.einsum("fd,fd->f", normals[one], normals[other]) > SMOOTH
         graph = sparse.coo_matrix((np.ones(near.sum()), (one[near], other[near])), shape=(len(rows), len(rows)))
@@ -165,13 +165,8 @@ class Cells:
         """The nodes of order 2 on edges and faces."""
         found = Between()
         for word, rows in self.blocks:
-            shape = SHAPES[word]
-            if rows.shape[1] > shape.corners:
-                found.add(rows[:, np.array(shape.edges)], rows[:, shape.corners : shape.few])
-            if rows.shape[1] > shape.few and shape.quads:
-                faces = rows[:, np.array(shape.quads)]
-                for ends in (faces[..., ::2], faces[..., 1::2]):
-                    found.add(ends, rows[:, shape.few : shape.few + len(shape.quads)])
+            if rows.shape[1] > SHAPES[word].corners:
+                found.learn(SHAPES[word], rows)
         return found
 
     def _facets(self, facets: Ints) -> Iterator[tuple[str, Ints]]:

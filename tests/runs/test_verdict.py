@@ -191,9 +191,9 @@ def test_motions_whose_squares_are_zero_are_refused(tiny: str, call: Call, folde
     """The forces had no work. No folder is left, and results that were there are."""
     assert call(*RUN_FOUR)[0] == 0
     with unchanged(folder):
-        _, err = ended(call(*RUN_FOUR, f"--set=supports.top.displacement={{x={tiny},y={tiny}}}"), 2)
+        _, err = ended(call(*RUN_FOUR, f"--set=supports.top.displacement={{x=0.0,y={tiny}}}"), 2)
         assert_one_line(err)
-        assert re.search("x = 1e-302: must be 0, or from|motions of about 1e-170 .* squares are 0 or infinite", err)
+        assert re.search("y = 1e-302: must be 0, or from|motions of about .*e-17[01] .* squares are 0 or infinite", err)
 
 
 SOFT = "--set=bodies.block.nu=0.4999"
