@@ -20,7 +20,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.curved_facets import normals_of
+from stickslip.geometry.curved_facets import angles, normals_of, sharp
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.cells import SHAPES, Between
@@ -28,7 +28,6 @@ from stickslip.geometry.user_files.foreign_formats import Content, in_order_of_g
 from stickslip.geometry.user_files.parts import SIDE, label, numbered
 from stickslip.geometry.user_files.raw_mesh import different
 
-SMOOTH = 0.8  # cosine between the normals of neighbours on one face
 DEFAULT = "part"  # a body that no set names
 WORDS = {"line": "Line", "triangle": "Triangle", "quad": "Quadrilateral", "tetra": "Tetrahedron"}
 WORDS |= {"hexahedron": "Hexahedron", "wedge": "Prism", "pyramid": "Pyramid"}  # meshio's -> keys of SHAPES
@@ -135,7 +134,9 @@ class Cells:
         order = np.lexsort(ends.T)
         same = np.all(ends[order][1:] == ends[order][:-1], axis=1)
         one, other = of[order][:-1][same], of[order][1:][same]
-        near = np.einsum("fd,fd->f", normals[one], normals[other]) > SMOOTH
+        ridges, known = self.points[ends[order[:-1][same]]].mean(axis=1), (corners >= 0)[:, :, None]
+        centres = np.nanmean(np.where(known, self.points[corners], np.nan), axis=1)
+        near = ~sharp(angles(normals[one], normals[other]), np.stack([one, other]), normals, ridges, centres, corners)
         graph = sparse.coo_matrix((np.ones(near.sum()), (one[near], other[near])), shape=(len(rows), len(rows)))
         count, part = connected_components(graph, directed=False)
         return [rows[part == k] for k in range(count)]
