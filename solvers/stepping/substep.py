@@ -7,7 +7,7 @@ out these are the methods, one after the other; pairs of sliding contacts; halvi
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -120,6 +120,7 @@ class SubstepSolver:
         self.cone = AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
         self.gamma, self.weight = elastic_stiffness(system)
         self.bolts: AtOnce | None = None
+        self.latest: tuple[Mapping[str, Array], SubstepSolver] | None = None  # with other pairs, and where these lie
         self.volume, self.surface = chain.volume, prepare_surface(system, chain.volume)
         self.stage: Stage | None = None  # that `method_after` is of; None: of none yet
 
