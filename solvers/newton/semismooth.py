@@ -77,13 +77,13 @@ class SemismoothNewton:
             yield start, None
             if attempts.stalled and attempts.best is not None:
                 yield again(problem, attempts.best), 1e-2
+        for proximal in FIRM:
+            yield firsts[-1], proximal
         for found in on_softer_springs(problem, p, self._on_springs):
             if isinstance(found, Mechanism):
                 attempts.collapse = found
                 return
             yield found, None
-        for proximal in FIRM:
-            yield firsts[-1], proximal
         assert attempts.best is not None
         for start in path.ends(problem, p, attempts.best):
             yield start, None
