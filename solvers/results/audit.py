@@ -39,6 +39,7 @@ from stickslip.solvers.results.closed_formulas import (
     stored_energy,
 )
 from stickslip.solvers.results.resultants import acting
+from stickslip.solvers.results.second_forces import SecondForces
 from stickslip.solvers.results.second_numbers import SecondNumbers
 from stickslip.solvers.results.stored_fields import (
     MultiplierForces,
@@ -137,6 +138,11 @@ class Auditor:
         self._second, self._last = SecondNumbers(self.start), Balance(self.start.vector(), np.zeros(0), 0.0, 0.0)
         self._set_system(self.start)
 
+    @cached_property
+    def _terms(self) -> dict[str, float | None]:
+        """Difference of each load, initial strain and averaged dilatation from its second value; collective."""
+        return SecondForces(self.start, self._second).apart()
+
     def _set_system(self, system: System, time: float = 0.0) -> None:
         """Use the contact rows of `system` as they are at a time [s]."""
         self.system, self.cone = system, AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end).at(time)
@@ -145,11 +151,9 @@ class Auditor:
     def shared(self) -> tuple[str, ...]:
         """Return terms without a second formula, for which the solver's own is used: an error in it is not seen."""
         problem, zero = self.start.problem, np.zeros(1)
-        found = ["loads"] * bool(self.start.loads) + [x.key for x in problem.links] + [x.key for x in problem.couplings]
-        found += [f"{effect.name}: stiffness" for effect in active(problem) if effect.stiffens]
+        found = [name for name, off in self._terms.items() if off is None] + [x.key for x in problem.couplings]
+        found += [f"{effect.name}: stiffness" for effect in active(problem) if effect.other_stiffness(problem)]
         found += [f"{place}: expression" for place in problem.timeline.expressions if place.table == "supports"]
-        found += [f"initial strain of {s.body}" for s in self.start.initial.strains]
-        found += [f"mean dilatation of {body}" for body in problem.averaged]
         for name, obstacle in problem.obstacles.items():
             if gap(obstacle, np.zeros((1, problem.dim))) is None:
                 found.append(f"obstacles.{name}: gap")
@@ -201,7 +205,7 @@ class Auditor:
         moved = record.displacement[rows.input]
         if rows.master is not None:
             return moved
-        return moved - self.system.obstacles.motion(rows.name, rows.points, record.time, record.driven)
+        return moved - self._second.motion(rows.name, rows.points, record)
 
     def _relative(self, record: Record) -> Array:
         """w (rows,) [m] of the stored displacement."""
@@ -397,7 +401,13 @@ class Auditor:
         found = self._second.differences(record.stored, seen, largest, least)
         self._unseen |= {f"{name}: number" for name, off in found.items() if off is None}
         log.debug("t = %g: %s", record.time, {name: off for name, off in found.items() if off})
-        return _largest([*(off or 0.0 for off in found.values()), *(each.wrong for each in contacts.values())])
+        return _largest(
+            [
+                *(off or 0.0 for off in self._terms.values()),
+                *(off or 0.0 for off in found.values()),
+                *(each.wrong for each in contacts.values()),
+            ]
+        )
 
     def _compliance(self, place: ContactBlock, record: Record) -> float:
         """Energy that the laws of a contact store [J]."""
@@ -482,10 +492,14 @@ class Auditor:
         softness, moved = law.k_T if law is not None else None, self._motion(rows, before)
         if not (softness and rows.name in record.searched):  # t turns with the frames of other rows
             start = rows.N_t @ moved.ravel() - (t / softness if softness else 0.0)
-            found.append(difference(record.reference[place.tangential], start, scales.u[rows.name], scales.rounding))
+            # of points that close in the step it counts from where they touch: that is known at its end alone
+            pressed, was = (rows.average @ each.p[place.normal] > 0 for each in (record, before))
+            closes = np.repeat(pressed & ~was & (rows.normal.sides == 1), rows.free.shape[1])
+            reference = np.where(closes, start, record.reference[place.tangential])
+            found.append(difference(reference, start, scales.u[rows.name], scales.rounding))
         if law is not None and rows.name in record.memory and not self._searched(rows, record):
-            moves = rows.N_t @ (self._motion(rows, record) - moved).ravel()
-            moves -= (record.p[place.tangential] - t) / softness if softness else 0.0
+            moves = rows.N_t @ self._motion(rows, record).ravel() - record.reference[place.tangential]
+            moves -= record.p[place.tangential] / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
             length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
             known, lasts = before.memory[rows.name], record.time - before.time
