@@ -18,8 +18,9 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from scipy import sparse
 
-from stickslip.geometry.arrays import ROUNDING, Array, Ints
+from stickslip.geometry.arrays import ROUNDING, Array, Bools, Ints
 from stickslip.geometry.protocols import Gmsh
 
 
@@ -64,7 +65,9 @@ def curved(corners: Array, bulge: Array, at: Array) -> tuple[Array, Array]:
 FLAT = ("Line", "Plane")  # entities as gmsh calls them
 CORNERS = {1: 2, 2: 3, 3: 4}  # of gmsh's lines, triangles and quadrilaterals of order 1
 AROUND = {2: ((0, 1), (1, 2), (2, 0)), 3: ((0, 1), (1, 2), (2, 3), (3, 0))}  # edges of facets in 3D
-TANGENT = 2.0  # [degrees] between the surfaces of a CAD model; where they meet at less they go on smoothly
+SMOOTH = 5.0  # [degrees] surfaces that meet at less go on smoothly, and those that lean by less lie flat on each other
+BENDS = 3.0  # in between facets meet at an edge at an angle so many times as large as those beside it on both sides
+SHARP = 50.0  # [degrees] facets of one face meet at less: two for a quarter of a circle still do
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,40 @@ def find_edges(gmsh: Gmsh, dim: int, sides: Mapping[str, Sequence[int]]) -> dict
     return found
 
 
+def sharp(at: Array, pairs: Ints, normals: Array, ridges: Array, centres: Array, facets: Ints) -> Bools:
+    """Which pairs of facets meet at an edge: at an angle that is large, or large against those beside it.
+
+    Args:
+        at: angles (p,) [degrees] between the facets where they meet.
+        pairs: (2, p) the facets that meet.
+        normals: (f, d) unit normals of the facets.
+        ridges, centres: middles (p, d) of what the facets of a pair share, and (f, d) of the facets [m].
+        facets: (f, k) nodes; -1 for none.
+    """
+    found = at > SHARP
+    middle = np.flatnonzero((at > SMOOTH) & ~found)
+    if not len(middle):
+        return found
+    facet, place = np.nonzero(facets >= 0)
+    has = sparse.csr_matrix((np.ones(len(facet)), (facet, facets[facet, place])))
+    bends = np.zeros(len(middle))
+    for facet in pairs[:, middle]:
+        row, beside = (has[facet] @ has.T).nonzero()
+        away = centres[facet] - ridges[middle]
+        turn = angles(normals[facet[row]], normals[beside])
+        beyond = np.einsum("bd,bd->b", centres[beside] - centres[facet[row]], away[row]) > 0
+        bend = np.full(len(middle), -np.inf)
+        np.maximum.at(bend, row[beyond & (turn <= SHARP)], turn[beyond & (turn <= SHARP)])
+        bends = np.maximum(bends, np.where(np.isfinite(bend), bend, np.inf))  # without a neighbour it may be a curve
+    found[middle] = at[middle] > BENDS * bends
+    return found
+
+
+def angles(one: Array, other: Array) -> Array:
+    """Angles (m,) [degrees] between unit vectors (m, d)."""
+    return np.asarray(np.degrees(2 * np.arcsin(np.minimum(np.linalg.norm(one - other, axis=1) / 2, 1.0))))
+
+
 def _between_entities(gmsh: Gmsh, dim: int, tags: Sequence[int]) -> Iterator[Ints]:
     """Edges between the entities of a side."""
     beside = defaultdict[int, list[int]](list)
@@ -153,7 +190,7 @@ def _between_entities(gmsh: Gmsh, dim: int, tags: Sequence[int]) -> Iterator[Int
             nodes, at = np.unique(rows, return_inverse=True)
             one, other = (_directions(gmsh, dim - 1, tag, nodes, points) for tag in pair)
             cosine = np.abs(np.einsum("ni,ni->n", one, other))[at.reshape(rows.shape)].min(axis=1)
-            yield rows[cosine < np.cos(np.radians(TANGENT))]
+            yield rows[cosine < np.cos(np.radians(SMOOTH))]
 
 
 def _ridges(gmsh: Gmsh, dim: int, tag: int) -> Ints:
@@ -175,7 +212,7 @@ def _directions(gmsh: Gmsh, dim: int, tag: int, nodes: Ints, points: Array) -> A
         at = np.reshape(numbers, (-1, count))[:, :corners].astype(np.int64) - 1
         along = points[at[:, 1]] - points[at[:, 0]] if dim == 1 else normals_of(points[at])
         np.add.at(total, at, along[:, None])
-    return _of_kernel(gmsh, dim, tag, nodes, _unit(total[nodes]))
+    return _of_kernel(gmsh, dim, tag, nodes, unit(total[nodes]))
 
 
 def _renumbered(rows: Ints, values: Array, nodes: Ints) -> tuple[Ints, Array]:
@@ -197,7 +234,7 @@ def _of_curve(gmsh: Gmsh, tag: int, points: Array) -> tuple[Ints, Array]:
     at, x = at.reshape(ends.shape), points[nodes]
     along = x[at[:, 1]] - x[at[:, 0]]
     length = np.linalg.norm(along, axis=1, keepdims=True)
-    mean = _unit(_sums(at, np.repeat((along / length)[:, None], 2, axis=1), len(nodes)))
+    mean = unit(_sums(at, np.repeat((along / length)[:, None], 2, axis=1), len(nodes)))
     tangents = _of_kernel(gmsh, 1, tag, nodes, mean)[at]
     tangents *= np.sign(np.einsum("eki,ei->ek", tangents, along))[:, :, None]
     return _kept(np.sort(ends, axis=1), length / 12 * (tangents[:, 0] - tangents[:, 1]), length)
@@ -213,7 +250,7 @@ def _of_surface(gmsh: Gmsh, tag: int, points: Array) -> tuple[Ints, Array]:
     around = np.zeros_like(x)
     for at in places:
         around += _sums(at, np.repeat(normals_of(x[at])[:, None], at.shape[1], axis=1), len(nodes))
-    normals = _of_kernel(gmsh, 2, tag, nodes, _unit(around))
+    normals = _of_kernel(gmsh, 2, tag, nodes, unit(around))
     found = []
     for kind, corners, at in zip(kinds, of_kind, places, strict=True):
         out = np.zeros((len(at), 3))
@@ -249,13 +286,13 @@ def _of_kernel(gmsh: Gmsh, dim: int, tag: int, nodes: Ints, mean: Array) -> Arra
     parameters = np.reshape(where, (len(numbers), dim))[order[np.searchsorted(numbers, nodes, sorter=order)]]
     flat = list(parameters.ravel())
     directions = gmsh.model.getNormal(tag, flat) if dim == 2 else gmsh.model.getDerivative(1, tag, flat)
-    found = _unit(np.reshape(directions, (-1, 3)))
+    found = unit(np.reshape(directions, (-1, 3)))
     cosine = np.einsum("ni,ni->n", found, mean)
     sound = np.isfinite(cosine) & (np.abs(cosine) > 0.5)  # else the kernel's direction has no meaning
     return np.asarray(np.where(sound[:, None], np.sign(cosine)[:, None] * found, mean))
 
 
-def _unit(vectors: Array) -> Array:
+def unit(vectors: Array) -> Array:
     """The same vectors (n, 3) with length 1; NaN without one."""
     with np.errstate(all="ignore"):
         return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))

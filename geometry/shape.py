@@ -10,7 +10,7 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stickslip.geometry.arrays import CLOSE, LAST_DIGITS, Array, Bools, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.curved_facets import Bulging, find_bulging, find_edges
 from stickslip.geometry.errors import require
 from stickslip.geometry.mesh_sizes import SizeField
@@ -48,11 +48,6 @@ class Turn:
         """Points (m, d) [m] on the other side."""
         d = points.shape[1]
         return np.asarray((points - self.point[:d]) @ self.matrix(d).T + self.point[:d])
-
-    def on_axis(self, points: Array) -> Bools:
-        """Which of the points (m, d) the turn leaves where they are, beside their distances."""
-        size = float(np.ptp(points, axis=0).max(initial=0.0))
-        return np.asarray(np.linalg.norm(self.moved(points) - points, axis=1) <= CLOSE * size)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,10 +21,10 @@ class Status(Enum):
 
     CONVERGED = "converged"
     MAX_IT = "the iterations ran out: raise solver.max_iterations"
-    STALLED = "the residual stopped falling: try another solver.method, or a larger solver.tolerance"
+    STALLED = "the residual stopped falling: try a larger solver.tolerance"
     SLOW = 'the volume solves take too many iterations: try solver.surface = "condensed"'
     NOT_FINITE = "the iteration left the range of numbers: check the units of E, loads and lengths"
-    BROKEN = "a linear solve failed, run.log says why: try another solver.method or solver.surface"
+    BROKEN = "a linear solve failed, run.log says why: try another solver.surface"
     APART = "the sides of a sliding contact have moved apart, run.log says where: check loads, friction and supports"
     NO_EQUILIBRIUM = "contact and friction cannot balance the loads"
     NO_HOLD = "no state of contact that was tried holds the bodies: check loads, friction and the start of contact"
@@ -149,6 +149,7 @@ class Solution:
     convergence: Convergence | None = None  # of methods that measure it
     others: tuple[Array, ...] = ()  # tractions (rows,) [Pa] of other solutions that were met
     weakening: float = 0.0  # how much faster than bodies unload friction weakens by slip [-]; above 1 slip jumps
+    lacking: float = 1.0  # see `Mechanism`, with Status.NO_EQUILIBRIUM
     slack: float = CLOSE  # part of the friction bound by which the traction of a slipping point may be smaller
 
     @property

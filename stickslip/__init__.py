@@ -24,6 +24,7 @@ sweep(scene, {"contacts.base.friction.mu": [0.1, 0.2]}, folder)
 prepare(scene).script()
     returns a `Script`, which is told each step: `script.step(to=1.0, supports={"top": {"x": 0.01}})`.
     All that a scene gives in time may change: loads, gaps, gravity, temperatures, bolts, remote points.
+    `script.limit("loads.pull.x")` finds the largest load that contact and friction bear from there.
 
 load(folder)
     gives back what a run has left: `.steps` are the same `StepResult`s, `.mesh` the mesh, `.result` the
@@ -75,7 +76,7 @@ Errors
 ------
 All derive from `StickslipError`; the text is one line. `SceneError` (with `FolderError`) and
 `GeometryError` are about input and are raised before solving. `SolverError` is about a step:
-`StepError` has its iterations in `.history`; it is a `NoEquilibriumError` where it is proved that
+`StepError` has its iterations in `.history`; it is a `NoEquilibriumError` where it is shown that
 nothing can balance the loads. `MachineError` (with `DamagedError`) is about disk, memory, libraries.
 
 Names
@@ -91,7 +92,7 @@ Friction laws     Coulomb, CappedCoulomb, Cohesion, OrthotropicCoulomb, Pressure
                   RateDependent, SlipDependent, StaticKinetic, Stick, TangentialCompliance, Tresca
 Effects           BodyForce, Bolt, Centrifugal, ElasticSupport, Gravity, Periodic, Plunger, RemotePoint,
                   Spring, Thermal
-Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
+Solving           Simulation, Script, Limit, PlanRow, Seconds, Counters; iterations: HistoryRow,
                   HistoryTuple, Step, Status
 Results           StepResult, ContactState, ContactNumbers, OPEN, SLIP, STICK, BodyState, Reaction,
                   ObstacleState, SpringForce, BoltState, RemoteState, ProbeValue, Energy, MeshData,

@@ -65,7 +65,7 @@ from stickslip.solvers.scene.record import (
 )
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Steps
-from stickslip.solvers.simulation.script import Script
+from stickslip.solvers.simulation.script import Limit, Script
 from stickslip.solvers.simulation.simulation import Seconds, Simulation, prepare
 from stickslip.solvers.stepping.history import HistoryRow, HistoryTuple
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
@@ -92,7 +92,7 @@ def steps(scene: Scene) -> Iterator[StepResult]:
     Raises:
         SceneError, GeometryError: the scene cannot be solved as it stands; at the first step, before solving.
         StepError: a step could not be solved; its last good substep, if there is one, was yielded before.
-        NoEquilibriumError: so, and it is proved that contact and friction cannot balance the loads.
+        NoEquilibriumError: so, and it is shown that contact and friction cannot balance the loads.
     """
     yield from prepare(scene).steps()
 
@@ -160,6 +160,7 @@ __all__ = [
     "HistoryRow",
     "HistoryTuple",
     "Key",
+    "Limit",
     "Load",
     "Loaded",
     "MachineError",

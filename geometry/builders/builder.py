@@ -157,7 +157,9 @@ class Builder(Choice, Shape):
                     found[rest].append(int(tag))
         for name, tags in found.items():
             if not tags:
-                raise GeometryError(f"geometry: gmsh made no side {name}")
+                raise GeometryError(
+                    f"geometry: gmsh made no side {name}: a length is nothing beside the others, or beside 1"
+                )
         return found
 
     def name_groups(self, gmsh: Gmsh, dim: int, sides: Mapping[str, Sequence[int]]) -> None:

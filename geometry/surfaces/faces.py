@@ -14,12 +14,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.curved_facets import SMOOTH, angles, sharp, unit
 from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
 
-SHARP = 50.0  # [degrees]; facets that meet at a larger angle meet at an edge, and the chords of no usable fillet do
-BLUNT = 10.0  # [degrees]; facets of a mesh without a CAD model that meet at less are of one face
-BENDS = 3.0  # in between they meet at an edge if the side bends less by that factor on both sides of it
 RIDGES = {  # nodes of a facet on each of its ends (2D) or edges (3D): corners first, then of order 2 the one between
     "interval": ((0,), (1,)),
     "triangle": ((1, 2, 3), (0, 2, 4), (0, 1, 5)),
@@ -76,12 +74,6 @@ def split_at_edges(surface: Surface, edges: Ints | None = None) -> Surface:
     )
 
 
-def near(surface: Surface, other: Surface, reach: float) -> Surface:
-    """The part of a surface whose facets may lie within `reach` [m] of another one; all of it if that is all."""
-    kept = facets_near(surface, other, reach)
-    return surface if kept.all() or not kept.any() else part_of(surface, kept)
-
-
 def facets_near(surface: Surface, other: Surface, reach: float) -> Bools:
     """Which facets (f,) may lie within `reach` [m] of another surface."""
     away, slack = _apart(surface, other)
@@ -121,7 +113,7 @@ def halves(surface: Surface, reach: float) -> tuple[Surface, Surface]:
     faces = (found.facet >= 0) & (found.gap >= -surface.depth)
     weight = np.where(faces, size / (np.abs(np.where(faces, found.gap, 0.0)) + surface.depth), 0.0)
     along = normals @ np.linalg.eigh(np.einsum("f,fd,fe->de", weight, normals, normals))[1][:, ::-1]
-    first = (np.abs(along) > np.sin(np.radians(BLUNT))).argmax(axis=1)
+    first = (np.abs(along) > np.sin(np.radians(SMOOTH))).argmax(axis=1)
     front = np.take_along_axis(along, first[:, None], axis=1)[:, 0] > 0
     return part_of(surface, front), part_of(surface, ~front)
 
@@ -185,35 +177,7 @@ def _repeats(nodes: Ints, faces: Ints) -> tuple[Ints, Ints]:
 def _sharp(surface: Surface, ridges: Ints, one: Ints, other: Ints) -> Bools:
     """At which pairs (p, 2) of facet and ridge the facets meet at an edge."""
     normals, corners = surface.facet_normals(), surface.dim - 1
-
-    def at(pairs: Ints) -> Array:
-        found = normals[pairs[:, 0][:, None], ridges[pairs[:, 1], :corners]].sum(axis=1)
-        return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
-
-    angle = _angles(at(one), at(other))
-    sharp = angle > SHARP
-    middle = np.flatnonzero((angle > BLUNT) & ~sharp)
-    if not len(middle):
-        return sharp
-    centres = surface.points[surface.facets].mean(axis=1)
-    means = normals.sum(axis=1) / np.linalg.norm(normals.sum(axis=1), axis=1, keepdims=True)
-    f, k = surface.facets.shape
-    has = sparse.csr_matrix((np.ones(f * k), surface.facets.ravel(), np.arange(0, f * k + 1, k)))
-    bends = np.zeros(len(middle))
-    for pairs in (one, other):
-        facet, ridge = pairs[middle].T
-        ends = surface.facets[facet[:, None], ridges[ridge, :corners]]
-        away = centres[facet] - surface.points[ends].mean(axis=1)
-        row, beside = (has[facet] @ has.T).nonzero()
-        beyond = np.einsum("bd,bd->b", centres[beside] - centres[facet[row]], away[row]) > 0
-        row, beside = row[beyond], beside[beyond]
-        bend = np.full(len(middle), -np.inf)
-        np.maximum.at(bend, row, _angles(means[facet[row]], means[beside]))
-        bends = np.maximum(bends, np.where(np.isfinite(bend), bend, np.inf))  # without a neighbour it may be a curve
-    sharp[middle] = angle[middle] > BENDS * bends
-    return sharp
-
-
-def _angles(one: Array, other: Array) -> Array:
-    """Angles (m,) [degrees] between unit vectors (m, d)."""
-    return np.asarray(np.degrees(2 * np.arcsin(np.minimum(np.linalg.norm(one - other, axis=1) / 2, 1.0))))
+    at = [unit(normals[x[:, 0][:, None], ridges[x[:, 1], :corners]].sum(axis=1)) for x in (one, other)]
+    ends = surface.facets[one[:, :1], ridges[one[:, 1], :corners]]
+    middles = surface.points[ends].mean(axis=1), surface.points[surface.facets].mean(axis=1)
+    return sharp(angles(*at), np.stack([one[:, 0], other[:, 0]]), unit(normals.sum(axis=1)), *middles, surface.facets)

@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
+from stickslip.geometry.curved_facets import SHARP
 from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.surface import Surface
 
@@ -73,18 +74,17 @@ def _pairs_in_tree(tree: cKDTree, centres: Array, thick: Array, directions: Arra
 
 CURVED = 1.2  # a curved facet lies within this multiple of the ball around its nodes
 BISECTIONS = 60
-STEEP = 30.0  # [degrees], see `steepest`
 
 
 def steepest(slave: Surface, master: Surface) -> tuple[Array, Array]:
     """Largest angles (f,) and (g,) [radians] whose sum two facets may make that face each other.
 
-    Where sides have edges, faces that lean more touch by their edges alone, however they are deformed. The facets of a
+    Where sides have edges, faces that lean more than facets of one face touch by their edges alone. The facets of a
     curved face stand for all directions between the normals at their nodes.
     """
     if slave.faces is None and master.faces is None:
         return np.full(len(slave.facets), np.pi / 4), np.full(len(master.facets), np.pi / 4)
-    return np.radians(STEEP) / 2 + _bends(slave), np.radians(STEEP) / 2 + _bends(master)
+    return np.radians(SHARP) / 2 + _bends(slave), np.radians(SHARP) / 2 + _bends(master)
 
 
 def _bends(side: Surface) -> Array:

@@ -19,9 +19,6 @@ from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import FunctionSpace, Sparse
 
-CREASE = 40.0  # [degrees] neighbouring facets of a smooth side differ by less, those at an intended edge by more
-
-
 FACET_OF = {
     "triangle": "interval",
     "quadrilateral": "interval",

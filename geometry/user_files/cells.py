@@ -112,6 +112,14 @@ class Between:
         self.keys, first = np.unique(np.concatenate([self.keys, _keys(pairs).ravel()]), return_index=True)
         self.nodes = np.concatenate([self.nodes, nodes.ravel()])[first]
 
+    def learn(self, shape: Shape, nodes: Ints) -> None:
+        """Add those of elements of order 2 (c, k) on edges, and in faces, through which both diagonals run."""
+        self.add(nodes[:, np.array(shape.edges)], nodes[:, shape.corners : shape.few])
+        if shape.quads and nodes.shape[1] > shape.few:
+            faces = nodes[:, np.array(shape.quads)]
+            for ends in (faces[..., ::2], faces[..., 1::2]):
+                self.add(ends, nodes[:, shape.few : shape.few + len(shape.quads)])
+
     def of(self, pairs: Ints) -> Ints:
         """Return the nodes (...) of pairs (..., 2); -1 where there is none."""
         keys = _keys(pairs)
@@ -179,11 +187,7 @@ def _blocks(gmsh: Gmsh, dim: int) -> list[Block]:
 def _complete(points: Array, blocks: list[Block], between: Between) -> tuple[Array, list[Block]]:
     """Add the nodes in faces and middles that cells of order 2 lack; `between` gets all between two corners."""
     for block in blocks:
-        few, shape = block.shape.few, block.shape
-        between.add(block.rows(shape.edges), block.nodes[:, shape.corners : few])
-        if block.nodes.shape[1] > few:  # it has nodes in its faces; both diagonals run through each
-            for ends in (slice(0, 3, 2), slice(1, 4, 2)):
-                between.add(block.rows(shape.quads)[..., ends], block.nodes[:, few : few + len(shape.quads)])
+        between.learn(block.shape, block.nodes)
     faces = [block.rows(block.shape.quads).reshape(-1, 4) for block in blocks if block.shape.quads]
     quads = np.concatenate([np.zeros((0, 4), np.int64), *faces])
     quads = quads[between.of(quads[:, ::2]) < 0]

@@ -20,7 +20,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.curved_facets import normals_of
+from stickslip.geometry.curved_facets import angles, normals_of, sharp
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.cells import SHAPES, Between
@@ -28,7 +28,6 @@ from stickslip.geometry.user_files.foreign_formats import Content, in_order_of_g
 from stickslip.geometry.user_files.parts import SIDE, label, numbered
 from stickslip.geometry.user_files.raw_mesh import different
 
-SMOOTH = 0.8  # cosine between the normals of neighbours on one face
 DEFAULT = "part"  # a body that no set names
 WORDS = {"line": "Line", "triangle": "Triangle", "quad": "Quadrilateral", "tetra": "Tetrahedron"}
 WORDS |= {"hexahedron": "Hexahedron", "wedge": "Prism", "pyramid": "Pyramid"}  # meshio's -> keys of SHAPES
@@ -130,12 +129,14 @@ class Cells:
         else:
             third = np.where(corners[:, 3] < 0, corners[:, 0], corners[:, 3])
             ring = np.column_stack([corners[:, :3], third, corners[:, 0]])
-            ends = np.stack([ring[:, :-1], ring[:, 1:]], axis=2).reshape(-1, 2)
+            ends = np.sort(np.stack([ring[:, :-1], ring[:, 1:]], axis=2).reshape(-1, 2), axis=1)
             of = np.repeat(np.arange(len(rows)), 4)
-        order = np.lexsort(np.sort(ends, axis=1).T)
-        same = np.all(np.sort(ends, axis=1)[order][1:] == np.sort(ends, axis=1)[order][:-1], axis=1)
+        order = np.lexsort(ends.T)
+        same = np.all(ends[order][1:] == ends[order][:-1], axis=1)
         one, other = of[order][:-1][same], of[order][1:][same]
-        near = np.einsum("fd,fd->f", normals[one], normals[other]) > SMOOTH
+        ridges, known = self.points[ends[order[:-1][same]]].mean(axis=1), (corners >= 0)[:, :, None]
+        centres = np.nanmean(np.where(known, self.points[corners], np.nan), axis=1)
+        near = ~sharp(angles(normals[one], normals[other]), np.stack([one, other]), normals, ridges, centres, corners)
         graph = sparse.coo_matrix((np.ones(near.sum()), (one[near], other[near])), shape=(len(rows), len(rows)))
         count, part = connected_components(graph, directed=False)
         return [rows[part == k] for k in range(count)]
@@ -165,13 +166,8 @@ class Cells:
         """The nodes of order 2 on edges and faces."""
         found = Between()
         for word, rows in self.blocks:
-            shape = SHAPES[word]
-            if rows.shape[1] > shape.corners:
-                found.add(rows[:, np.array(shape.edges)], rows[:, shape.corners : shape.few])
-            if rows.shape[1] > shape.few and shape.quads:
-                faces = rows[:, np.array(shape.quads)]
-                for ends in (faces[..., ::2], faces[..., 1::2]):
-                    found.add(ends, rows[:, shape.few : shape.few + len(shape.quads)])
+            if rows.shape[1] > SHAPES[word].corners:
+                found.learn(SHAPES[word], rows)
         return found
 
     def _facets(self, facets: Ints) -> Iterator[tuple[str, Ints]]:

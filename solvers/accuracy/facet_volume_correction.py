@@ -26,9 +26,9 @@ import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import ROUNDING, Array, Ints, inverse_and_determinant
-from stickslip.geometry.curved_facets import Bulging, normals_of
+from stickslip.geometry.curved_facets import SHARP, Bulging, normals_of
 from stickslip.geometry.protocols import UflForm, Vec
-from stickslip.geometry.surfaces.surface import CREASE, Surface
+from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.bubbles import inner_forces
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.forms import multiplied
@@ -79,7 +79,7 @@ def _of_facets(side: Surface) -> Array:
     for k, sign in enumerate((-1.0, 1.0)):
         node, each = side.facets[:, k], np.arange(len(ends))
         other = np.where(count[node] == 2, total[node] - each, each).astype(int)
-        smooth = np.einsum("fd,fd->f", normals, normals[other]) > np.cos(np.radians(CREASE))
+        smooth = np.einsum("fd,fd->f", normals, normals[other]) > np.cos(np.radians(SHARP))
         turned = sign * np.einsum("fd,fd->f", normals[other] - normals, along) / length
         curvature[:, k] = np.where((other != each) & smooth, 2 * turned / (length + length[other]), np.nan)
     first, last = (np.where(np.isnan(a), b, a) for a, b in (curvature.T, curvature.T[::-1]))

@@ -35,8 +35,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.curved_facets import SHARP
 from stickslip.geometry.nested_mesh import FlatMesh
-from stickslip.geometry.surfaces.surface import CREASE
 from stickslip.solvers.accuracy.areas import areas_of_order_2, scatter_of_order_2
 from stickslip.solvers.accuracy.errors import AREAS
 from stickslip.solvers.accuracy.lower_order import OtherMeshRun, on_other_mesh, sides_of
@@ -134,7 +134,7 @@ def _corners(mesh: FlatMesh, acted: Sequence[str]) -> Ints:
     one, other = order[two], order[two + 1]
     away = [mesh.points[middles[k]] - mesh.points[ends[k]] for k in (one, other)]
     lengths = np.linalg.norm(away[0], axis=1) * np.linalg.norm(away[1], axis=1)
-    turned = -np.einsum("nd,nd->n", *away) < np.cos(np.radians(CREASE)) * lengths
+    turned = -np.einsum("nd,nd->n", *away) < np.cos(np.radians(SHARP)) * lengths
     differs = turned | (number[one // 2] != number[other // 2])
     acts = active[one // 2] | active[other // 2]
     return np.concatenate([nodes[count != 2], ends[one][differs & acts]])

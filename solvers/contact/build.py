@@ -278,6 +278,7 @@ def build_rows(
                 N_n=N_n, W_n=W_n, normals=directions, gap=offset + gap_n, N_t=N_t, W_t=W_t,
                 tangents=carrier.directions, free=carrier.free, psi=psi, phi=phi, share_t=carrier.share,
                 dropped=dropped, quadrature=coupling.points, degree=degree, fields=fields,
+                tips=coupling.tips,
             )
         )  # fmt: skip
     return found

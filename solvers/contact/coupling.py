@@ -87,6 +87,7 @@ class Coupling:
     normals: Array  # (n, d) unit, towards the other side, half way between both sides' own
     carries: Bools  # (n,) nodes with a multiplier of their own; the weight of the others goes to neighbours
     points: Callable[[int], Points]  # takes a quadrature degree
+    tips: Array | None = None  # (n,) 1 where a corner or an edge touches, 2 where its normal is a choice; None: none
 
 
 @dataclass(frozen=True)
@@ -248,8 +249,8 @@ def nodal_coupling(facing: Facing) -> Coupling:
     )
 
 
-def on_nodes(surface: Surface, chosen: Bools) -> On:
-    """Chosen nodes (n,) of a surface as points of it, each on the first facet that has it."""
+def on_nodes(surface: Surface, chosen: Bools | Ints) -> On:
+    """Chosen nodes, by a mask (n,) or by number, of a surface as points of it, each on the first facet that has it."""
     k = surface.facets.shape[1]
     at = np.unique(surface.facets.ravel(), return_index=True)[1][chosen]
     return On(at // k, dx.reference_nodes(surface.shape, surface.degree)[at % k])

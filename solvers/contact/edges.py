@@ -14,12 +14,14 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import ROUNDING, TINY, Array, Bools, Ints, Rows
+from stickslip.geometry.arrays import CLOSE, ROUNDING, TINY, Array, Bools, Ints, Rows
+from stickslip.geometry.curved_facets import SHARP, SMOOTH
 from stickslip.geometry.protocols import Sparse
-from stickslip.geometry.surfaces.faces import BLUNT, RIDGES, edges_of
+from stickslip.geometry.surfaces.faces import RIDGES, edges_of
+from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.search import pair, through_body
-from stickslip.geometry.surfaces.surface import CREASE, Surface
-from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On, on_nodes, relative_to
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class _Points(Rows):
     gap: Array  # (q,) [m]
     normals: Array  # (q, d) unit, from slave to master
     own: Bools  # (q,) whether the slave's edge touches
+    edge: Bools  # (q,) whether the master's does
+    halfway: Bools  # (q,) whether both do, along each other: the normal is a choice, half way between their faces
 
 
 def with_edges(coupling: Coupling, facing: Facing | None = None) -> Coupling:
@@ -47,10 +51,10 @@ def with_edges(coupling: Coupling, facing: Facing | None = None) -> Coupling:
     slave, master = coupling.surface, coupling.master
     if facing is not None and master is not None and (slave.faces is not None or master.faces is not None):
         reach = facing.reach
-        turned = _turned(_tips(master, slave, reach))
-        points = [_tips(slave, master, reach), turned]
-        points += [_crossings(slave, master, reach)] if slave.dim == 3 else []
-        found = _of_other_parts(_Points.joined(points), slave, master)
+        found = _Points.joined([_tips(slave, master, reach), _turned(_tips(master, slave, reach))])
+        if slave.dim == 3:
+            found = _Points.joined([found, _elsewhere(_crossings(slave, master, reach), found.at(found.edge), slave)])
+        found = _of_other_parts(found, slave, master)
         first = facing.first(On(found.facet, found.local), found.normals, found.gap)
         coupling = _with_rows(coupling, found.at(first))
     return _once(coupling)
@@ -66,40 +70,104 @@ def _of_other_parts(points: _Points, slave: Surface, master: Surface) -> _Points
 
 
 def _tips(side: Surface, other: Surface, reach: float) -> _Points:
-    """Corners and nodes of edges that touch a face of the other side, all facets around them rising from it."""
+    """Corners and nodes of edges that touch faces of the other side, all facets around them rising from these.
+
+    Where the other side has an edge they touch each face of it, or if it is not hollow a plane half way.
+    """
     nodes = np.flatnonzero(side.at_edge)
-    _, first, group = np.unique(side.nodes[nodes], return_index=True, return_inverse=True)
-    first, normals = nodes[first], other.node_normals()
-    along = np.zeros((len(first), side.dim))
-    np.add.at(along, group, side.node_normals()[nodes])
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), TINY)
-    x = side.points[first]
-    for _ in range(2):  # along the mean of the faces' normals, then along the normal met there
-        found = pair(x, along, other, reach)
-        met = np.flatnonzero(found.facet >= 0)
-        along[met] = -(found.weights(other) @ normals)[met]
-        along[met] /= np.linalg.norm(along[met], axis=1, keepdims=True)
-    tip = (found.facet >= 0) & ~through_body(x, along, np.where(found.facet >= 0, found.gap, 0.0), other)
-    of_node = np.full(len(side.nodes), -1)
-    of_node[nodes] = group
-    facet, k = np.nonzero(of_node[side.facets] >= 0)
-    at = of_node[side.facets[facet, k]]
-    away, flat = side.points[side.facets[facet]].mean(axis=1) - x[at], side.facet_normals()[facet, k]
-    leaning = np.einsum("cd,cd->c", flat, along[at]) < np.cos(np.radians(BLUNT)) * np.linalg.norm(flat, axis=1)
-    rises = np.einsum("cd,cd->c", away, along[at]) < -ROUNDING * np.linalg.norm(away, axis=1)
-    tip[at[~(leaning & rises)]] = False
-    on = np.zeros(len(first), np.int64)
-    on[at] = facet * side.facets.shape[1] + k
-    facet, k = on // side.facets.shape[1], on % side.facets.shape[1]
-    local = dx.reference_nodes(side.shape, side.degree)[k]
-    return _Points(facet, local, found.facet, found.local, found.gap, along, np.ones(len(first), bool)).at(tip)
+    first = nodes[np.unique(side.nodes[nodes], return_index=True)[1]]
+    x, t = side.points[first], len(first)
+    own, away, flat, of, faces = _around(side, _ones(first, len(side.nodes)))
+    mean = _means(of, faces, t)
+    met = pair(x, mean, other, reach)
+    there, beyond, _, tip, normals = _around(other, met.weights(other))
+    size, axes = np.linalg.eigh(_spans(of, faces, t) + _spans(tip, normals, t))
+    axes = axes * (size > 2 - CLOSE)[:, None]  # orthogonal to the edges of both sides
+    half = np.einsum("tda,tea,te->td", axes, axes, mean - _means(tip, normals, t))
+    half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), TINY)
+    hollow = there[np.einsum("cd,cd->c", beyond, half[there]) < -ROUNDING * np.linalg.norm(beyond, axis=1)]
+    several = np.bincount(tip, minlength=t) > 1
+    halfway = several & (np.bincount(hollow, minlength=t) == 0) & half.any(axis=1)
+    each = ~halfway[tip]
+    tip, along = np.append(tip[each], np.flatnonzero(halfway)), np.concatenate([-normals[each], half[halfway]])
+    x, facet, local = x[tip], met.facet[tip], met.local[tip]
+    gap = np.einsum("rd,rd->r", place(other, facet, local).points - x, along)
+    foot = pair(x, along, other, reach)
+    inside = (foot.facet >= 0) & ~several[tip]
+    facet, gap = np.where(inside, foot.facet, facet), np.where(inside, foot.gap, gap)
+    local = np.where(inside[:, None], foot.local, local)
+    touches = ~through_body(x, along, gap, other)
+    i, j = (_ones(tip, t) @ _ones(own, t).T).nonzero()
+    leaning = np.einsum("cd,cd->c", flat[j], along[i]) < np.cos(np.radians(SMOOTH)) * np.linalg.norm(flat[j], axis=1)
+    rises = np.einsum("cd,cd->c", away[j], along[i]) < -ROUNDING * np.linalg.norm(away[j], axis=1)
+    touches[i[~(leaning & rises)]] = False
+    on = on_nodes(side, first[tip])
+    every = np.ones(len(tip), bool)
+    choice = halfway & (np.count_nonzero(axes.any(axis=1), axis=1) > 1)
+    return _Points(on.facet, on.local, facet, local, gap, along, every, several[tip], choice[tip]).at(touches)
+
+
+def _ones(columns: Ints, count: int) -> Sparse:
+    """Matrix with a one in each row, and so many columns."""
+    return sparse.csr_matrix((np.ones(len(columns)), (np.arange(len(columns)), columns)), (len(columns), count))
+
+
+def _means(rows: Ints, normals: Array, count: int) -> Array:
+    """Unit vectors (count, d) along the sums of unit normals (r, d) of each row; zero where there is none."""
+    total = np.zeros((count, normals.shape[1]))
+    np.add.at(total, rows, normals)
+    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), TINY))
+
+
+def _spans(rows: Ints, normals: Array, count: int) -> Array:
+    """Projectors (count, d, d) onto the spans of unit normals (r, d) of each row."""
+    total = np.zeros((count, normals.shape[1], normals.shape[1]))
+    np.add.at(total, rows, normals[:, :, None] * normals[:, None])
+    return np.asarray(np.linalg.pinv(total, rcond=CLOSE, hermitian=True) @ total)
+
+
+def _around(side: Surface, share: Sparse) -> tuple[Ints, Array, Array, Ints, Array]:
+    """Facets and faces of a side around places on it.
+
+    Args:
+        share: (t, n) values of the nodes' basis functions at the places.
+
+    Returns:
+        Of each facet there its place (p,), the way to its middle (p, d) [m], and its normal there (p, d), as long as
+        its Jacobian; of each face there its place (r,) and its unit normal (r, d).
+    """
+    _, same = np.unique(side.nodes, return_inverse=True)
+    (f, k), n = side.facets.shape, same.max() + 1
+    merged = (share @ _ones(same, n)).tocsr()
+    merged.data[np.abs(merged.data) < CLOSE] = 0.0  # of a basis function
+    merged.eliminate_zeros()
+    has = sparse.csr_matrix((np.ones(f * k), same[side.facets.ravel()], np.arange(0, f * k + 1, k)), (f, n))
+    shared = ((merged != 0).astype(float) @ has.T).tocoo()
+    whole = shared.data == np.diff(merged.indptr)[shared.row]
+    row, facet = shared.row[whole].astype(np.int64), shared.col[whole]
+    nodes = side.facets[facet]
+    part = merged[row[:, None], same[nodes]].toarray()
+    normals = np.einsum("pk,pkd->pd", part, side.node_normals()[nodes])
+    away = side.points[nodes].mean(axis=1) - np.einsum("pk,pkd->pd", part, side.points[nodes])
+    flat = np.einsum("pk,pkd->pd", part, side.facet_normals()[facet])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    own = np.sort(np.where(part != 0, nodes, -1), axis=1)  # each face has nodes of its own
+    once = np.unique(np.column_stack([row, own]), axis=0, return_index=True)[1]
+    return row, away, flat, row[once], normals[once]
 
 
 def _turned(points: _Points) -> _Points:
     """The same points, of the master's edges and the slave's faces."""
-    return _Points(
-        points.other, points.other_local, points.facet, points.local, points.gap, -points.normals, ~points.own
-    )
+    one, other = (points.facet, points.local), (points.other, points.other_local)
+    return _Points(*other, *one, points.gap, -points.normals, points.edge, points.own, points.halfway)
+
+
+def _elsewhere(points: _Points, known: _Points, slave: Surface) -> _Points:
+    """Those points that are at none of the known places of the slave."""
+    if not len(known.facet):
+        return points
+    x, there = (On(p.facet, p.local).basis(slave) @ slave.points for p in (points, known))
+    return points.at(cKDTree(there).query(x)[0] > CLOSE * np.ptp(slave.points, axis=0).max())
 
 
 @dataclass(frozen=True)
@@ -125,7 +193,10 @@ class _Edges(Rows):
 
 
 def _crossings(slave: Surface, master: Surface, reach: float) -> _Points:
-    """Where edges of both sides cross in 3D, each with both its faces behind the plane along both edges."""
+    """Where edges of both sides cross in 3D, each with both its faces behind the plane along both edges.
+
+    One of four faces may lie in that plane: there the edge of the other side leaves it.
+    """
     one, other = (_Edges.of(side) for side in (slave, master))
     half = [np.linalg.norm(x[:, 1] - x[:, 0], axis=1).max(initial=0.0) / 2 for x in (one.points, other.points)]
     trees = [cKDTree(x.mean(axis=1)) for x in (one.points, other.points)]
@@ -133,75 +204,86 @@ def _crossings(slave: Surface, master: Surface, reach: float) -> _Points:
     order = np.lexsort((pairs["j"], pairs["i"]))
     one, other = one.at(pairs["i"][order]), other.at(pairs["j"][order])
     u, v = (x[:, 1] - x[:, 0] for x in (one.points, other.points))
+    inward = (one.inward, -1), (other.inward, 1)
     apart, normals = other.points[:, 0] - one.points[:, 0], np.cross(u, v)
     size = np.linalg.norm(normals, axis=1)
     normals /= np.maximum(size, TINY)[:, None]
-    normals *= np.where(np.einsum("ed,ed->e", one.inward[:, 0], normals) > 0, -1.0, 1.0)[:, None]
+    normals *= np.where(np.einsum("ed,ed->e", (one.inward - other.inward).sum(axis=1), normals) > 0, -1.0, 1.0)[:, None]
     signed = np.einsum("ed,ed->e", np.cross(u, v), normals)
-    wide = size > np.sin(np.radians(BLUNT)) * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+    wide = size > CLOSE * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)  # else they run along each other
     s, t = (np.einsum("ed,ed->e", np.cross(apart, x), normals) / np.where(wide, signed, 1.0) for x in (v, u))
     gap = np.einsum("ed,ed->e", apart, normals)
     met = wide & (np.abs(gap) <= reach)
     for x in (s, t):
         met &= (x >= -ROUNDING) & (x <= 1 + ROUNDING)
-    for x, sign in ((one.inward, -1), (other.inward, 1)):
-        met &= (sign * np.einsum("epd,ed->ep", x, normals) > 0).all(axis=1)
-    found = _Points(one.facet, one.local(s), other.facet, other.local(t), gap, normals, np.ones(len(gap), bool))
-    return found.at(met)
+    sine = [sign * np.einsum("epd,ed->ep", x, normals) / np.linalg.norm(x, axis=2) for x, sign in inward]
+    lean = [(x > np.sin(np.radians(SMOOTH))).all(axis=1) for x in sine]
+    flat = [(x > -ROUNDING).all(axis=1) & (x > np.sin(np.radians(SMOOTH))).any(axis=1) for x in sine]
+    met &= (lean[0] & flat[1]) | (flat[0] & lean[1])
+    found = one.facet, one.local(s), other.facet, other.local(t), gap, normals
+    return _Points(*found, own=np.ones(len(gap), bool), edge=met, halfway=np.zeros(len(gap), bool)).at(met)
 
 
 def _with_rows(coupling: Coupling, points: _Points) -> Coupling:
-    """Each point in the row of the node of the slave that is nearest to it; of several that with the least gap."""
+    """Each point in the row of the node of the slave that is nearest to it; of several that with the least gap.
+
+    Of the nodes that faces have at an edge those with the largest weights take the points there, one each.
+    """
     slave, master = coupling.surface, coupling.master
     assert master is not None
+    points = points.at(np.lexsort((np.abs(points.gap), ~points.own)))
     basis = dx.reference_basis(slave.shape, slave.degree, points.local)[0]
-    nodes = slave.facets[points.facet]
-    _, same = np.unique(slave.nodes, return_inverse=True)
-    best = np.full(same.max() + 1, -1)
-    rising = np.argsort(coupling.weights, kind="stable")
-    best[same[rising]] = rising  # of the nodes that faces have there, that with the largest weight
-    node = np.take_along_axis(nodes, basis.argmax(axis=1)[:, None], axis=1)[:, 0]
-    node = np.where(points.own, best[same[node]], node)
-    order = np.lexsort((np.abs(points.gap), ~points.own, node))
-    order = order[np.unique(node[order], return_index=True)[1]]
+    node = np.take_along_axis(slave.facets[points.facet], basis.argmax(axis=1)[:, None], axis=1)[:, 0]
+    _, same, count = np.unique(slave.nodes, return_inverse=True, return_counts=True)
+    here = np.lexsort((-coupling.weights, same))  # nodes by place, the heaviest first
+    place, order = same[node[points.own]], np.argsort(same[node[points.own]], kind="stable")
+    turn = np.empty_like(order)
+    turn[order] = np.arange(len(order)) - np.searchsorted(place[order], place[order])
+    first = np.cumsum(count) - count
+    node[: len(order)] = np.where(turn < count[place], here[np.minimum(first[place] + turn, len(here) - 1)], -1)
+    order = np.unique(node, return_index=True)[1]
+    order = order[node[order] >= 0]
     points, node = points.at(order), node[order]
     at = np.zeros(len(slave.nodes))
     at[node] = 1.0
     row = sparse.csr_matrix((np.ones(len(node)), (node, np.arange(len(node)))), (len(at), len(node)))
-    own, other = On(points.facet, points.local).basis(slave), On(points.other, points.other_local).basis(master)
-    relative: Sparse = sparse.diags(1 - at) @ coupling.relative + row @ sparse.hstack([own, -other])
+    there = relative_to(On(points.facet, points.local), slave, On(points.other, points.other_local), master)
+    relative: Sparse = (sparse.diags(1 - at) @ coupling.relative + row @ there).tocsr()
     gap, normals, weights = coupling.gap.copy(), coupling.normals.copy(), coupling.weights.copy()
     gap[node], normals[node] = points.gap, points.normals
     weights[np.isin(same, same[node[points.own]]) & (at == 0)] = 0.0
     weights[node] = np.where(weights[node] > 0, weights[node], slave.node_weights()[node])
     carries = (coupling.carries & (weights != 0)) | (at > 0)
-    return replace(coupling, relative=relative.tocsr(), gap=gap, normals=normals, weights=weights, carries=carries)
+    tips = at.copy()
+    tips[node[points.halfway]] = 2.0
+    changed = replace(coupling, gap=gap, normals=normals, weights=weights, relative=relative)
+    return replace(changed, carries=carries, tips=tips)
 
 
 def _once(coupling: Coupling) -> Coupling:
     """Let faces that meet at an edge press once on what is one face of the other side, see `with_edges`.
 
-    Where that face is smooth, normals that differ by the angle of a crease are its own at two places. A node that is
-    left out has its part in the row of the better one if their faces hardly bend.
+    Where that face is smooth, normals that differ by less than facets do are its own at two places. A node that is left
+    out has its part in the row of the better one if their faces hardly bend.
     """
     surface, n = coupling.surface, len(coupling.weights)
     rows = np.flatnonzero((surface.at_edge > 0) & (coupling.weights != 0))
     if not len(rows):
         return coupling
-    own, (crease, blunt) = surface.node_normals(), np.cos(np.radians([CREASE, BLUNT]))
-    smooth = np.ones(n, bool)
+    own, (bent, smooth) = surface.node_normals(), np.cos(np.radians([SHARP, SMOOTH]))
+    inside = np.ones(n, bool)
     if coupling.master is not None:
-        smooth = abs(coupling.relative[:, n:]) @ coupling.master.at_edge == 0
+        inside = abs(coupling.relative[:, n:]) @ coupling.master.at_edge == 0
     flat = np.einsum("nd,nd->n", own[rows], coupling.normals[rows])
     rows = rows[np.lexsort((-flat.round(DIGITS), surface.nodes[rows]))]
     ends, better = np.flatnonzero(np.diff(surface.nodes[rows], append=-1)) + 1, np.arange(n)
     for group in np.split(rows, ends[:-1]):
-        alike = coupling.normals[group] @ coupling.normals[group].T > np.where(smooth[group], crease, blunt)[:, None]
+        alike = coupling.normals[group] @ coupling.normals[group].T > np.where(inside[group], bent, smooth)[:, None]
         for k in range(1, len(group)):
             same = np.flatnonzero(alike[k, :k] & (better[group[:k]] == group[:k]))
             better[group[k]] = group[same[0]] if len(same) else group[k]
     kept = better == np.arange(n)
-    part = kept | (np.einsum("nd,nd->n", own, own[better]) > crease)
+    part = kept | (np.einsum("nd,nd->n", own, own[better]) > smooth)
     share = sparse.csr_matrix((part * coupling.weights, (better, np.arange(n))), (n, n))
     weights = np.asarray(share.sum(axis=1)).ravel()
     each = np.where(kept & (weights != coupling.weights), 1 / np.where(weights > 0, weights, 1.0), 0.0)  # that changes

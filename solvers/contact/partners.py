@@ -16,7 +16,7 @@ from scipy import sparse
 
 from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
 from stickslip.geometry.obstacles import Obstacle
-from stickslip.geometry.surfaces.faces import near
+from stickslip.geometry.surfaces.faces import facets_near, part_of
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.search import Pairing, pair
 from stickslip.geometry.surfaces.surface import Surface, joined
@@ -85,18 +85,30 @@ class AmongPartners(Facing):
 
 
 def within_reach(partners: Sequence[Partner]) -> list[Partner]:
-    """The same with those parts alone that may touch, where surfaces have edges and so may be all of a body's skin."""
+    """The same with those parts alone that may touch, where surfaces have edges and so may be all of a body's skin.
+
+    What faces away from an obstacle does not touch it.
+    """
     slave, others = partners[0].slave, [each.other for each in partners if isinstance(each.other, Surface)]
-    if not others or all(side.faces is None for side in (slave, *others)):
+    sides = slave, *others
+    if all(side.faces is None for side in sides) or any(side.images is not None for side in sides):
         return list(partners)
-    if len(others) == len(partners):
-        slave = near(slave, joined(others), max(partner.reach for partner in partners))
-    return [
-        replace(each, slave=slave, other=near(each.other, slave, each.reach))
-        if isinstance(each.other, Surface)
-        else each
-        for each in partners
-    ]
+    on, normals = on_nodes(slave, np.ones(len(slave.nodes), bool)), slave.node_normals()
+    kept = np.zeros(len(slave.facets), bool)
+    for each in partners:
+        if isinstance(each.other, Surface):
+            kept |= facets_near(slave, each.other, each.reach)
+        else:
+            kept |= np.isfinite(each.distance(on, normals))[slave.facets].any(axis=1)
+    slave = part_of(slave, kept | ~kept.any())
+    found = []
+    for each in partners:
+        other = each.other
+        if isinstance(other, Surface):
+            beside = facets_near(other, slave, each.reach)
+            other = part_of(other, beside | ~beside.any())
+        found.append(replace(each, slave=slave, other=other))
+    return found
 
 
 def alone(partner: Partner) -> tuple[Coupling, Facing | None]:

@@ -83,6 +83,7 @@ class ContactRows:
     quadrature: Callable[[int], Points] | None = None  # integration points by degree; None: the rows are given without
     degree: int = 0  # of that at which a compliance law gives pressure by displacement
     fields: Fields | None = None  # None: the rows are given without
+    tips: Array | None = None  # (n,) see `Coupling`
     near: Bools | None = None  # (n_all,) of skins the nodes that may touch; None: all
     time: float = 0.0  # that `gap`, `node_gap` and `friction` are of [s]
     sense: float = (

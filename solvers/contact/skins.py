@@ -161,4 +161,5 @@ def _on_skins(coupling: Coupling, slave: Part, master: Part) -> Coupling:
         normals=normals,
         carries=carries,
         points=points,
+        tips=None if coupling.tips is None else onto @ coupling.tips,
     )

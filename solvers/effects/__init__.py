@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Mapping
+from functools import cache
 from typing import TypeVar
 
 from stickslip.solvers.effects.effect import Effect
@@ -35,7 +36,12 @@ def active(problem: Problem) -> tuple[Effect, ...]:
 
 def records() -> Mapping[str, RecordType]:
     """Records of a step, by table: those of every scene, of effects, and its energy."""
-    of_effects = {effect.name: effect.reports for effect in EFFECTS if effect.reports is not None}
+    return _records(EFFECTS)
+
+
+@cache
+def _records(effects: tuple[Effect, ...]) -> Mapping[str, RecordType]:
+    of_effects = {effect.name: effect.reports for effect in effects if effect.reports is not None}
     own = {table: record for table, record in RECORDS.items() if table != "energy"}
     return own | of_effects | {"energy": RECORDS["energy"]}
 

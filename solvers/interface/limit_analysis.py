@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -26,6 +27,13 @@ class Balance(Enum):
     UNDECIDED = "whether rigid bodies could rest under these loads is too close to tell"
 
 
+class Mechanism(NamedTuple):
+    """A rigid motion of collapse."""
+
+    motion: Array  # (c,) of the contact dofs, its largest entry 1
+    lacking: float  # of the work of the load along it, the part that contact and friction cannot take up [-]
+
+
 def decide(problem: SurfaceProblem) -> Balance:
     """Limit analysis: whether there is an admissible p with R^T (f - B^T p) = 0, R the rigid modes.
 
@@ -37,13 +45,10 @@ def decide(problem: SurfaceProblem) -> Balance:
     return Balance.UNDECIDED if balancing_tractions(problem) is None else Balance.POSSIBLE
 
 
-def unbalanced_motion(problem: SurfaceProblem) -> Array | None:
+def unbalanced_motion(problem: SurfaceProblem) -> Mechanism | None:
     """Collapse mechanism: a rigid motion on which the loads do more work than contact and friction can dissipate.
 
-    It consists of the multipliers of the programme that minimises the unbalanced load.
-
-    Returns:
-        Motion of the contact dofs (c,), its largest entry 1; None if there is no such motion.
+    It consists of the multipliers of the programme that minimises the unbalanced load; None if there is no such motion.
     """
     programme = _Programme.of(problem, outer=True)
     if programme is None:
@@ -53,8 +58,9 @@ def unbalanced_motion(problem: SurfaceProblem) -> Array | None:
     # unbalanced part of the load that counts as zero: ten times the tolerance of the programme
     if found is None or found.fun <= CLOSE + programme.rounding:
         return None
-    motion = problem.surface.R @ found.eqlin.marginals
-    return np.asarray(motion / np.abs(motion).max())
+    along = found.eqlin.marginals
+    motion = problem.surface.R @ along
+    return Mechanism(motion / np.abs(motion).max(), float(found.fun / (along @ programme.load)))
 
 
 def balancing_tractions(problem: SurfaceProblem) -> Array | None:

@@ -203,6 +203,14 @@ class CondensedSurface(DelassusOperator):
         other._dense, other._row_stiffness, other._lambda_max = {}, {}, None
         return other
 
+    def on_springs(self, stiffness: float) -> CondensedSurface:
+        """The same with springs [N/m] that hold the rigid modes: no body floats."""
+        other = copy(self)
+        other.S = self.S.of_blocks(lambda index, block: block + stiffness * self.R[index] @ self.R[index].T)
+        other.R = self.R[:, :0]
+        other._dense, other._row_stiffness, other._lambda_max = {}, {}, None
+        return other
+
     def row_stiffness(self, carrying: Bools) -> RowStiffness | None:
         """The Schur complement by the rows `carrying` (rows,), None if they do not determine the contact dofs."""
         key = carrying.tobytes()

@@ -52,10 +52,6 @@ class Compliance(NormalLaw):
     def degree(self, order: int) -> int:
         return order + int(np.ceil(self.m_n * order))
 
-    def stiffest(self, pressure: float) -> float:
-        """Stiffness [Pa/m] at a pressure [Pa]."""
-        return float(self.m_n * self.c_n ** (1 / self.m_n) * pressure ** (1 - 1 / self.m_n))
-
     def pressure(self, penetration: Array) -> Array:
         """Pressure (m,) [Pa] at a penetration u_n - g (m,) [m]."""
         return np.asarray(self.c_n * np.maximum(penetration, 0.0) ** self.m_n)

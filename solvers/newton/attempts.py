@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array
-from stickslip.solvers.interface.limit_analysis import balancing_tractions
+from stickslip.solvers.interface.limit_analysis import Mechanism, balancing_tractions
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import QUICK, Driver, Iterate, OnStep, Solution, Stall, Status, ignore
 from stickslip.solvers.newton.active_set import ActiveSet, linearise
@@ -185,6 +185,7 @@ class Attempts(Driver):
     ) -> None:
         super().__init__(problem.surface.counters, rtol, max_it, on_step)
         self.problem, self.bodies = problem, bodies
+        self.collapse: Mechanism | None = None  # that was found instead of a solution
 
     def follow(self, chain: Iterator[tuple[Start, float | None]]) -> Solution:
         """Make attempts until one is enough; the best iterate, with the history of all.
@@ -196,6 +197,10 @@ class Attempts(Driver):
             self(start, proximal)
             if self.over:
                 break
+        if self.collapse is not None:
+            motion, lacking = self.collapse
+            nothing, history = np.zeros_like(self.problem.gap), tuple(self.history)
+            return Solution(nothing, nothing, motion, Status.NO_EQUILIBRIUM, np.inf, history, lacking=lacking)
         assert self.best is not None
         return replace(self.best, history=tuple(self.history))
 

@@ -21,13 +21,15 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.interface.limit_analysis import Mechanism
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, Status, ignore
 from stickslip.solvers.laws.friction import CoulombByPoint
 from stickslip.solvers.laws.law import NormalLaw
 from stickslip.solvers.newton import path
 from stickslip.solvers.newton.active_set import ActiveSet
-from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again, first_starts, other_starts
+from stickslip.solvers.newton.attempts import ATTEMPT, FIRM, Attempts, Start, again, first_starts, other_starts
+from stickslip.solvers.newton.collapse import on_softer_springs
 
 FIRMER = (1e-3, 1e-4, 1e-2, 1e-6, 1e-5)  # weights of the proximal term from the best iterate so far [-]
 
@@ -57,6 +59,10 @@ class SemismoothNewton:
         attempt = Attempts(problem, _Exact(problem, self.linear), self.rtol, self.max_it, on_step)
         return attempt.follow(self._chain(problem, p, attempt))
 
+    def _on_springs(self, problem: SurfaceProblem, start: Start) -> Solution:
+        attempts = Attempts(problem, _Exact(problem, self.linear), self.rtol, min(self.max_it, 4 * ATTEMPT))
+        return attempts.follow(chain([(start, None)], self._chain(problem, start.p, attempts)))
+
     def _chain(self, problem: SurfaceProblem, p: Array, attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
         """Starts, and the weight of the proximal term of a damped attempt; None: plain Newton.
 
@@ -71,6 +77,11 @@ class SemismoothNewton:
             yield start, None
             if attempts.stalled and attempts.best is not None:
                 yield again(problem, attempts.best), 1e-2
+        for found in on_softer_springs(problem, p, self._on_springs):
+            if isinstance(found, Mechanism):
+                attempts.collapse = found
+                return
+            yield found, None
         for proximal in FIRM:
             yield firsts[-1], proximal
         assert attempts.best is not None

@@ -191,9 +191,9 @@ def _refuse_faint(setup: Setup) -> None:
         require(stiffness >= least, springs.key, stiffness, wrong)
     extent = setup.extent
     for name, pair in setup.pairs.items():
-        law, most = pair.contact.normal, setup.softest / extent / ROUNDING
-        if isinstance(law, Compliance) and law.stiffest(setup.softest) > most:
-            limit = law.c_n * (most / law.stiffest(setup.softest)) ** law.m_n
+        law, most, p = pair.contact.normal, setup.softest / extent / ROUNDING, np.array([setup.softest])
+        if isinstance(law, Compliance) and (found := float(law.stiffness(p, p)[0])) > most:
+            limit = law.c_n * (most / found) ** law.m_n
             wrong = f"penetrations drown in rounding, at most {limit:.1e} here; a rigid surface has no c_n"
             raise SceneError(f"contacts.{name}.normal.c_n = {law.c_n:g}: {wrong}")
     least = least_springs(setup) * (extent if setup.model.startswith("plane") else extent**2)

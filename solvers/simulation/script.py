@@ -5,10 +5,12 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from numbers import Real
 from reprlib import repr as shortly
 from typing import Any, TypeGuard
+
+import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, value_at
 from stickslip.geometry.arrays import EXACT
@@ -23,7 +25,7 @@ from stickslip.solvers.scene.scene import Scene, over, with_values
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
-from stickslip.solvers.stepping.stepper import Accepted, Stepper
+from stickslip.solvers.stepping.stepper import Accepted, NoEquilibriumError, Stepper
 
 Parts = Mapping[str, float | Mapping[str, float]]  # by component, or by key and component
 Values = Mapping[str, Parts]  # by name
@@ -36,6 +38,15 @@ CHANGEABLE = {
 }  # of other tables: a value in time
 NOT_ASSEMBLED = {"loads", "body_force"}  # where a constant 0 leaves nothing to change
 NOT_LAWS = {"law", "k_T"}  # keys of friction laws that stay: the kind, and how far a traction has bent the surface
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Limit of a load that contact and friction bear; inf: they bear any."""
+
+    value: float  # the largest that was found to be borne, in the unit of the load
+    beyond: float  # the smallest that was found not to be
+    multiple: float  # `value` in units of the scene's largest value of this load [-]
 
 
 class Script:
@@ -111,7 +122,7 @@ class Script:
             SceneError: a value is not a number, or the scene does not prescribe that component: a displacement that
                 was free when the bodies were prepared stays free.
             StepError: the step could not be solved. The script is as it was before: you may try another step.
-            NoEquilibriumError: so, and it is proved that contact and friction cannot balance the loads.
+            NoEquilibriumError: so, and it is shown that contact and friction cannot balance the loads.
         """
         require(_is_number(to), "to", _in_words(to), "expected a number")
         begins = not self._times and to == 0
@@ -119,6 +130,52 @@ class Script:
         laws, of_contacts, altered = self._of_contacts(contacts)
         tables = {"supports": supports, "loads": loads, "obstacles": obstacles, "contacts": of_contacts, **effects}
         wanted = self._places(laws, tables)
+        scene, times, stepper, accepted = self._reached(to, wanted, laws, on_iteration)
+        with stepper.system.course.following(scene.timeline()):
+            result = self._observer(accepted)
+        self._stepper, self._altered = stepper, self._altered or altered
+        self._scene, self._named = scene, self._named | wanted.keys()
+        self._state, self._times = accepted.state, (*self._times, *times)
+        return result
+
+    def limit(self, load: str) -> Limit:
+        """Find the largest value of a load that has an equilibrium, from the present state on; collective.
+
+        All other values stay as they are now, and so does the script. The load grows from what it is to the largest
+        value that the scene has for it, to twice that, and so on. An example: `script.limit("loads.pull.x").multiple`.
+
+        Args:
+            load: place of the value: loads.NAME.COMPONENT, or that of an obstacle's force.
+
+        Raises:
+            SceneError: the scene prescribes no such value, or it is zero at all times.
+            StepError: a step could not be solved, and it is not shown that there is no equilibrium.
+        """
+        table, _, rest = load.partition(".")
+        require(table in ("loads", "obstacles"), "limit", load, "expected loads.NAME.COMPONENT, or of an obstacle")
+        name, _, part = rest.rpartition(".")
+        (place,) = self._places(self._scene, {table: {name: {part: 0.0}}})
+        end, drives = self._scene.steps.end, self._scene.drives()
+        held = {key: value_at(a, self.time, end) for key, a in drives.items() if not isinstance(a, str)}
+        amplitude = drives[place]
+        require(place in held, load, amplitude, "expected a number or a table")
+        listed = [amplitude] if isinstance(amplitude, float | int) else [value for _, value in amplitude]
+        largest, now = max(listed, key=abs), held[place]
+        require(largest != 0, load, largest, "a load of zero has no multiples")
+        for doubled in range(20):
+            value = largest * 2.0**doubled
+            try:
+                self._reached(self.time + 1, held | {place: value}, self._scene, lambda row: None)
+            except NoEquilibriumError as found:
+                good = found.last_good.state.time if found.last_good else self.time
+                borne, beyond = (now + (value - now) * (time - self.time) for time in (good, found.time))
+                return Limit(borne, beyond, borne / largest)
+        return Limit(np.inf, np.inf, np.inf)
+
+    def _reached(
+        self, to: float, wanted: Mapping[Place, float], laws: Scene, on_iteration: Callable[[HistoryRow], None]
+    ) -> tuple[Scene, tuple[float, ...], Stepper, Accepted]:
+        """The scene with these values at the time `to` [s], times up to it, and the step there; collective."""
         scene = over(
             laws, lambda place, now: self._continued(place, now, to, wanted[place]) if place in wanted else now
         )
@@ -130,12 +187,7 @@ class Script:
         with system.course.following(scene.timeline()):
             for time in times:
                 system.constraints.prescribed(time)  # raises here if supports contradict each other, before any solve
-            accepted = _reach(stepper, state, times, on_iteration)
-            result = self._observer(accepted)
-        self._stepper, self._altered = stepper, self._altered or altered
-        self._scene, self._named = scene, self._named | wanted.keys()
-        self._state, self._times = accepted.state, (*self._times, *times)
-        return result
+            return scene, times, stepper, _reach(stepper, state, times, on_iteration)
 
     @property
     def scene(self) -> Scene:

@@ -151,7 +151,7 @@ class Simulation:
         Raises:
             StepError: a step could not be solved. If some of its substeps succeeded, the result of the last one was
                 yielded before; its time is not a requested one.
-            NoEquilibriumError: so, and it is proved that contact and friction cannot balance the loads.
+            NoEquilibriumError: so, and it is shown that contact and friction cannot balance the loads.
         """
         state = state or self.stepper.start()
         for time in self.scene.requested_times()[done:]:

@@ -1,23 +1,24 @@
 """A step that fails is cut into substeps, each from the last good state; if the smallest fails, a line says why.
 
-The line names the largest contact residual, how the iteration ended, and what to try; where it is proved that nothing
-balances the loads, the motion that nothing resists.
+The line names the largest contact residual, how the iteration ended, and what to try. Where it is shown that nothing
+balances the loads, the limit load is bracketed to `SLIGHT` of it, and the line names the motion that nothing resists.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import ROUNDING, Array, Ints
+from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array, Ints
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.fem.constraints import AXES
 from stickslip.solvers.interface.limit_analysis import decide
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
+from stickslip.solvers.scene.settings import Solver
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.state import HALVINGS, State
 from stickslip.solvers.stepping.substep import Attempt, Substep
@@ -53,7 +54,8 @@ class _March:
         self._step = target - start.time
         self._smallest = self._step if self._chain.repeats else self._step / 2**HALVINGS
         self._good: Attempt | None = None  # up to the present state
-        self._unbalanced: tuple[float, str] | None = None  # earliest time that is proved to have no equilibrium
+        self._unbalanced: Attempt | None = None  # at the earliest time that is shown to have no equilibrium
+        self._limit: _Limit | None = None  # between the present state and that time
         self._failed: SurfaceProblem | None = None  # from the present state
         self._stuck = False  # whether a shorter step would be the same problem again
 
@@ -62,6 +64,11 @@ class _March:
             remaining = self._target - self._state.time
             size = self._control.next_size(remaining, self._smallest)
             end = self._target if size == remaining else self._state.time + size
+            if self._limit is not None:
+                if self._unbalanced is not None and self._limit.found(self._state.time):
+                    return self._no_equilibrium(self._unbalanced)
+                end = self._limit.next_time(self._state.time)
+                size = end - self._state.time
             self._chain.begin(cut_first=not self._stuck and not self._least(size))
             attempt = self._inner(self._state, end)
             if attempt.state is not None:
@@ -88,7 +95,9 @@ class _March:
         begin, self._state = self._state, replace(attempt.state or new, control=self._control)
         self._failed, self._stuck = None, False
         if self._state.searched:
-            self._unbalanced = None  # it was proved for other pairs
+            self._unbalanced = None  # it was shown for other pairs
+            if self._limit is not None and self._limit.found(self._state.time):
+                self._limit = None
         return replace(
             attempt,
             begin=begin,
@@ -105,7 +114,7 @@ class _March:
         system, chain = attempt.solver.system, self._chain
         if attempt.impossible:
             moves = describe_motion(system, solution.u_c, chain.volume.contact.rows)
-            self._unbalanced = end, f"{solution.status.value}: {moves}"
+            self._unbalanced = replace(attempt, when=end, why=f"{solution.status.value}: {moves}")
         # from rest, under loads in proportion to time, a shorter step is the same problem again
         at_rest = not (state.p.any() or state.w.any() or state.memory)  # slip that changes the law is not scaled
         scaled = at_rest and self._failed is not None and problem is not None and problem.is_scaled(self._failed)
@@ -114,18 +123,78 @@ class _March:
         if scaled and not known:
             self._stuck = True  # once more, now by all methods
             return None
-        if not scaled and not self._least(size):
+        if not scaled and problem is not None and (attempt.impossible or self._limit) and not self._chain.repeats:
+            self._limit = _Limit.of(attempt, problem, state, end, self._limit, self._smallest)
+            if not self._limit.found(state.time):
+                log.warning("t = %g: %s; the step is cut", end, solution.status.value)
+                return None
+        elif not scaled and not self._least(size):
             self._control = self._control.after_failure(size, self._smallest)
             log.warning("t = %g: %s; the step is cut to %.3g s", end, solution.status.value, self._control.size)
             return None
-        found = f"the last equilibrium that was found is at t = {state.time:g}"
         if self._unbalanced is not None:
-            when, why = self._unbalanced
-            proof = replace(solution, status=Status.NO_EQUILIBRIUM)
-            return replace(attempt, solution=proof, good=self._good, when=when, why=f"{why}; {found}")
-        why = explain(problem, solution, system.problem.solver.tolerance, size)
-        why += f"; {found}" if attempt.solver.surface.floating else ""
+            return self._no_equilibrium(self._unbalanced)
+        why = explain(problem, solution, system.problem.solver, size)
+        why += f"; {self._last}" if attempt.solver.surface.floating else ""
         return replace(attempt, good=self._good, when=end, why=why)
+
+    @property
+    def _last(self) -> str:
+        return f"the last equilibrium that was found is at t = {self._state.time:g}"
+
+    def _no_equilibrium(self, attempt: Attempt) -> Attempt:
+        """Give the step up at an attempt that was shown to have no equilibrium."""
+        return replace(attempt, good=self._good, why=f"{attempt.why}; {self._last}")
+
+
+@dataclass(frozen=True)
+class _Limit:
+    """The search for a limit load: it lies between the present state and a time that has no equilibrium."""
+
+    beyond: float  # that time, or one that could not be solved [s]
+    near: float  # where the load is expected to be as large as its limit [s]
+    width: float  # of the time in which the load changes by `SLIGHT` of it [s]
+    halve: bool  # whether the expectation has not been good
+
+    @classmethod
+    def of(
+        cls,
+        attempt: Attempt,
+        problem: SurfaceProblem,
+        state: State,
+        end: float,
+        before: _Limit | None,
+        smallest: float,
+    ) -> _Limit:
+        """After an attempt from a state to an end [s] that failed; collective.
+
+        The work of the load along the motion of collapse, less what contact and friction take up, is taken as linear in
+        time.
+        """
+        solution, surface = attempt.solution, problem.surface
+        load, first = problem.load.resultant, surface.R.T @ surface.forces(state.p)
+        size, change = float(np.linalg.norm(load)), float(np.linalg.norm(load - first))
+        width = SLIGHT * max(size / change * (end - state.time), smallest) if change else smallest
+        near = state.time
+        if attempt.impossible:
+            along = surface.R.T @ solution.u_c
+            final, begun = float(along @ load), float(along @ first)
+            room = final * (1 - solution.lacking) - begun
+            near += room / (final - begun) * (end - state.time) if final > begun else 0.0
+        slow = before is not None and 2 * (end - state.time) > (before.beyond - state.time) * (1 + ROUNDING)
+        return cls(end, near, width, slow or near - state.time < width)
+
+    def found(self, time: float) -> bool:
+        """Whether a time of equilibrium [s] is near enough."""
+        return self.beyond - time <= self.width * (1 + ROUNDING)
+
+    def next_time(self, time: float) -> float:
+        """The time [s] to try after one of equilibrium: just before the expected limit, then just after it."""
+        for sign in (-1, 1):
+            tried = self.near + sign * self.width / 3
+            if not self.halve and time + self.width / 9 < tried < self.beyond:
+                return tried
+        return (time + self.beyond) / 2
 
 
 def describe_motion(system: System, motion: Array, dofs: Ints) -> str:
@@ -165,13 +234,13 @@ def _sign(size: float) -> str:
     return "-" if size < 0 else ""
 
 
-def explain(problem: SurfaceProblem | None, solution: Solution, tolerance: float, size: float) -> str:
+def explain(problem: SurfaceProblem | None, solution: Solution, solver: Solver, size: float) -> str:
     """Explain in one line why the smallest substep failed.
 
     Args:
         problem: what was to be solved; None: it could not be set up.
         solution: how the iteration ended.
-        tolerance: `solver.tolerance`, that the residual does not meet [-].
+        solver: settings; where `auto` has tried all methods no other one is advised.
         size: size of the substep [s].
     """
     rigid_bodies = ""
@@ -181,8 +250,10 @@ def explain(problem: SurfaceProblem | None, solution: Solution, tolerance: float
     if np.isfinite(solution.residual):
         broken = solution.status is Status.BROKEN  # its tractions are those of the substep before
         where = "" if broken or problem is None else largest_residual(problem, solution)
-        residual = f"{where}residual {solution.residual:.1e}, not {tolerance:g},"
-    ending = f"after {solution.iterations} iterations; {solution.status.value}{rigid_bodies}"
+        residual = f"{where}residual {solution.residual:.1e}, not {solver.tolerance:g},"
+    other = solver.method != "auto" and solution.status in (Status.STALLED, Status.BROKEN)
+    advice = solution.status.value.replace("try ", f"try {'another solver.method, or ' * other}")
+    ending = f"after {solution.iterations} iterations; {advice}{rigid_bodies}"
     return f"{residual} in a step of {size:.3g} s {ending}{_jumps(problem)}"
 
 

@@ -67,6 +67,7 @@ class StepError(SolverError):
     """A step could not be solved: its smallest substep failed.
 
     Attributes:
+        time: end of the substep that failed [s].
         history: every iteration of the step, those of good substeps first (tuple of `HistoryRow`).
         last_good: the step up to its last good substep (`Accepted`); None if no substep succeeded, or if bolts and
             springs do not have their forces there.
@@ -81,11 +82,14 @@ class StepError(SolverError):
             last_good: the step up to its last good substep.
         """
         super().__init__(f"t = {time:g}: {text}")
-        self.history, self.last_good = history, last_good
+        self.time, self.history, self.last_good = time, history, last_good
 
 
 class NoEquilibriumError(StepError):
-    """A step could not be solved, and it is proved that there is no equilibrium at the time in its text."""
+    """A step could not be solved, and no equilibrium continues the one before to the time in its text.
+
+    That is proved on rigid bodies by `limit_analysis`, or shown on elastic ones by springs, see `newton/collapse`.
+    """
 
 
 class Stepper(SubstepSolver):
@@ -117,7 +121,7 @@ class Stepper(SubstepSolver):
 
         Raises:
             StepError: it was given up, see the loops.
-            NoEquilibriumError: so, and it is proved that nothing balances the loads.
+            NoEquilibriumError: so, and it is shown that nothing balances the loads.
         """
         history = self.chain.history = History(on_iteration)
         solves, pairs = self.system.counters.volume_solves, PairSearch(self)

@@ -51,7 +51,7 @@ class Attempt:
 
     @property
     def impossible(self) -> bool:
-        """Whether it is proved that nothing balances the loads."""
+        """Whether it is shown that nothing balances the loads."""
         return self.solution.status is Status.NO_EQUILIBRIUM
 
 
@@ -151,9 +151,9 @@ class SubstepSolver:
             problem, u_s, load = self.posed(state, end)
             # no load: no traction
             start = self._first_tractions(state, end) if problem.p_ref > 0 else np.zeros_like(state.p)
-            motion = unbalanced_motion(problem) if self.surface.floating else None
-            if motion is not None:
-                nothing = replace(tried.solution, p=start, u_c=motion, status=Status.NO_EQUILIBRIUM)
+            if self.surface.floating and (mechanism := unbalanced_motion(problem)) is not None:
+                nothing = replace(tried.solution, p=start, status=Status.NO_EQUILIBRIUM)
+                nothing = replace(nothing, u_c=mechanism.motion, lacking=mechanism.lacking)
                 return replace(tried, solution=nothing, problem=problem)
             solution, problem = self._solved(problem, u_s, state, start, on_step)
             tried = replace(tried, solution=solution, problem=problem)

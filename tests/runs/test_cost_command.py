@@ -193,6 +193,16 @@ def test_a_changed_scene_is_not_resumed(call: Call, folder: Path, monkeypatch: p
     assert sorted(path.name for path in folder.iterdir()) == ["out"]
 
 
+@pytest.mark.parametrize("how", ["cut", "other", "table", "scene"])
+def test_a_damaged_run_of_a_study_is_named(how: str, call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
+    assert call(*PLAIN, "--budget", "20", "-q")[0] == 0
+    first, second, *_ = sorted((folder / "out" / "runs").iterdir())
+    path = folder / "out" / "scene.json" if how == "scene" else first
+    path.write_text({"other": second.read_text(), "table": '{"rung": 3}'}.get(how, path.read_text()[:-9]))
+    assert_said(call(*PLAIN, "--budget", "30", "-q", "--resume"), 4, f"{path.name}: ")
+
+
 def test_methods_are_laid_side_by_side(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On the same meshes, whatever the scene names; without the option nothing of it is written."""
 

@@ -20,7 +20,7 @@ import pytest
 import stickslip
 from shared.command import Call, assert_said, result
 from shared.histories import LEARNS, PUSHED, SMALL, Stop, assert_same, names_in, rows, unchanged
-from stickslip.geometry.errors import FolderError, SceneError
+from stickslip.geometry.errors import DamagedError, FolderError, SceneError
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
@@ -29,7 +29,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.accuracy.rounds import Rounds, aiming
 from stickslip.workflows.formats.files import read_regular
-from stickslip.workflows.formats.hdf5 import write_arrays
+from stickslip.workflows.formats.hdf5 import read_arrays, write_arrays
 from stickslip.workflows.formats.marker import MARKER, mark
 from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.run.folder import BEGUN, ResultsFolder
@@ -397,6 +397,15 @@ def test_tables_that_were_damaged_or_lost_are_written_again(call: Call, stopped:
     (stopped / "steps.csv").unlink()
     assert call(*WORDS, "--resume") == (0, "", "")
     assert_same(stopped, whole)
+
+
+def test_a_mesh_that_was_damaged_is_written_again(call: Call, stopped: Path, whole: Path) -> None:
+    damage(stopped / "fields.h5")
+    with pytest.raises(DamagedError):
+        read_arrays(stopped / "fields.h5")
+    assert call(*WORDS, "--resume") == (0, "", "")
+    assert_same(stopped, whole)
+    assert read_arrays(stopped / "fields.h5")[0].keys() == read_arrays(whole / "fields.h5")[0].keys()
 
 
 # other processes

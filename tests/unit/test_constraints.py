@@ -29,7 +29,13 @@ from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.fem.constraints import Components, Constraints
 from stickslip.solvers.fem.rigid_fields import rigid_fields
-from stickslip.solvers.interface.limit_analysis import Balance, balancing_tractions, decide, unbalanced_motion
+from stickslip.solvers.interface.limit_analysis import (
+    Balance,
+    Mechanism,
+    balancing_tractions,
+    decide,
+    unbalanced_motion,
+)
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.method_registry import METHODS
@@ -652,7 +658,8 @@ def problem_of(monkeypatch: pytest.MonkeyPatch) -> ProblemOf:
         )
         seen: list[SurfaceProblem] = []
         monkeypatch.setattr(
-            "stickslip.solvers.stepping.substep.unbalanced_motion", lambda problem: seen.append(problem) or np.ones(1)
+            "stickslip.solvers.stepping.substep.unbalanced_motion",
+            lambda problem: seen.append(problem) or Mechanism(problem.surface.R[:, 0], 1.0),
         )
         monkeypatch.setattr("stickslip.solvers.stepping.halving.describe_motion", lambda system, motion, dofs: "")
         stepper = prepare(scene).stepper
@@ -678,9 +685,10 @@ def test_pull_up_to_the_limit_is_possible_and_beyond_it_impossible(
     assert decide(problem_of(2, [sign * 0.9999 * limit], friction)) is Balance.POSSIBLE
     beyond = problem_of(2, [sign * 1.0001 * limit], friction)
     assert decide(beyond) is Balance.IMPOSSIBLE
-    motion = unbalanced_motion(beyond)
+    motion, lacking = unbalanced_motion(beyond)
     assert_allclose(np.abs(motion).max(), 1.0)
     assert sign * motion[::2].mean() > 0.9  # it slides with the pull
+    assert_allclose(lacking, 1 - 1 / 1.0001 if "bound" in friction else 1.0, rtol=1e-3)  # a cone bears no work
 
 
 @pytest.mark.parametrize("turn", often(range(0, 91, 15), (0, 15, 60)))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 
-from stickslip.geometry.errors import FolderError
+from stickslip.geometry.errors import DamagedError, FolderError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.run_record import Run, from_plain
 from stickslip.workflows.formats.files import make_folder, write_json
+from stickslip.workflows.formats.marker import read_checked_json
 from stickslip.workflows.run.folder import RUNS, SCENE, ResultsFolder
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 
@@ -22,6 +22,7 @@ class StudyFolder(ResultsFolder):
         Raises:
             FolderError: something else stands there; or there is nothing to resume, or runs that nobody resumes.
             SceneError: the scene to resume was another one.
+            MachineError: a file to resume from is damaged, or another one.
         """
         super().__init__(target)
         plain = identity(scene, DECIDES_NOTHING)
@@ -30,10 +31,8 @@ class StudyFolder(ResultsFolder):
             raise FolderError(f"{target}: holds no cost study to resume; leave out --resume")
         self.runs: list[Run] = []  # finished ones, in the order in which they were made
         if source is not None:
-            refuse_changes(json.loads((source / SCENE).read_text(encoding="utf-8")), plain, target)
-            files = (source / RUNS).glob("order*.json")
-            found = (from_plain(json.loads(path.read_text(encoding="utf-8"))) for path in files)
-            self.runs = sorted(found, key=lambda run: run.number)
+            refuse_changes(read_checked_json(source / SCENE), plain, target)
+            self.runs = sorted(map(_run, (source / RUNS).glob("order*.json")), key=lambda run: run.number)
         if source == self.work:
             self.take_up(source)
         else:
@@ -49,3 +48,14 @@ class StudyFolder(ResultsFolder):
         name = f"{RUNS}/{run.rung.name}.json"
         self.declare([name])
         write_json(self.work / name, asdict(run))
+
+
+def _run(path: Path) -> Run:
+    """A finished run, whose rung is in the name of its file."""
+    try:
+        run = from_plain(read_checked_json(path))
+    except (KeyError, TypeError):
+        run = None
+    if run is None or run.rung.name != path.stem:
+        raise DamagedError(f"{path}: is not that run: damaged, or another one")
+    return run

@@ -60,13 +60,13 @@ class Marker:
 
 def is_marked(folder: Path) -> bool:
     """Return whether the folder is that of a run."""
-    return _text(folder).startswith(SIGNATURE)
+    return text_of(folder / MARKER).startswith(SIGNATURE)
 
 
 def marker_of(folder: Path) -> Marker:
     """Return what the marker says; one that is damaged names nothing."""
     try:
-        said = parse_json(_text(folder).partition("\n")[2].encode())
+        said = parse_json(text_of(folder / MARKER).partition("\n")[2].encode())
         names, sha256, former = tuple(said["names"]), dict(said["sha256"]), said["former"]
     except (ValueError, TypeError, KeyError):
         return Marker()
@@ -242,9 +242,9 @@ def is_folder(path: Path) -> bool:
     return path.is_dir() and not path.is_symlink()
 
 
-def _text(folder: Path) -> str:
-    """Return the text of a marker; empty where there is none."""
+def text_of(path: Path) -> str:
+    """Return the text of a file; empty where there is none."""
     try:
-        return read_regular(folder / MARKER).decode(errors="replace")
+        return read_regular(path).decode(errors="replace")
     except OSError:
         return ""

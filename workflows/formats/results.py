@@ -17,9 +17,9 @@ from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import Units
 from stickslip.solvers.parallel.counters import PHASES, Row
 from stickslip.solvers.results.step_result import told
-from stickslip.workflows.formats.files import json_text, parse_json, read_json, read_regular
+from stickslip.workflows.formats.files import json_text, parse_json, read_json
 from stickslip.workflows.formats.hdf5 import read_arrays
-from stickslip.workflows.formats.marker import RESULT, checksums, marker_of, own_files, read_checked_json
+from stickslip.workflows.formats.marker import RESULT, checksums, marker_of, own_files, read_checked_json, text_of
 from stickslip.workflows.formats.mesh_file import MESH_FILE
 from stickslip.workflows.formats.steps import light_files, read_checkpoint, step_files
 
@@ -106,7 +106,7 @@ def read_results(folder: Path) -> Results:
         content=content,
         steps=step_files(folder),
         mesh=read_arrays(folder / MESH_FILE)[0] if (folder / MESH_FILE).is_file() else {},
-        mesh_lines=tuple(dict.fromkeys(OF_MESH.findall(_text(folder / LOG)))),
+        mesh_lines=tuple(dict.fromkeys(OF_MESH.findall(text_of(folder / LOG)))),
         pictures=tuple(sorted(path for path in own_files(folder) if path.suffix == ".png")),
     )
 
@@ -129,13 +129,6 @@ def _without_end(folder: Path) -> dict[str, Any]:
         "scene": begun["scene"] | {"units": begun.get("units", "SI")},
         "dolfinx": begun.get("dolfinx"),
     }
-
-
-def _text(path: Path) -> str:
-    try:
-        return read_regular(path).decode(errors="replace")
-    except OSError:
-        return ""
 
 
 def seconds_of(rows: Sequence[Row], reference: float | None) -> dict[str, float | None]:

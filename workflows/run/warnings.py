@@ -175,6 +175,7 @@ def doubts(
             continue
         if not problem.pairs[rows.name].contact.sliding:
             yield from _slid_far(rows, problem, states)
+        yield from _at_corners(rows, problem, states)
         peak = max(states, key=lambda state: state.max_pressure)
         if (peak.status != OPEN).any() and peak.max_pressure > 0:
             yield from _few_points(rows, problem, peak)
@@ -285,6 +286,26 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
             f"contacts.{rows.name}: slips by up to {worst:.3g} {length} on a curved obstacle, while each point keeps "
             f"the normal it began with; set contacts.{table_of(rows.name)}.sliding = true"
         )
+
+
+def _at_corners(rows: ContactRows, problem: Problem, states: Sequence[ContactState]) -> Iterator[str]:
+    """Corners that press on corners, and those that a compliance law between nodes does not feel."""
+    side, tips = rows.surface, np.zeros(len(rows.surface.nodes)) if rows.tips is None else rows.tips
+    if not (side.at_edge.any() or tips.any()):
+        return
+    scale = ROUNDING * float(np.ptp(side.points, axis=0).max())
+    for state in states:
+        unfelt = ~np.isin(side.nodes, side.nodes[state.pressure > 0]) & (state.weight > 0) & (state.gap < -scale)
+        unfelt &= rows.normal.at_quadrature & ((tips > 0) | (side.at_edge > 0))
+        depth = f"{-state.gap[unfelt].min(initial=0.0):.2g} {problem.labels.length} deep"
+        for places, said in (
+            ((tips > 1) & (state.pressure > 0), "presses on one along it, half way between faces, which is a choice"),
+            (unfelt, f"lies {depth}, and a law of compliance, at points between nodes, does not feel it: refine"),
+        ):
+            if places.any():
+                place = ", ".join(f"{x:.4g}" for x in side.points[places][0])
+                yield f"contacts.{rows.name}: the corner or edge at ({place}) {said}"
+                return
 
 
 def _few_points(rows: ContactRows, problem: Problem, state: ContactState) -> Iterator[str]:

@@ -215,13 +215,12 @@ def _bolts(found: Assembly) -> list[dict[str, str]]:
     ]
 
 
-def _contact(pair: Pair, label: str, slave: Side | None, names: Mapping[Side, str], found: Assembly) -> dict[str, Any]:
+def _contact(pair: Pair, label: str, slave: Side, names: Mapping[Side, str], found: Assembly) -> dict[str, Any]:
     """Return the words and numbers of a contact's table."""
     one, other = (pair.other, pair.one) if slave is pair.other else (pair.one, pair.other)
     law, why = proposed_law(pair, found)
     gap = f"{pair.fit:.6g}" if pair.exact else ""
-    said = {"label": label, "one": names[one], "other": names[other], "law": law, "why": why, "gap": gap}
-    return {**said, "left_out": slave is None}
+    return {"label": label, "one": names[one], "other": names[other], "law": law, "why": why, "gap": gap}
 
 
 def side_names(found: Assembly) -> dict[Side, str]:
@@ -251,11 +250,8 @@ def _to(bodies: Sequence[str]) -> str:
     return f"to_{'_'.join(different[: LONGEST - 1])}_and_{len(different) - LONGEST + 1}_more"
 
 
-def slaves(pairs: Sequence[Pair]) -> list[Side | None]:
-    """Which side of each pair carries the tractions: each side in one pair at most, small sides rather than large ones.
-
-    None where that is impossible.
-    """
+def slaves(pairs: Sequence[Pair]) -> list[Side]:
+    """Which side of each pair carries the tractions: each side in one pair, where that can be, and small ones first."""
     sides = list(dict.fromkeys(side for pair in pairs for side in (pair.one, pair.other)))
     if not pairs:
         return []
@@ -266,7 +262,7 @@ def slaves(pairs: Sequence[Pair]) -> list[Side | None]:
         for side in (pair.one, pair.other):
             cost[k, sides.index(side)] = side.area / largest
     chosen = linear_sum_assignment(cost)[1]
-    return [sides[c] if cost[k, c] < never else None for k, c in enumerate(chosen)]
+    return [sides[c] if cost[k, c] < never else pairs[k].one for k, c in enumerate(chosen)]
 
 
 def sizes(found: Assembly) -> tuple[float | None, float | None]:

@@ -1,0 +1,110 @@
+"""Loads that contact and friction bear no longer are told as limits, of bodies whose pressures elasticity makes."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip import NoEquilibriumError, SceneError, StepResult
+from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.scene_file.read import from_dict
+
+STEEL = {"E": 210e9, "nu": 0.3}
+MU, ANGLE = 0.5, np.radians(10.0)
+LAP = {  # tightened to a force, held, and pulled: what it grips follows from bolt and bodies
+    "model": "plane strain",
+    "geometry": {"builder": "two_blocks", "length": 0.06, "height": 0.01, "mesh_size": 0.0025},
+    "bodies": {"upper": STEEL, "lower": STEEL},
+    "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top",
+                           "friction": {"law": "coulomb", "mu": 0.2}}},
+    "bolts": {"bolt": {"head": "upper.top", "nut": "lower.bottom", "axis": [0.0, 1.0], "stiffness": 2e10,
+                       "force": [[1.0, 3e6]], "held_from": 1.0}},
+    "loads": {"pull": {"boundary": "upper.right", "force": {"x": [[1.0, 0.0], [2.0, 8e5]]}}},
+    "supports": {"held": {"boundary": "lower.left", "displacement": {"x": 0.0, "y": 0.0}}},
+    "steps": {"end": 2.0, "count": 8},
+}  # fmt: skip
+BELT = {  # on a quarter of a pulley
+    "model": "plane strain",
+    "geometry": {"builder": "ring", "inner_radius": 1.0, "outer_radius": 1.02, "angle": 90, "mesh_size": 0.04},
+    "bodies": {"ring": {"E": 1e6, "nu": 0.3}},
+    "obstacles": {"pulley": {"shape": "cylinder", "point": [0.0, 0.0], "radius": 1.0}},
+    "contacts": {"wrap": {"surface": "ring.inner", "against": "pulley", "friction": {"law": "coulomb", "mu": 0.3}}},
+    "loads": {"slack": {"boundary": "ring.x_axis", "force": {"y": [[1.0, -10.0]]}},
+              "tight": {"boundary": "ring.y_axis", "force": {"x": [[1.0, -10.0], [2.0, -30.0]]}}},
+    "steps": {"end": 2.0, "count": 2},
+}  # fmt: skip
+WEDGE = {  # pressed into a groove that it cannot slide out of, let go, then drawn
+    "model": "plane strain",
+    "geometry": {"builder": "wedge", "half_angle": 10.0, "bottom_width": 1.0, "height": 1.0, "mesh_size": 0.1},
+    "bodies": {"wedge": {"E": 1e3, "nu": 0.3}},
+    "obstacles": {side: {"shape": "plane", "point": [x, 0.0], "normal": [-2 * x * np.cos(ANGLE), np.sin(ANGLE)]}
+                  for side, x in (("left", -0.5), ("right", 0.5))},
+    "contacts": {side: {"surface": f"wedge.{side}", "against": side, "friction": {"law": "coulomb", "mu": MU}}
+                 for side in ("left", "right")},
+    "loads": {"push": {"boundary": "wedge.top", "force": {"y": [[1.0, -20.0], [2.0, 0.0], [3.0, 20.0]]}}},
+    "steps": {"end": 3.0, "count": 12},
+}  # fmt: skip
+
+
+def ended(data: dict[str, Any]) -> tuple[list[StepResult], float, int, int]:
+    """Steps; the time from which there is no equilibrium; volume solves of a step before, and of all at the limit."""
+    simulation, steps, solves = prepare(from_dict(data)), list[StepResult](), [0]
+
+    def march() -> None:
+        for step in simulation.steps():
+            steps.append(step)
+            solves.append(simulation.counters.volume_solves)
+
+    with pytest.raises(NoEquilibriumError, match=r"cannot balance the loads: .* the last equilibrium") as caught:
+        march()
+    beyond = float(str(caught.value).split()[2].rstrip(":"))
+    return steps, beyond, max(np.diff(solves[:-1])), solves[-1] - solves[-2]
+
+
+@pytest.mark.parametrize("data", [LAP, BELT, WEDGE], ids=["lap", "belt", "wedge"])
+def test_a_limit_load_is_bracketed_to_a_thousandth_at_the_price_of_ten_steps(data: dict[str, Any]) -> None:
+    steps, beyond, usual, spent = ended(data)
+    turn = 2.0 if data is WEDGE else 1.0
+    first = -10.0 / -20.0 if data is BELT else 0.0  # of the load at the turn, in units of its rate
+    assert 0 < beyond - steps[-1].time <= 1e-3 * (steps[-1].time - turn + first) * 1.01
+    assert spent <= 10 * max(usual, 3)
+
+
+def test_a_joint_grips_as_bodies_and_bolt_press_it() -> None:
+    last = ended(LAP)[0][-1]
+    joint = last.contacts["joint"]
+    assert 0.998 * 0.2 * joint.normal_force < joint.tangential_force <= 0.2 * joint.normal_force * (1 + 1e-9)
+    assert joint.normal_force < 0.996 * 3e6  # the pull makes the bodies thinner
+
+
+def test_a_belt_bears_what_eytelwein_says() -> None:
+    """Of a thin one; here it is a fiftieth of its radius thick."""
+    tight = 10 + 20 * (ended(BELT)[0][-1].time - 1)
+    assert tight == pytest.approx(10 * np.exp(0.3 * np.pi / 2), rel=0.01)
+
+
+def test_a_jammed_wedge_comes_out_at_the_same_force_however_finely_it_is_drawn() -> None:
+    """Past its largest force it would be in equilibrium with less, too: no history of forces reaches such states."""
+    limits = [20 * (ended(WEDGE | {"steps": {"end": 3.0, "count": count}})[0][-1].time - 2) for count in (12, 60)]
+    assert limits[0] == pytest.approx(limits[1], rel=0.01)
+    assert 2.0 < limits[0] < 20 * (MU - np.tan(ANGLE)) / (MU + np.tan(ANGLE))  # some of the grip is lost on the way
+
+
+def test_a_script_finds_the_largest_multiple_of_a_load_and_stays_as_it_was() -> None:
+    script = prepare(from_dict(LAP)).script()
+    script.step(to=1.0)
+    limit = script.limit("loads.pull.x")
+    assert limit.value == pytest.approx(0.2 * 2.983e6, rel=2e-3)
+    assert limit.value < limit.beyond <= limit.value * 1.0011
+    assert limit.multiple == limit.value / 8e5
+    assert script.time == 1.0
+    script.step(to=2.0, loads={"pull": {"x": limit.value}})
+    with pytest.raises(NoEquilibriumError):
+        script.step(to=3.0, loads={"pull": {"x": limit.beyond}})
+
+
+def test_a_load_that_is_none_has_no_limit() -> None:
+    script = prepare(from_dict(LAP)).script()
+    for wrong, text in (("loads.pull.y", "prescribes only x"), ("supports.held.x", "expected loads.NAME")):
+        with pytest.raises(SceneError, match=text):
+            script.limit(wrong)
