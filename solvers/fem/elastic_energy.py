@@ -80,7 +80,7 @@ def energy_density(
                 strain[i][j] = normal[i]
             elif i != j and max(i, j) < dim:
                 strain[i][j] = (gradient[i, j] + gradient[j, i]) / 2
-    Q = constant(body.axes)
+    Q = constant(axes_again(body))
     along, c = Q * ufl.as_matrix(strain) * ufl.transpose(Q), normal_stiffness(body, plane_stress)
     stretch, stiffness = ufl.as_vector([along[a, a] for a in range(len(c))]), constant(c)
     found = ufl.inner(stretch, stiffness * stretch)
@@ -89,6 +89,18 @@ def energy_density(
         assert G is not None
         found += constant(G) * (along[a, b] + along[b, a]) ** 2
     return found / 2
+
+
+def axes_again(body: Orthotropic) -> Array:
+    """Axes 1, 2, 3 as rows (3, 3), right-handed, of a QR decomposition of the directions that are given."""
+    given = [np.array(axis, float) for axis in (body.axis_1, body.axis_2) if axis is not None]
+    first = np.resize([*body.axis_1, 0.0], 3) if body.axis_1 is not None else np.array([1.0, 0.0, 0.0])
+    flat = any(len(axis) == 2 for axis in given)
+    second = np.array([-first[1], first[0], 0.0]) if flat else np.array([0.0, 1.0, 0.0])
+    second = np.resize([*body.axis_2, 0.0], 3) if body.axis_2 is not None else second
+    Q, R = np.linalg.qr(np.column_stack([first, second]))
+    a, b = (Q * np.sign(np.diag(R))).T
+    return np.array([a, b, np.cross(a, b)])
 
 
 def normal_stiffness(body: Orthotropic, plane_stress: bool) -> Array:
@@ -115,7 +127,7 @@ def normal_stiffness(body: Orthotropic, plane_stress: bool) -> Array:
 
 def stress_by_compliance(body: Orthotropic, strain: Array, plane_stress: bool) -> Array:
     """Stress (n, 3, 3) [Pa] of elastic strains (n, 3, 3) [-]; in plane stress eps_33 is not read."""
-    Q = body.axes
+    Q = axes_again(body)
     along = Q @ strain @ Q.T
     c = normal_stiffness(body, plane_stress)
     found, count = np.zeros_like(along), len(c)

@@ -39,6 +39,7 @@ from stickslip.solvers.results.closed_formulas import (
     stored_energy,
 )
 from stickslip.solvers.results.resultants import acting
+from stickslip.solvers.results.second_forces import SecondForces
 from stickslip.solvers.results.second_numbers import SecondNumbers
 from stickslip.solvers.results.stored_fields import (
     MultiplierForces,
@@ -137,6 +138,11 @@ class Auditor:
         self._second, self._last = SecondNumbers(self.start), Balance(self.start.vector(), np.zeros(0), 0.0, 0.0)
         self._set_system(self.start)
 
+    @cached_property
+    def _terms(self) -> dict[str, float | None]:
+        """Difference of each load, initial strain and averaged dilatation from its second value; collective."""
+        return SecondForces(self.start, self._second).apart()
+
     def _set_system(self, system: System, time: float = 0.0) -> None:
         """Use the contact rows of `system` as they are at a time [s]."""
         self.system, self.cone = system, AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end).at(time)
@@ -145,11 +151,9 @@ class Auditor:
     def shared(self) -> tuple[str, ...]:
         """Return terms without a second formula, for which the solver's own is used: an error in it is not seen."""
         problem, zero = self.start.problem, np.zeros(1)
-        found = ["loads"] * bool(self.start.loads) + [x.key for x in problem.links] + [x.key for x in problem.couplings]
-        found += [f"{effect.name}: stiffness" for effect in active(problem) if effect.stiffens]
+        found = [name for name, off in self._terms.items() if off is None] + [x.key for x in problem.couplings]
+        found += [f"{effect.name}: stiffness" for effect in active(problem) if effect.other_stiffness(problem)]
         found += [f"{place}: expression" for place in problem.timeline.expressions if place.table == "supports"]
-        found += [f"initial strain of {s.body}" for s in self.start.initial.strains]
-        found += [f"mean dilatation of {body}" for body in problem.averaged]
         for name, obstacle in problem.obstacles.items():
             if gap(obstacle, np.zeros((1, problem.dim))) is None:
                 found.append(f"obstacles.{name}: gap")
@@ -201,7 +205,7 @@ class Auditor:
         moved = record.displacement[rows.input]
         if rows.master is not None:
             return moved
-        return moved - self.system.obstacles.motion(rows.name, rows.points, record.time, record.driven)
+        return moved - self._second.motion(rows.name, rows.points, record)
 
     def _relative(self, record: Record) -> Array:
         """w (rows,) [m] of the stored displacement."""
@@ -397,7 +401,13 @@ class Auditor:
         found = self._second.differences(record.stored, seen, largest, least)
         self._unseen |= {f"{name}: number" for name, off in found.items() if off is None}
         log.debug("t = %g: %s", record.time, {name: off for name, off in found.items() if off})
-        return _largest([*(off or 0.0 for off in found.values()), *(each.wrong for each in contacts.values())])
+        return _largest(
+            [
+                *(off or 0.0 for off in self._terms.values()),
+                *(off or 0.0 for off in found.values()),
+                *(each.wrong for each in contacts.values()),
+            ]
+        )
 
     def _compliance(self, place: ContactBlock, record: Record) -> float:
         """Energy that the laws of a contact store [J]."""

@@ -19,7 +19,7 @@ from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.fem.rigid_fields import parts_of_motion, rigid_fields
-from stickslip.solvers.results.closed_formulas import in_time
+from stickslip.solvers.results.closed_formulas import gap, in_time
 from stickslip.solvers.results.stored_fields import Record, StoredFields
 from stickslip.solvers.scene.loads import Coupling, End, Link, Springs
 from stickslip.solvers.scene.record import AGAIN, Number, Seen, Value, numbers_of
@@ -191,6 +191,21 @@ class SecondNumbers:
             found["xyz".index(along)] += size * (other == name)
         return found
 
+    def motion(self, pair: str, points: Array, record: Record) -> Array:
+        """Motion (m, d) [m] of a pair's obstacle where it is closest to points (m, d), or if tied at these."""
+        known = self._problem.pairs[pair]
+        name, tied = str(known.obstacle), known.contact.normal.ties
+        obstacle, found = self._problem.obstacles[name], np.tile(self.moved(name, record), (len(points), 1))
+        if obstacle.rotation is None:
+            return found
+        own = gap(obstacle, points)
+        apart = obstacle.signed_gap(points) if own is None else own
+        arm = points - (0.0 if tied else apart[:, None] * obstacle.normals(points)) - np.array(obstacle.rotation.point)
+        axis = np.array(obstacle.rotation.axis or (0.0, 0.0, 1.0))
+        turn = np.cross(axis / np.linalg.norm(axis), np.pad(arm, ((0, 0), (0, 3 - arm.shape[1]))))
+        angle = self.value(Place("obstacles", name, "rotation", "angle"), record)
+        return np.asarray(found + angle * turn[:, : arm.shape[1]])
+
     def _obstacle(self, name: str, record: Record, contacts: Mapping[str, SimpleNamespace]) -> SimpleNamespace:
         """What bodies feel of an obstacle, about the point of its rotation."""
         dim, obstacle, moved = self._problem.dim, self._problem.obstacles[name], self.moved(name, record)
@@ -254,20 +269,21 @@ class SecondNumbers:
         pull = {"tension": float(tension.sum()), "shortening": first}
         return self.acting(np.zeros_like(forces), forces, **pull)
 
-    def on_side(self, name: str, record: Record, traction: Callable[[Array, Array], Array]) -> Array:
+    def on_side(self, name: str, values: Array, traction: Callable[[Array, Array], Array]) -> Array:
         """Nodal forces (n, d) [N] of a traction on a side, by its quadrature.
 
         Args:
-            traction: of displacements and unit normals (m, d), (m, d) [Pa].
+            values: of the nodes (n, d).
+            traction: of the values and unit normals (m, d), (m, d) [Pa].
         """
         side = self.side(name)
-        degree = 2 * side.degree + 2
+        degree = 2 * side.degree + self._system.weak.smooth
         (weights, basis), local = side.quadrature(degree), dx.reference_rule(side.shape, degree)[0]
         facets = np.repeat(np.arange(len(side.facets)), len(local))
         normals = place(side, facets, np.tile(local, (len(side.facets), 1))).area_normals
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        moved = np.einsum("qk,fkd->fqd", basis, record.displacement[side.input[side.facets]])
-        stress = traction(moved.reshape(normals.shape), normals).reshape(moved.shape)
+        between = np.einsum("qk,fkd->fqd", basis, values[side.facets])
+        stress = traction(between.reshape(normals.shape), normals).reshape(between.shape)
         nodal, found = np.einsum("fq,qk,fqd->fkd", weights, basis, stress), np.zeros(side.points.shape)
         np.add.at(found, side.facets, nodal)
         return found
@@ -279,8 +295,9 @@ class SecondNumbers:
             along = np.einsum("md,md->m", moved, normals)[:, None] * normals
             return np.asarray(-springs.normal * along - springs.tangential * (moved - along))
 
-        forces = self.on_side(springs.boundary, record, resisted)
-        return self.acting(self.side(springs.boundary).points + self.mean(springs.boundary, record), forces)
+        side = self.side(springs.boundary)
+        forces = self.on_side(springs.boundary, record.displacement[side.input], resisted)
+        return self.acting(side.points + self.mean(springs.boundary, record), forces)
 
     def _coupled(self, coupling: Coupling, record: Record, out: Array) -> SimpleNamespace:
         """Mean motion of the side of a remote point, as that of a rigid body; loads on it, and what holds it."""

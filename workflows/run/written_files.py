@@ -16,7 +16,7 @@ import numpy as np
 from stickslip.geometry.arrays import TINY, AnyArray, Array
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.results.closed_formulas import in_time
-from stickslip.solvers.results.step_result import STATUS_WORDS, Errors, StepResult, told, values
+from stickslip.solvers.results.step_result import STATUS_WORDS, Errors, StepResult, told
 from stickslip.solvers.scene.record import STRESSES, flat_names, numbers_of
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.csv_tables import column, is_prescribed, read_steps_table, read_table
@@ -65,7 +65,7 @@ class WrittenFiles:
 
     def _numbers(self, index: int, step: StepResult, errors: Errors | None) -> Iterator[float]:
         """Numbers of a step in steps.csv, their errors, and values in time."""
-        row, reported = {name: rows[index - 1] for name, rows in self._table.items()}, values(step)
+        row, reported = {name: rows[index - 1] for name, rows in self._table.items()}, set[str]()
         plain = told(step, errors)
         for table, record in records().items():
             for name, own in by_name(table, plain[table]).items():
@@ -73,6 +73,7 @@ class WrittenFiles:
                     parts = np.ravel(own[key])
                     stated = ((own.get("error") or {}).get(key) or {}).get("total")
                     for k, flat in enumerate(flat_names(table, name, key, number, len(parts))):
+                        reported.add(flat)
                         if number.column or flat in row:
                             yield _apart(row.get(flat, np.inf), parts[k])
                         if number.column and number.error and errors is not None:
