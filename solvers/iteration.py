@@ -148,6 +148,9 @@ class Solution:
     correct: Callable[[Correction], Correction] | None = None  # of approximate laws; takes that of the step before
     convergence: Convergence | None = None  # of methods that measure it
     others: tuple[Array, ...] = ()  # tractions (rows,) [Pa] of other solutions that were met
+    proved: bool = False  # whether it is proved that there are none
+    jumps: bool = False  # whether no solution goes on from the state before without a fall of the load
+    jump: float = 0.0  # energy [J] that such jumps set free
     weakening: float = 0.0  # how much faster than bodies unload friction weakens by slip [-]; above 1 slip jumps
     lacking: float = 1.0  # see `Mechanism`, with Status.NO_EQUILIBRIUM
     slack: float = CLOSE  # part of the friction bound by which the traction of a slipping point may be smaller

@@ -14,10 +14,11 @@ the nodes near the peak is stated of them.
 
 Where a body begins to slip within one step, friction bounds change while it does, and shorter histories, which begin to
 slip in one step as well, end with the same dissipation. So at least `PATH` of the work by which changes of the bounds
-within the steps can change it is stated: without, 16 % of all errors of dissipations are stated below half of what they
-are, with it 3 %. And as the dissipation of a step is that of its last tractions, what these change by in the step,
-times its slips, bounds its error (at most 2.6 times that in 48 steps of four scenes): what stretches of three steps
-that are made one attribute to each of them is not more than `TURNED` times that, or a tenth where earlier steps decide.
+within the steps can change it is stated, all of it where a point touches and slips in one step: without, 16 % of all
+errors of dissipations are stated below half of what they are, with it 3 %. And as the dissipation of a step is that of
+its last tractions, what these change by in the step, times its slips, bounds its error (at most 2.6 times that in 48
+steps of four scenes): what stretches of three steps that are made one attribute to each of them is not more than
+`TURNED` times that, or a tenth where earlier steps decide.
 Where pairs slide, `SLIDING` times the differences: .88 instead of .73 within [.7, 3] (`sliding`).
 
 What touches in the first step of a history has slid freely before, and slips or sticks from the beginning of the step
@@ -41,9 +42,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools, Ints
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import OPEN, ErrorParts, Errors, Quantity, StepResult, quantities
+from stickslip.solvers.results.step_result import OPEN, SLIP, ErrorParts, Errors, Quantity, StepResult, quantities
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.record import Value
 from stickslip.solvers.scene.timeline import Timeline
@@ -220,7 +221,7 @@ class TimeStepErrors:
         slides = any(pair.contact.sliding for pair in self._problem.pairs.values())
         found = estimates(run, compared, columns, jump, slides)
         if path_matters:
-            for key, (most, least) in _along_the_path(steps).items():
+            for key, (most, least) in _along_the_path(steps, self._apart()).items():
                 place = columns.which(key.__eq__)
                 if key.quantity == "dissipation":
                     found[:, place] = np.minimum(found[:, place], np.maximum(most[:, None], found[:, place] / 10))
@@ -235,15 +236,19 @@ class TimeStepErrors:
 
     def _closes(self, plan: Stretches, steps: Sequence[StepResult]) -> list[bool]:
         """Whether a contact with friction closes in the first step of each stretch."""
-        system, found, first = self._stepper.system, list[bool](), 0
-        gap = ROUNDING * system.extent  # relative to the bodies; a smaller initial interference is rounding
-        apart = {c.name: bool((c.node_gap > gap).all()) for c in system.contacts if c.friction is not None}
+        system, found, first, gaps = self._stepper.system, list[bool](), 0, self._apart()
+        apart = {c.name: bool(gaps[c.name].all()) for c in system.contacts if c.friction is not None}
         for stretch in plan:
             closed = {name: (steps[first].contacts[name].status != OPEN).any() for name in apart}
             found.append(any(apart[name] and closed[name] for name in apart))
             first += len(stretch)
             apart = {name: bool((steps[first - 1].contacts[name].status == OPEN).all()) for name in apart}
         return found
+
+    def _apart(self) -> dict[str, Bools]:
+        """By contact, which nodes (n,) do not touch at the start."""
+        gap = ROUNDING * self._stepper.system.extent  # relative to the bodies; a smaller initial gap is rounding
+        return {c.name: c.node_gap > gap for c in self._stepper.system.contacts}
 
     def _compare(self, run: Solved, closes: Sequence[bool]) -> Compared:
         """Solve the shorter histories, and the one with single steps halved, the others as in the shortest.
@@ -303,9 +308,13 @@ class TimeStepErrors:
         return first.state.energy.time_remainder
 
 
-def _along_the_path(steps: Sequence[StepResult]) -> dict[Quantity, Array]:
+def _along_the_path(steps: Sequence[StepResult], gaps: Mapping[str, Bools]) -> dict[Quantity, Array]:
     """By dissipation, two rows (2, n) [J] of what changes within steps do to it: the most, of tractions; the least, of
-    friction bounds."""
+    friction bounds.
+
+    Args:
+        gaps: by contact, which nodes (n,) do not touch at the start.
+    """
     found, dissipated = dict[Quantity, Array](), Quantity("energy", "", "dissipated")
     for name in steps[0].contacts:
         states = [step.contacts[name] for step in steps]
@@ -314,7 +323,10 @@ def _along_the_path(steps: Sequence[StepResult]) -> dict[Quantity, Array]:
         slips = np.array([state.weight[:, None] * state.slip_increment for state in states])
         turned = np.abs((np.diff([state.traction for state in states], axis=0, prepend=0.0) * slips).sum(axis=2))
         lengths = np.linalg.norm(slips, axis=2)
-        work = np.array([TURNED * turned.sum(axis=1), PATH * (changes * lengths).sum(axis=1) / 2])
+        apart = np.array([gaps[name], *(state.status == OPEN for state in states[:-1])])
+        touches = apart & np.array([state.status == SLIP for state in states])  # from no traction on
+        part = np.where(touches, 1.0, PATH)
+        work = np.array([TURNED * turned.sum(axis=1), (part * changes * lengths).sum(axis=1) / 2])
         found[Quantity("contacts", name, "dissipation")] = work
         found[Quantity("contacts", name, "dissipation_total")] = np.cumsum(work, axis=1)
         found[dissipated] = found.get(dissipated, 0.0) + np.cumsum(work, axis=1)

@@ -245,7 +245,10 @@ class MeshCorrection:
         bolts = FollowedBolts(self._by_force, self._bubbles, before, old, new)
         friction = rows.friction(stepper.cone, old, new)
         finer = None if self._finer is None else self._finer.added(new.time)
-        step = _Substep(stepper, self._bubbles, rows, self._left_out, before, new, problem, bolts, friction, finer)
+        touched = problem.gap - (old.w - stepper.cone.give(old.p))
+        step = _Substep(
+            stepper, self._bubbles, rows, self._left_out, before, new, problem, bolts, friction, finer, touched
+        )
         with surface.loosely(1e-2):  # in the energy norm, a displacement that an iterative volume solve recovers
             last = self._improved(step, solve)
             if last is None:
@@ -322,6 +325,7 @@ class _Substep:
     bolts: FollowedBolts
     friction: Mapping[str, tuple[Array, float]]  # between nodes, see `BubbleRows.friction`
     finer: Vec | None  # what loads lack, see `FinerLoads.added` [N]
+    touched: Array  # (rows,) motion [m] before points touch in the substep, in tangential rows, see `from_touch`
 
     def solved(self) -> Answer:
         """The solved step: what is answered to no bubbles."""
@@ -344,7 +348,7 @@ class _Substep:
         """
         stepper, new, n = self.stepper, self.new, self.stepper.surface.normal_rows
         closer = (0.0 if straight else 1.0) * self.rows.closer[:n]
-        slip = self.problem.gap if same_history else self.old.w - stepper.cone.give(self.old.p)
+        slip = self.problem.gap if same_history else self.old.w - stepper.cone.give(self.old.p) + self.touched
         pull, left_out = self.bubbles.pull(x), None if straight else self._forces_left_out
         more = pull if left_out is None else pull + left_out[1] - left_out[0]
         more = more if self._friction is None else more + self._friction

@@ -7,12 +7,14 @@ F = 0 at s = 0 is then a polygon: it is followed from kink to kink, where one ro
 stick, slip either way). The inverse of the Jacobian changes by rank one there; where its determinant changes its sign,
 s turns back. No volume solve is needed.
 
-Two homotopies. H = F - s F(z_0) starts at any iterate z_0; nothing is proved of it. H = F with gaps wider by s D starts
-with all rows open, as Lemke's method does with the covering vector D. For bodies that supports hold, with independent
-rows, it arrives for every coefficient of friction: work on the tractions of a solution,
-p^T W G p <= p_n^T W (w_n - gap - s D) + s_t^T W |w_t - gap_t| with the bounds s_t <= mu p_n, shows that solutions are
-bounded, and that p = 0 is the only one for s >= 1, if D is large enough; the path that starts there cannot end but at
-s = 0. It has finitely many kinks if no two come at once (start and D are perturbed for that), perhaps very many.
+Three homotopies. H = F - s F(z_0) starts at any iterate z_0; nothing is proved of it. H = F with gaps wider by s D
+starts with all rows open, as Lemke's method does with the covering vector D. For bodies that supports hold, with
+independent rows, it arrives for every coefficient of friction: work on the tractions of a solution, p^T W G p <= p_n^T
+W (w_n - gap - s D) + s_t^T W |w_t - gap_t| with the bounds s_t <= mu p_n, shows that solutions are bounded, and that p
+= 0 is the only one for s >= 1, if D is large enough; the path that starts there cannot end but at s = 0. It has
+finitely many kinks if no two come at once (start and D are perturbed for that), perhaps very many.
+A third one is H = F - s F(z_0) with gaps wider by s D such that at s = 1 the problem is that of the state before: the
+load grows from that of the state, and a path on which it never falls leads to the solution that goes on from it.
 
 Past s = 0 the second path goes on, and may come back: each time it crosses s = 0 it is at a solution. Their number is
 odd. Solutions on closed paths of their own are not found. Below some coefficient of friction the solution of the
@@ -40,6 +42,7 @@ from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Solution
 from stickslip.solvers.laws.friction import Stick
 from stickslip.solvers.newton.attempts import Start, closed
+from stickslip.solvers.newton.uniqueness import MOST, critical, proved
 
 OPEN, CLOSED = 0, 1  # states of normal rows
 DEAD, STICK, FORWARD, BACKWARD = 2, 3, 4, 5  # states of tangential rows; dead: the friction bound is zero or less
@@ -109,6 +112,69 @@ def path_from_open(problem: SurfaceProblem, kinks: int, soft: float = 0.0) -> It
     wider = zero.copy()
     wider[:n] = room * (1 + 0.1 * np.random.default_rng(0).random(n))
     yield from _follow(maps, zero, b, wider, kinks)
+
+
+def continued(problem: SurfaceProblem, p: Array, w: Array, found: Solution) -> tuple[Start | None, bool]:
+    """Whether a solution is the one that the state before leads to while the load grows from that of the state.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] of the state before.
+        w: its relative displacement (rows,) [m].
+        found: a solution.
+
+    Returns:
+        Another solution that it leads to, or None; and whether it jumps: no solution goes on from the state without a
+        fall of the load.
+    """
+    rubs = any(True for _ in problem.cone.with_friction())
+    if not rubs or len(p) > MOST or problem.p_ref == 0 or not applies(problem) or proved(problem):
+        return None, False
+    r = standing(problem, p, w)
+    size = max(problem.scales.of_tractions(p), problem.scales.of_tractions(found.p))
+    if _in_one_piece(problem, (p, r), (found.p, found.w - problem.gap), CLOSE * size):
+        return None, False
+    maps = _Map.of(problem)
+    away = CLOSE * size * np.random.default_rng(0).standard_normal(len(p))
+    at = np.where(problem.cone.carrying, p + away, 0.0)
+    try:
+        path = _Path(maps, at, np.zeros(len(maps.H)), maps.w_0 - maps.G @ at - problem.gap - r)
+        end = next(path.solutions(FOLLOWED), None)
+    except np.linalg.LinAlgError:  # a row is at a kink, or nothing holds a body there
+        return None, False
+    if end is None or np.abs(end.p - found.p).max(initial=0.0) <= SLIGHT * size:
+        return None, path.turned
+    return end, path.turned
+
+
+def standing(problem: SurfaceProblem, p: Array, w: Array) -> Array:
+    """Return w - gap (rows,) [m] of the state before, with tractions p (rows,) [Pa]: slip counts from where it is."""
+    n, r = problem.surface.normal_rows, problem.cone.give(p)
+    r[:n] += np.where(p[:n] == 0, np.minimum((w - problem.gap)[:n], 0.0), 0.0)
+    return r
+
+
+def _in_one_piece(
+    problem: SurfaceProblem, before: tuple[Array, Array], after: tuple[Array, Array], slight: float
+) -> bool:
+    """Whether F is linear between two pairs of tractions and w - gap (rows,): then the path is straight.
+
+    Args:
+        slight: traction [Pa] that is none.
+    """
+    trials = [p + problem.gamma * r for p, r in (before, after)]
+    for place in problem.cone.places:
+        (start, end), law = (trial[place.normal] for trial in trials), place.rows.normal
+        if law.sides == 1 and np.any(np.where(end > 0, start < -slight, start > slight)):
+            return False
+        if place.rows.friction is None:
+            continue
+        s, s_end = (problem.cone.bound(place, np.maximum(p[place.normal], 0.0)) for p, _ in (before, after))
+        start, end = (trial[place.tangential] for trial in trials)
+        slips = np.abs(end) > s_end
+        if np.any(np.where(slips, np.sign(end) * start < s - slight, np.abs(start) > s + slight)):
+            return False
+    return True
 
 
 def _follow(maps: _Map, p: Array, b: Array, wider: Array, kinks: int) -> Iterator[Start]:
@@ -214,8 +280,9 @@ class _Path:
         self.trial = maps.trial(p, b, wider)
         self.bounds = maps.bound @ p
         self.state = maps.states(self.trial, self.bounds)
-        self.at_start = np.zeros(0)  # F(z_0), if gaps are not wider
-        if not wider.any():
+        self.turned = False  # whether s has grown on the way
+        self.at_start = np.zeros(0)  # F(z_0), if it is not zero
+        if p.any() or not wider.any():
             self.at_start = maps.value(p, b, self.trial, self.state)
         self.inverse = np.linalg.inv(maps.jacobian(self.state))
         self.crossed: tuple[int, int] | None = None  # row that changed its state last, and its state before
@@ -230,8 +297,7 @@ class _Path:
             step, row, to = self._next_kink(dp, db)
             left = -self.s * self.direction
             if 0 < left <= step:
-                p, b = self.p + left * dp, self.b + left * db
-                yield self._at(p, b)
+                yield self._at(*self._exact(self.p + left * dp, self.b + left * db))
             if not np.isfinite(step):
                 return
             self._move(step, dp, db)
@@ -242,12 +308,11 @@ class _Path:
 
     def _by_s(self) -> Array:
         """dH/ds (m + r,)."""
-        if len(self.at_start):
-            return -self.at_start
         maps = self.map
-        closed = (self.state == CLOSED)[maps.rows]
+        follows = ((self.state == CLOSED) | (self.state == STICK))[maps.rows]
         push = (maps.share * maps.problem.gamma * self.wider)[maps.rows]
-        return np.concatenate([np.where(closed, push, 0.0), np.zeros(len(maps.H))])
+        found = np.concatenate([np.where(follows, push, 0.0), np.zeros(len(maps.H))])
+        return np.asarray(found - self.at_start if len(self.at_start) else found)
 
     def _next_kink(self, dp: Array, db: Array) -> tuple[float, int, int]:
         """Distance to the next kink, the row that changes there, and its next state."""
@@ -302,7 +367,17 @@ class _Path:
         self.inverse -= np.outer(self.inverse[:, a], by_row / ratio)
         if ratio < 0:
             self.direction = -self.direction
+            self.turned = True
         return True
+
+    def _exact(self, p: Array, b: Array) -> tuple[Array, Array]:
+        """Tractions (rows,) [Pa] and rigid motions (r,) [m] at s = 0 without the rounding of the way."""
+        maps, state = self.map, self.state
+        off = maps.value(p, b, maps.trial(p, b, np.zeros_like(p)), state)
+        z, m = np.linalg.solve(maps.jacobian(state), off), len(maps.rows)
+        p = p.copy()
+        p[maps.rows] -= z[:m]
+        return p, b - z[m:]
 
     def _correct(self) -> None:
         """Compute the inverse anew, and return to the path, which rounding has left a little."""
@@ -322,9 +397,7 @@ class _Path:
         return Start.at(problem, p, u_c)
 
 
-ENOUGH = 1.0  # coefficient of friction above which others are looked for; one node of steel has others above 1.5
-MOST = 200  # rows up to which they are looked for; on 160 rows it takes 0.1 s a step, on 640 rows 6 s
-FOLLOWED = 2000  # on the path that is followed
+FOLLOWED = 2000  # kinks of a path that is followed for other solutions
 
 
 def others(
@@ -339,7 +412,7 @@ def others(
         p: tractions (rows,) [Pa] that solve it.
         keeps: whether tractions (rows,) [Pa] and relative displacement (rows,) [m] have the laws of the problem.
     """
-    if len(p) > MOST or problem.surface.floating or _most_friction(problem) <= ENOUGH or not applies(problem):
+    if len(p) > MOST or problem.surface.floating or not applies(problem) or critical(problem) > 1:
         return
     known = [p]
     for found in path_from_open(problem, FOLLOWED):
@@ -352,10 +425,3 @@ def others(
         if all(np.abs(found.p - one).max(initial=0.0) > SLIGHT * size for one in known):
             known.append(found.p)
             yield found.p
-
-
-def _most_friction(problem: SurfaceProblem) -> float:
-    """The largest coefficient of friction of the step [-]."""
-    cone = problem.cone
-    most = [place.rows.friction.lines(place.rows.normal, cone.time, cone.end)[2] for place in cone.with_friction()]  # type: ignore[union-attr]
-    return max((float(np.max(mu, initial=0.0)) for mu in most), default=0.0)

@@ -26,9 +26,9 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, Status, ignore
 from stickslip.solvers.laws.friction import CoulombByPoint
 from stickslip.solvers.laws.law import NormalLaw
-from stickslip.solvers.newton import path
+from stickslip.solvers.newton import condensed_system, path
 from stickslip.solvers.newton.active_set import ActiveSet
-from stickslip.solvers.newton.attempts import ATTEMPT, FIRM, Attempts, Start, again, first_starts, other_starts
+from stickslip.solvers.newton.attempts import ATTEMPT, FIRM, Attempts, Start, again, closed, first_starts, other_starts
 from stickslip.solvers.newton.collapse import on_softer_springs
 
 FIRMER = (1e-3, 1e-4, 1e-2, 1e-6, 1e-5)  # weights of the proximal term from the best iterate so far [-]
@@ -109,6 +109,25 @@ class _Exact:
 
     def relative(self, p: Array, u: Array) -> Array:
         return self.problem.relative_displacement(u)
+
+
+def branches(problem: SurfaceProblem, p: Array, w: Array, rtol: float, max_it: int) -> list[Solution]:
+    """Where plain Newton leads from the active set of the state before, from all open, and from all closed.
+
+    Args:
+        problem: the contact problem of the step, of bodies that supports hold.
+        p: tractions (rows,) [Pa] of the state before.
+        w: its relative displacement (rows,) [m].
+        rtol, max_it: as of `SemismoothNewton`.
+    """
+    zero, bodies = np.zeros_like(p), _Exact(problem, condensed_system.solve)
+    of_state = p + problem.gamma * path.standing(problem, p, w)
+    starts = (
+        Start(p=p, u_c=problem.u_before, p_hat=of_state, in_equilibrium=False),
+        Start.at(problem, zero, problem.load.free),
+        Start.as_if(problem, zero, closed(problem)),
+    )
+    return [Attempts(problem, bodies, rtol, max_it).follow(iter([(start, None)])) for start in starts]
 
 
 MOST = 30  # tangents

@@ -492,10 +492,14 @@ class Auditor:
         softness, moved = law.k_T if law is not None else None, self._motion(rows, before)
         if not (softness and rows.name in record.searched):  # t turns with the frames of other rows
             start = rows.N_t @ moved.ravel() - (t / softness if softness else 0.0)
-            found.append(difference(record.reference[place.tangential], start, scales.u[rows.name], scales.rounding))
+            # of points that close in the step it counts from where they touch: that is known at its end alone
+            pressed, was = (rows.average @ each.p[place.normal] > 0 for each in (record, before))
+            closes = np.repeat(pressed & ~was & (rows.normal.sides == 1), rows.free.shape[1])
+            reference = np.where(closes, start, record.reference[place.tangential])
+            found.append(difference(reference, start, scales.u[rows.name], scales.rounding))
         if law is not None and rows.name in record.memory and not self._searched(rows, record):
-            moves = rows.N_t @ (self._motion(rows, record) - moved).ravel()
-            moves -= (record.p[place.tangential] - t) / softness if softness else 0.0
+            moves = rows.N_t @ self._motion(rows, record).ravel() - record.reference[place.tangential]
+            moves -= record.p[place.tangential] / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
             length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
             known, lasts = before.memory[rows.name], record.time - before.time

@@ -193,6 +193,8 @@ class Observer:
             convergence=accepted.convergence,
             history=tuple(row.as_tuple() for row in accepted.history),
             other_solutions=tuple(_normal_forces(accepted, p) for p in accepted.others),
+            unique="several" if accepted.others else "proved" if accepted.proved else "not proved",
+            jump=accepted.jump,
             bodies=self._bodies(nodal, cell_stress),
             columns=self._columns(state.time),
         )

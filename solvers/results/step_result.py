@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from functools import reduce
 from html import escape
 from operator import add, or_
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -239,6 +239,8 @@ class StepResult(Numbers):
     linear_error: float = 0.0  # error left by an iterative volume solve, energy norm, relative [-]; 0: direct solver
     convergence: Convergence | None = None  # of Uzawa's iteration, from methods that measure it
     other_solutions: tuple[Mapping[str, float], ...] = ()  # that friction admits: normal force by contact [N]
+    unique: Literal["proved", "several", "not proved"] = "not proved"  # whether friction admits one solution
+    jump: float | None = None  # energy [J] set free where no solution goes on from the step before; None: one does
     corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
     errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
     bodies: Mapping[str, BodyState] = field(default_factory=dict)
@@ -365,6 +367,8 @@ def told(step: StepResult, errors: Errors | None) -> Plain:
         "error": {"energy_norm": energy_norm(step)},
         "convergence": step.convergence and asdict(step.convergence),
         "other_solutions": [dict(forces) for forces in step.other_solutions],
+        "unique": step.unique,
+        "jump": step.jump,
     }
 
 

@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, Solution
 from stickslip.solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
+from stickslip.solvers.newton.uniqueness import proved
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.substep import Attempt, SubstepSolver
 
@@ -31,11 +33,17 @@ def certified(attempt: Attempt) -> Attempt:
 
 
 def with_others(attempt: Attempt) -> Attempt:
-    """An accepted substep with other solutions of the same problem, if some are found."""
-    problem, solution = attempt.problem, attempt.solution
+    """An accepted substep with other solutions of the same problem, if some are found, and the energy of its jump."""
+    problem, solution, new = attempt.problem, attempt.solution, attempt.state
     assert problem is not None
+    assert new is not None
     memory = attempt.solver.memory(attempt.begin, problem.cone.time)
-    return replace(attempt, solution=replace(solution, others=memory.others(problem, solution.p)))
+    others, p = list(memory.others(problem, solution.p)), solution.p
+    size = SLIGHT * problem.scales.of_tractions(p)  # of the largest traction: solutions that differ by less are one
+    others += [one for one in solution.others if all(np.abs(one - known).max() > size for known in (p, *others))]
+    freed = new.energy.time_remainder - attempt.begin.energy.time_remainder if solution.jumps else 0.0
+    known = not others and not solution.jumps and proved(problem)
+    return replace(attempt, solution=replace(solution, others=tuple(others), proved=known, jump=freed))
 
 
 def _correction(attempt: Attempt, new: State) -> Correction:

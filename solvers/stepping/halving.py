@@ -87,8 +87,15 @@ class _March:
             attempt = observe(attempt)
         before, solution = self._good, attempt.solution
         if before is not None:
-            others, weakening = before.solution.others, max(before.solution.weakening, solution.weakening)
-            solution = replace(solution, others=solution.others or others, weakening=weakening)
+            known = before.solution
+            solution = replace(
+                solution,
+                others=solution.others or known.others,
+                weakening=max(known.weakening, solution.weakening),
+                proved=known.proved and solution.proved,
+                jumps=known.jumps or solution.jumps,
+                jump=known.jump + solution.jump,
+            )
         # of the iterations allowed; a substep that takes more is not easy
         easy = solution.iterations <= 0.5 * self._system.problem.solver.max_iterations
         self._control = self._control.after_success(size, self._step, easy)

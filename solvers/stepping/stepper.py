@@ -60,6 +60,8 @@ class Accepted:
     linear_error: float  # of the last substep [-], see `DelassusOperator`
     convergence: Convergence | None  # of the last substep, see `Solution`
     others: tuple[Array, ...]  # tractions (rows,) [Pa] of other solutions of a substep, the last one that has any
+    proved: bool  # whether it is proved that no substep has others
+    jump: float | None  # energy [J] that jumps of substeps set free; None: none jumps
     history: tuple[HistoryRow, ...]  # every iteration of every attempt
 
 
@@ -182,5 +184,7 @@ def _accepted(tried: Attempt, start: State, rows: Sequence[HistoryRow], solves: 
         linear_error=tried.linear_error,
         convergence=solution.convergence,
         others=solution.others,
+        proved=solution.proved,
+        jump=solution.jump if solution.jumps else None,
         history=history,
     )

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import SLIGHT, Array
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
@@ -21,11 +21,15 @@ from stickslip.solvers.interface.limit_analysis import unbalanced_motion
 from stickslip.solvers.interface.prepare import elastic_stiffness, prepare_surface
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, Status, Step
+from stickslip.solvers.newton.path import applies, continued
+from stickslip.solvers.newton.semismooth import branches
+from stickslip.solvers.newton.uniqueness import critical
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.stepping.choice import Stage
-from stickslip.solvers.stepping.law_memory import LawMemory, with_memory
+from stickslip.solvers.stepping.law_memory import LawMemory, Solving, with_memory
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.state import Previous, State
+from stickslip.solvers.stepping.touch import from_touch
 from stickslip.solvers.stepping.update import displacement, new_state, relative_displacement, split
 from stickslip.solvers.system.system import System
 
@@ -198,7 +202,38 @@ class SubstepSolver:
         if at_once:
             return at_once
         memory = self.memory(state, problem.cone.time)
-        return memory.around(lambda problem, p: (method(problem, p, on_step), problem))(problem, p)
+        solve = memory.around(lambda problem, p: (method(problem, p, on_step), problem))
+        found = solve(problem, p)
+        found = from_touch(problem, state.p, state.w, found, solve, self.system.problem.solver.tolerance)
+        return self._continued(state, found, solve)
+
+    def _continued(
+        self, state: State, found: tuple[Solution, SurfaceProblem], solve: Solving
+    ) -> tuple[Solution, SurfaceProblem]:
+        """The solution that goes on from the state, if there are several; else the one that is found."""
+        solution, problem = found
+        if solution.status is not Status.CONVERGED:
+            return found
+        end, jumps = continued(problem, state.p, state.w, solution)
+        if end is not None and not jumps:
+            nearer, last = solve(problem, end.p)
+            size = problem.scales.of_tractions(end.p)
+            # of the largest traction: solutions that differ by less are one
+            if nearer.status is Status.CONVERGED and np.abs(nearer.p - end.p).max(initial=0.0) <= SLIGHT * size:
+                log.info("t = %g: several solutions; the one that goes on from the step before", problem.cone.time)
+                return replace(nearer, others=(solution.p,)), last
+        if applies(problem) or critical(problem) > 1 or state.memory:
+            return replace(solution, jumps=jumps, others=() if end is None else (end.p,)), problem
+        settings, chosen = self.system.problem.solver, solution
+        tried = branches(problem, state.p, state.w, settings.tolerance, settings.max_iterations)
+        solved = [each for each in tried if each.status is Status.CONVERGED]
+        if solved and solved[0] is tried[0] and _apart(problem, solved[0].p, [solution.p]):
+            chosen = replace(tried[0], history=solution.history)
+        known = [chosen.p]
+        for each in (solution, *solved):
+            if _apart(problem, each.p, known):
+                known.append(each.p)
+        return replace(chosen, others=tuple(known[1:])), problem
 
     def memory(self, state: State, end: float) -> LawMemory:
         """Memory of laws in a substep from a state to a time [s]."""
@@ -243,6 +278,12 @@ class SubstepSolver:
         """Displacement (c,) [m] of the contact dofs in a state; collective."""
         q = self.system.free_part(state.u, state.time)
         return np.concatenate([self.volume.contact.read(q), state.driven])
+
+
+def _apart(problem: SurfaceProblem, p: Array, known: list[Array]) -> bool:
+    """Whether tractions p (rows,) [Pa] differ from all that are known by more than a slight part of the largest."""
+    largest = max(problem.scales.of_tractions(each) for each in (p, *known))
+    return all(np.abs(p - each).max(initial=0.0) > SLIGHT * largest for each in known)
 
 
 def unsolved(state: State, size: int, status: Status, rows: list[Step]) -> Solution:

@@ -12,11 +12,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.laws.friction import CoulombByPoint
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.newton import condensed_system, path, semismooth
+from stickslip.solvers.newton import condensed_system, path, semismooth, uniqueness
 from stickslip.solvers.newton.attempts import Start, closed
 from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.scene.scene import Scene
@@ -511,18 +512,61 @@ def problem_of_several(scene_of: SceneOf, simulation_of: SimulationOf) -> Callab
 
 
 @pytest.mark.parametrize(
-    ("friction", "normal", "most"),
+    ("friction", "normal", "most", "sure"),
     [
-        (None, None, 0.0),
-        ({"law": "coulomb", "mu": 0.4}, None, 0.4),
-        ({"law": "coulomb", "mu": 3.0}, None, 3.0),
-        ({"law": "compliance", "c_T": 50.0}, SOFT, 2.5),  # c_T d under p = c_n d
+        (None, None, 0.0, True),
+        ({"law": "coulomb", "mu": 0.4}, None, 0.4, True),
+        ({"law": "coulomb", "mu": 3.0}, None, 3.0, True),
+        ({"law": "compliance", "c_T": 50.0}, SOFT, 2.5, False),  # c_T d under p = c_n d
+        ({"law": "tresca", "bound": 0.1}, None, 0.0, False),  # its bound jumps where surfaces part
     ],
 )
 def test_the_most_friction_is_that_of_the_laws(
-    friction: dict[str, Any] | None, normal: Any, most: float, problem_of_several: Callable[..., SurfaceProblem]
+    friction: dict[str, Any] | None,
+    normal: Any,
+    most: float,
+    sure: bool,
+    problem_of_several: Callable[..., SurfaceProblem],
 ) -> None:
-    assert path._most_friction(problem_of_several(friction, normal)) == pytest.approx(most)
+    slopes, known = uniqueness._slopes(problem_of_several(friction, normal))
+    assert slopes.max() == pytest.approx(most)
+    assert known is sure
+
+
+def sizes_of_difference(problem: SurfaceProblem, dp: Array) -> tuple[float, float]:
+    """Energy dp^T W G dp, and sum W |dp_n| |dv| of a difference of two solutions."""
+    surface, n = condensed(problem.surface), problem.surface.normal_rows
+    dw = surface.N @ (surface.flexibility @ surface.forces(dp))
+    return float(surface.W @ (dp * dw)), float(surface.W[:n] @ np.abs(dp[:n] * dw[n:]))
+
+
+def test_no_difference_of_solutions_breaks_a_proof(problem_of_several: Callable[..., SurfaceProblem]) -> None:
+    """The bound is one of all differences: none met has more friction work than energy below it, by friction alone."""
+    problem, random = problem_of_several({"law": "coulomb", "mu": 1e-3}), np.random.default_rng(5)
+    assert uniqueness.proved(problem)
+    low, high = 1e-3, 3.0
+    for _ in range(12):
+        middle = (low * high) ** 0.5
+        low, high = (
+            (middle, high) if uniqueness.proved(problem_of_several({"law": "coulomb", "mu": middle})) else (low, middle)
+        )
+    ratios = [np.divide(*sizes_of_difference(problem, random.standard_normal(len(problem.gap)))) for _ in range(50)]
+    assert low * 0.99 < high < min(ratios)
+
+
+def test_a_set_that_slips_one_way_is_singular_at_the_critical_friction(
+    problem_of_several: Callable[..., SurfaceProblem],
+) -> None:
+    problem = problem_of_several({"law": "coulomb", "mu": 1.0})
+    surface, n, least = condensed(problem.surface), problem.surface.normal_rows, uniqueness.critical(problem)
+    G = surface.flexibility.between(surface.N, (surface.N.T.multiply(surface.W)).tocsr())
+    sets = [some for some in uniqueness._runs(n)]
+    smallest = [
+        np.linalg.svd(G[np.ix_(some, some)] + sign * least * G[np.ix_(some, n + some)], compute_uv=False)[-1]
+        for some in sets
+        for sign in (1, -1)
+    ]
+    assert min(smallest) < 1e-10 * np.abs(G).max()
 
 
 def test_points_that_have_slipped_hide_no_others(reached: Callable[..., Accepted]) -> None:
@@ -531,7 +575,8 @@ def test_points_that_have_slipped_hide_no_others(reached: Callable[..., Accepted
     (contact,) = accepted.problem.cone.contacts
     assert isinstance(contact.friction, CoulombByPoint)
     assert_allclose(np.unique(contact.friction.mu), [0.9, 2.0])
-    assert path._most_friction(accepted.problem) == pytest.approx(2.0)
+    assert uniqueness._slopes(accepted.problem)[0].max() == pytest.approx(2.0)
+    assert not uniqueness.proved(accepted.problem)
     assert accepted.state.p.max() > 0.01
     assert_array_equal(accepted.others, [np.zeros_like(accepted.state.p)])
 
@@ -540,7 +585,7 @@ def test_points_that_have_slipped_hide_no_others(reached: Callable[..., Accepted
     ("friction", "tables", "looked_for"),
     [
         (MUCH, DRAWN, True),
-        ({"law": "coulomb", "mu": path.ENOUGH}, DRAWN, False),
+        ({"law": "coulomb", "mu": 0.2}, DRAWN, False),
         (None, DRAWN, False),
         ({"law": "stick"}, DRAWN, False),
         ({"law": "tresca", "bound": 0.1}, DRAWN, False),

@@ -58,9 +58,10 @@ class Reluctant:
         method = self.whole(state)
 
         def solve(problem: SurfaceProblem, p: Any, on_step: OnStep) -> Solution:
-            self.starts.append(p.copy())
-            found = method(problem, p, on_step)
-            self.tried.append((state.time, problem.cone.time))
+            found, asked = method(problem, p, on_step), (state.time, problem.cone.time)
+            if asked not in self.tried[-1:]:  # once more where points have closed
+                self.starts.append(p.copy())
+                self.tried.append(asked)
             too_long = problem.cone.time - state.time > self.allowed(state.time) * (1 + 1e-9)
             return replace(found, status=Status.STALLED) if too_long else found
 

@@ -177,7 +177,7 @@ def units(plane: bool, of: Units = SI) -> dict[str, str]:
     >>> units(plane=True)["contacts.normal_force"], units(plane=False)["contacts.normal_force"]
     ('N/m', 'N')
     """
-    found = {key: number.unit for key, number in numbers_of(StepResult).items()} | {"other_solutions": "N"}
+    found = {key: number.unit for key, number in numbers_of(StepResult).items()} | {"other_solutions": "N", "jump": "J"}
     for table, record in records().items():
         found |= {f"{table}.{key}": number.unit for key, number in numbers_of(record).items()}
     return {name: of(PER_METRE.get(unit, unit) if plane else unit) for name, unit in found.items() if unit}
@@ -276,6 +276,10 @@ def _reported_step() -> Any:
     keys["audit"] = Annotated[Audit | None, Key("", "relative defects; null: not audited")]
     keys["convergence"] = Annotated[Convergence | None, Key("", "of Uzawa's iteration; null: not measured")]
     keys["other_solutions"] = Annotated[list[dict[str, float]], Key("N", "normal force by contact, of those met")]
+    said = "proved: one solution, whatever sticks, slips or opens; several: others are listed; not proved"
+    keys["unique"] = Annotated[Literal["proved", "several", "not proved"], Key("-", said)]
+    said = "energy set free where no solution goes on from the step before; null: one does"
+    keys["jump"] = Annotated[float | None, Key("J", said)]
     return _table("StepRecord", keys, "A reported step.")
 
 

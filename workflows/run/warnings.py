@@ -167,6 +167,7 @@ def doubts(
         yield "nothing loads or moves the bodies: all displacements and forces are zero"
     yield from _carried_at_points(problem, steps)
     yield from _several_solutions(steps, problem.labels("N/m" if problem.model.startswith("plane") else "N"))
+    yield from _jumps(steps, problem.labels("J/m" if problem.model.startswith("plane") else "J"))
     yield from _slip_jumps(steps)
     yield from large_time_errors(problem, steps, errors or ())
     for rows in contacts:
@@ -210,9 +211,21 @@ def _several_solutions(steps: Sequence[StepResult], unit: str) -> Iterator[str]:
     more = ", ".join(f"{one[name]:.4g}" for one in step.other_solutions)
     yield (
         f"t = {step.time:g}: so much friction admits several solutions, and the model does not say which; taken is the "
-        f"one reached from the tractions of the step before, with a normal force of {found[0][name]:.4g} {unit} "
+        f"one reached from the step before, with a normal force of {found[0][name]:.4g} {unit} "
         f"in contacts.{name}; others that were met have {more} {unit}"
     )
+
+
+def _jumps(steps: Sequence[StepResult], unit: str) -> Iterator[str]:
+    """Warn of steps whose solution does not go on from the step before."""
+    found = [(step.time, step.jump) for step in steps if step.jump is not None]
+    if found:
+        time, freed = max(found, key=lambda each: abs(each[1]))
+        yield (
+            f"t = {found[0][0]:g}: no equilibrium goes on from the step before as the load grows: bodies jump, in "
+            f"{len(found)} of {len(steps)} steps, and inertia, which is left out, may carry them elsewhere; the jump "
+            f"at t = {time:g} sets {freed:.3g} {unit} free"
+        )
 
 
 def _slip_jumps(steps: Sequence[StepResult]) -> Iterator[str]:
@@ -243,7 +256,8 @@ def large_time_errors(problem: Problem, steps: Sequence[StepResult], errors: Seq
                 numbers["dissipation"] = "dissipation_total", contact.dissipation_total
             for what, (key, scale) in numbers.items():
                 off = its[Quantity("contacts", name, key)].time_step
-                if off is not None and scale > 0:
+                # a number within its error of zero has no error in per cent
+                if off is not None and scale > (float(off) if what == "dissipation" else 0.0):
                     found.append((float(off) / scale, f"the {what} of contacts.{name}"))
     share, where = max(found)
     if share > LARGE:

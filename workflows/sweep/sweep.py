@@ -289,7 +289,7 @@ def _hearing(answers: Path, names: Sequence[str], tell: Callable[[Answer], objec
                 told.append(json.loads(line))
                 tell((names[len(told) - 1], told[-1]))
 
-    thread = Thread(target=read)
+    thread = Thread(target=read, daemon=True)
     thread.start()
     try:
         yield told
@@ -325,6 +325,7 @@ def _spread(left: Sequence[Member], place: Path, jobs: int) -> Iterator[Answer]:
                 if told.empty():
                     done.get()  # raises what has ended it
                 yield told.get()
+            done.get()  # processes have told all, and end
 
 
 def _tasks(left: Sequence[Member], place: Path, workers: int) -> Iterator[Task]:
