@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import ROUNDING, Array, Bools, Ints
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.shape import Request, Shape, Turn
+from stickslip.geometry.shape import SKIN, Request, Shape, Turn
 from stickslip.geometry.user_files.raw_mesh import RawMesh
 
 EDGES = {  # corners of each edge and the node between them, in dolfinx's order of a cell of order 2
@@ -101,6 +101,15 @@ class FlatMesh(ArrayMesh):
         """Edges (e, 3) of one cell alone."""
         edges, of_cells = self.lines()
         return np.asarray(edges[np.bincount(of_cells.ravel(), minlength=len(edges)) == 1])
+
+    def facets(self, side: str) -> Ints:
+        """Facets (f, 3) of a side, or of a body's skin."""
+        body, name = side.split(".")
+        if name != SKIN:
+            return self.sides[side]
+        edges, of_cells = self.lines()
+        alone = np.bincount(of_cells.ravel(), minlength=len(edges)) == 1
+        return np.asarray(edges[np.intersect1d(np.flatnonzero(alone), of_cells[self.body == self.names.index(body)])])
 
     def cut(self, cells: Bools) -> FlatMesh:
         """The mesh with all edges of some cells (c,) halved, and those that have to be halved with them."""

@@ -72,6 +72,11 @@ class Units:
         return length, force, _pressures().get(self.pressure)
 
     @property
+    def pascals(self) -> float | None:
+        """The unit of pressure [Pa]; None: not known."""
+        return None if self._known[2] is None else float(self._known[2])
+
+    @property
     def metre(self) -> str:
         """The unit of length as a sentence has it."""
         return "metre" if self.length == "m" else self.length

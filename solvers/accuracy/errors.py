@@ -24,6 +24,7 @@ from stickslip.geometry.arrays import EPS, Bools
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.lower_order import smooth_errors
 from stickslip.solvers.accuracy.mesh_error import Values, mesh_errors, stress_errors
+from stickslip.solvers.accuracy.model_error import model_errors
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.observe import LINEAR, Observer
 from stickslip.solvers.results.step_result import (
@@ -183,9 +184,10 @@ def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> St
     of_mesh = {**of_mesh, **stress_errors(observe, accepted, result)}
     of_iteration = iteration_errors(observe, accepted, found)
     exact_laws = accepted.stepper.chain.exact_laws
+    of_model = model_errors(observe, accepted, result)
     errors = dict[Quantity, ErrorParts]()
     for key, value in found.items():
-        laws = ErrorParts(law=np.abs(0.0 * value) if exact_laws else None)
+        laws = ErrorParts(law=np.abs(0.0 * value) if exact_laws else None, model=of_model.get(key))
         parts = [part for part in (of_mesh.get(key), of_iteration.get(key)) if part is not None]
         for part in parts:
             laws = laws.joined(part)

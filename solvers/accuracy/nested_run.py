@@ -84,13 +84,13 @@ class Places:
         """Corners of cells at these places: all cells that have one of them are to be cut."""
         found = [_corners(mesh, self.acted)]
         for side, segments in self.segments.items():
-            facets = mesh.sides[side]
+            facets = mesh.facets(side)
             found.append(facets[_overlap(mesh.points[facets], segments)][:, :2].ravel())
         return np.unique(np.concatenate(found))
 
     def contact_nodes(self, mesh: FlatMesh) -> int:
         """Number of nodes of all contact sides."""
-        return len(np.unique(np.concatenate([mesh.sides[side].ravel() for side in self.segments])))
+        return len(np.unique(np.concatenate([mesh.facets(side).ravel() for side in self.segments])))
 
 
 def _changes(c: ContactRows, steps: Sequence[StepResult]) -> Iterator[tuple[Array, Array]]:
@@ -127,6 +127,8 @@ def _corners(mesh: FlatMesh, acted: Sequence[str]) -> Ints:
     side_of = {m: k for k, name in enumerate(names) for m in mesh.sides[name][:, 2].tolist()}
     number = np.array([side_of.get(m, -1) for m in edges[:, 2].tolist()])
     active = np.isin(number, [k for k, name in enumerate(names) if name in acted])
+    for skin in (side for side in acted if side not in mesh.sides):
+        active |= np.isin(edges[:, 2], mesh.facets(skin)[:, 2])
     ends, middles = edges[:, :2].ravel(), np.repeat(edges[:, 2], 2)
     order = np.argsort(ends, kind="stable")
     nodes, first, count = np.unique(ends[order], return_index=True, return_counts=True)

@@ -83,6 +83,9 @@ class ErrorParts:
     converges: Annotated[
         bool | None, Key("", "whether the number has a limit on ever finer meshes; null: not known")
     ] = None
+    model: Annotated[
+        Value | None, Key("", "of strains and rotations taken to be small, see docs/theory/errors.md; not in the total")
+    ] = None
     # of a step it stands in `StepResult.corrected`, but where it is found at the end
     corrected: Annotated[Value | None, Key("", "the number with most of the mesh's error removed")] = None
 
@@ -110,7 +113,7 @@ class ErrorParts:
         return ErrorParts(**mine | {name: part for name, part in theirs.items() if part is not None})
 
 
-PARTS = tuple(f.name for f in fields(ErrorParts) if f.name not in ("converges", "corrected"))
+PARTS = tuple(f.name for f in fields(ErrorParts) if f.name not in ("converges", "model", "corrected"))
 Errors = Mapping[Quantity, ErrorParts]  # of one step
 
 
@@ -356,7 +359,8 @@ def told(step: StepResult, errors: Errors | None) -> Plain:
     for table, record in records().items():
         for name, own in found[table].items() if is_estimated(record) else ():
             stated = {
-                key.quantity: _parts(parts) | {"corrected": _plain(step.corrected.get(str(key), parts.corrected))}
+                key.quantity: _parts(parts)
+                | {"model": _plain(parts.model), "corrected": _plain(step.corrected.get(str(key), parts.corrected))}
                 for key, parts in (errors or {}).items()
                 if key[:2] == (table, name)
             }

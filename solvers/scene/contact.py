@@ -98,7 +98,12 @@ class Contact(Noun):
         Literal["mortar", "node-to-segment", "node-to-face"] | None, Key("-", "between bodies; absent: mortar")
     ] = None
     search_distance: Annotated[
-        float | None, Key("m", "largest distance at which sides are paired; absent: a fifth of the sides' extent")
+        float | None,
+        Key(
+            "m",
+            "largest distance at which sides are paired; absent: a fifth of the sides' extent; of skins parts "
+            "within it enter, absent within 1e-3 of the geometry's diagonal, at the start and as bodies move",
+        ),
     ] = None
 
     sliding: Annotated[

@@ -46,7 +46,8 @@ class Pair:
     @property
     def skins(self) -> bool:
         """Whether all of two bodies may touch, so that what is near is looked for again as they move."""
-        return self.master is not None and self.slave.endswith(SKIN) and self.master.endswith(SKIN)
+        both = self.slave, self.master or ""
+        return all(side.endswith(SKIN) for side in both) and self.slave != self.master
 
     @property
     def surfaces(self) -> tuple[str, str | None]:

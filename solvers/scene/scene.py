@@ -465,6 +465,7 @@ class Scene(Noun):
                 require_known(f"contacts.{name}.between", body, self.bodies, "no such body")
         with mistakes:
             require(len(bodies) > 1, f"contacts.{name}.between", contact.between, "the geometry has one body only")
+            self._check_operator(f"contacts.{name}.operator", contact.operator)
         known = [f"{one}.{other}" for one, other in permutations(bodies, 2)]
         for pair, change in contact.pairs.items():
             key, both = f'contacts.{name}.pairs."{pair}"', pair.split(".")
@@ -537,10 +538,13 @@ class Scene(Noun):
         if contact.operator is not None:
             key = f"contacts.{name}.operator"
             require(not alone, key, contact.operator, "a rigid obstacle needs none; remove the key")
-            wrong = {2: "node-to-face", 3: "node-to-segment"}[self.dim]
             itself = against == contact.surface and contact.operator != "mortar"
             require(not itself, key, contact.operator, "a side that touches itself needs mortar")
-            require(contact.operator != wrong, key, contact.operator, f"there is none in {self.dim}D; use mortar")
+            self._check_operator(key, contact.operator)
+
+    def _check_operator(self, key: str, operator: str | None) -> None:
+        wrong = {2: "node-to-face", 3: "node-to-segment"}[self.dim]
+        require(operator != wrong, key, operator, f"there is none in {self.dim}D; use mortar")
 
 
 def _lacking(expression: Expression) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING
 from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.units import SI
 from stickslip.geometry.user_files.child_process import walls
 from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import UserFile
@@ -67,7 +68,7 @@ def planned(scene: Scene) -> Problem:
 
 def warnings(scene: Scene) -> tuple[str, ...]:
     """Warnings (one line each) about a scene that can be solved, but only with a large error or at a risk."""
-    found = (_uncontained, _of_another_unit, _overlapping, _cut, _locking, _weakening)
+    found = (_uncontained, _of_another_unit, _too_stiff, _overlapping, _cut, _locking, _weakening)
     setup = set_up(scene)
     return tuple(line for lines in found for line in lines(setup))
 
@@ -91,6 +92,17 @@ def _of_another_unit(setup: Setup) -> tuple[str, ...]:
         f"geometry.file: gmsh gives coordinates of STEP files in {shape.other_unit}; {shape.as_read(setup.dim)}: "
         f'write length_unit = "{shape.other_unit}", or "{setup.labels.length}" if that is meant',
     )
+
+
+def _too_stiff(setup: Setup) -> Iterator[str]:
+    """Bodies stiffer than diamond in the units that the scene names: E is then given in Pa."""
+    size = setup.labels.pascals
+    for name, body in setup.bodies.items():
+        if setup.labels != SI and size is not None and body.modulus * size > 2e12:
+            yield (
+                f"bodies.{name}: E = {body.modulus:g} {setup.labels.pressure} is more than that of diamond (1e12 Pa); "
+                f"is it in Pa? units says that it is in {setup.labels.pressure}"
+            )
 
 
 def _overlapping(setup: Setup) -> Iterator[str]:

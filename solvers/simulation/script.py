@@ -237,7 +237,7 @@ class Script:
                 fixed = friction is None or friction.orthotropic  # its coefficients are in the rows
                 own = set() if friction is None or fixed else {f.name for f in fields(friction)} - NOT_LAWS
                 numbers = {part for part in own if _is_number(getattr(friction, part))} | in_time
-                numbers |= {"gap_offset"} if _is_number(gap) else set()
+                numbers |= {"gap_offset"} if _is_number(gap) or isinstance(gap, str) else set()
                 if part not in numbers:
                     raise SceneError(f"{key}: nothing there to change; {nearest(str(part), numbers)}")
                 require(_is_number(value), key, _in_words(value), "expected a number")

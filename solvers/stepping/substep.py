@@ -7,7 +7,7 @@ out these are the methods, one after the other; pairs of sliding contacts; halvi
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -21,6 +21,7 @@ from stickslip.solvers.interface.limit_analysis import unbalanced_motion
 from stickslip.solvers.interface.prepare import elastic_stiffness, prepare_surface
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, Status, Step
+from stickslip.solvers.newton.correction import by_schur_complement
 from stickslip.solvers.newton.path import applies, continued
 from stickslip.solvers.newton.semismooth import branches
 from stickslip.solvers.newton.uniqueness import critical
@@ -119,6 +120,7 @@ class SubstepSolver:
         self.cone = AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
         self.gamma, self.weight = elastic_stiffness(system)
         self.bolts: AtOnce | None = None
+        self.latest: tuple[Mapping[str, Array], SubstepSolver] | None = None  # with other pairs, and where these lie
         self.volume, self.surface = chain.volume, prepare_surface(system, chain.volume)
         self.stage: Stage | None = None  # that `method_after` is of; None: of none yet
 
@@ -215,24 +217,27 @@ class SubstepSolver:
         if solution.status is not Status.CONVERGED:
             return found
         end, jumps = continued(problem, state.p, state.w, solution)
-        if end is not None and not jumps:
-            nearer, last = solve(problem, end.p)
-            size = problem.scales.of_tractions(end.p)
-            # of the largest traction: solutions that differ by less are one
-            if nearer.status is Status.CONVERGED and np.abs(nearer.p - end.p).max(initial=0.0) <= SLIGHT * size:
-                log.info("t = %g: several solutions; the one that goes on from the step before", problem.cone.time)
-                return replace(nearer, others=(solution.p,)), last
+        # what a loose tolerance leaves is no other solution
+        own = by_schur_complement(problem, solution)[0].p if end is not None else solution.p
+        if end is not None and _apart(problem, end.p, [own]):
+            if not jumps:
+                nearer, last = solve(problem, end.p)
+                if nearer.status is Status.CONVERGED and not _apart(problem, nearer.p, [end.p]):
+                    log.info("t = %g: of several solutions that of the path from the step before", problem.cone.time)
+                    return replace(nearer, others=(solution.p,)), last
+            return replace(solution, jumps=jumps, others=(end.p,)), problem
         if applies(problem) or critical(problem) > 1 or state.memory:
-            return replace(solution, jumps=jumps, others=() if end is None else (end.p,)), problem
+            return replace(solution, jumps=jumps), problem
         settings, chosen = self.system.problem.solver, solution
         tried = branches(problem, state.p, state.w, settings.tolerance, settings.max_iterations)
         solved = [each for each in tried if each.status is Status.CONVERGED]
-        if solved and solved[0] is tried[0] and _apart(problem, solved[0].p, [solution.p]):
+        own = by_schur_complement(problem, solution)[0].p
+        if solved and solved[0] is tried[0] and _apart(problem, solved[0].p, [own]):
             chosen = replace(tried[0], history=solution.history)
-        known = [chosen.p]
-        for each in (solution, *solved):
-            if _apart(problem, each.p, known):
-                known.append(each.p)
+        known = [own if chosen is solution else chosen.p]
+        for each in (own, *(each.p for each in solved)):
+            if _apart(problem, each, known):
+                known.append(each)
         return replace(chosen, others=tuple(known[1:])), problem
 
     def memory(self, state: State, end: float) -> LawMemory:

@@ -61,7 +61,7 @@ def from_touch(
     adrift = not p.any() and bool(np.any(np.abs(across) > ROUNDING))  # nothing says where points would have gone
     for place, closes in closing:
         span, t, shape = place.normal, place.tangential, (-1, place.components)
-        ahead, beyond = place.average @ room[span], place.average @ freed[span]
+        ahead, beyond = place.average @ room[span], place.average @ (solution.w - problem.gap + freed)[span]
         part = np.where(closes & (beyond > 0), ahead / np.where(beyond > 0, ahead + beyond, 1.0), 0.0)
         way = (slid + freed)[t].reshape(shape)
         if adrift:

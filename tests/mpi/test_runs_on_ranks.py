@@ -123,6 +123,22 @@ sizes = SizeField(points=np.eye(3, 2), cells=np.array([[0, 1, 2]]), sizes=np.one
 for field in (None, sizes if comm.rank == 0 else None):
     found.append(_lowered(Level(order=2, factor=0.5, sizes=field), comm).factor)
 """
+# bodies that come near in the third step
+MEETING = """
+import tempfile
+from pathlib import Path
+from shared.travel import travel
+from stickslip.workflows.scene_file.read import from_dict
+folder = Path(comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else ""))
+if comm.rank == 0:
+    travel(folder)
+comm.Barrier()
+contacts = {"any": {"between": "all", "sliding": True, "friction": {"law": "coulomb", "mu": 0.2}}}
+simulation = stickslip.prepare(from_dict(travel(folder, contacts=contacts), folder))
+for step in simulation.steps():
+    found.append([float(step.contacts[name].normal_force) for name in simulation.scene.pairs])
+found.append([simulation.counters.added_dofs, simulation.counters.factorisations])
+"""
 SIZE = "0.2"  # MUMPS divides the last front among ranks, where it may
 SCRIPTS = {
     "audit": AUDIT,
@@ -133,6 +149,7 @@ SCRIPTS = {
     "rubber": RUBBER.replace("SIZE", SIZE),
     "multigrid": MULTIGRID,
     "lowered": LOWERED,
+    "meeting": MEETING,
 }
 Both = dict[str, tuple[Any, Any]]
 
@@ -192,6 +209,12 @@ def test_multigrid_converges_however_cells_are_shared(both: Both) -> None:
     (iterations, residual), (of_two, left) = both["multigrid"]
     assert max(residual, left) <= 1e-8
     assert of_two <= 1.25 * iterations
+
+
+def test_ranks_find_pairs_as_bodies_come_near(both: Both) -> None:
+    alone, one = both["meeting"]
+    assert_allclose(one, alone, rtol=1e-9, atol=1e-12)
+    assert alone[2][0] > 0.07
 
 
 def test_ranks_halve_the_same_mesh_sizes(both: Both) -> None:

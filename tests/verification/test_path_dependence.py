@@ -148,7 +148,8 @@ def test_what_no_solution_goes_on_from_jumps(tmp_path: Path) -> None:
     before, after = found[jump - 1], found[jump]
     assert (before.contacts["base"].normal_force > 0.9, after.contacts["base"].normal_force) == (True, 0.0)
     assert before.contacts["base"].tangential_force < 0.5 < 0.7 / 2 * (after.time - 1)
-    assert after.jump == pytest.approx(after.energy.time_remainder - before.energy.time_remainder)
+    assert after.substeps > 1  # it was looked for in between
+    assert after.jump == pytest.approx(after.energy.time_remainder - before.energy.time_remainder, rel=0.05)
     assert after.jump > 0
 
 

@@ -199,3 +199,23 @@ def test_a_graph_that_moves_drags_as_the_plane_that_it_is(size: float, dim: int,
         found.append([base.normal_force, base.tangential_force, base.max_slip, base.stick_area])
     assert found[0][1] > 0
     assert_allclose(found[1], found[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("size", [0.5, *slow(0.34, 0.25)])
+def test_a_pad_that_has_travelled_far_is_in_balance_where_it_is(size: float, dim: int, tmp_path: Path) -> None:
+    """Dragged by ten times its length: friction, weight and what drags it act there."""
+    flat = {key: value for key, value in BLOCK.items() if dim == 3 or key != "width"}
+    dragged = {"x": [[1, 0], [2, 20.0]]} | ({"y": 0.0} if dim == 3 else {})
+    step = last({
+        "model": "3d" if dim == 3 else "plane strain", "geometry": flat | {"mesh_size": size},
+        "bodies": {"block": {"E": 1e6, "nu": 0.0}},
+        "obstacles": {"floor": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}},
+        "contacts": {"c": {"surface": "block.bottom", "against": "floor", "friction": COULOMB}},
+        "supports": {"top": {"boundary": "block.top", "displacement": dragged}},
+        "loads": {"top": {"boundary": "block.top", "pressure": 3.0}}, "steps": {"end": 2.0, "count": 2},
+    }, tmp_path)  # fmt: skip
+    base, top, weight = step.contacts["c"], step.supports["top"], 6.0
+    assert_allclose(base.force[[0, -1]], [-0.2 * weight, weight], rtol=1e-7)
+    load = np.array([-21.0 * weight]) if dim == 2 else np.array([-0.5, 21.0, 0.0]) * weight
+    assert_allclose(base.moment + top.moment + load, 0.0, atol=3e-5 * weight)

@@ -144,7 +144,10 @@ def _write(path: Path, unit: str | None, units: str | None, within: float | None
     text = proposal.scene_text(found, target, units or "SI")
     write_new(target, text)
     out = console(160)
-    out.print(f"wrote {target}: {len(found.outline.bodies)} bodies, {len(found.pairs)} contacts")
+    contacts = (
+        f"{len(found.pairs)} pairs of sides in one contact" if "between = " in text else f"{len(found.pairs)} contacts"
+    )
+    out.print(f"wrote {target}: {len(found.outline.bodies)} bodies, {contacts}")
     for overlap in found.geometry.overlaps(found.dim):
         out.print(f"warning: {overlap.said(found.units.length)}", soft_wrap=True)
     out.print(f"change what holds and loads it, then solve it with: stickslip run {target}", soft_wrap=True)

@@ -31,7 +31,9 @@ FIRST = "run report compare plan mesh cost sweep verify fclib scenes schema cont
 ROOMS = ("stickslip.workflows.commands", "stickslip.workflows.lab.commands")
 
 app = typer.Typer(
-    help="Frictional contact between elastic bodies in FEniCSx.", pretty_exceptions_enable=False, rich_markup_mode=None
+    help="Frictional contact between elastic bodies in FEniCSx: small strain, linear elastic, quasi-static.",
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
 )
 
 
@@ -57,7 +59,7 @@ for command in commands().values():
 def start(
     context: typer.Context, version: Annotated[bool, typer.Option("--version", help="print the version")] = False
 ) -> None:
-    """Frictional contact between elastic bodies in FEniCSx."""
+    """Frictional contact between elastic bodies in FEniCSx: small strain, linear elastic, quasi-static."""
     if version or context.invoked_subcommand is None:
         typer.echo(VERSION if version else context.get_help())
 

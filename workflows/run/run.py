@@ -37,7 +37,7 @@ from stickslip.workflows.run.folder import BEGUN, FORMER, ResultsFolder, work_of
 from stickslip.workflows.run.mesh_report import report_mesh
 from stickslip.workflows.run.ranks import Interrupt, all_act, raise_together
 from stickslip.workflows.run.result import Outcome, summary, write_result
-from stickslip.workflows.run.warnings import Fields, Seen, doubts
+from stickslip.workflows.run.warnings import Fields, Seen, beyond_linear, doubts
 from stickslip.workflows.run.watch import RunLog, Watch, foreseen, tell
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
 from stickslip.workflows.writers.writer import Ended, Job, Turn, Writer, wanted
@@ -240,6 +240,8 @@ class Run:
         warnings = self._warnings()
         status, sentence, found = _with_audit(status, sentence, audited)
         warnings += found
+        if status == "converged" and (invalid := self._invalid()):
+            status, sentence = "doubtful", f"{invalid}: the answer is that of small strain"
         outcome = Outcome(status, sentence, self._place, warnings)
         ended = Ended(status=status, steps=self.steps, errors=self._errors)
         reference: LinearReference | None = None
@@ -267,6 +269,20 @@ class Run:
         self._on_rank_0(lambda: write_result(self._folder, final))
         log.info("profile of %.3f s\n%s", final["seconds"]["total"], "\n".join(profile_lines(final["profile"])))
         return outcome, final
+
+    def _invalid(self) -> str:
+        """Why linear elasticity does not hold, else empty, the same on every rank; collective."""
+        found: list[str] = []
+
+        def judge() -> None:
+            inside_out = self._fields.seen.inverted
+            found.append(inside_out and f"cells are turned inside out, of {inside_out}")
+            for note in self._fields.notes():
+                log.info("%s", note)
+
+        self._on_rank_0(judge)
+        inverted: str = "".join(self._simulation.mesh.comm.bcast(found))
+        return inverted or beyond_linear(self.steps)
 
     def _warnings(self) -> tuple[str, ...]:
         """Return the warnings of the answer, the same on every rank; collective."""

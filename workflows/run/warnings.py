@@ -13,7 +13,7 @@ from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.errors import elements_touched, unresolved
 from stickslip.solvers.accuracy.kept_pairs import facet_length, moved_on_obstacle
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.results.step_result import OPEN, ContactState, Errors, MeshData, Quantity, StepResult
+from stickslip.solvers.results.step_result import OPEN, ContactState, Errors, MeshData, Quantity, StepResult, walk
 from stickslip.solvers.scene.contact import table_of
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.simulation.simulation import Simulation
@@ -35,6 +35,9 @@ class Seen:
     turn: float = 0.0  # rotation [rad], see `PART`
     jump: float = 0.0  # of the mean stress between cells, relative to the equivalent stress, where nu is above `SOFT`
     lean: tuple[float, str] = (0.0, "")  # see `_lean`, and the contact
+    strain: tuple[float, str] = (0.0, "")  # largest principal one, where it is above `GROSS` in less than `SMALL` of a
+    # body's volume; and its place
+    inverted: str = ""  # the body of which cells are turned inside out, and when
 
 
 class Fields:
@@ -64,7 +67,7 @@ class Fields:
         """A shift of a body as a whole does not count."""
         for name, inside, cells, own, size in self._bodies:
             spread = float(np.linalg.norm(np.ptp(step.displacement[inside], axis=0))) / size
-            turn = _turn(self._mesh, cells, step.displacement) if spread > SMALL else 0.0
+            turn = self._seen_strains(name, cells, step) if spread > SMALL else 0.0
             soft = self._problem.bodies[name].near_incompressible > SOFT and self._problem.model != "plane stress"
             jump = _jump(cells, step.stress[own], step.von_mises[own]) if soft else 0.0
             self.seen = Seen(
@@ -72,10 +75,37 @@ class Fields:
                 turn=max(self.seen.turn, turn),
                 jump=max(self.seen.jump, jump),
                 lean=self.seen.lean,
+                strain=self.seen.strain,
+                inverted=self.seen.inverted,
             )
         for rows in self._rubbing:
             lean = _lean(rows, step.contacts[rows.name], step.displacement)
             self.seen = replace(self.seen, lean=max(self.seen.lean, (lean, rows.name)))
+
+    def _seen_strains(self, name: str, cells: Ints, step: StepResult) -> float:
+        """Note large strains and inverted cells of a body (c, k); its rotation [rad], see `PART`."""
+        gradient, volume = _gradients(self._mesh, cells, step.displacement)
+        strain = np.abs(np.linalg.eigvalsh((gradient + np.swapaxes(gradient, 1, 2)) / 2)).max(axis=1)
+        worst = int(np.argmax(strain))
+        if 0 < volume[strain > GROSS].sum() < SMALL * volume.sum():
+            at = ", ".join(f"{x:.3g}" for x in self._mesh.points[cells[worst]].mean(axis=0))
+            place = f"bodies.{name} at ({at}) at t = {step.time:g}"
+            self.seen = replace(self.seen, strain=max(self.seen.strain, (float(strain[worst]), place)))
+        if (np.linalg.det(np.eye(gradient.shape[1]) + gradient) <= 0).any():
+            self.seen = replace(self.seen, inverted=self.seen.inverted or f"bodies.{name} at t = {step.time:g}")
+        turn = np.linalg.norm(gradient - np.swapaxes(gradient, 1, 2), axis=(1, 2)) / np.sqrt(8)
+        order = np.argsort(turn)
+        filled = np.cumsum(volume[order])
+        return float(turn[order][np.searchsorted(filled, PART * filled[-1])])
+
+    def notes(self) -> Iterator[str]:
+        """What is said of an answer that is no reason to doubt it."""
+        strain, place = self.seen.strain
+        if place:
+            yield (
+                f"strains reach {strain:.0%} in less than {SMALL:.0%} of a body's volume, at a corner or an edge of "
+                f"contact: {place}; they are taken to be small, and stresses there are those of linear elasticity"
+            )
 
     def warnings(self) -> Iterator[str]:
         """One for each value that is too large."""
@@ -103,18 +133,14 @@ class Fields:
             )
 
 
-def _turn(mesh: MeshData, cells: Ints, displacement: Array) -> float:
-    """Rotation [rad] at cells' midpoints that `PART` of the volume of the cells (c, k) does not pass."""
+def _gradients(mesh: MeshData, cells: Ints, displacement: Array) -> tuple[Array, Array]:
+    """Gradient (c, d, d) of the displacement at midpoints of cells (c, k), and their volume (c,) but for a factor."""
     d = mesh.points.shape[1]
     nodes = cells[:, : d + 1] if mesh.shape in ("triangle", "tetrahedron") else cells[:, : 2**d]
     slope = dx.reference_basis(mesh.shape, 1, dx.reference_nodes(mesh.shape, 1).mean(axis=0, keepdims=True))[1][:, 0]
     jacobian, change = (np.array([slope @ x[nodes.T] for x in values.T]) for values in (mesh.points, displacement))
     inverse, det = inverse_and_determinant(jacobian)
-    gradient = np.einsum("ikc,kjc->ijc", change, inverse)
-    turn = np.linalg.norm(gradient - np.swapaxes(gradient, 0, 1), axis=(0, 1)) / np.sqrt(8)
-    order = np.argsort(turn)
-    filled = np.cumsum(np.abs(det[order]))
-    return float(turn[order][np.searchsorted(filled, PART * filled[-1])])
+    return np.einsum("ikc,kjc->cij", change, inverse), np.abs(det)
 
 
 def _lean(rows: ContactRows, state: ContactState, displacement: Array) -> float:
@@ -181,6 +207,23 @@ def doubts(
         if (peak.status != OPEN).any() and peak.max_pressure > 0:
             yield from _few_points(rows, problem, peak)
             yield from _cut_corners(rows, problem, peak)
+
+
+def beyond_linear(steps: Sequence[StepResult]) -> str:
+    """Name the resultant that finite strain and rotation, which are left out, change by more than `GROSS` of it.
+
+    Components of resultants, and those that are small beside the largest of their step, are not judged.
+    """
+    worst = (GROSS, "")
+    for step in steps:
+        forces = [(key, value) for key, number, value in walk(step) if number.kind == "force"]
+        sizes = {key: float(np.linalg.norm(value)) for key, value in forces if key.quantity != "tangential_force"}
+        for key, size in sizes.items():
+            parts = step.errors.get(str(key))
+            if size > GROSS * max(sizes.values()) and parts is not None and parts.model is not None:
+                worst = max(worst, (float(np.linalg.norm(parts.model)) / size, f"{key} at t = {step.time:g}"))
+    share, name = worst
+    return name and f"finite strain and rotation, which are left out, change {name} by about {share:.0%}"
 
 
 def _carried_at_points(problem: Problem, steps: Sequence[StepResult]) -> Iterator[str]:

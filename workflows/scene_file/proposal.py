@@ -19,8 +19,8 @@ from stickslip.geometry.units import LENGTHS, Units
 from stickslip.geometry.user_files.open_file import declared_unit
 from stickslip.geometry.user_files.outline import Outline
 from stickslip.geometry.user_files.parts import FACET_WORD, numbered
-from stickslip.geometry.user_files.touching import Pair, Side, named, touching
-from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.geometry.user_files.touching import WITHIN, Pair, Side, named, touching
+from stickslip.geometry.user_files.user_file import AROUND, UserFile
 from stickslip.workflows.formats.templates import render
 
 THREADED = ("nut", "mutter", "din934", "iso4032")  # ends of words in names of bodies that have a thread
@@ -175,6 +175,9 @@ def scene_text(found: Assembly, target: Path, units: str = "SI") -> str:
     names, ends, word = side_names(found), _ends(found), FACET_WORD[found.dim]
     size, fine = sizes(found)
     new = {side: name for side, name in {**names, **ends}.items() if not side.name}
+    every = len(found.pairs) > 10  # then they are one contact
+    if every:
+        new = {side: name for side, name in ends.items() if not side.name}
     labels = numbered(f"{pair.one.body}_{pair.other.body}" for pair in found.pairs)
     held, down, why = _held(found, list(ends))
     return render(
@@ -193,7 +196,9 @@ def scene_text(found: Assembly, target: Path, units: str = "SI") -> str:
         contacts=[
             _contact(pair, label, slave, names, found)
             for pair, label, slave in zip(found.pairs, labels, slaves(found.pairs), strict=True)
+            if not every
         ],
+        between=_between(found) if every else {},
         bolts=_bolts(found),
         why=why,
         held=ends[held] if held else "",
@@ -221,6 +226,30 @@ def _contact(pair: Pair, label: str, slave: Side, names: Mapping[Side, str], fou
     law, why = proposed_law(pair, found)
     gap = f"{pair.fit:.6g}" if pair.exact else ""
     return {"label": label, "one": names[one], "other": names[other], "law": law, "why": why, "gap": gap}
+
+
+def _between(found: Assembly) -> dict[str, Any]:
+    """Return the words and numbers of one contact between all bodies, and of the pairs that differ."""
+    of_bodies, bodies = dict[tuple[str, str], list[Pair]](), [*found.outline.bodies]
+    for pair in found.pairs:
+        one, other = sorted((pair.one.body, pair.other.body), key=bodies.index)
+        of_bodies.setdefault((one, other), []).append(pair)
+    gaps, chords, pairs = dict[tuple[str, str], str](), [0.0], dict[str, dict[str, str]]()
+    for both, meeting in of_bodies.items():
+        tied = [said for kind, said in (proposed_law(pair, found) for pair in meeting) if kind == "tied"]
+        if tied:
+            pairs[".".join(both)] = {"law": "tied", "why": tied[0]}
+            continue
+        fits = {f"{pair.fit:.6g}" for pair in meeting}
+        gaps[both] = fits.pop() if len(fits) == 1 and all(pair.exact for pair in meeting) else ""
+        # twice by how much chords of the cells on a circle, of both sides, leave it
+        chords += [2 * (1 - np.cos(np.pi / AROUND)) * abs(p.one.form.radius) for p in meeting if p.kind == "cylinder"]
+    usual = max(dict.fromkeys(gaps.values()), key=[*gaps.values()].count, default="")
+    for both, gap in gaps.items():
+        if gap != usual and gap:
+            pairs[".".join(both)] = {"law": "", "gap": gap}
+    reach = max(WITHIN * float(np.linalg.norm(np.ptp(found.outline.box, axis=0))), *chords)
+    return {"count": len(found.pairs), "gap": usual, "reach": f"{reach:.3g}", "pairs": pairs}
 
 
 def side_names(found: Assembly) -> dict[Side, str]:

@@ -6,8 +6,8 @@ A column of constrained modulus M, shear modulus G and height H with periodic la
 base at w and at first a gap g above a rigid plane: p = M (U - g)+ / H, tau = G (V - w) / H, |tau| <= mu p, V, w and tau
 vectors along the plane. Compression and shear do not interact. While the base hangs free it is below its
 top, w = V: that is the clip to a bound of 0. On a foundation that gives way p is that of `column` instead. A step's
-answer is the bound at its end, on the trial traction from w at its start; work is that at the end too, so what the base
-rubs while p falls to 0 within a step is not seen.
+answer is the bound at its end, on the trial traction from w at its start, or from where it touches in the step; work is
+that at the end too, so what the base rubs while p falls to 0 within a step is not seen.
 
 Source: derived here. Only steps in which nothing turns from one state to another and back are exact.
 """
@@ -69,9 +69,17 @@ def follow(column: LiftedColumn, down: Array, along: Array) -> LiftedHistory:
     >>> history.pressure, history.tau[:, 0], history.slip[:, 0], history.gap
     (array([10., 10.,  0.]), array([0., 5., 0.]), array([0.  , 0.05, 0.1 ]), array([0.  , 0.  , 0.01]))
     """
-    pressure, gap = np.array([column.pressed(float(U)) for U in down]).T
-    tau, slip, dissipation = sheared_column.follow(column.G / column.height, column.mu * pressure, along)
-    return LiftedHistory(pressure=pressure, gap=gap, tau=tau, slip=slip, dissipation=dissipation)
+    before, start = np.append(0.0, down[:-1]), np.vstack([np.zeros_like(along[:1]), along[:-1]])
+    closes = np.flatnonzero((before < column.gap) & (down > column.gap))
+    part = ((column.gap - before) / np.where(down != before, down - before, 1.0))[closes]
+    touch = start[closes] + part[:, None] * (along - start)[closes]
+    U, V = np.insert(down, closes, column.gap), np.insert(along, closes, touch, axis=0)
+    pressure, gap = np.array([column.pressed(float(each)) for each in U]).T
+    tau, slip, dissipation = sheared_column.follow(column.G / column.height, column.mu * pressure, V)
+    ends = np.delete(np.arange(len(U)), closes + np.arange(len(closes)))
+    return LiftedHistory(
+        pressure=pressure[ends], gap=gap[ends], tau=tau[ends], slip=slip[ends], dissipation=dissipation[ends]
+    )
 
 
 GAP = 0.002  # [m]
