@@ -493,7 +493,9 @@ class Auditor:
         if not (softness and rows.name in record.searched):  # t turns with the frames of other rows
             start = rows.N_t @ moved.ravel() - (t / softness if softness else 0.0)
             # of points that close in the step it counts from where they touch: that is known at its end alone
-            pressed, was = (rows.average @ each.p[place.normal] > 0 for each in (record, before))
+            pressed = rows.average @ record.p[place.normal] > 0
+            same = len(before.p) == len(record.p)  # else pairs were found, and what was pressed has other rows
+            was = rows.average @ before.p[place.normal] > 0 if same else np.zeros(len(pressed), bool)
             closes = np.repeat(pressed & ~was & (rows.normal.sides == 1), rows.free.shape[1])
             reference = np.where(closes, start, record.reference[place.tangential])
             found.append(difference(reference, start, scales.u[rows.name], scales.rounding))
