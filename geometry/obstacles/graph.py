@@ -93,11 +93,13 @@ class Graph(Obstacle):
 
     def _slopes(self, at: Array) -> Array:
         """Derivatives (m, d-1) [-] of the height, by central differences."""
-        reach = CLOSE * (np.ptp(at, axis=0).max(initial=0.0) or 1.0)
+        known = at[np.isfinite(at).all(axis=1)]  # points beyond a map have no nearest one
+        reach = CLOSE * ((np.ptp(known, axis=0).max(initial=0.0) if len(known) else 0.0) or 1.0)
         slopes = []
         for k, axis in enumerate(np.eye(at.shape[1])):
             before, behind = self._clipped(at - reach * axis), self._clipped(at + reach * axis)
-            slopes.append((self._heights(behind) - self._heights(before)) / (behind - before)[:, k])
+            rise, width = self._heights(behind) - self._heights(before), (behind - before)[:, k]
+            slopes.append(np.divide(rise, width, out=np.full_like(rise, np.nan), where=width > 0))
         return np.stack(slopes, axis=1)
 
     def _clipped(self, at: Array) -> Array:

@@ -56,7 +56,7 @@ from stickslip.workflows.pictures.force_displacement import (
 )
 from stickslip.workflows.pictures.history import draw_history, errors_of, most, panels_of
 from stickslip.workflows.pictures.render import grid_of, outline_of, surface_of
-from stickslip.workflows.pictures.rigid import Rigid, rigids
+from stickslip.workflows.pictures.rigid import Rigid, rigids, shade
 from stickslip.workflows.pictures.sheet import STATUS_COLOURS, Sheet
 from stickslip.workflows.pictures.view import View, focus
 from stickslip.workflows.run.run import run
@@ -566,6 +566,15 @@ def test_what_touches_is_shown_closely_if_it_is_small() -> None:
     assert_allclose(close.extent, [0.8, 1.6, -0.35, 0.45])  # 0.4 m, and half of that on every side
     assert close_up(view, small * [4.0, 1.0, 1.0]) is None
     assert close_up(view, small[:1]) is close_up(view, small[:0]) is None
+
+
+def test_an_obstacle_whose_map_ends_in_the_picture_is_drawn() -> None:
+    height = stickslip.read("profile").obstacles["floor"].height
+    ramp = stickslip.Graph(height=replace(height, rows=((0.0, 0.0), (1.0, 0.5))))
+    axes = Sheet(3.0, 3.0).axes(0.5, 0.5, 2.0, 2.0)
+    view = View.facing(np.array([[-1.0, -1.0, 0.0], [2.0, 1.0, 0.0]]))
+    shade(axes, view, [Rigid(ramp, np.zeros(2), 0.0)], 1.0)
+    assert axes.collections
 
 
 def test_sides_of_order_2_are_curved_and_a_window_on_a_contact_shows_what_touches() -> None:

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from shared.audited import audit, solved
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.step_result import StepResult, told
+from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict
 
 PLANE = """
@@ -112,6 +113,16 @@ def test_a_body_and_an_obstacle_share_a_side(normal: dict[str, Any], seam: float
     alike = [result.contacts[name].normal_force for name in ("seat.left", "seat.floor")]
     exact = normal["law"] == "unilateral"  # a law at points has what bodies leave of a facet spread over all of it
     assert_allclose(alike, size * np.array([seam, 2 - seam]), rtol=1e-8 if exact else 2e-3)
+
+
+@pytest.mark.parametrize("seam", [1.0, 0.87])
+def test_facets_that_a_law_at_points_shares_with_a_body_are_named(seam: float, tmp_path: Path) -> None:
+    scene = blocks(tmp_path, obstacles={"floor": FLOOR | {"displacement": {"y": -2 * STRAIN / 3}}})
+    scene["geometry"] |= {"seam": seam}
+    normal = {"law": "compliance", "c_n": 1.0, "m_n": 1.0}
+    scene["contacts"] = {"seat": {"surface": "top.under", "against": ["left.upper", "floor"], "normal": normal}}
+    simulation, steps = solved(from_dict(scene, tmp_path))
+    assert any("facets are shared" in line for line in doubts(simulation, steps)) == (seam < 1)
 
 
 def test_obstacles_divide_a_side_by_the_nearest_and_each_has_its_law(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.solvers.results.step_result import MeshData
-from stickslip.workflows.formats.mesh_file import corner_cells
+from stickslip.workflows.formats.mesh_file import shape_of
 from stickslip.workflows.formats.steps import three
 from stickslip.workflows.pictures.rigid import Rigid, stand, surfaces
 from stickslip.workflows.pictures.sheet import COLOURS, show_image
@@ -29,9 +29,9 @@ GHOST: dict[str, Any] = {"color": "#8c8c8c", "line_width": 2.0}
 
 
 def grid_of(points: Array, cells: Ints, shape: str) -> pv.UnstructuredGrid:
-    """Cells in dolfinx's order, points (n, 2 or 3), as a grid of VTK with straight sides."""
-    corners, kind = corner_cells(shape, cells)
-    return pv.UnstructuredGrid({kind: corners}, three(points))
+    """Cells in dolfinx's order, points (n, 2 or 3), as a grid of VTK; sides of order 2 are curved."""
+    kind = shape_of(shape, cells)
+    return pv.UnstructuredGrid({kind.vtk: cells[:, kind.order]}, three(points))
 
 
 def surface_of(grid: pv.UnstructuredGrid) -> pv.PolyData:

@@ -53,9 +53,10 @@ def shade(axes: Any, view: View, each: Sequence[Rigid], scale: float) -> None:
     x, y = (np.linspace(a, b, n) for a, b, n in zip(view.low, view.high, counts, strict=True))
     points = np.stack([part.ravel() for part in np.meshgrid(x, y)], axis=1)
     for rigid in each:
-        gap = rigid.signed_gap(points, scale).reshape(len(y), len(x))
-        if gap.min() < 0 < gap.max():
-            axes.contourf(x, y, gap, levels=[gap.min(), 0.0], colors=[GREY], alpha=0.45)
+        gap = rigid.signed_gap(points, scale).reshape(len(y), len(x))  # NaN beyond a map
+        low = float(np.nanmin(gap, initial=0.0))
+        if low < 0 < np.nanmax(gap, initial=0.0):
+            axes.contourf(x, y, gap, levels=[low, 0.0], colors=[GREY], alpha=0.45)
             axes.contour(x, y, gap, levels=[0.0], colors=[EDGE], linewidths=0.9)
 
 

@@ -203,6 +203,7 @@ def doubts(
         if not problem.pairs[rows.name].contact.sliding:
             yield from _slid_far(rows, problem, states)
         yield from _at_corners(rows, problem, states)
+        yield from _on_shared_facets(rows, states)
         peak = max(states, key=lambda state: state.max_pressure)
         if (peak.status != OPEN).any() and peak.max_pressure > 0:
             yield from _few_points(rows, problem, peak)
@@ -363,6 +364,21 @@ def _at_corners(rows: ContactRows, problem: Problem, states: Sequence[ContactSta
                 place = ", ".join(f"{x:.4g}" for x in side.points[places][0])
                 yield f"contacts.{rows.name}: the corner or edge at ({place}) {said}"
                 return
+
+
+def _on_shared_facets(rows: ContactRows, states: Sequence[ContactState]) -> Iterator[str]:
+    """Facets that a body leaves in part to an obstacle, whose law at points between nodes is spread all over them."""
+    if rows.master is not None or not rows.normal.at_quadrature:
+        return
+    part = rows.node_weights / rows.surface.node_weights()
+    cut = (part * (1 - part))[rows.surface.facets].min(axis=1) > LARGE
+    nodes = np.unique(rows.surface.facets[cut])
+    force = max(float(state.weight[nodes] @ state.pressure[nodes]) for state in states)
+    if force > LARGE * max(float(state.normal_force) for state in states):
+        yield (
+            f"contacts.{rows.name}: facets are shared with a body, and the law acts evenly all over them: its moment "
+            "is off by a part of a facet's length; refine contact_mesh_size, or let a node lie where the body ends"
+        )
 
 
 def _few_points(rows: ContactRows, problem: Problem, state: ContactState) -> Iterator[str]:

@@ -102,7 +102,7 @@ def main_number(said: str, result: dict[str, Any]) -> str:
     contact, key = said.split()[0].rsplit(".", 1)
     last = result["steps"][-1]["contacts"][contact]
     number = with_error(last[key], parts_of((last["error"] or {}).get(key)), result["units"][f"contacts.{key}"])
-    return f"{contact.replace('_', ' ')}: {NUMBERS[key]} {number}"
+    return f"{contact.replace('_', ' ')}: {NUMBERS[key].partition(' since')[0]} {number}"
 
 
 def shrunk(source: Path, target: Path) -> None:
