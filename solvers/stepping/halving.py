@@ -182,14 +182,14 @@ class _Limit:
         """
         solution, surface = attempt.solution, problem.surface
         load, first = problem.load.resultant, surface.R.T @ surface.forces(state.p)
-        size, change = float(np.linalg.norm(load)), float(np.linalg.norm(load - first))
-        width = SLIGHT * max(size / change * (end - state.time), smallest) if change else smallest
-        near = state.time
+        final, change, near = float(np.linalg.norm(load)), float(np.linalg.norm(load - first)), state.time
         if attempt.impossible:
             along = surface.R.T @ solution.u_c
             final, begun = float(along @ load), float(along @ first)
+            change = abs(final - begun)
             room = final * (1 - solution.lacking) - begun
             near += room / (final - begun) * (end - state.time) if final > begun else 0.0
+        width = SLIGHT * max(abs(final) / change * (end - state.time), smallest) if change else smallest
         slow = before is not None and 2 * (end - state.time) > (before.beyond - state.time) * (1 + ROUNDING)
         return cls(end, near, width, slow or near - state.time < width)
 
