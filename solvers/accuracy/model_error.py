@@ -25,6 +25,7 @@ from stickslip.solvers.iteration import Status, ignore
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import Quantity, StepResult, quantities
 from stickslip.solvers.scene.record import Value
+from stickslip.solvers.stepping.pairs import carried_over
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.solvers.stepping.update import displacement, new_state
@@ -91,6 +92,9 @@ def _answer(accepted: Accepted, forces: Vec) -> State | None:
     """The state of a step that has to balance these inner forces over all dofs [N] too; None: no solver; collective."""
     stepper, state, problem = accepted.stepper, accepted.state, accepted.problem
     system, surface = stepper.system, stepper.surface
+    old = accepted.substep_start
+    if old.rows is not system.contacts:
+        old = carried_over(old, system)
     free = system.T.createVecRight()
     system.T.multTranspose(-forces, free)
     problem = replace(problem, load=surface.with_more(problem.load, free, balanced=False))
@@ -107,7 +111,7 @@ def _answer(accepted: Accepted, forces: Vec) -> State | None:
     driven: Array = u_c[len(u_c) - surface.driven :]
     return new_state(
         system=system,
-        old=accepted.substep_start,
+        old=old,
         problem=problem,
         u=u,
         u_strained=strained,

@@ -162,15 +162,15 @@ def test_results_and_scenes_can_be_pickled() -> None:
 class Odd(stickslip.Obstacle):
     """An obstacle whose formulas are wrong."""
 
-    far: float
-    long: float
+    far: str
+    long: str
     shape: Annotated[Literal["odd"], stickslip.Key("-", "kind of obstacle")] = "odd"
 
     def distance(self, x: Any, sqrt: Callable[[Any], Any]) -> Any:
-        return 0.0 * x[1] + self.far
+        return 0.0 * x[1] + float(self.far)
 
     def normals(self, points: Array) -> Array:
-        return np.tile([0.0, self.long], (len(points), 1))
+        return np.tile([0.0, float(self.long)], (len(points), 1))
 
 
 stickslip.Obstacle.kinds.remove(Odd)  # no other test knows it
@@ -186,7 +186,7 @@ stickslip.Obstacle.kinds.remove(Odd)  # no other test knows it
     ],
 )
 def test_obstacle_without_a_distance_is_named(far: float, long: float, said: str) -> None:
-    scene = replace(read("block", FOUR), obstacles={"foundation": Odd(far=far, long=long)})
+    scene = replace(read("block", FOUR), obstacles={"foundation": Odd(far=str(far), long=str(long))})
     with pytest.raises(SceneError, match=rf"obstacle Odd: at \(.*\).*{said}.*expected a number, and a unit vector"):
         list(stickslip.steps(scene))
 

@@ -81,7 +81,7 @@ WRONG: list[tuple[str, ...]] = [
     ("obstacles.foundation.point=['a',0.0]", 'point.0 = "a": expected a number, in m$'),
     ("contacts.base.friction.mu='a'", 'mu = "a": column 1: a is not known'),
     ("contacts.bas.friction.mu=0.2",
-     "contacts.bas: there is none .* (a new one needs surface, against, friction.law); did you mean base?$"),
+     "contacts.bas: there is none .* (a new one needs friction.law); did you mean base?$"),
     ("bodies.steel.E=1.0", "bodies.steel: there is none .* needs nu); known: block$"),
     ("bodies.block.E=true", "bodies.block.E = true: .*number"),
     ("geometry.length=[1, 2]", "geometry.length = [1, 2]: .*number"),

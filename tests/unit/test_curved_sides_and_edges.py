@@ -522,7 +522,7 @@ WEIGHT = np.array([0.5, 1.0, 1.0, 0.5])
 
 def rows() -> Any:
     """Four nodes on the line y = 0."""
-    return SimpleNamespace(surface=line(np.arange(4.0)), frames=np.tile(-np.eye(2)[::-1], (4, 1, 1)))
+    return SimpleNamespace(surface=line(np.arange(4.0)), frames=np.tile(-np.eye(2)[::-1], (4, 1, 1)), sense=1)
 
 
 def state(pressure: Array, traction: Array | float = 0.0, slip: Array | float = 0.0, status: int = STICK) -> Any:

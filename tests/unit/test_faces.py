@@ -222,7 +222,7 @@ def test_a_side_round_two_corners_presses_on_its_bottom_alone(
 
 def test_gaps_of_skins_are_those_of_points_that_face_the_other_side(tmp_path: Path) -> None:
     """A block .5 mm above a slab: its flanks face nothing."""
-    (tmp_path / "punch.geo").write_text(PUNCH.replace("{-6,0,0,12,2}", "{-6,0,0,12,1.5}"))
+    (tmp_path / "punch.geo").write_text(PUNCH.replace("6+6*left,2}", "6+6*left,1.5}"))
     report, *_ = look(from_dict({
         "model": "plane strain", "geometry": {"file": "punch.geo"},
         "bodies": {"slab": STEEL, "block": STEEL}, "contacts": {"c": SKINS},

@@ -177,7 +177,7 @@ def test_numbers_by_partner_and_in_sum_have_names(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"against": []}, "against = .*name at least one, and each once"),
+        ({"against": []}, r"against: missing"),
         ({"against": ["left.upper", "left.upper"]}, "against = .*name at least one, and each once"),
         ({"against": ["left.upper", "rihgt.upper"]}, r"did you mean right\.upper"),
     ],
