@@ -2,10 +2,11 @@
 
 Of a displacement u with gradient H, the St. Venant-Kirchhoff stress is S = C : (eps + H^T H / 2), and F S with
 F = I + H acts on the undeformed body. By D = C : A + H (sigma + C : A) with A = H^T H / 2 it exceeds sigma = C : eps,
-and its inner forces are not balanced. The step is solved once more with those of D as loads (one step of modified
-Newton's method for the total Lagrangian problem): bodies answer with their linear stiffness, contact and friction anew.
-What numbers change by is the estimate; where D is below `SLIGHT` of the stress, it is that part of each number. Sides
-keep their normals, and loads their direction. Of bodies whose dilatation is averaged there is no estimate.
+and its inner forces are not balanced. Of A in brackets W^T W / 2 is left out, W the rotation in H: bodies give way to
+it. The step is solved once more with the forces of D as loads (one step of modified Newton's method for the total
+Lagrangian problem): bodies answer with their linear stiffness, contact and friction anew. What numbers change by is the
+estimate; where D is below `SLIGHT` of the stress, it is that part of each number. Sides keep their normals, and loads
+their direction. Of bodies whose dilatation is averaged there is no estimate.
 
 Source: Bathe, Finite Element Procedures (1996), section 6.3.
 """
@@ -70,11 +71,13 @@ def left_out(observe: Observer, accepted: Accepted) -> tuple[float, Vec]:
     radius = x[..., 0] @ basis[0]
     if mesh.axisymmetric:
         H[:, 2, 2], volume = u[..., 0] @ basis[0] / radius, 2 * np.pi * radius * volume
-    half, more = np.einsum("cki,ckj->cij", H, H) / 2, np.zeros_like(stress)
+    half, spin = np.einsum("cki,ckj->cij", H, H) / 2, (H - H.swapaxes(1, 2)) / 2
+    more, lasting = np.zeros_like(stress), half + spin @ spin / 2
     for body, members in observe.stress.members.items():
-        plane_stress = system.problem.model == "plane stress"
-        more[members] = system.problem.bodies[body].stress(half[members], plane_stress)
-    more += H @ (stress + more)
+        law, plane_stress = system.problem.bodies[body], system.problem.model == "plane stress"
+        more[members] = law.stress(half[members], plane_stress)
+        lasting[members] = law.stress(lasting[members], plane_stress)
+    more += H @ (stress + lasting)
     weighted = more * volume[:, None, None]
     forces = np.einsum("cij,cjn->cni", weighted[:, : mesh.dim, : mesh.dim], gradients)
     if mesh.axisymmetric:

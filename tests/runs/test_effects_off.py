@@ -263,7 +263,7 @@ def test_blocks_with_next_to_no_friction_rest_until_they_are_tilted() -> None:
     assert verdict.outcome is Outcome.PROVED
     # the tilt grows by 1 m/s2 from t = 1 on: they slide from 0.0004 * 9.81 s later on
     times = [float(word) for word in re.findall(r"t = (\d\.\d+)", verdict.reason)]
-    assert times[1] < times[0]
+    assert times[1] <= times[0]  # as printed
     assert [time - 1 for time in times[:2]] == pytest.approx([0.0004 * 9.81] * 2, rel=2e-3)
 
 
