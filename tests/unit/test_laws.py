@@ -505,7 +505,7 @@ def test_the_bound_of_slip_in_a_step_is_that_of_its_rate_and_has_its_derivatives
         ("0.3 - 0.2*exp(-((V-1.03e-1)/1e-4)**2)", "mu falls as the slip rate grows"),
         ("0.3 + 0.1*V + 0.01*sin(200*V)*exp(-V)", "mu falls as the slip rate grows"),
         ("0.3 - 1e-20*V*exp(-1e14*V)*1e20", "mu falls as the slip rate grows"),
-        ("0.3 - 0.2*exp(-((V - 0.103 + 2e-4)/1e-4)**2)", "mu falls as the slip rate grows"),  # below a number in it
+        ("0.3 - 0.2*exp(-((V - 0.103 + 2e-4)/1e-5)**2)", "mu falls as the slip rate grows"),  # below a number in it
         ("0.3 - 0.1*max(V - 9.5e5, 0)/1e6", "mu falls as the slip rate grows"),
         ("0.5 + V - 0.1*(3*V - 1)/abs(3*V - 1)", "mu falls as the slip rate grows"),  # at a jump alone
     ],
@@ -544,6 +544,7 @@ def test_the_rate_of_a_step_without_length_is_that_of_rest() -> None:
     assert_array_equal(law.after(np.ones(2), slip, 0.0), [0.0, 0.0], strict=True)
     assert_array_equal(law.within(np.ones(2), 0.0).mu, [0.2, 0.2])  # type: ignore[attr-defined]
     assert law.resists()
+    assert RateDependent(mu="0.3").resists()
     assert not RateDependent(mu="0").resists()
     assert not RateDependent(mu=((0.0, 0.0),)).resists()
     assert law.within(slip, 0.5).lines(Unilateral(), 1.0, 1.0) == (np.inf, 0.2, 1.0)
