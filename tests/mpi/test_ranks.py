@@ -53,7 +53,7 @@ EXCEPTED = {"seconds", "profile", "ranks", "version", "counters"}
 KINDS = {
     "force": ("force", "normal_force", "tangential_force"),
     "moment": ("moment",),
-    "stress": ("stress", "max_pressure", "max_von_mises"),
+    "stress": ("stress", "max_pressure", "mean_pressure", "max_von_mises"),
     "length": ("displacement", "max_displacement", "max_penetration", "max_slip"),
     "error": ("mesh", "discretisation"),
     "area": ("contact_area", "stick_area", "slip_area"),
