@@ -361,5 +361,5 @@ def test_a_search_takes_over_bodies_whose_form_has_changed(monkeypatch: pytest.M
     solver: Any = SimpleNamespace(system=system, chain=None, surface="before", volume=None, latest=None)
     solver.widen = lambda system: None
     solver.follow_bodies = lambda: setattr(solver, "surface", "now")
-    assert pairs.PairSearch(solver).found({}) is other
+    assert pairs.PairSearch(solver).found({"moved": np.zeros(1)}) is other
     assert adopted == ["now"]
