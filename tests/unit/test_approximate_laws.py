@@ -70,10 +70,10 @@ OFTEN = ("unilateral, Coulomb", "bilateral, Tresca", "power compliance, Tresca",
 
 
 @pytest.mark.parametrize("name", often(SCENES, OFTEN))
-def test_the_difference_is_no_larger_than_stated(name: str) -> None:
+def test_the_difference_is_no_larger_than_stated(name: str, request: pytest.FixtureRequest) -> None:
+    if "sphere" in name:
+        request.applymarker(pytest.mark.xfail(reason=NOT_FROM_TOUCH, strict=True))
     ((step, reference, apart),) = differences(pressed(solver=SMOOTHED, **SCENES[name]))
-    if "sphere" in name and apart > step.law_error:
-        pytest.xfail(NOT_FROM_TOUCH)
     assert 0 < apart <= step.law_error < 2e-3  # level 1e-4
     assert reference.law_error == 0.0
     mine, theirs = step.contacts["base"], reference.contacts["base"]
@@ -463,10 +463,10 @@ ON_SPRINGS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", ON_SPRINGS)
-def test_the_stated_error_holds(name: str) -> None:
+def test_the_stated_error_holds(name: str, request: pytest.FixtureRequest) -> None:
+    if "sphere" in name:
+        request.applymarker(pytest.mark.xfail(reason=NOT_FROM_TOUCH, strict=True))
     ((step, _, apart),) = differences(pressed(solver=SPRINGS, **ON_SPRINGS[name]))
-    if "sphere" in name and apart > step.law_error:
-        pytest.xfail(NOT_FROM_TOUCH)
     assert 0 < apart <= step.law_error < 2e-3  # cells of a quarter, in 3D of half the depth, over 1000
     assert step.contacts["base"].slip_area > 0 or name not in ("held by friction", "driven obstacle")
 

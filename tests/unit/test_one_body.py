@@ -357,7 +357,9 @@ def test_a_search_takes_over_bodies_whose_form_has_changed(monkeypatch: pytest.M
     adopted = list[str]()
     other = SimpleNamespace(surface=SimpleNamespace(adopt=adopted.append))
     monkeypatch.setattr(pairs, "SubstepSolver", lambda system, chain: other)
-    system = SimpleNamespace(searched=lambda moved: None, contacts=(), problem=SimpleNamespace(pairs={}))
+    system = SimpleNamespace(
+        searched=lambda moved: SimpleNamespace(contacts=()), contacts=(), problem=SimpleNamespace(pairs={})
+    )
     solver: Any = SimpleNamespace(system=system, chain=None, surface="before", volume=None, latest=None)
     solver.widen = lambda system: None
     solver.follow_bodies = lambda: setattr(solver, "surface", "now")
