@@ -22,7 +22,7 @@ def shortened(text: object, longest: int = LONGEST) -> str:
 
 
 def printable(text: str) -> str:
-    """A text in which a terminal finds no commands, nor signs that turn its direction: these are shown by their codes.
+    r"""A text in which a terminal finds no commands, nor signs that turn its direction: these are shown by their codes.
 
     >>> printable("a\x1b[2Jb\u202ec, é")
     'a\\x1b[2Jb\\u202ec, é'
