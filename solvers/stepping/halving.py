@@ -71,7 +71,7 @@ class _March:
                 size = end - self._state.time
             self._chain.begin(cut_first=not self._stuck and not self._least(size))
             attempt = self._inner(self._state, end)
-            if attempt.solution.jumps and not (self._least(size) or self._chain.repeats):
+            if attempt.solution.jumps and self._limit is None and not (self._least(size) or self._chain.repeats):
                 self._control = self._control.after_failure(size, self._smallest)  # it may lead on in between
             elif attempt.state is not None:
                 self._good = self._accepted(attempt, attempt.state, size)
