@@ -30,6 +30,7 @@ from stickslip.solvers.newton import condensed_system, path
 from stickslip.solvers.newton.active_set import ActiveSet
 from stickslip.solvers.newton.attempts import (
     ATTEMPT,
+    FIRM,
     Attempts,
     Start,
     again,
@@ -39,8 +40,6 @@ from stickslip.solvers.newton.attempts import (
 )
 from stickslip.solvers.newton.collapse import on_softer_springs
 from stickslip.solvers.newton.soft_start import soft_starts
-
-DAMPED = 0.1  # weight of the proximal term [-]
 
 Linear = Callable[[ActiveSet, Array], tuple[Array, Array]]  # linearised laws, u_c of the iterate: p [Pa] and u_c [m]
 
@@ -83,9 +82,9 @@ class SemismoothNewton:
         for start in chain(resting_start(problem, p, self), first_starts(problem, p)):
             yield start, None
             if attempts.stalled and attempts.best is not None:
-                yield again(problem, attempts.best), DAMPED
+                yield again(problem, attempts.best), FIRM[0]
         for start in soft_starts(attempts):
-            yield start, DAMPED
+            yield start, FIRM[0]
         if attempts.over:
             return
         for start in other_starts(problem, p):
