@@ -144,8 +144,8 @@ def _errors(other: Values, values: Values, finer: bool, by: str | None = None) -
     Args:
         finer: whether the other one has half of the steps.
     """
-    off = {key: np.abs(other[key] - value) * (2 if finer else 1) for key, value in values.items()}
-    return {key: ErrorParts(time_step=each if np.ndim(each) else float(each), by=by) for key, each in off.items()}
+    times = 2.0 if finer else 1.0
+    return {key: ErrorParts(time_step=times * np.abs(other[key] - value), by=by) for key, value in values.items()}
 
 
 def _of_works(step: StepResult) -> Errors:
