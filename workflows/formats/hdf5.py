@@ -98,12 +98,13 @@ def _datasets(file: Any) -> dict[str, Any]:
     found: dict[str, Any] = {}
 
     def look(name: bytes, link: Any) -> None:
-        item = h5py.h5o.open(file.id, name) if link.type == h5py.h5l.TYPE_HARD else None
-        data = isinstance(item, h5py.h5d.DatasetID)
-        stored = item.get_create_plist() if data else None
-        outside = data and (stored.get_external_count() or stored.get_layout() == h5py.h5d.VIRTUAL)
-        if data or link.type == h5py.h5l.TYPE_EXTERNAL:
-            found[name.decode(errors="replace")] = item if data and not outside else None
+        item: Any = h5py.h5o.open(file.id, name) if link.type == h5py.h5l.TYPE_HARD else None
+        if isinstance(item, h5py.h5d.DatasetID):
+            stored = item.get_create_plist()
+            outside = stored.get_external_count() or stored.get_layout() == h5py.h5d.VIRTUAL
+            found[name.decode(errors="replace")] = None if outside else item
+        elif link.type == h5py.h5l.TYPE_EXTERNAL:
+            found[name.decode(errors="replace")] = None
 
     file.id.links.visit(look, info=True)
     return found

@@ -97,10 +97,13 @@ def _record(folder: Path, index: int, dim: int, time: float, files: WrittenFiles
     """Read a step's file and its rows of tables; None if it is a light one."""
     path = folder / step_name(index)
     if (folder / light_name(index)).exists() and not path.exists():
-        files and files.see(time, {})
+        contacts, stored = {}, None
+    else:
+        stored = read_step(path)
+        contacts = {name: vars(contact) for name, contact in stored.contacts.items()}
+    if files is not None:
+        files.see(time, contacts)
+    if stored is None:
         return None
-    stored = read_step(path)
-    contacts = {name: vars(contact) for name, contact in stored.contacts.items()}
-    files and files.see(time, contacts)
     fields = StoredFields(stress=stored.stress, von_mises=stored.von_mises, contacts=contacts)
     return replace(Record.of(stored), displacement=stored.displacement[:, :dim], stored=fields)
