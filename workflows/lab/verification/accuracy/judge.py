@@ -6,7 +6,7 @@ All numbers of a solved history with their stated errors, component by component
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -37,6 +37,7 @@ class Answer:
     endless: Column  # 1 where it is said that the number has no limit on ever finer meshes
     scales: Column  # what an error is measured by; 0: it is not judged
     unknowns: int
+    price: float = np.nan  # seconds of the errors over those of all else
 
     def at(self, times: Array) -> Answer:
         """The same at some of its times alone; what a step dissipates is that of all steps since the time before."""
@@ -68,6 +69,7 @@ def solve(scene: Scene, errors: bool = True, sharp: bool = False) -> Answer:
     simulation = prepare(replace(scene, output=replace(scene.output, error=errors)))
     steps = tuple(simulation.steps())
     found = simulation.errors(steps) if errors else tuple({key: ErrorParts() for key in quantities(s)} for s in steps)
+    seconds = asdict(simulation.seconds)
     areas = [_sharp_areas(simulation, step) if sharp and scene.dim == 2 else {} for step in steps]
     values = _columns([dict(_numbers(quantities(s))) | found for s, found in zip(steps, areas, strict=True)])
     return Answer(
@@ -77,6 +79,7 @@ def solve(scene: Scene, errors: bool = True, sharp: bool = False) -> Answer:
         endless=_columns([dict(_endless(s, e)) for s, e in zip(steps, found, strict=True)]),
         scales=_scales(simulation, steps, values),
         unknowns=simulation.system.T.size[0],
+        price=seconds["error"] / (sum(seconds.values()) - seconds["error"]),
     )
 
 
@@ -86,7 +89,9 @@ def quantity(name: str) -> Quantity:
     (('contacts', 'base'), 'energy.stored')
     """
     table, *words = name.split(".")
-    return Quantity(table, "", words[0]) if table == "energy" else Quantity(table, *words[:2])
+    if words[-1] in (*"xyz", *STRESSES):  # a component
+        words.pop()
+    return Quantity(table, ".".join(words[:-1]), words[-1])
 
 
 def kind(name: str) -> str:
@@ -148,11 +153,12 @@ def _scales(simulation: Simulation, steps: Sequence[StepResult], values: Column)
     }
     pressure = max(contact.max_pressure for contact in states)
     areas = {name: float(contact.weight.sum()) for name, contact in steps[0].contacts.items()}
+    areas |= {name: max(areas[part] for part in steps[0].parts(name)) for name in steps[0].sums}
     stored = float(values["energy.stored"].max())
     everywhere = max(_longest(step.displacement) for step in steps)
     found = {}
     for name, column in values.items():
-        owner = name.split(".")[1]
+        owner = quantity(name).name
         size: dict[str, float | Array] = {
             "force": force,
             "moment": force * simulation.system.extent,
@@ -176,6 +182,7 @@ def _longest(displacement: Array) -> float:
 
 
 COUNTS = 1e-3  # of the scale of its kind; a smaller true error does not count
+SURE = 5.0  # times the doubt of its truth: a smaller true error is not known
 LOW, HIGH = 0.7, 3.0  # stated / true within: of the right size
 TOO_SMALL, TOO_LARGE = 0.5, 10.0
 INSIDE, BELOW = 0.9, 0.02  # share that is asked for within the band, and that may be too small; none may be too large
@@ -245,7 +252,7 @@ class Share:
             below=float((found < TOO_SMALL).sum() / n),
             above=int((found > TOO_LARGE).sum()),
             median=float(np.median(found)) if len(found) else np.nan,
-            silent=sum(case.stated is None and case.size > COUNTS for case in cases),
+            silent=sum(case.stated is None and case.size > COUNTS and case.known for case in cases),
         )
 
     @property
@@ -279,22 +286,26 @@ def compare(
 
     Args:
         truth: at the times of the run.
-        doubt: how far the truth itself may be off, by number at these times; errors below it are not known.
+        doubt: how far the truth itself may be off, by number at these times; errors below `SURE` times it are not
+            known. Of the others none is stated where a number is said to have no limit.
     """
     for k, time in enumerate(run.times):
         seen = set[tuple[int, int, float]]()
         for name, values in run.values.items():
             scale, stated = float(truth.scales[name][k]), float(run.stated[part][name][k])
-            if not scale or run.endless[name][k]:
-                continue
             true = abs(float(values[k] - truth.values[name][k]))
+            known = doubt is None or true >= SURE * float(doubt[name][k])
+            if run.endless[name][k]:
+                stated = np.nan
+            if not scale or (run.endless[name][k] and (doubt is None or not known)):
+                continue
             alike = (round(true / scale / SAME), -1 if np.isnan(stated) else round(stated / scale / SAME), scale)
             if alike not in seen:
                 seen.add(alike)
                 yield Case(
                     problem=problem, order=order, mesh=mesh, time=float(time), name=name, part=part,
                     stated=None if np.isnan(stated) else stated, true=true, scale=scale,
-                    known=doubt is None or true >= float(doubt[name][k]),
+                    known=known,
                 )  # fmt: skip
 
 
