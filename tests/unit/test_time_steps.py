@@ -24,6 +24,7 @@ from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping import certificate
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import StepError, Stepper
+from stickslip.workflows.formats.plus_minus import of_parts
 from stickslip.workflows.lab.verification.accuracy.problems import PROBLEMS
 from stickslip.workflows.scene_file.read import read
 
@@ -228,10 +229,23 @@ def test_every_number_of_a_step_has_a_key_and_every_part_a_unit(scene_of: SceneO
     parts = {part: float(k) for k, part in enumerate(PARTS)}
     assert ErrorParts(**parts).total == 15.0
     assert ErrorParts(**{name: np.array([1.0, 2.0]) for name in PARTS}).total.tolist() == [6.0, 12.0]  # type: ignore
-    assert ErrorParts(mesh=1.0).total is None
+    assert ErrorParts(time_step=1.0).total is ErrorParts(mesh=1.0, converges=False).total is None
     assert ErrorParts(mesh=1.0, converges=True).joined(ErrorParts(time_step=2.0)) == ErrorParts(
         mesh=1.0, time_step=2.0, converges=True
     )
+
+
+def test_the_total_is_the_sum_of_what_is_there_and_says_what_it_lacks_at_which_price() -> None:
+    """A part is left out for its price, or because nothing tells it; that of the mesh decides whether there is one."""
+    left = ErrorParts(iteration=1.0, law=2.0, dear={"mesh": 8.0})
+    assert left.total == 3.0
+    assert left.lacking == {"mesh": 8.0, "geometry": None, "time_step": None, "linear_solver": None}
+    mended = left.joined(ErrorParts(mesh=4.0, by="bubbles", unsure=True, dear={"time_step": 3.0}))
+    assert (mended.total, mended.by, mended.unsure) == (7.0, "bubbles", True)
+    assert mended.lacking == {"geometry": None, "time_step": 3.0, "linear_solver": None}
+    both = ErrorParts.added([mended, replace(mended, by="rough", unsure=None)])
+    assert (both.total, both.by, both.unsure, both.lacking) == (14.0, "bubbles, rough", True, mended.lacking)
+    assert of_parts(0.5, mended) == "0 ± ≥7"
 
 
 def test_no_more_is_stated_of_a_step_than_its_tractions_changes_can_do(monkeypatch: pytest.MonkeyPatch) -> None:
