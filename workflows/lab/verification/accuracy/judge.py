@@ -119,6 +119,8 @@ def _sharp_areas(simulation: Simulation, step: StepResult) -> dict[str, float]:
     for c in simulation.system.contacts:
         contact = step.contacts[c.name]
         areas = areas_of_order_2(c.surface, contact, contact.weight)
+        if areas["contact_area"] > 0:
+            areas["mean_pressure"] = contact.normal_force / areas["contact_area"]
         found |= {f"contacts.{c.name}.{key}": area for key, area in areas.items()}
     return found
 

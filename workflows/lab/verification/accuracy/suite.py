@@ -61,7 +61,9 @@ class Study:
     failure: str = ""  # why it has given nothing
 
 
-def studies(study: Callable[[Any], Study], tasks: Iterable[Any], jobs: int, limit: int) -> Iterator[Study]:
+def studies(
+    study: Callable[[Any], Study], tasks: Iterable[Any], jobs: int, limit: int = resource.RLIM_INFINITY
+) -> Iterator[Study]:
     """Studies in their order, each in a process of its own, of one core and so many seconds of its time."""
     os.environ.update(ONE_THREAD)
     with ThreadPoolExecutor(jobs) as threads:
@@ -102,7 +104,7 @@ class Draft:
 
 def tried(draft: Draft) -> Study:
     """The study of a drawn scene."""
-    name, order = draft.scene.name, draft.scene.tables["geometry"]["order"]
+    name, order = draft.scene.name, draft.scene.order
     files = draft.scene.files(draft.folder)
     run = solve(read(files[RUN]))
     truth, second = (solve(read(files[key]), errors=False, sharp=True).at(run.times) for key in (TRUTH, SECOND))
