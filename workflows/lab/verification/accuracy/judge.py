@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -187,8 +188,20 @@ COUNTS = 1e-3  # of the scale of its kind; a smaller true error does not count
 SURE = 5.0  # times the doubt of its truth: a smaller true error is not known
 LOW, HIGH = 0.7, 3.0  # stated / true within: of the right size
 TOO_SMALL, TOO_LARGE = 0.5, 10.0
-INSIDE, BELOW = 0.9, 0.02  # share that is asked for within the band, and that may be too small; none may be too large
-SILENT = 0.1  # share of large enough true errors of which nothing need be stated
+
+
+class Asked(NamedTuple):
+    """Share that is asked for within the band; and of what may be too small, too large, or not stated."""
+
+    inside: float
+    below: float
+    above: float
+    silent: float
+
+
+OF_PROBLEMS = Asked(0.9, 0.02, 0.0, 0.1)
+OF_DRAWN = {1: Asked(0.9, 0.04, 0.01, 0.03), 2: Asked(0.85, 0.05, 0.01, 0.03)}  # by order
+WORST, MANY = 0.65, 20  # share within the band of each drawn scene of so many numbers
 SAME = 1e-9  # of the scale: a number under several names is one
 GROWTH, STEADY = 0.05, 0.8  # of a pressure without limit: see `endless`
 
@@ -262,12 +275,12 @@ class Share:
         """Whether some errors are stated, where some are large enough."""
         return bool(self.counted or not self.silent)
 
-    @property
-    def enough(self) -> bool:
+    def meets(self, asked: Asked) -> bool:
         """Whether it is what is asked for."""
-        if self.silent > SILENT * (self.counted + self.silent):
+        if self.silent > asked.silent * (self.counted + self.silent):
             return False
-        return not self.counted or (self.inside >= INSIDE and self.below <= BELOW and not self.above)
+        right = self.inside >= asked.inside and self.below <= asked.below
+        return not self.counted or (right and self.above <= asked.above * self.counted)
 
 
 def counted(cases: Iterable[Case]) -> list[Case]:
@@ -294,20 +307,20 @@ def compare(
     for k, time in enumerate(run.times):
         seen = set[tuple[int, int, float]]()
         for name, values in run.values.items():
-            scale, stated = float(truth.scales[name][k]), float(run.stated[part][name][k])
-            true = abs(float(values[k] - truth.values[name][k]))
-            known = doubt is None or true >= SURE * float(doubt[name][k])
-            if run.endless[name][k]:
-                stated = np.nan
-            if not scale or (run.endless[name][k] and (doubt is None or not known)):
+            scale, limitless = float(truth.scales[name][k]), bool(run.endless[name][k])
+            if not scale or (limitless and doubt is None):
                 continue
+            stated = np.nan if limitless else float(run.stated[part][name][k])
+            true = abs(float(values[k] - truth.values[name][k]))
             alike = (round(true / scale / SAME), -1 if np.isnan(stated) else round(stated / scale / SAME), scale)
-            if alike not in seen:
-                seen.add(alike)
+            if alike in seen:
+                continue
+            seen.add(alike)
+            known = doubt is None or true >= SURE * float(doubt[name][k])
+            if known or not limitless:
                 yield Case(
                     problem=problem, order=order, mesh=mesh, time=float(time), name=name, part=part,
-                    stated=None if np.isnan(stated) else stated, true=true, scale=scale,
-                    known=known,
+                    stated=None if np.isnan(stated) else stated, true=true, scale=scale, known=known,
                 )  # fmt: skip
 
 

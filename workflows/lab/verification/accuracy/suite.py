@@ -42,7 +42,6 @@ from stickslip.workflows.lab.verification.accuracy.judge import (
 )
 from stickslip.workflows.lab.verification.accuracy.problems import MESHES, PROBLEMS, Problem
 
-LIMIT = 200  # [s] of the processor's time, for a drawn scene with its truths
 ORDERS: tuple[Literal[1, 2], ...] = (1, 2)
 LOOSE = 1e-2  # tolerance of the loose iteration
 Key = tuple[Literal[1, 2], float]  # order, and factor on the mesh sizes
@@ -74,12 +73,17 @@ def _performed(study: Callable[[Any], Study], limit: int, task: Any) -> Study:
     began = clock.perf_counter()
     with ProcessPoolExecutor(1, get_context("spawn"), _limited, (limit,)) as process:
         try:
-            found = process.submit(study, task).result()
-        except StickslipError as error:
-            found = Study(problem=str(task), failure=str(error))
+            found = process.submit(_tried, study, task).result()
         except BrokenProcessPool:
             found = Study(problem=str(task), failure=f"no end after {limit} s of the processor's time")
     return replace(found, seconds=clock.perf_counter() - began)
+
+
+def _tried(study: Callable[[Any], Study], task: Any) -> Study:
+    try:
+        return study(task)
+    except StickslipError as error:
+        return Study(problem=str(task), failure=str(error))
 
 
 def _limited(seconds: int) -> None:
@@ -102,7 +106,7 @@ class Draft:
         return self.scene.name
 
 
-def tried(draft: Draft) -> Study:
+def judged_alone(draft: Draft) -> Study:
     """The study of a drawn scene."""
     name, order = draft.scene.name, draft.scene.order
     files = draft.scene.files(draft.folder)
@@ -129,7 +133,9 @@ def drawn_studies(number: int, seed: int, jobs: int, folder: Path) -> Iterator[S
     """So many scenes; others are drawn for those that end without an answer, which come too, with why."""
     left, draws = number, drawn(seed)
     while left:
-        for study in studies(tried, (Draft(scene, folder / scene.name) for scene in islice(draws, left)), jobs, LIMIT):
+        for study in studies(
+            judged_alone, (Draft(scene, folder / scene.name) for scene in islice(draws, left)), jobs, 3 * 60
+        ):
             left -= not study.failure
             yield study
 
