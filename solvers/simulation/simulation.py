@@ -21,7 +21,7 @@ from stickslip.solvers.interface.prepare import Volume
 from stickslip.solvers.parallel.counters import Clock, Counters
 from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.observe import Observer, mesh_data
-from stickslip.solvers.results.step_result import Errors, MeshData, StepResult
+from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult, quantities
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.memory import Counts, Demand, affordable, memory_of, spare
@@ -188,20 +188,21 @@ class Simulation:
     def time_step_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
     ) -> tuple[Errors, ...]:
-        """Error of the time steps of every number, from the same history in fewer steps; collective.
+        """Error of the time steps of every number, from the same history in half as long steps; collective.
 
-        Call it after the last step: half and a quarter of the steps are solved now, in `seconds.error`. Where the state
+        Call it after the last step: the history is solved now on a coarser mesh, in `seconds.error`. Where the state
         does not depend on the path nothing is solved.
 
         Args:
             steps: results of `steps`, all from the first on.
-            on_iteration: as in `steps`, for the iterations of the shorter histories.
+            on_iteration: as in `steps`, for the iterations on the coarser mesh.
 
         Returns:
-            For each step its numbers' errors, in `time_step`; None where that is not known, see `TimeStepErrors`.
+            For each step its numbers' errors, in `time_step`; None where that is not known.
         """
         with self.clock.phase("error", "time steps"):
-            return TimeStepErrors(self.stepper, self.observer, on_iteration)(steps)
+            found = [*TimeStepErrors(self.stepper, on_iteration)(steps)]
+        return (*found, *(dict.fromkeys(quantities(step), ErrorParts()) for step in steps[len(found) :]))
 
     def mesh_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
