@@ -94,7 +94,7 @@ class Coupling:
         """Relative displacement (n,) [m] along the normals, which may turn between nodes, of nodal ones (n_all, d)."""
         if self.turning is not None:
             return np.asarray(self.turning @ moved.ravel())
-        return np.einsum("nd,nd->n", self.normals, self.relative @ moved)
+        return np.asarray(np.einsum("nd,nd->n", self.normals, self.relative @ moved))
 
 
 @dataclass(frozen=True)
