@@ -10,8 +10,8 @@ of that, as equilibrium makes a force that loads prescribe. A largest pressure t
 without end as the mesh is refined has no error, see `grows`, nor have the penetration that it causes and the slip
 beside it.
 
-The stress at a probe, which is that at the midpoint of its cell, is compared with the mean of the stress with bubbles
-at the point and of the recovered stress there of their nodes; stated is STRESS times the difference. Each alone is
+The stress at a probe, which is the recovered one there, is compared with the mean of the stress with bubbles at the
+point and of the recovered stress there of their nodes; stated is STRESS times the difference. Each alone is
 worse somewhere: bubbles on regular triangles, recovery in hexahedra. Where the stress grows without end it has no
 error; along an edge in 3D that is not seen.
 
@@ -333,7 +333,7 @@ def _stress(
     """Stress (6,) [Pa] at the probes of a state with bubbles, on every rank; collective.
 
     The mean of that of the displacement of order 2 and of the recovered one of the nodes alone: where the one is off,
-    at the ends of cells or at the surface, the other one is not. Reported is that of order 1 at the cell's midpoint.
+    at the ends of cells or at the surface, the other one is not. Reported is the recovered one of order 1.
     """
     if observe.recovered is None:
         return {}
@@ -341,9 +341,9 @@ def _stress(
     points = companion.in_cells(state, observe.probes)
     smooth = recovered.smooth_at(state.u, state.initial, points)
     order_2, found = recovered.of_order_2(points, state.initial), dict[str, Array]()
-    for name, cell in recovered.at_midpoints(accepted.state.u, accepted.state.initial, points).items():
+    for name, own in recovered.smooth_at(accepted.state.u, accepted.state.initial, points).items():
         reported = np.array([result.probes[name].stress[ij] for ij in STRESSES.values()])
-        found[name] = reported + (smooth[name] + order_2[name]) / 2 - cell
+        found[name] = reported + (smooth[name] + order_2[name]) / 2 - own
     return {name: stress for offers in system.mesh.comm.allgather(found) for name, stress in offers.items()}
 
 

@@ -105,15 +105,6 @@ class RecoveredStress:
             found[name] = smooth[int(self._body[point.cell])][:, self._cells[point.cell]] @ basis
         return found
 
-    def at_midpoints(self, u: Vec, initial: Array, points: Mapping[str, InCell]) -> dict[str, Array]:
-        """Stress (6,) [Pa] likewise at the midpoints of the cells that points are in; collective."""
-        whole, middle = self._at_nodes(u), dx.reference_nodes(self._shape, 1).mean(axis=0)
-        found = dict[str, Array]()
-        for name, point in points.items():
-            displacement = whole[self._cells[point.cell]] - self._at_point(point, initial)
-            found[name] = self._at(point._replace(local=middle), displacement)
-        return found
-
     def of_order_2(self, points: Mapping[str, InCell], initial: Array) -> dict[str, Array]:
         """Stress (6,) [Pa] likewise of the displacements of order 2 at points."""
         at = dx.reference_nodes(self._shape, self._degree + 1)
