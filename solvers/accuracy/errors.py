@@ -189,21 +189,19 @@ class MeshErrors:
 
     def _better(self, steps: Sequence[StepResult]) -> Sequence[tuple[Values, ...]]:
         """Better numbers of the first steps, as many as are found; collective."""
-        system = self._stepper.system
+        system, found = self._stepper.system, list[tuple[Values, ...]]()
         try:
             if system.mesh.degree == 1:
                 log.info("the same history with order 2, for the error of the mesh")
-                history = OtherHistory.of_order(system, 2, self._on_iteration)
+                history: OtherHistory | None = OtherHistory.of_order(system, 2, self._on_iteration)
             else:
-                finer = NestedRun(self._stepper, self._data, self._on_iteration).history(steps)
-                if finer is None:
-                    return ()
-                history = finer
-            read = partial(better_numbers, history.observe, RecoveredStress(history.stepper.system))
-            return history.read([step.time for step in steps], read)
+                history = NestedRun(self._stepper, self._data, self._on_iteration).history(steps)
+            if history is not None:
+                read = partial(better_numbers, history.observe, RecoveredStress(history.stepper.system))
+                found.extend(history.read([step.time for step in steps], read))
         except StickslipError as error:
-            log.info("no better cells for the error of the mesh: %s", error)
-            return ()
+            log.info("no better cells for the error of the mesh from there on: %s", error)
+        return found
 
 
 def better_numbers(observe: Observer, recovered: RecoveredStress, accepted: Accepted) -> tuple[Values, ...]:

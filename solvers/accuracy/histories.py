@@ -76,29 +76,38 @@ class OtherHistory:
         return cls(own, build_mesh(shape, own.mesh.request, own.mesh.comm), on_iteration)
 
     def __call__(self, times: Sequence[float], wanted: Sequence[float] | None = None) -> tuple[StepResult, ...]:
-        """Solve a history from rest: its results, up to a step that cannot be solved; collective.
+        """Solve a history from rest: its results, up to a step that cannot be solved; arguments as below."""
+        found = list[StepResult]()
+        try:
+            found.extend(self.results(times, wanted))
+        except StickslipError as error:
+            log.info("no error of the mesh or of the time steps from there on: %s", error)
+        return tuple(found)
+
+    def results(self, times: Sequence[float], wanted: Sequence[float] | None = None) -> Iterator[StepResult]:
+        """Solve a history from rest: yield its results, each when it is found; collective.
 
         Args:
             times: at the ends of its steps [s].
             wanted: those of them that results are asked for; None: all.
+
+        Raises:
+            StepError: a step cannot be solved, in parts neither.
         """
         return self.read(times, self.observe, wanted)
 
     def read(
         self, times: Sequence[float], of: Callable[[Accepted], T], wanted: Sequence[float] | None = None
-    ) -> tuple[T, ...]:
+    ) -> Iterator[T]:
         """The same, `of` each step in place of its result."""
-        asked, found = frozenset(times if wanted is None else wanted), list[T]()
+        asked = frozenset(times if wanted is None else wanted)
         try:
             for time, accepted in zip(times, self.steps(times), strict=True):
                 if time in asked:
-                    found.append(of(accepted))
-        except StickslipError as error:
-            log.info("this history ends: %s", error)
+                    yield of(accepted)
         finally:
             self._own.counters.error_solves += self._work.volume_solves + self._work.error_solves
             self._work.volume_solves = self._work.error_solves = 0
-        return tuple(found)
 
     def steps(self, times: Sequence[float]) -> Iterator[Accepted]:
         """Solve a history from rest step by step; collective.

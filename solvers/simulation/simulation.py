@@ -22,7 +22,7 @@ from stickslip.solvers.interface.prepare import Volume
 from stickslip.solvers.parallel.counters import Clock, Counters
 from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.observe import Observer, mesh_data
-from stickslip.solvers.results.step_result import Errors, MeshData, StepResult
+from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult, quantities
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.memory import Counts, Demand, affordable, memory_of, spare
@@ -182,8 +182,9 @@ class Simulation:
         Returns:
             For each step its numbers' errors; a part that is not known is None.
         """
-        of_time = self.time_step_errors(steps, on_iteration)
-        of_mesh = self.mesh_errors(steps, on_iteration)
+        estimate = TimeStepErrors(self.stepper, on_iteration)
+        of_time = self._of_time(estimate, steps)
+        of_mesh = self.mesh_errors(steps, on_iteration, estimate.coarse)
         with self.clock.phase("error", "pairs"):
             of_pairs = KeptPairs(self.stepper, on_iteration)(steps)
         return joined(steps, of_time, of_mesh, of_pairs=of_pairs)
@@ -191,23 +192,30 @@ class Simulation:
     def time_step_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
     ) -> tuple[Errors, ...]:
-        """Error of the time steps of every number, from the same history in fewer steps; collective.
+        """Error of the time steps of every number, from the same history in half as long steps; collective.
 
-        Call it after the last step: half and a quarter of the steps are solved now, in `seconds.error`. Where the state
+        Call it after the last step: the history is solved now on a coarser mesh, in `seconds.error`. Where the state
         does not depend on the path nothing is solved.
 
         Args:
             steps: results of `steps`, all from the first on.
-            on_iteration: as in `steps`, for the iterations of the shorter histories.
+            on_iteration: as in `steps`, for the iterations on the coarser mesh.
 
         Returns:
-            For each step its numbers' errors, in `time_step`; None where that is not known, see `TimeStepErrors`.
+            For each step its numbers' errors, in `time_step`; None where that is not known.
         """
+        return self._of_time(TimeStepErrors(self.stepper, on_iteration), steps)
+
+    def _of_time(self, estimate: TimeStepErrors, steps: Sequence[StepResult]) -> tuple[Errors, ...]:
         with self.clock.phase("error", "time steps"):
-            return TimeStepErrors(self.stepper, self.observer, on_iteration)(steps)
+            found = [*estimate(steps)]
+        return (*found, *(dict.fromkeys(quantities(step), ErrorParts()) for step in steps[len(found) :]))
 
     def mesh_errors(
-        self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
+        self,
+        steps: Sequence[StepResult],
+        on_iteration: Callable[[HistoryRow], None] = lambda row: None,
+        coarser: Sequence[StepResult] = (),
     ) -> tuple[Errors, ...]:
         """Error of the mesh of every number, from the same history on better cells and on coarser ones; collective.
 
@@ -216,12 +224,13 @@ class Simulation:
         Args:
             steps: results of `steps`, all from the first on.
             on_iteration: as in `steps`, for the iterations on the other meshes.
+            coarser: the first steps on cells twice as long, if they are known.
 
         Returns:
             For each step its numbers' errors, in `mesh` and `geometry`.
         """
         with self.clock.phase("error", "coarser mesh"):
-            coarser = self._coarser([step.time for step in steps], on_iteration)
+            coarser = coarser or self._coarser([step.time for step in steps], on_iteration)
         with self.clock.phase("error", "better mesh"):
             return MeshErrors(self.stepper, self.data, on_iteration)(steps, coarser)
 
