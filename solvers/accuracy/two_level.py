@@ -133,7 +133,7 @@ class FollowedBolts:
 
 log = logging.getLogger(__name__)
 STEPS, MOST = 6, 30  # of Jacobi's iteration: as many are enough but for flat cells in bending
-SLOW = 0.1  # residual, by the first, from which on it goes on, and with which nothing is found
+SLOW = 0.33  # residual, by the first, from which on it goes on, and with which nothing is found
 
 
 @dataclass(frozen=True)
