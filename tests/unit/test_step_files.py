@@ -411,7 +411,8 @@ def test_a_mesh_of_an_earlier_version_is_refused(folder: Path, monkeypatch: pyte
 def test_the_columns_of_a_contact_are_those_of_its_table(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=lambda columns: ("a table of", columns)))
     loaded = s.load(folder)
-    header, rows = read_table(folder / "contact_base.csv")
+    header, cells = read_table(folder / "contact_base.csv")
+    rows = list(cells)
     for step in loaded.steps:
         kind, columns = step.contacts["base"].to_pandas()
         assert (kind, header) == ("a table of", ["time", *columns, "arc"])
