@@ -57,7 +57,7 @@ class MemoisedMap:
             image += length * its_image
             if len(self._known) < 8:  # loads that turn steadily through more directions gain nothing from it
                 self._known.append((rest, its_image))
-        return unit * image
+        return np.asarray(unit * image)
 
     def snapshot(self) -> dict[str, Plain]:
         """All known vectors and their images; see `restore`."""
