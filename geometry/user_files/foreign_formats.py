@@ -186,24 +186,12 @@ def in_order_of_gmsh(kind: str, rows: Ints) -> Ints:
     return np.asarray(_meshio_to_gmsh_order(kind, rows), np.int64)
 
 
-def _refuse_others(path: Path) -> None:
-    """
-    Raises:
-        GeometryError: a file of HDF5 has its numbers in other files.
-    """
-    import h5py  # late: few files need it
-
-    from stickslip.geometry.hdf5_datasets import elsewhere
-
-    with h5py.File(path) as file:
-        if name := elsewhere(file):
-            raise GeometryError(f"has {shortened(name)} in another file; a mesh of one file is needed")
-
-
 def _read_meshio(path: Path, content: Content) -> None:
     """Read a mesh of any kind that meshio reads, with its sets, Salome's families, or an array of whole numbers."""
     os.environ["HDF5_USE_FILE_LOCKING"] = "FALSE"  # the process may not lock files
     import meshio  # late: few files need it
+
+    from stickslip.geometry.user_files.hdf5_datasets import refuse_others
 
     if path.suffix.lower() == ".bdf":  # meshio wants two lines that other programs leave out
         text = path.read_text(encoding="latin-1")
@@ -211,7 +199,7 @@ def _read_meshio(path: Path, content: Content) -> None:
         mesh = meshio.read(io.StringIO(f"{text}\nENDDATA\n"), "nastran")
     else:
         if path.suffix.lower() == ".med":
-            _refuse_others(path)
+            refuse_others(path)
         mesh = meshio.read(path)
     content.points = dict(enumerate(np.atleast_2d(mesh.points).tolist()))
     first = np.cumsum([0, *(len(block.data) for block in mesh.cells)])

@@ -18,7 +18,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import AnyArray
 from stickslip.geometry.errors import DamagedError, MachineError
-from stickslip.geometry.hdf5_datasets import datasets
+from stickslip.geometry.user_files.hdf5_datasets import datasets
 from stickslip.workflows.formats.files import read_regular, write_aside
 from stickslip.workflows.formats.marker import USER_BLOCK, read_checked
 

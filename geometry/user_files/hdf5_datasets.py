@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import h5py
+
+from stickslip.geometry.errors import GeometryError, shortened
 
 
 def datasets(file: Any) -> dict[str, Any]:
@@ -27,3 +30,13 @@ def datasets(file: Any) -> dict[str, Any]:
 def elsewhere(file: Any) -> str:
     """Return the name of what it has in other files: by a link, external or virtual storage; or nothing."""
     return next((name for name, item in datasets(file).items() if item is None), "")
+
+
+def refuse_others(path: Path) -> None:
+    """
+    Raises:
+        GeometryError: a file of HDF5 has numbers in other files.
+    """
+    with h5py.File(path) as file:
+        if name := elsewhere(file):
+            raise GeometryError(f"has {shortened(name)} in another file; a mesh of one file is needed")
