@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 from petsc4py import PETSc
+from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import splu
@@ -142,6 +144,7 @@ def _inverse(factor: CholeskyFactor) -> Array:
     return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
 
 
+NO_ROWS = np.zeros(0, int), np.zeros((0, 0))
 PAYS = 16  # the inverse is formed after c / PAYS forces: from then on it is cheaper than triangular solves
 
 
@@ -163,7 +166,7 @@ class CondensedSurface(DelassusOperator):
         self._forces = 0  # number of forces whose displacement was asked for
         self._dense: dict[str, Any] = {}  # factor and inverse, shared with the objects of other contact pairs
         self._row_stiffness: dict[bytes, RowStiffness | None] = {}
-        self._delassus: Array | None = None
+        self._delassus = NO_ROWS
 
     @property
     def held(self) -> tuple[CholeskyFactor, ...]:
@@ -186,16 +189,29 @@ class CondensedSurface(DelassusOperator):
         found: BlockDiagonal = self._dense["flexibility"]
         return found
 
-    @property
-    def delassus(self) -> Array:
-        """N (S + rho R R^T)^-1 N^T (rows, rows) [m/N]."""
-        if self._delassus is None:
-            self._delassus = self.flexibility.between(self.N, self.N.T)
-        return self._delassus
+    def coupling(self, left: Sparse, right: Sparse) -> Array:
+        """left D right (l, r) of the Delassus matrix D = N (S + rho R R^T)^-1 N^T (rows, rows) [m/N].
 
-    @property
+        D is formed once, of the rows that were asked for so far.
+        """
+        left, right = sparse.csc_matrix(left), sparse.csr_matrix(right)
+        rows, columns = np.flatnonzero(np.diff(left.indptr)), np.flatnonzero(np.diff(right.indptr))
+        known, D = self._delassus
+        more = np.setdiff1d(np.union1d(rows, columns), known)
+        if len(more):
+            known, before = np.concatenate([known, more]), known
+            D = np.hstack([D, self.flexibility.between(self.N[before], self.N[more].T)])
+            D = np.vstack([D, self.flexibility.between(self.N[more], self.N[known].T)])
+            self._delassus = known, D
+        place = np.empty(len(self.W), int)
+        place[known] = np.arange(len(known))
+        return np.asarray(left[:, rows] @ D[np.ix_(place[rows], place[columns])] @ right[columns])
+
+    @cached_property
     def give(self) -> Array | None:
-        return self.W * np.diag(self.delassus)
+        blocks = zip(self.flexibility.indices, self.flexibility.blocks, strict=True)
+        parts = ((self.N[:, index], block) for index, block in blocks)
+        return self.W * sum(np.asarray(N.multiply(N @ block).sum(axis=1)).ravel() for N, block in parts)
 
     def factor(self, tangent: Array) -> CholeskyFactor:
         """Cholesky factor of S + tangent + rho R R^T, for a stiffness `tangent` (c, c) [N/m]."""
@@ -215,7 +231,8 @@ class CondensedSurface(DelassusOperator):
             lambda index, block: block - H[index] @ compliant[:, index] if H[index].any() else block
         )
         other.R = np.linalg.qr(np.column_stack([self.R, free]))[0]
-        other._dense, other._row_stiffness, other._lambda_max, other._delassus = {}, {}, None, None
+        other._dense, other._row_stiffness, other._lambda_max, other._delassus = {}, {}, None, NO_ROWS
+        other.__dict__.pop("give", None)
         return other
 
     def on_springs(self, stiffness: float) -> CondensedSurface:
@@ -223,7 +240,8 @@ class CondensedSurface(DelassusOperator):
         other = copy(self)
         other.S = self.S.of_blocks(lambda index, block: block + stiffness * self.R[index] @ self.R[index].T)
         other.R = self.R[:, :0]
-        other._dense, other._row_stiffness, other._lambda_max, other._delassus = {}, {}, None, None
+        other._dense, other._row_stiffness, other._lambda_max, other._delassus = {}, {}, None, NO_ROWS
+        other.__dict__.pop("give", None)
         return other
 
     def row_stiffness(self, carrying: Bools) -> RowStiffness | None:
@@ -281,3 +299,7 @@ class CondensedSurface(DelassusOperator):
     def adopt(self, other: DelassusOperator) -> None:
         assert isinstance(other, CondensedSurface)
         self._condensed, self._dense = other._condensed, other._dense
+        known, D = other._delassus
+        if self.N.shape == other.N.shape:  # rows of other pairs are formed anew
+            same = np.flatnonzero(np.asarray(abs(self.N - other.N).sum(axis=1)).ravel()[known] == 0)
+            self._delassus = known[same], D[np.ix_(same, same)]

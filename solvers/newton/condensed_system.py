@@ -11,7 +11,6 @@ from scipy import sparse
 from scipy.linalg import cho_solve
 
 from stickslip.geometry.arrays import EXACT, ROUNDING, Array
-from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.schur_complement import CondensedSurface, RowStiffness
 from stickslip.solvers.newton.active_set import ActiveSet
@@ -131,7 +130,7 @@ def by_tractions(
         coupling, balance = A_u @ Y, (B.T @ R - Y.T @ of_springs).T
     else:
         Z, u_0 = R, surface.flexibility @ f
-        coupling, balance = _between(surface.delassus, laws.A_w[x], sparse.diags(W) @ E), R.T @ B
+        coupling, balance = surface.coupling(laws.A_w[x], sparse.diags(W) @ E), R.T @ B
     # u = u_0 - Y x + Z b with b = R^T u, which is the same as balance: R^T (f - B x - tangent u) = 0
     own, carried = of_springs.T @ Z, R.T @ f - of_springs.T @ u_0
     if springs is not None and rest is not None:
@@ -141,10 +140,3 @@ def by_tractions(
     moved_by = Y @ found[: len(x)] if spring.any() else surface.flexibility @ (B @ found[: len(x)])
     u_c = u_0 - moved_by + Z @ found[len(x) :]
     return p_0 + k * (N @ u_c) + E @ found[: len(x)], u_c
-
-
-def _between(D: Array, left: Sparse, right: Sparse) -> Array:
-    """left D right, dense, of the rows and columns that are not empty alone."""
-    left, right = sparse.csc_matrix(left), sparse.csr_matrix(right)
-    rows, columns = np.flatnonzero(np.diff(left.indptr)), np.flatnonzero(np.diff(right.indptr))
-    return np.asarray(left[:, rows] @ D[np.ix_(rows, columns)] @ right[columns])

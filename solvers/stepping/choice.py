@@ -118,12 +118,15 @@ class Size:
     def dense_bytes(self) -> float:
         """Predicted memory [bytes] of the condensed form: a dense stiffness on each rank, one factor for all ranks.
 
-        Newton's systems are dense over the rows of all contacts: half as many as the contact dofs of several bodies.
+        Newton's systems are dense over the rows of all contacts: half as many as the contact dofs of several bodies. So
+        is the Delassus matrix, which they are cut from.
         """
         factor = sum(n * (n ** (1 / 3) * FACTOR[3] if self.dim == 3 else FACTOR[2]) for n, _ in self._each)
-        rows = (self.contact_dofs / 2) ** 2 if len(self.parts) > 1 else 0.0
+        several = len(self.parts) > 1
+        rows = (self.contact_dofs / (2 if several else 1)) ** 2
         # copies of the dense stiffness that are in memory at the same time
-        return 8.0 * (5 * self.ranks * (sum(c**2 for _, c in self._each) + rows) + self.mixed * factor)
+        dense = 5 * (sum(c**2 for _, c in self._each) + several * rows) + rows
+        return 8.0 * (self.ranks * dense + self.mixed * factor)
 
     @property
     def _each(self) -> tuple[tuple[float, float], ...]:
