@@ -49,11 +49,10 @@ class SemismoothNewton:
     """Solves p = P_C(p + gamma (w - gap)) for tractions and contact displacement together.
 
     The active set (stick, slip, open) follows from the trial tractions p_hat = p + gamma (w - gap), gamma = E / depth.
-    Plain Newton comes first. Where two contacts press on an edge that bodies share, as under a bolt's head, their rows
-    almost depend on each other: it then hops between active sets of a few such points, and is damped from the best
-    iterate on, see `Attempts`. If it fails otherwise, it is damped from the start; then follow the ends of paths, see
-    `path`, solutions with simpler laws, see `simpler_ends`, and other trial tractions to start from, before the step
-    counts as failed. None of this costs a volume solve but starts whose displacement is not known.
+    Plain Newton comes first, but where bodies have room to move; from a start that it hops about it is damped from the
+    best iterate on, see `Attempts`. Soft contact follows, see `soft_start`, other trial tractions, the ends of paths,
+    see `path`, and solutions with simpler laws, see `simpler_ends`, before the step counts as failed. None of this
+    costs a volume solve but starts whose displacement is not known.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
     SIAM J. Sci. Comput. 30 (2008). Proximal term: Rockafellar, SIAM J. Control Optim. 14 (1976).

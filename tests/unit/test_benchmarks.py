@@ -35,6 +35,7 @@ from stickslip.workflows.lab.benchmarks import (
     price_run,
     tangent_cg,
 )
+from stickslip.workflows.lab.benchmarks.assemblies import measure as measure_assembly
 from stickslip.workflows.lab.benchmarks.auto import Case, Run
 from stickslip.workflows.lab.benchmarks.peers import programs
 from stickslip.workflows.lab.benchmarks.peers.programs import OURS, write_problem
@@ -541,3 +542,11 @@ def test_figures_repeat_and_a_difference_is_noticed(
         (tmp_path / "third.json").write_text(json.dumps(found), encoding="utf-8")
         assert platforms.main(tmp_path) == 1
     assert "largest difference from first: nan" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("name", "most"), [("clevis", 16), ("wedge", 8), ("rings", 14)])
+def test_assemblies_take_a_dozen_iterations(name: str, most: int) -> None:
+    """Friction alone keeps the pin from turning; plain Newton hops about for tens of iterations."""
+    work = measure_assembly(name)
+    assert sum(work.iterations) <= most
+    assert str(work).split()[:2] == [name, str(work.rows)]
