@@ -10,11 +10,8 @@ from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.solvers.accuracy.errors import joined, with_errors
-from stickslip.solvers.accuracy.kept_pairs import KeptPairs
-from stickslip.solvers.accuracy.lower_order import LowerOrderRun
-from stickslip.solvers.accuracy.nested_run import NestedRun
-from stickslip.solvers.accuracy.time_steps import TimeStepErrors
+from stickslip.solvers.accuracy.budget import BETTER, TIME, Estimates
+from stickslip.solvers.accuracy.errors import with_errors
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.prepare import Volume
@@ -174,16 +171,25 @@ class Simulation:
     def errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
     ) -> tuple[Errors, ...]:
-        """Errors of every number by their parts, see `time_step_errors`, `mesh_errors` and `KeptPairs`; collective.
+        """Errors of every number by their parts, as far as `output.error_budget` pays for them; collective.
+
+        Call it after the last step: histories on other meshes are solved now, in `seconds.error`.
 
         Returns:
             For each step its numbers' errors; a part that is not known is None.
         """
-        of_time = self.time_step_errors(steps, on_iteration)
-        of_mesh = self.mesh_errors(steps, on_iteration)
-        with self.clock.phase("error", "pairs"):
-            of_pairs = KeptPairs(self.stepper, on_iteration)(steps)
-        return joined(self.system.contacts, steps, of_time, of_mesh, of_pairs=of_pairs)
+        estimates = self.estimates(steps, on_iteration)
+        estimates.solve(estimates.choose())
+        return estimates.errors
+
+    def estimates(
+        self,
+        steps: Sequence[StepResult],
+        on_iteration: Callable[[HistoryRow], None] = lambda row: None,
+        tell: Callable[[str], None] = lambda line: None,
+    ) -> Estimates:
+        """The errors of a run, to be found piece by piece."""
+        return Estimates(self.stepper, self.data, steps, self.scene.output, on_iteration, tell)
 
     def time_step_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
@@ -200,8 +206,7 @@ class Simulation:
         Returns:
             For each step its numbers' errors, in `time_step`; None where that is not known.
         """
-        with self.clock.phase("error", "time steps"):
-            found = [*TimeStepErrors(self.stepper, on_iteration)(steps)]
+        found = self.estimates(steps, on_iteration).only(TIME)
         return (*found, *(dict.fromkeys(quantities(step), ErrorParts()) for step in steps[len(found) :]))
 
     def mesh_errors(
@@ -220,11 +225,7 @@ class Simulation:
         Returns:
             For each step its numbers' errors, in `mesh` and `geometry`, for as many steps as they are known for.
         """
-        way = next((way for way in (NestedRun, LowerOrderRun) if way.works_for(self.stepper)), None)
-        if way is None:
-            return ()
-        with self.clock.phase("error", "other mesh"):
-            return way(self.stepper, self.data, on_iteration)(steps)
+        return self.estimates(steps, on_iteration).only(BETTER)
 
     def release(self) -> None:
         """Free what solving steps needs beside the stiffness; no step can be solved after that; collective.
@@ -286,8 +287,8 @@ def prepare(
         choice = reached.choice if reached else choose(system)
         counts, size = Counts.of(mesh), Size.of(problem, mesh, system.constraints, system.contacts)
         demand, counters.clock.expected = memory_of(scene.output, counts, size, choice), size.condensed_seconds
-        with_error, short = affordable(scene.output, demand, spare(system.mesh.comm), bool(scene.accuracy.goals))
-        scene = replace(scene, output=replace(scene.output, error=with_error))
+        output, short = affordable(scene.output, demand, spare(system.mesh.comm), bool(scene.accuracy.goals))
+        scene = replace(scene, output=output)
         system.assembled()  # too
     with counters.clock.phase("prepare"):
         factor = bodies.factor_for(system) if bodies else None

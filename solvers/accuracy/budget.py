@@ -1,0 +1,213 @@
+"""What is done to estimate the errors of a run: as much as its budget of seconds pays for.
+
+Each estimate has a price in times the run that counts alone tell: by the unknowns and the steps of what it solves,
+beside those of the run. So what is left out is said with a price that holds on every machine. A budget in seconds pays
+for as many of them as these prices, times the seconds that the run has taken, allow. Rank 0 chooses for all.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from stickslip.geometry.errors import StickslipError
+from stickslip.solvers.accuracy.errors import joined
+from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory, has_coarser
+from stickslip.solvers.accuracy.kept_pairs import KeptPairs
+from stickslip.solvers.accuracy.lower_order import LowerOrderRun
+from stickslip.solvers.accuracy.mesh_error import Values
+from stickslip.solvers.accuracy.nested_run import NestedRun
+from stickslip.solvers.accuracy.time_steps import TimeStepErrors
+from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult
+from stickslip.solvers.scene.settings import Output
+from stickslip.solvers.stepping.choice import Size, Stage
+from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.stepper import Stepper
+
+log = logging.getLogger(__name__)
+SOLVING = 1.3  # power of the number of unknowns with which solving grows
+PREPARED = 2  # steps that mesh, assembly and preparation take as long as
+BUBBLES = 5  # solutions of contact that those with bubbles add to that of a step, at most
+LEAST = 10.0  # s that estimates may take, however short the run
+FIXED = 2.0  # s of a run that do not grow with it: libraries, compiled forms
+COARSER, TIME, BETTER, PAIRS = "coarser mesh", "time steps", "better mesh", "pairs"  # in the order of their worth
+TELLS = {COARSER: "mesh", TIME: "time_step", BETTER: "mesh", PAIRS: "geometry"}  # part of the error
+
+
+def price(unknowns: float, steps: int, solved: float, prepares: bool = True) -> float:
+    """Of a history, in times the run.
+
+    Args:
+        unknowns: for each of the run.
+        steps: of the run.
+        solved: steps of the history.
+        prepares: whether bodies are prepared for it.
+
+    >>> price(1.0, 8, 8), round(price(0.25, 2, 4, prepares=False), 3)
+    (1.0, 0.165)
+    """
+    return float(unknowns**SOLVING * (PREPARED * prepares + solved) / (PREPARED + steps))
+
+
+def budget_of(output: Output, seconds: float) -> float | None:
+    """Seconds that estimates may take beside a run that takes so many; None: as many as they need."""
+    if output.error in ("full", "rough") or output.error_budget == "inf":
+        return None
+    return max(seconds, LEAST) if output.error_budget is None else float(output.error_budget)
+
+
+def predicted(size: Size, stage: Stage) -> float:
+    """Seconds that a run of a size takes by the cost model of `auto`, and 10 ms for each problem of contact."""
+    whole = size.condensed_seconds if stage.surface == "condensed" else size.matrix_free_seconds(stage.method)
+    return whole + size.steps / 100
+
+
+def bubbles_follow(output: Output, size: Size, stage: Stage) -> bool:
+    """Whether bubbles follow the steps of a run: they fit its budget by the cost model, and better cells do not."""
+    whole = predicted(size, stage)
+    budget = budget_of(output, whole)
+    if budget is None or price(2.0**size.dim, size.steps, size.steps) * whole <= budget:
+        return False
+    return BUBBLES * (whole - predicted(replace(size, steps=0), stage)) <= budget
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is done of the estimates at the end of a run; whoever goes on with the run does the same."""
+
+    asked: Sequence[bool | str | float | None]  # `output.error` and `error_budget` that it was chosen for
+    factor: float = 2.0  # times the run's mesh sizes, of the coarser mesh
+    prices: Mapping[str, float] = field(default_factory=dict)  # of each estimate, times the run
+    done: Sequence[str] = ()  # those that are paid for
+
+
+class Estimates:
+    """Finds the errors of a run at its end, as far as they are paid for; what is there is known at any time."""
+
+    def __init__(
+        self,
+        stepper: Stepper,
+        data: MeshData,
+        steps: Sequence[StepResult],
+        output: Output,
+        on_iteration: OnIteration = lambda row: None,
+        tell: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        """
+        Args:
+            stepper: of the run.
+            data: its mesh.
+            steps: its results at the requested times, from rest on, without a gap.
+            output: as the scene asks for it.
+            on_iteration: called after each iteration, on every rank; what it raises ends the estimates.
+            tell: told how it goes on.
+        """
+        self._stepper, self._data, self._steps, self._output = stepper, data, steps, output
+        self._on_iteration, self._tell, self._clock = on_iteration, tell, stepper.system.counters.clock
+        self._pairs = KeptPairs(stepper, self._noticed)
+        self._times = [step.time for step in steps]
+        self._now, self._until, self._ended = "", 0.0, set[str]()  # what is being found; seconds of errors at its end
+        self._history: OtherHistory | None = None  # on the coarser mesh
+        self._coarse, self._of_time = list[StepResult](), list[Errors]()
+        self._of_mesh: Sequence[Errors] = ()
+        self._of_pairs: Sequence[Values | None] = ()
+        self.choice = Choice([output.error, output.error_budget])
+
+    def choose(self) -> Choice:
+        """What is done; collective."""
+        system, stage = self._stepper.system, self._stepper.chain.stage
+        own = sum(self._clock.seconds(phase) for phase in ("mesh", "assemble", "prepare", "iterate"))
+        budget = budget_of(self._output, own)
+        left = None if budget is None else max(budget - self._clock.seconds("error"), 0.0)
+        size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
+        seconds = max(own - FIXED, predicted(replace(size, steps=len(self._steps)), stage))
+        left, seconds = system.mesh.comm.bcast((left, seconds))
+        for factor in (2.0, 4.0):
+            prices, done, paid = self._prices(factor), list[str](), 0.0
+            for name, cost in prices.items():
+                needs = name != TIME or COARSER in done or COARSER not in prices
+                if needs and (left is None or paid + cost * seconds <= left):
+                    paid += cost * seconds
+                    done.append(name)
+            if TIME in done or TIME not in prices:
+                break
+        done = [COARSER] if self._output.error == "rough" else done
+        return replace(self.choice, factor=factor, prices=prices, done=done)
+
+    def _prices(self, factor: float) -> dict[str, float]:
+        """Prices of all estimates of the run, see `Choice`."""
+        mesh, n, found = self._stepper.system.mesh, len(self._steps), dict[str, float]()
+        fresh, unknowns = has_coarser(mesh), factor**-mesh.dim
+        if fresh:
+            found[COARSER] = price(unknowns, n, n)
+        if solved := TimeStepErrors(self._stepper).solves(self._times, fresh):
+            found[TIME] = price(unknowns if fresh else 1.0, n, solved, prepares=False)
+        if self._stepper.companion is None or mesh.degree == 2:
+            found[BETTER] = price(2.0 ** (mesh.dim + 1 - mesh.degree), n, n)
+        if self._pairs.leaving(self._steps):
+            found[PAIRS] = price(1.0, n, n, prepares=False)
+        return found
+
+    def solve(self, choice: Choice) -> None:
+        """Find what is chosen; collective.
+
+        Raises:
+            KeyboardInterrupt: `on_iteration` raises it; what is there is kept.
+        """
+        self.choice = choice
+        acts = {COARSER: self._coarser, TIME: self._time, BETTER: self._better, PAIRS: self._by_pairs}
+        run = sum(self._clock.seconds(phase) for phase in ("mesh", "assemble", "prepare", "iterate"))
+        for name, act in acts.items():
+            if name in choice.done or name not in choice.prices:  # these cost nothing
+                self._clock.expected = choice.prices.get(name, 0.0) * run
+                self._now, self._until = name, self._clock.seconds("error") + self._clock.expected
+                with self._clock.phase("error", name):
+                    act()
+                self._ended.add(name)
+
+    def only(self, name: str) -> tuple[Errors, ...]:
+        """Errors that one of the estimates tells, whatever it costs; collective."""
+        done = [COARSER, name] if name in self._prices(2.0) else [name]
+        self.solve(replace(self.choice, prices=dict.fromkeys(TELLS, 0.0), done=done))
+        return tuple(self._of_time if name == TIME else self._of_mesh)
+
+    def _noticed(self, row: HistoryRow) -> None:
+        left = self._until - self._clock.seconds("error")
+        about = f", about {left:.0f} s left" if left >= 1 else ""
+        self._tell(f"estimating the error, {self._now}: t = {row.time:g} of {self._times[-1]:g}{about}")
+        self._on_iteration(row)
+
+    def _coarser(self) -> None:
+        try:
+            self._history = OtherHistory.coarser(self._stepper.system, self.choice.factor, self._noticed)
+            log.info("the same history on a coarser mesh, for the errors")
+            self._coarse.extend(self._history.results(self._times))
+        except StickslipError as error:
+            log.info("coarser mesh: %s", error)
+
+    def _time(self) -> None:
+        self._of_time.extend(TimeStepErrors(self._stepper, self._noticed)(self._steps, self._history, self._coarse))
+
+    def _better(self) -> None:
+        way = next((way for way in (NestedRun, LowerOrderRun) if way.works_for(self._stepper)), None)
+        if way is not None:
+            self._of_mesh = way(self._stepper, self._data, self._noticed)(self._steps)
+
+    def _by_pairs(self) -> None:
+        self._of_pairs = self._pairs(self._steps)
+
+    @property
+    def errors(self) -> tuple[Errors, ...]:
+        """Errors of every number of each step by their parts, as far as they are found; with what is lacking."""
+        prices = {TELLS[name]: cost for name, cost in self.choice.prices.items() if name not in self._ended}
+        pairs = [None] * len(self._steps) if PAIRS in self.choice.prices and not self._of_pairs else self._of_pairs
+        found = joined(self._stepper.system.contacts, self._steps, self._of_time, self._of_mesh, of_pairs=pairs)
+        return tuple({key: _with_prices(parts, prices) for key, parts in errors.items()} for errors in found)
+
+
+def _with_prices(parts: ErrorParts, prices: Mapping[str, float]) -> ErrorParts:
+    """An error with what the parts that it lacks would cost; a number without limit lacks none of the mesh."""
+    unknown = ("time_step",) if parts.converges is False else ("mesh", "geometry", "time_step")
+    dear = {part: prices[part] for part in unknown if part in prices and getattr(parts, part) is None}
+    return replace(parts, dear={**dear, **(parts.dear or {})}) if dear else parts
