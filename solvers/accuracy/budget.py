@@ -12,14 +12,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from stickslip.geometry.errors import StickslipError
-from stickslip.solvers.accuracy.errors import joined
+from stickslip.solvers.accuracy.errors import MeshErrors, joined
 from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory, has_coarser
 from stickslip.solvers.accuracy.kept_pairs import KeptPairs
-from stickslip.solvers.accuracy.lower_order import LowerOrderRun
 from stickslip.solvers.accuracy.mesh_error import Values
-from stickslip.solvers.accuracy.nested_run import NestedRun
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
-from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult
+from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult, quantities
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.stepping.choice import Size, Stage
 from stickslip.solvers.stepping.history import HistoryRow
@@ -63,11 +61,18 @@ def predicted(size: Size, stage: Stage) -> float:
     return whole + size.steps / 100
 
 
-def bubbles_follow(output: Output, size: Size, stage: Stage) -> bool:
+def better_unknowns(dim: int, order: int) -> float | None:
+    """Unknowns of better cells for each of a run: of order 2, or cut where contact changes; None: there are none."""
+    return 2.0 ** (dim + 1 - order) if order == 1 or dim == 2 else None
+
+
+def bubbles_follow(output: Output, size: Size, stage: Stage, order: int) -> bool:
     """Whether bubbles follow the steps of a run: they fit its budget by the cost model, and better cells do not."""
-    whole = predicted(size, stage)
+    whole, better = predicted(size, stage), better_unknowns(size.dim, order)
     budget = budget_of(output, whole)
-    if budget is None or price(2.0**size.dim, size.steps, size.steps) * whole <= budget:
+    if output.error == "rough" or budget is None:
+        return output.error != "rough" and better is None
+    if better is not None and price(better, size.steps, size.steps) * whole <= budget:
         return False
     return BUBBLES * (whole - predicted(replace(size, steps=0), stage)) <= budget
 
@@ -143,8 +148,9 @@ class Estimates:
             found[COARSER] = price(unknowns, n, n)
         if solved := TimeStepErrors(self._stepper).solves(self._times, fresh):
             found[TIME] = price(unknowns if fresh else 1.0, n, solved, prepares=False)
-        if self._stepper.companion is None or mesh.degree == 2:
-            found[BETTER] = price(2.0 ** (mesh.dim + 1 - mesh.degree), n, n)
+        better = better_unknowns(mesh.dim, mesh.degree)
+        if self._stepper.companion is None and better is not None:
+            found[BETTER] = price(better, n, n)
         if self._pairs.leaving(self._steps):
             found[PAIRS] = price(1.0, n, n, prepares=False)
         return found
@@ -182,17 +188,18 @@ class Estimates:
         try:
             self._history = OtherHistory.coarser(self._stepper.system, self.choice.factor, self._noticed)
             log.info("the same history on a coarser mesh, for the errors")
-            self._coarse.extend(self._history.results(self._times))
+            self._coarse.extend(step.without_fields() for step in self._history.results(self._times))
         except StickslipError as error:
             log.info("coarser mesh: %s", error)
 
     def _time(self) -> None:
         self._of_time.extend(TimeStepErrors(self._stepper, self._noticed)(self._steps, self._history, self._coarse))
 
-    def _better(self) -> None:
-        way = next((way for way in (NestedRun, LowerOrderRun) if way.works_for(self._stepper)), None)
-        if way is not None:
-            self._of_mesh = way(self._stepper, self._data, self._noticed)(self._steps)
+    def _better(self, solves: bool = True) -> None:
+        far, share = list[Values](), 1 / (self.choice.factor - 1)  # of the difference: what cells twice as long have
+        for step, coarse in zip(self._steps, map(quantities, self._coarse), strict=False):
+            far.append({key: value + share * (coarse[key] - value) for key, value in quantities(step).items()})
+        self._of_mesh = MeshErrors(self._stepper, self._data, self._noticed)(self._steps, far, solves)
 
     def _by_pairs(self) -> None:
         self._of_pairs = self._pairs(self._steps)
@@ -200,14 +207,25 @@ class Estimates:
     @property
     def errors(self) -> tuple[Errors, ...]:
         """Errors of every number of each step by their parts, as far as they are found; with what is lacking."""
+        if BETTER not in self._ended:
+            self._better(solves=False)
         prices = {TELLS[name]: cost for name, cost in self.choice.prices.items() if name not in self._ended}
         pairs = [None] * len(self._steps) if PAIRS in self.choice.prices and not self._of_pairs else self._of_pairs
-        found = joined(self._stepper.system.contacts, self._steps, self._of_time, self._of_mesh, of_pairs=pairs)
-        return tuple({key: _with_prices(parts, prices) for key, parts in errors.items()} for errors in found)
+        found = joined(self._steps, self._of_time, self._of_mesh, of_pairs=pairs)
+        times: list[Errors] = [*self._of_time, *[{}] * (len(found) - len(self._of_time))]
+        return tuple(
+            {key: _with_prices(parts, prices, its.get(key, ErrorParts()).by) for key, parts in errors.items()}
+            for errors, its in zip(found, times, strict=True)
+        )
 
 
-def _with_prices(parts: ErrorParts, prices: Mapping[str, float]) -> ErrorParts:
-    """An error with what the parts that it lacks would cost; a number without limit lacks none of the mesh."""
+def _with_prices(parts: ErrorParts, prices: Mapping[str, float], of_time: str | None) -> ErrorParts:
+    """An error with what the parts that it lacks would cost; a number without limit lacks none of the mesh.
+
+    Args:
+        of_time: what tells the part of the time steps, if that is to be said.
+    """
+    parts = replace(parts, by=", ".join(dict.fromkeys(filter(None, (parts.by, of_time)))) or None)
     unknown = ("time_step",) if parts.converges is False else ("mesh", "geometry", "time_step")
     dear = {part: prices[part] for part in unknown if part in prices and getattr(parts, part) is None}
     return replace(parts, dear={**dear, **(parts.dear or {})}) if dear else parts

@@ -10,10 +10,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 from stickslip.geometry.errors import SceneError, StickslipError
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.shape import Shape
+from stickslip.solvers.accuracy.bubbles import beyond
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import StepResult
@@ -25,6 +27,7 @@ from stickslip.solvers.system.system import System, assemble
 
 log = logging.getLogger(__name__)
 OnIteration = Callable[[HistoryRow], None]
+T = TypeVar("T")
 
 
 class OtherHistory:
@@ -48,7 +51,8 @@ class OtherHistory:
         self._own, self._on_iteration = own, on_iteration
         self._work = Counters()
         solver = replace(Solver.default(), tolerance=own.problem.solver.tolerance)
-        system = assemble(replace(own.problem, shape=mesh.shape, solver=solver), mesh, self._work)
+        finer = beyond(mesh) if mesh.degree > own.mesh.degree else None  # loads narrower than a facet show
+        system = assemble(replace(own.problem, shape=mesh.shape, solver=solver), mesh, self._work, finer)
         self.stepper = Stepper(system, MethodChain(system))
         self.observe = Observer.of(self.stepper)
 
@@ -90,11 +94,17 @@ class OtherHistory:
         Raises:
             StepError: a step cannot be solved, in parts neither.
         """
+        return self.read(times, self.observe, wanted)
+
+    def read(
+        self, times: Sequence[float], of: Callable[[Accepted], T], wanted: Sequence[float] | None = None
+    ) -> Iterator[T]:
+        """The same, `of` each step in place of its result."""
         asked = frozenset(times if wanted is None else wanted)
         try:
             for time, accepted in zip(times, self.steps(times), strict=True):
                 if time in asked:
-                    yield self.observe(accepted)
+                    yield of(accepted)
         finally:
             self._own.counters.error_solves += self._work.volume_solves + self._work.error_solves
             self._work.volume_solves = self._work.error_solves = 0

@@ -10,7 +10,7 @@ from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.solvers.accuracy.budget import BETTER, TIME, Estimates
+from stickslip.solvers.accuracy.budget import BETTER, TIME, Estimates, bubbles_follow
 from stickslip.solvers.accuracy.errors import with_errors
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.interface.factorised import FactorisedVolume
@@ -212,18 +212,16 @@ class Simulation:
     def mesh_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
     ) -> tuple[Errors, ...]:
-        """Error of the mesh of every number of a run of order 2, from the same history on another mesh.
+        """Error of the mesh of every number, from the same history on better cells and on coarser ones; collective.
 
-        Call it after the last step; the history is solved now, in `seconds.error`: in the plane on a finer mesh, in 3D
-        with cells of order 1. With order 1 the results of `steps` have that error already, and nothing is solved;
-        collective.
+        Call it after the last step; the histories are solved now, in `seconds.error`.
 
         Args:
             steps: results of `steps`, all from the first on.
-            on_iteration: as in `steps`, for the iterations on the other mesh.
+            on_iteration: as in `steps`, for the iterations on the other meshes.
 
         Returns:
-            For each step its numbers' errors, in `mesh` and `geometry`, for as many steps as they are known for.
+            For each step its numbers' errors, in `mesh` and `geometry`.
         """
         return self.estimates(steps, on_iteration).only(BETTER)
 
@@ -241,7 +239,10 @@ class Simulation:
 
         Each script has a history of its own, apart from that of `steps`.
         """
-        return Script(self.scene, self.stepper, self.observer)
+        stepper = Stepper(self.system, self.stepper.chain)
+        if self.scene.output.error and MeshCorrection.works_for(stepper):
+            stepper.companion = self.stepper.companion or MeshCorrection(stepper)
+        return Script(self.scene, stepper, replace(self.observer, stepper=stepper))
 
 
 @typed
@@ -296,7 +297,8 @@ def prepare(
     with counters.clock.phase("output", "results"):
         data = mesh_data(system)
         observer = Observer.of(stepper, data, with_errors) if scene.output.error else Observer.of(stepper)
-    if scene.output.error and MeshCorrection.works_for(stepper):
+    follows = scene.output.error and MeshCorrection.works_for(stepper)
+    if follows and bubbles_follow(scene.output, size, choice.stages[0], mesh.degree):
         with counters.clock.phase("error", "mesh"):
             stepper.companion = MeshCorrection(stepper)
     return Simulation(
