@@ -30,9 +30,8 @@ def test_what_the_budget_does_not_pay_for_is_lacking_with_its_price() -> None:
     assert simulation.counters.error_solves == before
     assert not choice.done
     assert lost.time_step is None
-    assert (
-        lost.lacking["time_step"] == choice.prices[TIME] == pytest.approx(0.25**1.3)
-    )  # twice the steps, less to prepare
+    # with cells four times as long: twice the steps, and nothing to prepare
+    assert lost.lacking["time_step"] == choice.prices[TIME] == pytest.approx(1 / 16**1.3)
     assert lost.total > 0  # of what was found with the steps
 
 
