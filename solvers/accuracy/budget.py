@@ -29,6 +29,8 @@ PREPARED = 2  # steps that mesh, assembly and preparation take as long as
 BUBBLES = 5  # solutions of contact that those with bubbles add to that of a step, at most
 LEAST = 10.0  # s that estimates may take, however short the run
 FIXED = 2.0  # s of a run that do not grow with it: libraries, compiled forms
+USUAL = 10  # iterations of a step, as the cost model has them
+MARGIN = 4  # by which the cost model may be off
 COARSER, TIME, BETTER, PAIRS = "coarser mesh", "time steps", "better mesh", "pairs"  # in the order of their worth
 TELLS = {COARSER: "mesh", TIME: "time_step", BETTER: "mesh", PAIRS: "geometry"}  # part of the error
 
@@ -66,13 +68,17 @@ def better_unknowns(dim: int, order: int) -> float | None:
     return 2.0 ** (dim + 1 - order) if order == 1 or dim == 2 else None
 
 
-def bubbles_follow(output: Output, size: Size, stage: Stage, order: int) -> bool:
-    """Whether bubbles follow the steps of a run: they fit its budget by the cost model, and better cells do not."""
+def bubbles_follow(output: Output, size: Size, stage: Stage, order: int, meshing: float) -> bool:
+    """Whether bubbles follow the steps of a run: they fit its budget by the cost model, and better cells surely do not.
+
+    Args:
+        meshing: seconds of that.
+    """
     whole, better = predicted(size, stage), better_unknowns(size.dim, order)
-    budget = budget_of(output, whole)
+    budget = budget_of(output, meshing + whole)
     if output.error == "rough" or budget is None:
         return output.error != "rough" and better is None
-    if better is not None and price(better, size.steps, size.steps) * whole <= budget:
+    if better is not None and MARGIN * (meshing + price(better, size.steps, size.steps) * whole) <= budget:
         return False
     return BUBBLES * (whole - predicted(replace(size, steps=0), stage)) <= budget
 
@@ -117,28 +123,37 @@ class Estimates:
         self._coarse, self._of_time = list[StepResult](), list[Errors]()
         self._of_mesh: Sequence[Errors] = ()
         self._of_pairs: Sequence[Values | None] = ()
+        self._seconds = 0.0, 0.0  # of the run: meshing, and all that grows with its unknowns and steps
         self.choice = Choice([output.error, output.error_budget])
 
     def choose(self) -> Choice:
         """What is done; collective."""
         system, stage = self._stepper.system, self._stepper.chain.stage
-        own = sum(self._clock.seconds(phase) for phase in ("mesh", "assemble", "prepare", "iterate"))
-        budget = budget_of(self._output, own)
+        own = [self._clock.seconds(phase) for phase in ("mesh", "assemble", "prepare", "iterate")]
+        budget = budget_of(self._output, sum(own))
         left = None if budget is None else max(budget - self._clock.seconds("error"), 0.0)
         size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
-        seconds = max(own - FIXED, predicted(replace(size, steps=len(self._steps)), stage))
-        left, seconds = system.mesh.comm.bcast((left, seconds))
+        steps = max(len(self._steps), sum(step.iterations for step in self._steps) // USUAL)
+        model = predicted(replace(size, steps=steps), stage)
+        solving = min(max(sum(own[1:]) - FIXED, model), MARGIN * model)  # small runs are measured by their counts
+        left, self._seconds = system.mesh.comm.bcast((left, (own[0], solving)))
         for factor in (2.0, 4.0):
             prices, done, paid = self._prices(factor), list[str](), 0.0
             for name, cost in prices.items():
                 needs = name != TIME or COARSER in done or COARSER not in prices
-                if needs and (left is None or paid + cost * seconds <= left):
-                    paid += cost * seconds
+                cost = self._expected(name, cost, factor)
+                if needs and (left is None or paid + cost <= left):
+                    paid += cost
                     done.append(name)
             if TIME in done or TIME not in prices:
                 break
         done = [COARSER] if self._output.error == "rough" else done
         return replace(self.choice, factor=factor, prices=prices, done=done)
+
+    def _expected(self, name: str, cost: float, factor: float) -> float:
+        """Seconds that an estimate takes: meshing by the number of cells, all else by its price."""
+        cells = {COARSER: factor**-self._stepper.system.mesh.dim, BETTER: 1.0}.get(name, 0.0)
+        return cells * self._seconds[0] + cost * self._seconds[1]
 
     def _prices(self, factor: float) -> dict[str, float]:
         """Prices of all estimates of the run, see `Choice`."""
@@ -163,10 +178,9 @@ class Estimates:
         """
         self.choice = choice
         acts = {COARSER: self._coarser, TIME: self._time, BETTER: self._better, PAIRS: self._by_pairs}
-        run = sum(self._clock.seconds(phase) for phase in ("mesh", "assemble", "prepare", "iterate"))
         for name, act in acts.items():
             if name in choice.done or name not in choice.prices:  # these cost nothing
-                self._clock.expected = choice.prices.get(name, 0.0) * run
+                self._clock.expected = self._expected(name, choice.prices.get(name, 0.0), choice.factor)
                 self._now, self._until = name, self._clock.seconds("error") + self._clock.expected
                 with self._clock.phase("error", name):
                     act()
