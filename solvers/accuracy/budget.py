@@ -1,8 +1,9 @@
 """What is done to estimate the errors of a run: as much as its budget of seconds pays for.
 
-Each estimate has a price in times the run that counts alone tell: by the unknowns and the steps of what it solves,
-beside those of the run. So what is left out is said with a price that holds on every machine. A budget in seconds pays
-for as many of them as these prices, times the seconds that the run has taken, allow. Rank 0 chooses for all.
+Each estimate has a price in times the run that counts alone tell, by the cost model of `auto`: by the unknowns, steps
+and iterations of what it solves, beside those of the run. So what is left out is said with a price that holds on every
+machine. A budget in seconds pays for as many of them as these prices, times the seconds that the run has taken, allow.
+Rank 0 chooses for all.
 """
 
 from __future__ import annotations
@@ -24,8 +25,6 @@ from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.stepper import Stepper
 
 log = logging.getLogger(__name__)
-SOLVING = 1.3  # power of the number of unknowns with which solving grows
-PREPARED = 2  # steps that mesh, assembly and preparation take as long as
 BUBBLES = 5  # solutions of contact that those with bubbles add to that of a step, at most
 LEAST = 10.0  # s that estimates may take, however short the run
 FIXED = 2.0  # s of a run that do not grow with it: libraries, compiled forms
@@ -35,21 +34,6 @@ COARSER, TIME, BETTER, PAIRS = "coarser mesh", "time steps", "better mesh", "pai
 TELLS = {COARSER: "mesh", TIME: "time_step", BETTER: "mesh", PAIRS: "geometry"}  # part of the error
 
 
-def price(unknowns: float, steps: int, solved: float, prepares: bool = True) -> float:
-    """Of a history, in times the run.
-
-    Args:
-        unknowns: for each of the run.
-        steps: of the run.
-        solved: steps of the history.
-        prepares: whether bodies are prepared for it.
-
-    >>> price(1.0, 8, 8), round(price(0.25, 2, 4, prepares=False), 3)
-    (1.0, 0.165)
-    """
-    return float(unknowns**SOLVING * (PREPARED * prepares + solved) / (PREPARED + steps))
-
-
 def budget_of(output: Output, seconds: float) -> float | None:
     """Seconds that estimates may take beside a run that takes so many; None: as many as they need."""
     if output.error in ("full", "rough") or output.error_budget == "inf":
@@ -57,10 +41,33 @@ def budget_of(output: Output, seconds: float) -> float | None:
     return max(seconds, LEAST) if output.error_budget is None else float(output.error_budget)
 
 
-def predicted(size: Size, stage: Stage) -> float:
-    """Seconds that a run of a size takes by the cost model of `auto`, and 10 ms for each problem of contact."""
-    whole = size.condensed_seconds if stage.surface == "condensed" else size.matrix_free_seconds(stage.method)
+def predicted(size: Size, stage: Stage | None = None) -> float:
+    """Seconds that a run of a size takes by the cost model of `auto`, and 10 ms for each problem of contact.
+
+    Args:
+        stage: of the run; None: the cheaper one.
+    """
+    condensed, method = size.condensed_seconds, "surface-uzawa" if stage is None else stage.method
+    free = size.matrix_free_seconds(method)
+    whole = min(condensed, free) if stage is None else condensed if stage.surface == "condensed" else free
     return whole + size.steps / 100
+
+
+def scaled(size: Size, unknowns: float) -> Size:
+    """A size with so many times the unknowns.
+
+    >>> found = scaled(Size(dim=2, dofs=400, entries=4000, contact_dofs=40), 0.25)
+    >>> found.dofs, found.entries, found.contact_dofs
+    (100, 1000.0, 20)
+    """
+    on_sides = unknowns ** (1 - 1 / size.dim)
+    return replace(
+        size,
+        dofs=round(unknowns * size.dofs),
+        entries=unknowns * size.entries,
+        contact_dofs=round(on_sides * size.contact_dofs),
+        parts=tuple((unknowns * n, on_sides * c) for n, c in size.parts),
+    )
 
 
 def better_unknowns(dim: int, order: int) -> float | None:
@@ -78,7 +85,7 @@ def bubbles_follow(output: Output, size: Size, stage: Stage, order: int, meshing
     budget = budget_of(output, meshing + whole)
     if output.error == "rough" or budget is None:
         return output.error != "rough" and better is None
-    if better is not None and MARGIN * (meshing + price(better, size.steps, size.steps) * whole) <= budget:
+    if better is not None and MARGIN * (meshing + predicted(scaled(size, better))) <= budget:
         return False
     return BUBBLES * (whole - predicted(replace(size, steps=0), stage)) <= budget
 
@@ -124,6 +131,9 @@ class Estimates:
         self._of_mesh: Sequence[Errors] = ()
         self._of_pairs: Sequence[Values | None] = ()
         self._seconds = 0.0, 0.0  # of the run: meshing, and all that grows with its unknowns and steps
+        system, solved = stepper.system, sum(step.iterations for step in steps) // USUAL
+        size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
+        self._size = replace(size, steps=max(len(steps), solved))
         self.choice = Choice([output.error, output.error_budget])
 
     def choose(self) -> Choice:
@@ -132,9 +142,7 @@ class Estimates:
         own = [self._clock.seconds(phase) for phase in ("mesh", "assemble", "prepare", "iterate")]
         budget = budget_of(self._output, sum(own))
         left = None if budget is None else max(budget - self._clock.seconds("error"), 0.0)
-        size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
-        steps = max(len(self._steps), sum(step.iterations for step in self._steps) // USUAL)
-        model = predicted(replace(size, steps=steps), stage)
+        model = predicted(self._size, stage)
         solving = min(max(sum(own[1:]) - FIXED, model), MARGIN * model)  # small runs are measured by their counts
         left, self._seconds = system.mesh.comm.bcast((left, (own[0], solving)))
         for factor in (2.0, 4.0):
@@ -158,16 +166,22 @@ class Estimates:
     def _prices(self, factor: float) -> dict[str, float]:
         """Prices of all estimates of the run, see `Choice`."""
         mesh, n, found = self._stepper.system.mesh, len(self._steps), dict[str, float]()
-        fresh, unknowns = has_coarser(mesh), factor**-mesh.dim
+        own, fresh = predicted(self._size, self._stepper.chain.stage), has_coarser(mesh)
+
+        def price(unknowns: float, solved: int, prepares: bool = True) -> float:
+            size = scaled(self._size, unknowns)
+            whole = predicted(replace(size, steps=round(size.steps * solved / n)))
+            return (whole - (0.0 if prepares else predicted(replace(size, steps=0)))) / own
+
         if fresh:
-            found[COARSER] = price(unknowns, n, n)
+            found[COARSER] = price(factor**-mesh.dim, n)
         if solved := TimeStepErrors(self._stepper).solves(self._times, fresh):
-            found[TIME] = price(unknowns if fresh else 1.0, n, solved, prepares=False)
+            found[TIME] = price(factor**-mesh.dim if fresh else 1.0, solved, prepares=False)
         better = better_unknowns(mesh.dim, mesh.degree)
         if self._stepper.companion is None and better is not None:
-            found[BETTER] = price(better, n, n)
+            found[BETTER] = price(better, n)
         if self._pairs.leaving(self._steps):
-            found[PAIRS] = price(1.0, n, n, prepares=False)
+            found[PAIRS] = price(1.0, n, prepares=False)
         return found
 
     def solve(self, choice: Choice) -> None:
