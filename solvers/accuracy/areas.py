@@ -65,7 +65,8 @@ def areas_between_nodes(side: Surface, contact: ContactState, weights: Array) ->
         straight = _with_corners_alone(side)
         own = side.node_weights()
         share = np.divide(weights, own, out=(weights > 0).astype(float), where=own > 0)
-        side, weights = straight, share * straight.node_weights()
+        curved = float(own.sum() / straight.node_weights().sum())  # area, by that of the straight facets
+        side, weights = straight, share * straight.node_weights() * curved
     beyond_touching, *beyond_sticking = (beyond_nodes(side, *edge) for edge in _edges(contact, weights))
     touching = float(weights[contact.status != OPEN].sum()) + beyond_touching
     sticking = float(weights[contact.status == STICK].sum()) + sum(beyond_sticking)

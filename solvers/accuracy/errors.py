@@ -6,7 +6,8 @@ numbers of a contact are compared with those of them. Reactions of supports chan
 together change. The error of an iterative volume solve is known in the energy norm, relative: numbers are off by that
 part of the largest of their kind.
 
-`unresolved` asks how finely the two sides of a contact resolve the part that touches.
+`with_unresolved` asks how finely the two sides of a contact resolve the part that touches. Where it is smaller than one
+element of a side, better cells do not see it either: such numbers are stated to be as uncertain as they are large.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from stickslip.geometry.arrays import EPS, Array, Bools
 from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.areas import areas_inside_facets
-from stickslip.solvers.accuracy.histories import OtherHistory
+from stickslip.solvers.accuracy.histories import OtherHistory, largest_stresses
 from stickslip.solvers.accuracy.mesh_error import AT_NODES, Values, errors_of_step, with_ends
 from stickslip.solvers.accuracy.model_error import model_errors
 from stickslip.solvers.accuracy.nested_run import NestedRun
@@ -148,6 +149,19 @@ def unresolved(rows: ContactRows, state: ContactState) -> bool:
     return rows.normal.sides == 1 and min(elements_touched(rows, state)) < BLIND
 
 
+def with_unresolved(contacts: Sequence[ContactRows], step: StepResult, errors: Errors) -> Errors:
+    """Errors of a step's numbers; those of what nodes of unresolved contacts decide are at least the numbers."""
+    found = dict(errors)
+    for rows in contacts:
+        state = step.contacts[rows.name]
+        for name in AT_NODES if unresolved(rows, state) else ():
+            key = Quantity("contacts", rows.name, name)
+            parts, size = found[key], abs(float(getattr(state, name)))
+            off = size if parts.mesh is None else max(float(parts.mesh), size)
+            found[key] = replace(parts, mesh=off, geometry=0.0, converges=True)
+    return found
+
+
 class MeshErrors:
     """Estimates the error of the mesh of a run that is solved, from its history on other meshes; collective."""
 
@@ -175,12 +189,12 @@ class MeshErrors:
         system = self._stepper.system
         by = "bubbles" if isinstance(self._stepper.companion, MeshCorrection) else "order 2"
         better: Sequence[tuple[Values, ...]] = self._better(steps) if solves and by != "bubbles" else ()
-        better = [(with_bubbles(step),) for step in steps] if by == "bubbles" else better
+        better = [(corrected(step),) for step in steps] if by == "bubbles" else better
         found = []
         for k, step in enumerate(steps):
             near, far = better[k] if k < len(better) else (), coarser[k] if k < len(coarser) else None
             errors = errors_of_step(system.problem, system.mesh.degree, step, near, far, by)
-            found.append(with_ends(system.contacts, step, errors))
+            found.append(with_unresolved(system.contacts, step, with_ends(system.contacts, step, errors)))
         return tuple(found)
 
     def _better(self, steps: Sequence[StepResult]) -> Sequence[tuple[Values, ...]]:
@@ -203,30 +217,23 @@ class MeshErrors:
 def better_numbers(observe: Observer, recovered: RecoveredStress, accepted: Accepted) -> tuple[Values, ...]:
     """Numbers of a step with order 2; stresses of bodies at corners of cells, and areas with edges between nodes."""
     step, system = observe(accepted), accepted.stepper.system
-    stress = observe.stress(accepted.state.u, accepted.state.initial)
-    u, cells = observe.stress.displacement.x.array.reshape(-1, system.mesh.dim), dx.cell_dofs(system.space)
-    at_corners = _at_corners(step, recovered.largest(u, cells, stress))
     nodes = dx.reference_nodes(system.mesh.domain.topology.cell_type.name, system.mesh.degree)
     own = ((name, place) for name, place in observe.probes.items() if place is not None)
     points = {name: InCell(cell, basis @ nodes, np.zeros((0, 0))) for name, (cell, basis) in own}
     stresses = _stress_at_probes(observe, recovered, accepted.state, points, step)
-    return quantities(step) | stresses, {**at_corners, **areas_inside_facets(system.contacts, step)}
+    return quantities(step) | stresses, corrected(step) | areas_inside_facets(system.contacts, step)
 
 
-def _at_corners(step: StepResult, largest: Sequence[float]) -> Values:
-    return {Quantity("bodies", name, "max_von_mises"): size for name, size in zip(step.bodies, largest, strict=True)}
-
-
-def with_bubbles(step: StepResult) -> Values:
-    """Numbers of a step with bubbles; nothing if it was not followed."""
+def corrected(step: StepResult) -> Values:
+    """Better numbers that a step itself has."""
     return {key: step.corrected[str(key)] for key in quantities(step) if str(key) in step.corrected}
 
 
 def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> StepResult:
     """The result of a step with the errors of its numbers, but for those that are found at the end; collective."""
     found, system = quantities(result), accepted.stepper.system
-    corrected = numbers_with_bubbles(observe, accepted, result)
-    near = [corrected] if corrected else []
+    better = numbers_with_bubbles(observe, accepted, result)
+    near = [better] if better else []
     of_mesh = errors_of_step(system.problem, system.mesh.degree, result, near, None, "bubbles")
     of_iteration = iteration_errors(observe, accepted, found)
     exact_laws = accepted.stepper.chain.exact_laws
@@ -237,9 +244,12 @@ def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> St
         for part in (of_mesh[key], of_iteration.get(key)):
             parts = parts if part is None else parts.joined(part)
         errors[key] = parts
+    at_corners = {}
+    if observe.recovered is not None and not better:
+        at_corners = largest_stresses(observe, observe.recovered, accepted, result)
     return replace(
         result,
-        corrected={str(key): value for key, value in corrected.items()},
+        corrected=at_corners | {str(key): value for key, value in better.items()},
         errors={str(key): parts for key, parts in with_ends(system.contacts, result, errors).items()},
     )
 
@@ -253,7 +263,7 @@ def numbers_with_bubbles(observe: Observer, accepted: Accepted, result: StepResu
     if observe.recovered is not None:
         stress = observe.stress(accepted.state.u, accepted.state.initial)
         largest = observe.recovered.largest(*companion.whole(refined), stress)
-        values |= _at_corners(result, largest)
+        values |= {Quantity("bodies", name, "max_von_mises"): x for name, x in zip(result.bodies, largest, strict=True)}
         points = companion.in_cells(refined, observe.probes)
         values |= _stress_at_probes(observe, observe.recovered, accepted.state, points, result)
     return {key: value for key, value in values.items() if key.kind != "contacts" or key.quantity not in AT_NODES}

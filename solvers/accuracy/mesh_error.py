@@ -41,23 +41,25 @@ Values = dict[Quantity, Value]
 
 
 def errors_of_step(
-    problem: Problem, order: int, step: StepResult, better: Sequence[Values], coarser: Values | None, by: str
+    problem: Problem, order: int, step: StepResult, better: Sequence[Values], coarser: StepResult | None, by: str
 ) -> dict[Quantity, ErrorParts]:
     """Errors of the numbers of a step, of which `better` or `coarser` tells.
 
     Args:
         order: of the run's displacements.
         better: numbers that are nearer to the exact ones; the largest difference counts, and the last is the nearest.
-        coarser: those of cells twice as long; None: there are none.
+        coarser: the step on cells twice as long; None: there is none.
         by: what `better` are from.
     """
-    found, alone, own = dict[Quantity, ErrorParts](), _at_points(problem), quantities(step)
-    for key, value in own.items():
+    found, alone = dict[Quantity, ErrorParts](), _at_points(problem)
+    others = {} if coarser is None else quantities(coarser)
+    meshes = [] if coarser is None or not better else [_at_ends(coarser), _at_ends(step), _merged(better)]
+    for key, value in quantities(step).items():
         near = [values[key] for values in better if key in values]
-        far = None if coarser is None else coarser.get(key)
+        far = others.get(key)
         if f"{key.kind}.{key.name}" in alone or (not near and far is None):
             found[key] = ErrorParts()
-        elif near and coarser is not None and order == 1 and _grows(problem, key, coarser, own, better):
+        elif near and meshes and _grows(problem, key, meshes):
             found[key] = ErrorParts(converges=False)
         else:
             found[key] = _stated(key, order, value, near, far, by)
@@ -91,7 +93,17 @@ def _like(value: Value, found: Array) -> Value:
     return found if np.ndim(value) else float(found)
 
 
-def _grows(problem: Problem, key: Quantity, coarser: Values, own: Values, better: Sequence[Values]) -> bool:
+def _at_ends(step: StepResult) -> Values:
+    """Its numbers, those of bodies at corners of cells, where stresses are largest."""
+    at_corners = {key: step.corrected[str(key)] for key in quantities(step) if str(key) in step.corrected}
+    return quantities(step) | {key: value for key, value in at_corners.items() if key.kind == "bodies"}
+
+
+def _merged(better: Sequence[Values]) -> Values:
+    return {key: value for values in better for key, value in values.items()}
+
+
+def _grows(problem: Problem, key: Quantity, meshes: Sequence[Values]) -> bool:
     """Whether a number grows without end on ever better meshes; compliance gives pressures a limit.
 
     A largest pressure is measured by the mean one: both grow where the part that touches is smaller than a facet.
@@ -100,10 +112,9 @@ def _grows(problem: Problem, key: Quantity, coarser: Values, own: Values, better
     if number_of(key).kind != "pressure" or (pair is not None and pair.contact.normal.at_quadrature):
         return False
     mean, sizes = key._replace(quantity="mean_pressure"), list[float]()
-    for each in ([coarser], [own], better):
-        whole = float(each[0].get(mean, 1.0))
-        largest = max(float(np.linalg.norm(values[key])) for values in each if key in values)
-        sizes.append(largest / whole if whole else 0.0)
+    for values in meshes:
+        whole = float(values.get(mean, 1.0))
+        sizes.append(float(np.linalg.norm(values[key])) / whole if whole else 0.0)
     first, second = np.diff(sizes)
     return bool(second >= first > GROWS * sizes[1])
 

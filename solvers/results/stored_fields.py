@@ -106,7 +106,7 @@ def contact_differences(
     finite = np.isfinite(bound)
     nodal = rows.share_t.T @ np.where(finite, bound, 0.0)
     judged = (rows.share_t.T @ (~finite).astype(float) == 0) & (nodal > 0)
-    closing = np.einsum("nd,nd->n", rows.frames[:, 0], rows.relative @ moved)
+    closing = rows.node_motion(moved)[0]
     lam = np.asarray(stored["lam"], float)[:, :d] * nodal[:, None]
     yield difference(np.asarray(stored["weight"], float), rows.node_weights)
     yield difference(np.asarray(stored["pressure"], float), pressure, p_top)
@@ -228,7 +228,7 @@ class MultiplierForces:
             works.append(rule.normal_work(self._pressure, v))
         if rows.friction is not None:
             works.append(rule.friction_work(self._lam, v, self._bound[0]))
-        self._work = compile_(sum(works[1:], start=works[0]))
+        self._work, self._fields = compile_(sum(works[1:], start=works[0])), traction_fields(rows)
         self._weigh(rows)
 
     def _weigh(self, rows: ContactRows, moved: Array | None = None) -> None:
@@ -258,7 +258,7 @@ class MultiplierForces:
             at = nodal.spread(np.zeros(rows.points.size) if moved is None else moved.ravel())
             dx.fill(self._moved, at.array_r)
             self._weigh(rows, moved)
-        normal, tangential = traction_fields(rows)
+        normal, tangential = self._fields if self._moved is None else traction_fields(rows)
         bound = rows.share_t.T @ s
         # of the step's scale of traction; a smaller bound is no unit to measure lambda in
         bound[~np.isfinite(bound) | (bound <= ROUNDING * scale)] = 1.0

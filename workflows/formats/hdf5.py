@@ -59,8 +59,11 @@ def write_arrays(path: Path, arrays: Mapping[str, AnyArray], numbers: Numbers) -
         write_aside(path, line.encode().ljust(USER_BLOCK, b"\0"), rest)
 
 
-def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]]:
+def read_arrays(path: Path, but: str = "") -> tuple[dict[str, AnyArray], dict[str, float | int]]:
     """Arrays and numbers, verified.
+
+    Args:
+        but: beginning of names of arrays that are not read.
 
     Raises:
         DamagedError: the file is cut short, or its content does not match its checksum.
@@ -74,30 +77,37 @@ def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]
         raise MachineError(f"{path}: damaged, or not a file of stickslip: it does not begin with its checksum")
     if hashlib.sha256(memoryview(content)[USER_BLOCK:]).hexdigest() != sums[0]:
         raise DamagedError(f"{path}: damaged or cut short: its content does not match its checksum")
-    arrays: dict[str, AnyArray] = {}
-
-    def keep(name: str, found: object) -> None:
-        if isinstance(found, h5py.Dataset):
-            arrays[name] = found[()]
-
     with h5py.File(io.BytesIO(content), "r") as file:
-        if name := elsewhere(file):
-            raise MachineError(f"{path}: {name} has its numbers in another file; no run writes that")
-        file.visititems(keep)
+        found, arrays = _datasets(file), dict[str, AnyArray]()
+        for name, item in found.items():
+            if item is None:
+                raise MachineError(f"{path}: {name} has its numbers in another file; no run writes that")
+            if not (but and name.startswith(but)):
+                arrays[name] = np.empty(item.shape, item.dtype)
+                item.read(h5py.h5s.ALL, h5py.h5s.ALL, arrays[name])
         return arrays, {name: value.item() for name, value in file.attrs.items() if name != "checksum"}
 
 
 def elsewhere(file: Any) -> str:
     """Return the name of what an HDF5 file has in other files: by a link, external or virtual storage; or nothing."""
-    found: list[str] = []
+    return next((name for name, item in _datasets(file).items() if item is None), "")
+
+
+def _datasets(file: Any) -> dict[str, Any]:
+    """Return the datasets of an HDF5 file by name; None: it has that in another file."""
+    found: dict[str, Any] = {}
 
     def look(name: bytes, link: Any) -> None:
-        item = file[name] if link.type == h5py.h5l.TYPE_HARD else None
-        stored = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
-        found.extend([name.decode(errors="replace")] * bool(stored or link.type == h5py.h5l.TYPE_EXTERNAL))
+        item: Any = h5py.h5o.open(file.id, name) if link.type == h5py.h5l.TYPE_HARD else None
+        if isinstance(item, h5py.h5d.DatasetID):
+            stored = item.get_create_plist()
+            outside = stored.get_external_count() or stored.get_layout() == h5py.h5d.VIRTUAL
+            found[name.decode(errors="replace")] = None if outside else item
+        elif link.type == h5py.h5l.TYPE_EXTERNAL:
+            found[name.decode(errors="replace")] = None
 
     file.id.links.visit(look, info=True)
-    return next(iter(found), "")
+    return found
 
 
 def is_whole(path: Path, total: str) -> bool:
