@@ -18,7 +18,7 @@ from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory, has_
 from stickslip.solvers.accuracy.kept_pairs import KeptPairs
 from stickslip.solvers.accuracy.mesh_error import Values
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
-from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult, quantities
+from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.stepping.choice import Size, Stage
 from stickslip.solvers.stepping.history import HistoryRow
@@ -224,10 +224,8 @@ class Estimates:
         self._of_time.extend(TimeStepErrors(self._stepper, self._noticed)(self._steps, self._history, self._coarse))
 
     def _better(self, solves: bool = True) -> None:
-        far, share = list[Values](), 1 / (self.choice.factor - 1)  # of the difference: what cells twice as long have
-        for step, coarse in zip(self._steps, map(quantities, self._coarse), strict=False):
-            far.append({key: value + share * (coarse[key] - value) for key, value in quantities(step).items()})
-        self._of_mesh = MeshErrors(self._stepper, self._data, self._noticed)(self._steps, far, solves)
+        found = MeshErrors(self._stepper, self._data, self._noticed)
+        self._of_mesh = found(self._steps, self._coarse, self.choice.factor, solves)
 
     def _by_pairs(self) -> None:
         self._of_pairs = self._pairs(self._steps)

@@ -177,13 +177,14 @@ class MeshErrors:
         self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
 
     def __call__(
-        self, steps: Sequence[StepResult], coarser: Sequence[Values] = (), solves: bool = True
+        self, steps: Sequence[StepResult], coarser: Sequence[StepResult] = (), factor: float = 2.0, solves: bool = True
     ) -> tuple[Errors, ...]:
         """Errors of each step of a run from rest, in `mesh` and `geometry`; collective.
 
         Args:
             steps: results at the requested times, without a gap.
-            coarser: numbers of the first of them on cells twice as long; none: there are no such cells.
+            coarser: the first of them on longer cells; none: there are no such cells.
+            factor: how many times as long.
             solves: whether the history on better cells is solved.
         """
         system = self._stepper.system
@@ -193,7 +194,7 @@ class MeshErrors:
         found = []
         for k, step in enumerate(steps):
             near, far = better[k] if k < len(better) else (), coarser[k] if k < len(coarser) else None
-            errors = errors_of_step(system.problem, system.mesh.degree, step, near, far, by)
+            errors = errors_of_step(system.problem, system.mesh.degree, step, near, far, by, factor)
             found.append(with_unresolved(system.contacts, step, with_ends(system.contacts, step, errors)))
         return tuple(found)
 
