@@ -13,25 +13,24 @@ element of a side, better cells do not see it either: such numbers are stated to
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import EPS, Array, Bools
 from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.areas import areas_inside_facets
 from stickslip.solvers.accuracy.histories import OtherHistory, largest_stresses
-from stickslip.solvers.accuracy.mesh_error import AT_NODES, Values, errors_of_step, with_ends
+from stickslip.solvers.accuracy.mesh_error import AT_NODES, Better, Values, errors_of_step, with_ends
 from stickslip.solvers.accuracy.model_error import model_errors
-from stickslip.solvers.accuracy.nested_run import MOST, SOON, NestedRun
+from stickslip.solvers.accuracy.nested_run import MOST, SOON, Corners, NestedRun
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.observe import LINEAR, Observer
-from stickslip.solvers.results.recovered_stress import InCell, RecoveredStress
+from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import (
     OPEN,
     ContactState,
@@ -193,17 +192,17 @@ class MeshErrors:
         """
         system = self._stepper.system
         by = "bubbles" if isinstance(self._stepper.companion, MeshCorrection) else "order 2"
-        better = [(corrected(step),) for step in steps] if by == "bubbles" else self._better(steps)
+        better = [Better((corrected(step),)) for step in steps] if by == "bubbles" else self._better(steps)
         found = []
         for k, step in enumerate(steps):
-            near, far = better[k] if k < len(better) else (), coarser[k] if k < len(coarser) else None
+            near, far = better[k] if k < len(better) else Better(()), coarser[k] if k < len(coarser) else None
             errors = errors_of_step(system.problem, system.mesh.degree, step, near, far, by)
             found.append(with_unresolved(system.contacts, step, with_ends(system.contacts, step, errors)))
         return tuple(found)
 
-    def _better(self, steps: Sequence[StepResult]) -> Sequence[tuple[Values, ...]]:
+    def _better(self, steps: Sequence[StepResult]) -> Sequence[Better]:
         """Better numbers of the first steps, as many as are found; collective."""
-        system, found = self._stepper.system, list[tuple[Values, ...]]()
+        system, found = self._stepper.system, list[Better]()
         try:
             if system.mesh.degree == 1:
                 log.info("the same history with order 2, for the error of the mesh")
@@ -211,21 +210,20 @@ class MeshErrors:
             else:
                 history = NestedRun(self._stepper, self._data, self._on_iteration).history(steps)
             if history is not None:
-                read = partial(better_numbers, history.observe, RecoveredStress(history.stepper.system))
+                read = partial(better_numbers, history.observe, Corners.of(history.stepper.system))
                 found.extend(history.read([step.time for step in steps], read))
         except StickslipError as error:
             log.info("no better cells for the error of the mesh from there on: %s", error)
         return found
 
 
-def better_numbers(observe: Observer, recovered: RecoveredStress, accepted: Accepted) -> tuple[Values, ...]:
+def better_numbers(observe: Observer, corners: Corners | None, accepted: Accepted) -> Better:
     """Numbers of a step with order 2; stresses of bodies at corners of cells, and areas with edges between nodes."""
     step, system = observe(accepted), accepted.stepper.system
-    nodes = dx.reference_nodes(system.mesh.domain.topology.cell_type.name, system.mesh.degree)
-    own = ((name, place) for name, place in observe.probes.items() if place is not None)
-    points = {name: InCell(cell, basis @ nodes, np.zeros((0, 0))) for name, (cell, basis) in own}
-    stresses = _stress_at_probes(observe, recovered, accepted.state, points, step)
-    return quantities(step) | stresses, corrected(step) | areas_inside_facets(system.contacts, step)
+    probes = {name: np.array(probe.point) for name, probe in system.problem.probes.items()}
+    smooth = system.mesh.comm.bcast(corners.smooth(step, probes) if corners else frozenset())
+    areas = areas_inside_facets(system.contacts, step)
+    return Better((quantities(step), {**corrected(step), **areas}), smooth)
 
 
 def corrected(step: StepResult) -> Values:
@@ -237,7 +235,7 @@ def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> St
     """The result of a step with the errors of its numbers, but for those that are found at the end; collective."""
     found, system = quantities(result), accepted.stepper.system
     better = numbers_with_bubbles(observe, accepted, result)
-    near = [better] if better else []
+    near = Better((better,) if better else ())
     of_mesh = errors_of_step(system.problem, system.mesh.degree, result, near, None, "bubbles")
     of_iteration = iteration_errors(observe, accepted, found)
     exact_laws = accepted.stepper.chain.exact_laws
@@ -268,18 +266,19 @@ def numbers_with_bubbles(observe: Observer, accepted: Accepted, result: StepResu
         stress = observe.stress(accepted.state.u, accepted.state.initial)
         largest = observe.recovered.largest(*companion.whole(refined), stress)
         values |= {Quantity("bodies", name, "max_von_mises"): x for name, x in zip(result.bodies, largest, strict=True)}
-        points = companion.in_cells(refined, observe.probes)
-        values |= _stress_at_probes(observe, observe.recovered, accepted.state, points, result)
+        values |= _stress_at_probes(observe, observe.recovered, accepted.state, refined, stress)
     return {key: value for key, value in values.items() if key.kind != "contacts" or key.quantity not in AT_NODES}
 
 
 def _stress_at_probes(
-    observe: Observer, recovered: RecoveredStress, state: State, points: Mapping[str, InCell], result: StepResult
+    observe: Observer, recovered: RecoveredStress, state: State, refined: State, stress: Array
 ) -> Values:
-    """Stress (6,) [Pa] at the probes themselves, on every rank; collective. Reported is that at midpoints of cells."""
-    found = dict[str, Array]()
+    """Stress (6,) [Pa] with bubbles at the probes, on every rank, from that at midpoints (cells, 3, 3); collective."""
+    companion, found = observe.stepper.companion, dict[str, Array]()
+    assert isinstance(companion, MeshCorrection)
+    points = companion.in_cells(refined, observe.probes)
     for name, change in recovered.from_midpoints(state.u, state.initial, points).items():
-        found[name] = change + np.array([result.probes[name].stress[ij] for ij in STRESSES.values()])
+        found[name] = change + np.array([stress[points[name].cell][ij] for ij in STRESSES.values()])
     offers = observe.stepper.system.mesh.comm.allgather(found)
     return {Quantity("probes", name, "stress"): stress for own in offers for name, stress in own.items()}
 

@@ -40,11 +40,11 @@ class MeshError:
 
 
 class InCell(NamedTuple):
-    """A point in a cell that this rank owns, and a displacement of the next order there, if there is one."""
+    """A point in a cell that this rank owns, and a displacement of the next order there."""
 
     cell: int  # local number
     local: Array  # (d,) coordinates on the reference cell
-    displacement: Array  # (k, d) of the cell's nodes of that order [m]; empty: none
+    displacement: Array  # (k, d) of the cell's nodes of that order [m]
 
 
 class RecoveredStress:
@@ -90,10 +90,10 @@ class RecoveredStress:
         return MeshError(size=float(np.sqrt(self._space.mesh.comm.allreduce(energies))), stress=error)
 
     def from_midpoints(self, u: Vec, initial: Array, points: Mapping[str, InCell]) -> dict[str, Array]:
-        """By what the stress (6,) [Pa] at points exceeds that at the midpoints of their cells; collective.
+        """By what the stress (6,) [Pa] of the next order at points exceeds that at midpoints of cells; collective.
 
         Args:
-            u: displacement of all dofs [m]; at points that have one of their own it is that.
+            u: displacement of all dofs [m].
             initial: values (k,) of the initial strains: bolts alone count.
         """
         whole, middle = self._at_nodes(u), dx.reference_nodes(self._shape, 1).mean(axis=0)
@@ -102,10 +102,8 @@ class RecoveredStress:
             shorter = self._at_point(point, initial)
             displacement = whole[self._cells[point.cell]] - shorter
             found[name] = -self._at(point._replace(local=middle), displacement)
-            if len(point.displacement):
-                basis = dx.reference_basis(self._shape, self._degree, dx.reference_nodes(self._shape, self._degree + 1))
-                displacement = point.displacement - basis[0] @ shorter
-            found[name] += self._at(point, displacement)
+            basis = dx.reference_basis(self._shape, self._degree, dx.reference_nodes(self._shape, self._degree + 1))[0]
+            found[name] += self._at(point, point.displacement - basis @ shorter)
         return found
 
     def largest(self, u: Array, cells: Ints, reported: Array) -> list[float]:
