@@ -257,8 +257,7 @@ class MeshCorrection:
             return None
         r, directions, changes = step.residual(found), list[Vec](), list[Vec]()
         first = self._bubbles.size(r)
-        few = STEPS if exact else 2  # bubbles that the bodies do not answer to take over what nodes would move
-        while not self._done(few, len(directions), self._bubbles.size(r) / first if first else 0.0):
+        while not self._done(len(directions), self._bubbles.size(r) / first if first else 0.0):
             z = self._bubbles.relaxed(r)
             moved = self._bubbles.displacement(z)
             if exact:
@@ -279,9 +278,9 @@ class MeshCorrection:
             return None
         return step.answer(x, found.solution.p, solve)
 
-    def _done(self, few: int, steps: int, left: float) -> bool:
-        """Whether Jacobi's iteration, of at least a few steps, ends after so many that leave a part of the residual."""
-        return steps >= few and (steps == MOST or left <= SLOW)
+    def _done(self, steps: int, left: float) -> bool:
+        """Whether Jacobi's iteration ends after so many steps that leave a part of the first residual."""
+        return steps >= STEPS and (steps == MOST or left <= SLOW)
 
     def _rows(self, system: System) -> BubbleRows:
         """The contact rows of the bubbles, for those of the system."""

@@ -20,7 +20,7 @@ from stickslip.geometry.user_files.meshing import cut_to_sizes
 from stickslip.geometry.user_files.raw_mesh import LOCAL_FACETS, RawMesh, check_neighbours
 from stickslip.solvers.accuracy import nested_run
 from stickslip.solvers.accuracy.bubbles import Bubbles
-from stickslip.solvers.accuracy.nested_run import NestedRun, Places
+from stickslip.solvers.accuracy.nested_run import NestedRun, Places, flat_mesh
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.results.step_result import Errors, Quantity, StepResult, quantities
 from stickslip.solvers.simulation.simulation import Simulation, prepare
@@ -207,7 +207,7 @@ def test_a_pressure_without_limit_has_no_error_and_one_with_a_limit_has() -> Non
 
 def test_cells_are_cut_at_edges_of_contact_and_corners() -> None:
     simulation, steps = solved("half_space", "geometry.order=2")
-    mesh = NestedRun(simulation.stepper, simulation.data, lambda row: None)._flat()
+    mesh = flat_mesh(simulation.system, simulation.data)
     places = Places.of(simulation.problem, simulation.system.contacts, steps)
     x = mesh.points[places.nodes(mesh)]
     (c,), touching = simulation.system.contacts, steps[-1].contacts["track"].status > 0
