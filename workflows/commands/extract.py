@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from stickslip.geometry.errors import FolderError, SceneError
 from stickslip.workflows.commands.process import complain, say, speaks
-
-if TYPE_CHECKING:
-    from stickslip.geometry.arrays import Array, Ints
-    from stickslip.solvers.results.step_result import MeshData
 
 
 def extract(
@@ -26,6 +22,7 @@ def extract(
     import numpy as np
 
     from stickslip.geometry.dolfinx_versions import cells_at
+    from stickslip.solvers.results.recovered_stress import cells_around
     from stickslip.solvers.scene.record import STRESSES
     from stickslip.workflows.formats.csv_tables import csv_text
     from stickslip.workflows.formats.files import write_output
@@ -48,7 +45,7 @@ def extract(
         inside = cells_at(mesh.shape, mesh.points, mesh.cells, x, float(np.ptp(mesh.points, axis=0).max()))
         if (at := next(inside, None)) is None:
             raise SceneError(f"--point {word}: lies outside the bodies")
-        places.append((x, *at, *_around(mesh, *at, results.scene["model"] == "axisymmetric")))
+        places.append((x, *at, *cells_around(mesh, *at, results.scene["model"] == "axisymmetric")))
     rows = []
     whole = (step for step in results.steps.kept() if len(step.displacement))  # of `output.every` some alone
     for step in whole:
@@ -65,22 +62,3 @@ def extract(
         say(f"wrote {output}")
     elif speaks():
         typer.echo(text, nl=False)
-
-
-def _around(mesh: MeshData, cell: int, basis: Array, axisymmetric: bool) -> tuple[Ints, Array]:
-    """Cells (c,) of the body of a cell that share nodes with it, and their shares in the recovered stress at a point.
-
-    The stress of a node is the mean of that of its cells, by their size; its basis function is its share at the point.
-    """
-    import numpy as np
-
-    from stickslip.geometry import dolfinx_versions as dx
-
-    nodes = mesh.cells[cell]
-    cells = np.flatnonzero(np.isin(mesh.cells, nodes).any(axis=1) & (mesh.body == mesh.body[cell]))
-    middle = dx.reference_nodes(mesh.shape, 1).mean(axis=0, keepdims=True)
-    values, slope = dx.reference_basis(mesh.shape, dx.degree_of(mesh.shape, len(nodes)), middle)
-    x = mesh.points[mesh.cells[cells]]
-    size = np.abs(np.linalg.det(slope[:, 0] @ x)) * (x[:, :, 0] @ values[0] if axisymmetric else 1.0)
-    by_node = (mesh.cells[cells][:, :, None] == nodes).any(axis=1) * size[:, None]
-    return cells, by_node / by_node.sum(axis=0) @ basis
