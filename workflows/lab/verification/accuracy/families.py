@@ -241,7 +241,7 @@ def stack(dice: Dice) -> Member:
 def receding(dice: Dice) -> Member:
     """A strip that a load on its middle presses, so that its ends lift."""
     height, E = dice.between(0.3, 0.6), modulus(dice)
-    length, p = height * dice.between(8, 12), E * dice.between(0.003, 0.02)
+    length, p = height * dice.between(6, 9), E * dice.between(0.003, 0.02)
     friction = coulomb(dice) if dice.chance(0.5) else {}
     load = f"-{p!r}*exp(-((x - {length / 2!r})/{dice.between(0.3, 1) * height!r})**2)*min(t, 1)"
     sizes = {"mesh_size": height / dice.between(2, 4), "contact_mesh_size": height / dice.between(4, 6)}
@@ -255,7 +255,7 @@ def receding(dice: Dice) -> Member:
         "springs": {"held": {"at": "block.left", "stiffness": [1e-4 * E, 0.0]}},
         "probes": inside(0.45 * length, 0.5 * height),
         "steps": steps(dice, 1),
-    })  # fmt: skip
+    }, finer=0.5)  # fmt: skip
 
 
 def two_blocks(dice: Dice) -> Member:
