@@ -106,7 +106,7 @@ def contact_differences(
     finite = np.isfinite(bound)
     nodal = rows.share_t.T @ np.where(finite, bound, 0.0)
     judged = (rows.share_t.T @ (~finite).astype(float) == 0) & (nodal > 0)
-    closing = np.einsum("nd,nd->n", rows.frames[:, 0], rows.relative @ moved)
+    closing = rows.node_motion(moved)[0]
     lam = np.asarray(stored["lam"], float)[:, :d] * nodal[:, None]
     yield difference(np.asarray(stored["weight"], float), rows.node_weights)
     yield difference(np.asarray(stored["pressure"], float), pressure, p_top)
