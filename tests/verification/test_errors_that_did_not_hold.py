@@ -10,7 +10,14 @@ import pytest
 
 from stickslip import Quantity, StepResult, prepare
 from stickslip.solvers.results.step_result import Errors, quantities
-from stickslip.workflows.lab.verification.accuracy.families import FLOOR, aside, inside, pressing
+from stickslip.workflows.lab.verification.accuracy.families import (
+    FLOOR,
+    aside,
+    inside,
+    pressing,
+    rollers,
+    shaft_and_hub,
+)
 from stickslip.workflows.scene_file.read import from_dict
 
 R, OVER, HEIGHT = 1.0, 2e-3, 0.5  # of press fits [m]
@@ -30,8 +37,8 @@ def lame(inner: float, outer: float) -> float:
 
 def rings(mesh_size: float) -> dict[str, Any]:
     """A quarter of a press fit whose meshes do not match."""
-    shape = {"builder": "rings", "inner_radius": 0.3, "radius": R, "outer_radius": 1.8, "interference": OVER, "angle": 90,
-             "mesh_size": mesh_size, "inner_mesh_size": 0.7 * mesh_size, "order": 2}  # fmt: skip
+    shape = {"builder": "rings", "inner_radius": 0.3, "radius": R, "outer_radius": 1.8, "interference": OVER,
+             "angle": 90, "mesh_size": mesh_size, "inner_mesh_size": 0.7 * mesh_size, "order": 2}  # fmt: skip
     return {
         "model": "plane strain",
         "geometry": shape,
@@ -168,3 +175,87 @@ def notched(file: Path) -> dict[str, Any]:
         "loads": {"top": {"boundary": "block.top", "traction": ["0", "-0.01*(1.6 - x)"]}},
         "probes": inside(0.23, 0.45),
     }
+
+
+def hub(file: Path) -> dict[str, Any]:
+    """The press fit once more, in 3D, of tetrahedra of order 2 between rollers."""
+    file.write_text(shaft_and_hub(0.3, R, 1.8, HEIGHT), encoding="utf-8")
+    return {
+        "model": "3d",
+        "geometry": {"file": str(file), "mesh_size": 0.4, "order": 2},
+        "bodies": {"shaft": INNER, "hub": OUTER},
+        "contacts": {"fit": {"surface": "hub.inside", "against": "shaft.outside", "gap": -OVER}},
+        "supports": rollers({"front": "y", "left": "x", "bottom": "z", "top": "z"}),
+    }
+
+
+Run = tuple[list[StepResult], tuple[Errors, ...]]
+
+
+def run(tables: Mapping[str, Any]) -> Run:
+    simulation = prepare(from_dict(tables))
+    steps = list(simulation.steps())
+    return steps, simulation.errors(steps)
+
+
+@cache
+def of_scene(name: str) -> Run:
+    return run({"squeezed": squeezed, "disc": disc, "wedge": wedge, "dragged": dragged, "pin": pin}[name]())
+
+
+def check(of: Run, number: str, time: float, true: float, axis: int | None = None) -> None:
+    """A number is within its ± of the true one."""
+    steps, errors = of
+    k = int(np.argmin([abs(step.time - time) for step in steps]))
+    (key,) = (key for key in quantities(steps[k]) if str(key) == number)
+    value, parts = quantities(steps[k])[key], errors[k][key]
+    assert parts.converges is not False
+    assert parts.total is not None
+    found, stated = (float(x if axis is None else np.asarray(x)[axis]) for x in (value, parts.total))
+    assert abs(found - true) <= stated, f"{found:.6g} ± {stated:.2g}, true {true:.6g}"
+
+
+@pytest.mark.parametrize("size", [0.4, 0.2, 0.1])
+def test_largest_pressure_of_a_plateau(size: float) -> None:
+    check(run(rings(size)), "contacts.fit.max_pressure", 1.0, lame(0.3, 1.8))
+
+
+@pytest.mark.slow
+def test_force_of_tetrahedra_of_order_2_on_a_curved_side(tmp_path: Path) -> None:
+    of = run(hub(tmp_path / "hub.geo"))
+    check(of, "contacts.fit.force", 1.0, lame(0.3, 1.8) * R * HEIGHT, axis=0)
+    check(of, "contacts.fit.normal_force", 1.0, lame(0.3, 1.8) * R * HEIGHT * np.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("scene", "number", "time", "true", "axis"),
+    [  # true: order 2 on cells 6 to 12 times finer, in 16 times the steps
+        ("squeezed", "contacts.outside.floor.max_pressure", 2.0, 1.80, None),
+        ("squeezed", "contacts.outside.floor.dissipation_total", 2.0, 2.9e-6, None),
+        ("disc", "contacts.pole.force", 2.5, 0.012131, 0),
+        ("wedge", "contacts.right.tangential_force", 1.0, 0.025173, None),
+        ("wedge", "contacts.right.tangential_force", 2.0, 0.0034061, None),
+        ("dragged", "contacts.base.stick_area", 3.0, 1.5146, None),
+        ("pin", "contacts.fit.max_pressure", 1.0, 199.51, None),  # at a plane of symmetry; it has a limit
+        ("pin", "contacts.fit.dissipation_total", 2.0, 0.028395, None),
+    ],
+)
+def test_numbers_of_histories(scene: str, number: str, time: float, true: float, axis: int | None) -> None:
+    check(of_scene(scene), number, time, true, axis)
+
+
+def test_stress_beside_a_round_notch_has_a_limit(tmp_path: Path) -> None:
+    _, errors = run(notched(tmp_path / "notched.geo"))
+    assert errors[0][Quantity("probes", "inside", "stress")].converges is not False
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_heated_ring_in_a_bore_and_its_stress_at_a_probe(order: int) -> None:
+    of = run(heated(order))
+    E, nu, a, b = 2e5, 0.3, 1.0, 2.0
+    p = E * 1e-5 * 80.0 * (b**2 - a**2) / ((1 - 2 * nu) * b**2 + a**2)
+    check(of, "contacts.fit.normal_force", 1.0, p * b * np.pi / 2)
+    (x, y), k = (1.2, 0.9), -p * b**2 / (b**2 - a**2)
+    r = np.hypot(x, y)
+    radial, hoop = k * (1 - a**2 / r**2), k * (1 + a**2 / r**2)
+    check(of, "probes.inside.stress", 1.0, radial * (x / r) ** 2 + hoop * (y / r) ** 2, axis=0)
