@@ -10,13 +10,17 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
+from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.errors import SceneError, StickslipError
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.shape import Shape
+from stickslip.solvers.accuracy.bubbles import beyond
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.recovered_stress import RecoveredStress
+from stickslip.solvers.results.step_result import Quantity, StepResult
 from stickslip.solvers.scene.settings import Solver
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain
@@ -25,6 +29,7 @@ from stickslip.solvers.system.system import System, assemble
 
 log = logging.getLogger(__name__)
 OnIteration = Callable[[HistoryRow], None]
+T = TypeVar("T")
 
 
 class OtherHistory:
@@ -48,9 +53,15 @@ class OtherHistory:
         self._own, self._on_iteration = own, on_iteration
         self._work = Counters()
         solver = replace(Solver.default(), tolerance=own.problem.solver.tolerance)
-        system = assemble(replace(own.problem, shape=mesh.shape, solver=solver), mesh, self._work)
+        finer = beyond(mesh) if mesh.degree > own.mesh.degree else None  # loads narrower than a facet show
+        system = assemble(replace(own.problem, shape=mesh.shape, solver=solver), mesh, self._work, finer)
         self.stepper = Stepper(system, MethodChain(system))
-        self.observe = Observer.of(self.stepper)
+        recovered = RecoveredStress(system)
+
+        def at_corners(observe: Observer, accepted: Accepted, step: StepResult) -> StepResult:
+            return replace(step, corrected=largest_stresses(observe, recovered, accepted, step))
+
+        self.observe = Observer.of(self.stepper, estimate=at_corners)
 
     @classmethod
     def of_order(cls, own: System, order: int, on_iteration: OnIteration = lambda row: None) -> OtherHistory:
@@ -90,11 +101,17 @@ class OtherHistory:
         Raises:
             StepError: a step cannot be solved, in parts neither.
         """
+        return self.read(times, self.observe, wanted)
+
+    def read(
+        self, times: Sequence[float], of: Callable[[Accepted], T], wanted: Sequence[float] | None = None
+    ) -> Iterator[T]:
+        """The same, `of` each step in place of its result."""
         asked = frozenset(times if wanted is None else wanted)
         try:
             for time, accepted in zip(times, self.steps(times), strict=True):
                 if time in asked:
-                    yield self.observe(accepted)
+                    yield of(accepted)
         finally:
             self._own.counters.error_solves += self._work.volume_solves + self._work.error_solves
             self._work.volume_solves = self._work.error_solves = 0
@@ -131,3 +148,14 @@ def coarser(mesh: Mesh, factor: float) -> Mesh:
             raise
         shape, sizes = mesh.shape, None
     return build_mesh(shape, replace(mesh.request, sizes=sizes), mesh.comm)
+
+
+def largest_stresses(
+    observe: Observer, recovered: RecoveredStress, accepted: Accepted, step: StepResult
+) -> dict[str, float]:
+    """Largest stresses of bodies [Pa] at corners of cells, by `Quantity`, not at midpoints as reported; collective."""
+    stress = observe.stress(accepted.state.u, accepted.state.initial)
+    system = accepted.stepper.system
+    u, cells = observe.stress.displacement.x.array.reshape(-1, system.mesh.dim), dx.cell_dofs(system.space)
+    found = zip(step.bodies, recovered.largest(u, cells, stress), strict=True)
+    return {str(Quantity("bodies", name, "max_von_mises")): size for name, size in found}

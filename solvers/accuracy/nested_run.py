@@ -1,24 +1,16 @@
-"""Error of the mesh of every number, order 2 in the plane: the same steps once more on a mesh cut where it matters.
+"""The history of a run of order 2 in the plane once more, on a mesh cut where its error comes from.
 
-The run's own cells are cut twice, nested, at all places that the error comes from, see `Places`, and the
-history is solved again there. One step of bubbles of order 3 after each of these steps, see `two_level`, sees the
-smooth errors far from there. Largest pressures, penetrations and slips are those without bubbles, which disturb single
-nodes. Stated is FACTOR times the difference to the run, EDGE times that for areas, whose edge then lies between nodes;
-areas are no better known than ANYWHERE says of the half facets that their edges cross in the run.
-New nodes of curved sides lie on circles: what sides of order 2 miss of these is part of the mesh's error, and that of
-the geometry is zero. A largest pressure that grows by more than GROWS with each cut has no limit and no error; with
-compliance it has one.
+The run's own cells are cut twice, nested, at all places that the error comes from, see `Places`, and where half of the
+error in the energy norm is that recovered stresses tell of. New nodes of curved
+sides lie on circles: what sides of order 2 miss of these is part of the mesh's error. Both histories have the same
+steps, so that the error of the time steps cancels: which nodes stick depends on them. Smooth errors far from there do
+not show; cells twice as long show these, see `mesh_error`.
 
-Both histories have the same steps, so that the error of the time steps cancels: which nodes stick depends on them.
 A step of the finer mesh takes four to five times as long as one of the run, its preparation once or twice. Where the
-cost model of `auto` finds that to be more than SOON and than MOST times the run, cells are cut once, with a larger
-FACTOR; if that is too dear as well, there is no error of the mesh. Nor is there from the first step on that was cut.
+cost model of `auto` finds that to be more than SOON and than MOST times the run, cells are cut once, or not at all. Not
+in 3D, where the edge of contact is a line along which many cells would be cut.
 
-Not in 3D, where the edge of contact is a line along which many cells would be cut: see `lower_order`. A run's script
-has no such error: its history is not solved again.
-
-Source: of the bubbles Bank & Smith, SIAM J. Numer. Anal. 30 (1993); cutting cells nested: Bank, Sherman & Weiser, in
-Scientific Computing (1983).
+Source of cutting cells nested: Bank, Sherman & Weiser, in Scientific Computing (1983).
 
 `Places` finds where the error of a run of order 2 in the plane comes from: places at which its mesh is to be cut.
 These are the corners of the bodies and the changes of side where something acts on one of both sides; in every step
@@ -36,19 +28,17 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.curved_facets import SHARP
-from stickslip.geometry.nested_mesh import FlatMesh
-from stickslip.solvers.accuracy.areas import areas_of_order_2, scatter_of_order_2
-from stickslip.solvers.accuracy.errors import AREAS
-from stickslip.solvers.accuracy.lower_order import OtherMeshRun, on_other_mesh, sides_of
-from stickslip.solvers.accuracy.mesh_error import Values, at_points, with_ends
-from stickslip.solvers.accuracy.two_level import MeshCorrection
+from stickslip.geometry.nested_mesh import EDGES, FlatMesh
+from stickslip.geometry.surfaces.surface import gather_surface
+from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, quantities
+from stickslip.solvers.parallel.gather import nodes_of
+from stickslip.solvers.results.observe import mesh_data
+from stickslip.solvers.results.step_result import MeshData, Quantity, StepResult
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.stepping.choice import Size
-from stickslip.solvers.stepping.stepper import Accepted, StepError
+from stickslip.solvers.stepping.stepper import Stepper
+from stickslip.solvers.system.system import System
 
 
 @dataclass(frozen=True)
@@ -66,9 +56,6 @@ class Places:
             contacts: of its mesh.
             steps: all its steps.
         """
-        acted = [side for pair in problem.pairs.values() for side in (pair.slave, pair.master)]
-        acted += [support.boundary for support in problem.supports.values()]
-        acted += [load.boundary for load in problem.loads.values()]
         segments = dict[str, list[Array]]()
         for c in contacts:
             pair = problem.pairs[c.name]
@@ -76,7 +63,7 @@ class Places:
             if pair.master is not None:
                 segments.setdefault(pair.master, []).extend(faced for _, faced in _changes(c, steps))
         return cls(
-            tuple(sorted({side for side in acted if side is not None})),
+            acted_on(problem),
             {side: np.concatenate([np.zeros((0, 3, 2)), *parts]) for side, parts in segments.items()},
         )
 
@@ -91,6 +78,13 @@ class Places:
     def contact_nodes(self, mesh: FlatMesh) -> int:
         """Number of nodes of all contact sides."""
         return len(np.unique(np.concatenate([mesh.facets(side).ravel() for side in self.segments])))
+
+
+def acted_on(problem: Problem) -> tuple[str, ...]:
+    """Sides that contacts, supports and loads act on."""
+    sides = [side for pair in problem.pairs.values() for side in (pair.slave, pair.master)]
+    sides += [each.boundary for table in (problem.supports, problem.loads) for each in table.values()]
+    return tuple(sorted({side for side in sides if side is not None}))
 
 
 def _changes(c: ContactRows, steps: Sequence[StepResult]) -> Iterator[tuple[Array, Array]]:
@@ -117,10 +111,11 @@ def _overlap(facets: Array, segments: Array) -> Bools:
     return found
 
 
-def _corners(mesh: FlatMesh, acted: Sequence[str]) -> Ints:
+def _corners(mesh: FlatMesh, acted: Sequence[str], mirrors: Sequence[str] = ()) -> Ints:
     """Nodes where the boundary has a corner or passes to another side, if something acts on one of the two sides.
 
-    Where more than two facets meet, always.
+    Where more than two facets meet, always; a corner of at most a right angle on a mirror, a side that is held along
+    its normal alone, is none: the body goes on behind it.
     """
     edges = mesh.boundary()
     names = list(mesh.sides)
@@ -139,126 +134,156 @@ def _corners(mesh: FlatMesh, acted: Sequence[str]) -> Ints:
     turned = -np.einsum("nd,nd->n", *away) < np.cos(np.radians(SHARP)) * lengths
     differs = turned | (number[one // 2] != number[other // 2])
     acts = active[one // 2] | active[other // 2]
-    return np.concatenate([nodes[count != 2], ends[one][differs & acts]])
+    mirror = np.isin(number, [k for k, name in enumerate(names) if name in mirrors])
+    inside = np.zeros_like(mesh.points)
+    for corner in range(len(EDGES[mesh.kind])):  # as many as edges
+        node = mesh.cells[:, corner]
+        np.add.at(inside, node, mesh.points[mesh.cells].mean(axis=1) - mesh.points[node])
+    convex = np.einsum("nd,nd->n", away[0] + away[1], inside[ends[one]]) > 0
+    right = np.einsum("nd,nd->n", *away) > -np.sin(np.radians(SHARP)) * lengths  # as far as curved sides tell
+    goes_on = (mirror[one // 2] | mirror[other // 2]) & convex & right
+    return np.concatenate([nodes[count != 2], ends[one][differs & acts & ~goes_on]])
 
 
 log = logging.getLogger(__name__)
-FACTOR = {2: 1.3, 1: 1.6}  # stated error over difference, by the number of times that cells are cut
-EDGE = 1.5
-ANYWHERE = 0.15  # of the half facets that edges of areas cross; edges that lie anywhere in them make .29
-GROWS = 0.1
-MOST, SOON = 3.0, 15.0  # times the run, and [s]
-WITHOUT_BUBBLES = ("max_pressure", "max_penetration", "max_slip")
+CUTS = (2, 1)  # number of times that cells are cut
+MOST, SOON = 3, 15  # times the run, and [s]
 
 
-class NestedRun(OtherMeshRun):
+class NestedRun:
     """Order 2 in the plane: the own cells cut into smaller ones."""
 
-    DIM = 2
+    def __init__(self, stepper: Stepper, data: MeshData, on_iteration: OnIteration) -> None:
+        """
+        Args:
+            stepper: of the run.
+            data: its mesh.
+            on_iteration: called after each iteration, on every rank.
+        """
+        self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
 
-    def _each(self, steps: Sequence[StepResult], counters: Counters) -> Iterator[Errors]:
-        cuts, mesh = self._cut_mesh(steps)
-        if mesh is None:
-            return
-        log.info("the same history on a finer mesh of %d nodes, for the error of the mesh", len(mesh.points))
-        for step, finer in zip(steps, self._finer(mesh, [step.time for step in steps], counters), strict=True):
-            yield self._errors(step, finer, cuts)
-
-    def _errors(self, step: StepResult, finer: Values, cuts: int) -> Errors:
-        """Errors of the numbers of a step.
+    def history(self, steps: Sequence[StepResult]) -> OtherHistory | None:
+        """That on the finer mesh; None: it would be too dear; collective.
 
         Args:
-            finer: what they are on the finer mesh.
-            cuts: how often its cells are cut.
-        """
-        errors, least = dict[Quantity, ErrorParts](), dict[Quantity, float]()
-        for c in self._stepper.system.contacts:
-            edges = scatter_of_order_2(c.surface, step.contacts[c.name], c.node_weights)
-            least |= {Quantity("contacts", c.name, area): ANYWHERE * size for area, size in edges.items()}
-        for key, value in quantities(step).items():
-            if key in finer:
-                off = (EDGE if key.quantity in AREAS else FACTOR[cuts]) * np.abs(finer[key] - value)
-                off = np.maximum(off, least.get(key, 0.0))
-                errors[key] = ErrorParts(mesh=off, geometry=0.0 * off, converges=True, corrected=finer[key])
-        for c in self._stepper.system.contacts:
-            key, pressure = Quantity("contacts", c.name, "max_pressure"), step.contacts[c.name].max_pressure
-            if finer[key] > (1 + GROWS) ** cuts * pressure and not c.normal.at_quadrature:
-                errors[key] = ErrorParts(converges=False)
-        errors = with_ends(self._stepper.system.contacts, step, errors)
-        return errors | at_points(self._stepper.system.problem, quantities(step))
-
-    def _finer(self, mesh: FlatMesh, times: Sequence[float], counters: Counters) -> Iterator[Values]:
-        """Numbers of the history on the finer mesh at each time [s]; collective.
+            steps: results at all requested times.
 
         Raises:
-            StickslipError: the mesh cannot be prepared, or a step cannot be solved as a whole.
+            StickslipError: the mesh cannot be prepared.
         """
-        stepper = on_other_mesh(self._stepper.system, mesh, counters)
-        observe, follow = Observer.of(stepper), MeshCorrection(stepper, quick=True)
-        state = stepper.start()
-        for time in times:
-            with stepper.chain.repeating(stepper.system):
-                accepted = stepper.reach(state, time, self._on_iteration)
-            refined = follow(accepted.stepper, accepted.substep_start, accepted.state, accepted.problem)
-            if refined is None:
-                raise StepError(time, "contact could not be solved with bubbles", accepted.history, accepted)
-            start, before = accepted.start, accepted.substep_start
-            bubbles = replace(
-                accepted, state=refined, start=start.refined or start, substep_start=before.refined or before
-            )
-            plain, values = quantities(observe.numbers(accepted)), _numbers(observe, bubbles)
-            values |= {key: value for key, value in plain.items() if key.quantity in WITHOUT_BUBBLES}
-            yield values | follow.displacement_at(refined, observe.probes)
-            state = replace(accepted.state, refined=refined)
+        mesh = self._cut_mesh(steps) if self._stepper.system.mesh.dim == 2 else None
+        if mesh is None:
+            return None
+        log.info("the same history on a finer mesh of %d nodes, for the error of the mesh", len(mesh.points))
+        return OtherHistory.on(self._stepper.system, mesh, self._on_iteration)
 
-    def _cut_mesh(self, steps: Sequence[StepResult]) -> tuple[int, FlatMesh | None]:
-        """Cut cells on every rank: how often, and the finer mesh; None: it would be too dear; collective."""
+    def _cut_mesh(self, steps: Sequence[StepResult]) -> FlatMesh | None:
+        """Cut cells: the finer mesh, on every rank; None: it would be too dear; collective."""
         system = self._stepper.system
-        mesh, size = self._flat(), Size.of(system.problem, system.mesh, system.constraints, system.contacts)
-        found: tuple[int, FlatMesh | None] = 0, None
+        mesh, size = (
+            flat_mesh(system, self._data),
+            Size.of(system.problem, system.mesh, system.constraints, system.contacts),
+        )
+        found: FlatMesh | None = None
         if mesh is not None:
-            found = _cut(mesh, Places.of(system.problem, system.contacts, steps), replace(size, steps=len(steps)))
+            places = Places.of(system.problem, system.contacts, steps)
+            error = steps[-1].stress_error
+            rough = np.unique(mesh.cells[_roughest(mesh, error)] if len(error) else np.zeros(0, np.int64))
+            found = _cut(mesh, places, rough, replace(size, steps=len(steps)))
         found = system.mesh.comm.bcast(found)
         return found
 
-    def _flat(self) -> FlatMesh | None:
-        """The mesh of the run, on rank 0; collective."""
-        system, data = self._stepper.system, self._data
-        sides, edges = sides_of(system)
-        if system.mesh.comm.rank:
+
+def flat_mesh(system: System, data: MeshData) -> FlatMesh | None:
+    """The mesh of bodies of order 2 in the plane, on rank 0; collective."""
+    sides, edges = sides_of(system)
+    if system.mesh.comm.rank:
+        return None
+    return FlatMesh(
+        kind=data.shape,
+        points=data.points,
+        cells=data.cells,
+        body=data.body,
+        names=data.bodies,
+        sides=sides,
+        edges_of=edges,
+        periodic=system.problem.request.periodic,
+        turns=system.problem.request.turns,
+    )
+
+
+@dataclass(frozen=True)
+class Corners:
+    """Where stresses may grow without end: corners of bodies in the plane, and ends of what acts on them."""
+
+    points: Array  # (n, 2) [m]
+    middles: Array  # (c, 2) of cells [m]
+    sizes: Array  # (c,) farthest node from there [m]
+    body: Ints  # (c,)
+
+    @classmethod
+    def of(cls, system: System) -> Corners | None:
+        """Those of bodies of order 2; None: in space, and on other ranks than the first; collective."""
+        mesh = flat_mesh(system, mesh_data(system)) if system.mesh.dim == 2 else None
+        if mesh is None:
             return None
-        return FlatMesh(
-            kind=data.shape,
-            points=data.points,
-            cells=data.cells,
-            body=data.body,
-            names=data.bodies,
-            sides=sides,
-            edges_of=edges,
-            periodic=system.problem.request.periodic,
-            turns=system.problem.request.turns,
-        )
+        nodes = mesh.points[mesh.cells]
+        middles = nodes.mean(axis=1)
+        sizes = np.linalg.norm(nodes - middles[:, None], axis=2).max(axis=1)
+        supports = system.problem.supports.values()
+        mirrors = [each.boundary for each in supports if each.boundary is not None and len(each.displacement) == 1]
+        return cls(mesh.points[_corners(mesh, acted_on(system.problem), mirrors)], middles, sizes, mesh.body)
+
+    def far(self, point: Array) -> bool:
+        """Whether all corners are beyond the cells around a point (2,) [m], and those around these."""
+        cell = int(np.linalg.norm(self.middles - point, axis=1).argmin())
+        return bool(np.linalg.norm(self.points - point, axis=1).min(initial=np.inf) > 4 * self.sizes[cell])
+
+    def smooth(self, step: StepResult, probes: Mapping[str, Array]) -> frozenset[Quantity]:
+        """Numbers of a step that are those of a place far from all corners: they have a limit.
+
+        Args:
+            probes: their points (2,) [m].
+        """
+        places = {Quantity("probes", name, "stress"): point for name, point in probes.items()}
+        for name, contact in step.contacts.items():
+            places[Quantity("contacts", name, "max_pressure")] = contact.points[int(contact.pressure.argmax())]
+        for index, name in enumerate(step.bodies):
+            own = np.flatnonzero(self.body == index)
+            place = self.middles[own[int(step.von_mises[own].argmax())]]
+            places[Quantity("bodies", name, "max_von_mises")] = place
+        return frozenset(key for key, place in places.items() if self.far(place))
 
 
-def _cut(mesh: FlatMesh, places: Places, size: Size) -> tuple[int, FlatMesh | None]:
-    """Cut the cells at some places: how often, and the mesh then; None: it would be too dear.
+def _roughest(mesh: FlatMesh, error: Array) -> Ints:
+    """The cells with the largest errors of the stress (c,) [Pa] that hold half of the squared error of all."""
+    middles = mesh.points[mesh.cells].mean(axis=1, keepdims=True)
+    squares = error**2 * np.square(mesh.points[mesh.cells] - middles).sum(axis=(1, 2))  # as large as the cells are
+    order = np.argsort(-squares)
+    sums = np.cumsum(squares[order])
+    return order[: 1 + np.searchsorted(sums, sums[-1] / 2)]
+
+
+def _cut(mesh: FlatMesh, places: Places, rough: Ints, size: Size) -> FlatMesh | None:
+    """Cut the cells at some places; None: it would be too dear.
 
     Args:
+        rough: nodes whose cells are cut, too.
         size: of the run.
     """
     most = max(SOON, MOST * _seconds(size))
-    for cuts in FACTOR:
+    for cuts in CUTS:
         finer = mesh
         for _ in range(cuts):
-            finer = finer.cut(finer.touching(places.nodes(finer)))
+            finer = finer.cut(finer.touching(np.concatenate([places.nodes(finer), rough])))
         contact_dofs = size.contact_dofs * places.contact_nodes(finer) // places.contact_nodes(mesh)
         dofs = size.dofs * len(finer.points) // len(mesh.points)
         # problems of contact: that of a step, and that with bubbles, which is about twice as dear
         seconds = _seconds(replace(size, dofs=dofs, contact_dofs=contact_dofs, steps=3 * size.steps))
         if seconds <= most:
-            return cuts, finer
+            return finer
     log.info("no error of the mesh: it would take about %.0f s", seconds)
-    return 0, None
+    return None
 
 
 def _seconds(size: Size) -> float:
@@ -266,12 +291,15 @@ def _seconds(size: Size) -> float:
     return size.condensed_seconds + 0.01 * size.steps
 
 
-def _numbers(observe: Observer, accepted: Accepted) -> Values:
-    """All numbers of a step on the finer mesh but those of probes, areas with edges between nodes; collective."""
-    numbers = observe.numbers(accepted)
-    values = quantities(numbers)
-    for name, contact in numbers.contacts.items():
-        side = next(c.surface for c in accepted.stepper.system.contacts if c.name == name)
-        areas = areas_of_order_2(side, contact, contact.weight)
-        values |= {Quantity("contacts", name, key): area for key, area in areas.items()}
-    return values
+def sides_of(system: System) -> tuple[Mapping[str, Ints], Mapping[str, Ints]]:
+    """Facets (f, k) of all sides of a system's mesh by the numbers of all its nodes, and edges of sides; collective.
+
+    Both are on rank 0 alone.
+    """
+    mesh, nodes = system.mesh, system.nodes
+    known = nodes_of(mesh, nodes)(nodes.input[: nodes.owned])
+    sides = {name: gather_surface(mesh, system.space, nodes, name) for name in mesh.sides}
+    if mesh.comm.rank:
+        return {}, {}
+    facets = {name: np.searchsorted(known, side.input)[side.facets] for name, side in sides.items()}
+    return facets, {name: np.searchsorted(known, rows) for name, rows in mesh.edges.items()}

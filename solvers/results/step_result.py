@@ -87,7 +87,7 @@ class ErrorParts:
     model: Annotated[
         Value | None, Key("", "of strains and rotations taken to be small, see docs/theory/errors.md; not in the total")
     ] = None
-    # of a step it stands in `StepResult.corrected`, but where it is found at the end
+    # else, where it is found with the step, it stands in `StepResult.corrected`
     corrected: Annotated[Value | None, Key("", "the number with most of the mesh's error removed")] = None
     by: Annotated[str | None, Key("", "what tells the mesh's part: order 2, bubbles, rough; null: not said")] = None
     unsure: Annotated[bool | None, Key("", "whether two estimates of the mesh's part differ by more than 2")] = None
@@ -380,7 +380,7 @@ def told(step: StepResult, errors: Errors | None) -> Plain:
         for name, own in found[table].items() if is_estimated(record) else ():
             stated = {
                 key.quantity: _parts(parts)
-                | {"model": _plain(parts.model), "corrected": _plain(step.corrected.get(str(key), parts.corrected))}
+                | {"model": _plain(parts.model), "corrected": _plain(_corrected(step, key, parts))}
                 | {"by": parts.by, "unsure": parts.unsure, "lacking": parts.lacking}
                 for key, parts in (errors or {}).items()
                 if key[:2] == (table, name)
@@ -395,6 +395,10 @@ def told(step: StepResult, errors: Errors | None) -> Plain:
         "unique": step.unique,
         "jump": step.jump,
     }
+
+
+def _corrected(step: StepResult, key: Quantity, parts: ErrorParts) -> Value | None:
+    return step.corrected.get(str(key)) if parts.corrected is None else parts.corrected
 
 
 def is_estimated(record: RecordType) -> bool:

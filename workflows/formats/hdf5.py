@@ -12,13 +12,13 @@ import io
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 
 from stickslip.geometry.arrays import AnyArray
 from stickslip.geometry.errors import DamagedError, MachineError
+from stickslip.geometry.user_files.hdf5_datasets import datasets
 from stickslip.workflows.formats.files import read_regular, write_aside
 from stickslip.workflows.formats.marker import USER_BLOCK, read_checked
 
@@ -78,7 +78,7 @@ def read_arrays(path: Path, but: str = "") -> tuple[dict[str, AnyArray], dict[st
     if hashlib.sha256(memoryview(content)[USER_BLOCK:]).hexdigest() != sums[0]:
         raise DamagedError(f"{path}: damaged or cut short: its content does not match its checksum")
     with h5py.File(io.BytesIO(content), "r") as file:
-        found, arrays = _datasets(file), dict[str, AnyArray]()
+        found, arrays = datasets(file), dict[str, AnyArray]()
         for name, item in found.items():
             if item is None:
                 raise MachineError(f"{path}: {name} has its numbers in another file; no run writes that")
@@ -86,28 +86,6 @@ def read_arrays(path: Path, but: str = "") -> tuple[dict[str, AnyArray], dict[st
                 arrays[name] = np.empty(item.shape, item.dtype)
                 item.read(h5py.h5s.ALL, h5py.h5s.ALL, arrays[name])
         return arrays, {name: value.item() for name, value in file.attrs.items() if name != "checksum"}
-
-
-def elsewhere(file: Any) -> str:
-    """Return the name of what an HDF5 file has in other files: by a link, external or virtual storage; or nothing."""
-    return next((name for name, item in _datasets(file).items() if item is None), "")
-
-
-def _datasets(file: Any) -> dict[str, Any]:
-    """Return the datasets of an HDF5 file by name; None: it has that in another file."""
-    found: dict[str, Any] = {}
-
-    def look(name: bytes, link: Any) -> None:
-        item: Any = h5py.h5o.open(file.id, name) if link.type == h5py.h5l.TYPE_HARD else None
-        if isinstance(item, h5py.h5d.DatasetID):
-            stored = item.get_create_plist()
-            outside = stored.get_external_count() or stored.get_layout() == h5py.h5d.VIRTUAL
-            found[name.decode(errors="replace")] = None if outside else item
-        elif link.type == h5py.h5l.TYPE_EXTERNAL:
-            found[name.decode(errors="replace")] = None
-
-    file.id.links.visit(look, info=True)
-    return found
 
 
 def is_whole(path: Path, total: str) -> bool:

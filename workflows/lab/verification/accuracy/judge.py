@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip import ErrorParts, Quantity, Scene, Simulation, StepResult, prepare
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.accuracy.areas import areas_of_order_2
+from stickslip.solvers.accuracy.areas import areas_between_nodes
 from stickslip.solvers.results.step_result import Errors, number_of, quantities
 from stickslip.solvers.scene.record import STRESSES, Value
 
@@ -119,7 +119,7 @@ def _sharp_areas(simulation: Simulation, step: StepResult) -> dict[str, float]:
     found = dict[str, float]()
     for c in simulation.system.contacts:
         contact = step.contacts[c.name]
-        areas = areas_of_order_2(c.surface, contact, contact.weight)
+        areas = areas_between_nodes(c.surface, contact, contact.weight)
         if areas["contact_area"] > 0:
             areas["mean_pressure"] = contact.normal_force / areas["contact_area"]
         found |= {f"contacts.{c.name}.{key}": area for key, area in areas.items()}
