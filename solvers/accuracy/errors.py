@@ -26,7 +26,7 @@ from stickslip.solvers.accuracy.areas import areas_inside_facets
 from stickslip.solvers.accuracy.histories import OtherHistory, largest_stresses
 from stickslip.solvers.accuracy.mesh_error import AT_NODES, Better, Values, errors_of_step, with_ends
 from stickslip.solvers.accuracy.model_error import model_errors
-from stickslip.solvers.accuracy.nested_run import MOST, SOON, Corners, NestedRun
+from stickslip.solvers.accuracy.nested_run import Corners, NestedRun
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.observe import LINEAR, Observer
@@ -44,7 +44,6 @@ from stickslip.solvers.results.step_result import (
     quantities,
 )
 from stickslip.solvers.scene.record import STRESSES, Value
-from stickslip.solvers.stepping.choice import Size
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
@@ -162,13 +161,6 @@ def with_unresolved(contacts: Sequence[ContactRows], step: StepResult, errors: E
     return found
 
 
-def order_2_fits(size: Size) -> bool:
-    """Whether the history with order 2 of a run of a size of order 1 costs little, by the cost model of `auto`."""
-    more = 2**size.dim
-    finer = replace(size, dofs=more * size.dofs, contact_dofs=more * size.contact_dofs // 2, parts=())
-    return finer.condensed_seconds <= max(SOON, MOST * size.condensed_seconds)
-
-
 class MeshErrors:
     """Estimates the error of the mesh of a run that is solved, from its history on other meshes; collective."""
 
@@ -183,20 +175,25 @@ class MeshErrors:
         """
         self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
 
-    def __call__(self, steps: Sequence[StepResult], coarser: Sequence[StepResult] = ()) -> tuple[Errors, ...]:
+    def __call__(
+        self, steps: Sequence[StepResult], coarser: Sequence[StepResult] = (), factor: float = 2.0, solves: bool = True
+    ) -> tuple[Errors, ...]:
         """Errors of each step of a run from rest, in `mesh` and `geometry`; collective.
 
         Args:
             steps: results at the requested times, without a gap.
-            coarser: the first of them on cells twice as long; none: there are no such cells.
+            coarser: the first of them on longer cells; none: there are no such cells.
+            factor: how many times as long.
+            solves: whether the history on better cells is solved.
         """
         system = self._stepper.system
         by = "bubbles" if isinstance(self._stepper.companion, MeshCorrection) else "order 2"
-        better = [Better((corrected(step),)) for step in steps] if by == "bubbles" else self._better(steps)
+        better: Sequence[Better] = self._better(steps) if solves and by != "bubbles" else ()
+        better = [Better((corrected(step),)) for step in steps] if by == "bubbles" else better
         found = []
         for k, step in enumerate(steps):
             near, far = better[k] if k < len(better) else Better(()), coarser[k] if k < len(coarser) else None
-            errors = errors_of_step(system.problem, system.mesh.degree, step, near, far, by)
+            errors = errors_of_step(system.problem, system.mesh.degree, step, near, far, by, factor)
             found.append(with_unresolved(system.contacts, step, with_ends(system.contacts, step, errors)))
         return tuple(found)
 

@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, number_of, quantities
 from stickslip.solvers.scene.problem import Problem
@@ -50,14 +50,21 @@ class Better(NamedTuple):
 
 
 def errors_of_step(
-    problem: Problem, order: int, step: StepResult, better: Better, coarser: StepResult | None, by: str
+    problem: Problem,
+    order: int,
+    step: StepResult,
+    better: Better,
+    coarser: StepResult | None,
+    by: str,
+    factor: float = 2.0,
 ) -> dict[Quantity, ErrorParts]:
     """Errors of the numbers of a step, of which `better` or `coarser` tells.
 
     Args:
         order: of the run's displacements.
-        coarser: the step on cells twice as long; None: there is none.
+        coarser: the step on longer cells; None: there is none.
         by: what `better` are from.
+        factor: how many times as long.
     """
     found, alone = dict[Quantity, ErrorParts](), _at_points(problem)
     others = {} if coarser is None else quantities(coarser)
@@ -70,14 +77,16 @@ def errors_of_step(
         elif near and meshes and key not in better.smooth and _grows(problem, key, meshes):
             found[key] = ErrorParts(converges=False)
         else:
-            found[key] = _stated(key, order, value, near, far, by)
+            found[key] = _stated(key, order, value, near, far, by, factor)
     return found
 
 
-def _stated(key: Quantity, order: int, value: Value, near: Sequence[Value], far: Value | None, by: str) -> ErrorParts:
-    """Error of a number by the difference to better ones, and to that of cells twice as long."""
+def _stated(
+    key: Quantity, order: int, value: Value, near: Sequence[Value], far: Value | None, by: str, factor: float
+) -> ErrorParts:
+    """Error of a number by the difference to better ones, and to that of longer cells: the part that twice have."""
     off = BETTER * np.max([np.zeros(np.shape(value)), *(np.abs(each - value) for each in near)], axis=0)
-    whole = np.zeros(np.shape(value)) if far is None else np.abs(value - far)
+    whole = np.zeros(np.shape(value)) if far is None else np.abs(value - far) / (factor - 1)
     if order == 1:
         least = (COARSER if near else 1.0) * whole
     else:
@@ -93,7 +102,7 @@ def _stated(key: Quantity, order: int, value: Value, near: Sequence[Value], far:
         converges=True if both or number_of(key).kind != "pressure" else None,
         corrected=near[-1] if near else value,
         by=by if near else "rough",
-        unsure=unsure or None,
+        unsure=(unsure and bool(np.linalg.norm(mesh) > EXACT * np.linalg.norm(value))) or None,  # else it is rounding
     )
 
 
