@@ -393,9 +393,7 @@ def test_bars_of_which_one_floats(words: tuple[str, ...]) -> None:
 
 def test_each_rank_of_a_machine_has_a_dense_stiffness_of_its_own() -> None:
     one, four = LARGE.dense_bytes, replace(LARGE, ranks=4).dense_bytes
-    assert four - one == pytest.approx(
-        3 * 6 * 8 * LARGE.contact_dofs**2
-    )  # five copies of doubles, and the Delassus matrix
+    assert four - one == pytest.approx(3 * 6 * 8 * LARGE.contact_dofs**2)  # five copies, and Delassus
     memory = (one + four) / 2 / 0.7  # the part of it that may be taken
     assert DENSE[0] in chosen(LARGE, Solver(), memory).stages
     assert DENSE[0] not in chosen(replace(LARGE, ranks=4), Solver(), memory).stages

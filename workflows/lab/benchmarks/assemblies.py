@@ -1,4 +1,4 @@
-"""Iterations of Newton's method on assemblies: `python -m stickslip.workflows.lab.benchmarks.assemblies` prints a row each.
+"""Newton iterations on assemblies: `python -m stickslip.workflows.lab.benchmarks.assemblies` prints a row each.
 
 Bodies have room to move, and friction alone keeps some of them from turning: a pin in a clevis, a ball in its socket, a
 wedge, two rings pressed into each other.
