@@ -200,7 +200,7 @@ class Attempts(Driver):
         if self.collapse is not None:
             motion, lacking = self.collapse
             nothing, history = np.zeros_like(self.problem.gap), tuple(self.history)
-            return Solution(nothing, nothing, motion, Status.NO_EQUILIBRIUM, np.inf, history, lacking=lacking)
+            return Solution(nothing, nothing, motion, Status.GIVES_WAY, np.inf, history, lacking=lacking)
         assert self.best is not None
         return replace(self.best, history=tuple(self.history))
 
