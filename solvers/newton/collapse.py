@@ -38,7 +38,7 @@ def on_softer_springs(
         p: tractions (rows,) [Pa] of the last step.
         solve: solves a problem from a start.
     """
-    surface, u_c, before = problem.surface, problem.u_before, 0.0
+    surface, u_c, before, known = problem.surface, problem.u_before, 0.0, 0.0
     if not isinstance(surface, CondensedSurface) or not surface.floating:
         return
     room = float(np.abs(problem.gap)[: surface.normal_rows].max(initial=0.0))
@@ -49,9 +49,11 @@ def on_softer_springs(
         if found.status is not Status.CONVERGED:
             return
         p, u_c, motion = found.p, found.u_c, surface.R.T @ (found.u_c - problem.u_before)
-        far, work = float(np.abs(surface.R @ motion).max()), float(motion @ problem.load.resultant)
+        far, further, known = float(np.abs(surface.R @ motion).max()), motion - known, motion
+        work = float(further @ problem.load.resultant)
         if before > room and far > 9 * before and work > 0:  # ten times would be in proportion
-            yield Mechanism(surface.R @ motion / far, stiffness * float(motion @ motion) / work)
+            along = surface.R @ further
+            yield Mechanism(along / np.abs(along).max(), stiffness * float(motion @ further) / work)
             return
         before = far
     yield replace(Start.at(problem, p, u_c), in_equilibrium=False)  # but for what the last springs hold

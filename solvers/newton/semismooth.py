@@ -79,16 +79,18 @@ class SemismoothNewton:
                 yield again(problem, attempts.best), 1e-2
         for proximal in FIRM:
             yield firsts[-1], proximal
+        for found in on_softer_springs(problem, p, self._on_springs):
+            if not isinstance(found, Mechanism):
+                yield found, None
+                continue
+            attempts.collapse = found
+            if p.any():  # the load from which it is so is looked for; bodies at rest may be held in other ways
+                return
         assert attempts.best is not None
         for start in path.ends(problem, p, attempts.best):
             yield start, None
             if problem.surface.floating:  # next to nothing may hold them
                 yield start, FIRM[-1]
-        for found in on_softer_springs(problem, p, self._on_springs):
-            if isinstance(found, Mechanism):
-                attempts.collapse = found
-                return
-            yield found, None
         for start in simpler_ends(problem, attempts.best.p, self):
             yield start, None
         for proximal in FIRMER:

@@ -55,6 +55,7 @@ class _March:
         self._smallest = self._step if self._chain.repeats else self._step / 2**HALVINGS
         self._good: Attempt | None = None  # up to the present state
         self._unbalanced: Attempt | None = None  # at the earliest time at which bodies move on without end
+        self._proved: Attempt | None = None  # at the earliest one that is shown to have no equilibrium
         self._limit: _Limit | None = None  # between the present state and that time
         self._failed: SurfaceProblem | None = None  # from the present state
         self._stuck = False  # whether a shorter step would be the same problem again
@@ -104,7 +105,7 @@ class _March:
         begin, self._state = self._state, replace(attempt.state or new, control=self._control)
         self._failed, self._stuck = None, False
         if self._state.searched:
-            self._unbalanced = None  # it was shown for other pairs
+            self._unbalanced = self._proved = None  # for other pairs
             if self._limit is not None and self._limit.found(self._state.time):
                 self._limit = None
         return replace(
@@ -123,6 +124,7 @@ class _March:
         system, chain = attempt.solver.system, self._chain
         if attempt.collapses:
             self._unbalanced = replace(attempt, when=end)
+            self._proved = self._unbalanced if attempt.impossible else self._proved
         # from rest, under loads in proportion to time, a shorter step is the same problem again
         at_rest = not (state.p.any() or state.w.any() or state.memory)  # slip that changes the law is not scaled
         scaled = at_rest and self._failed is not None and problem is not None and problem.is_scaled(self._failed)
@@ -157,6 +159,8 @@ class _March:
         p = state.ahead(problem.cone.time, self._system.course.timeline.turns)
         if state.p.any() and spent(problem, p, solution.u_c):
             solution = replace(solution, status=Status.NO_EQUILIBRIUM)
+        elif self._proved is not None:
+            attempt, solution = self._proved, self._proved.solution
         moves = describe_motion(self._system, solution.u_c, self._chain.volume.contact.rows)
         why = f"{solution.status.value}: {moves}; {self._last}"
         return replace(attempt, solution=solution, good=self._good, why=why)
