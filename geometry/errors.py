@@ -150,7 +150,8 @@ def require(ok: bool, key: str, found: object, expected: str) -> None:
     >>> require(1 < 2, "mu", 0.3, "must not be negative")
     """
     if not ok:
-        raise SceneError(f"{key} = {shortened(found)}: {expected}")
+        said = shortened(found) or '""'
+        raise SceneError(f"{key} = {said}: {expected}")
 
 
 def require_components(vector: Sequence[object] | None, key: str, dim: int, place: str = "in this model") -> None:

@@ -143,6 +143,10 @@ class SizeField:
         """All lengths divided by `unit` [m]."""
         return replace(self, points=self.points / unit, sizes=self.sizes / unit)
 
+    def times(self, factor: float) -> SizeField:
+        """All edges `factor` times as long."""
+        return replace(self, sizes=factor * self.sizes)
+
     def impose(self, gmsh: Gmsh) -> None:
         """Make it the only rule for sizes in the current gmsh model, in its unit; grids become free meshes."""
         gmsh.model.mesh.removeConstraints()

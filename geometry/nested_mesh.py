@@ -70,15 +70,6 @@ class ArrayMesh(Shape):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CornerMesh(ArrayMesh):
-    """The same cells in 3D, of order 1 and with straight edges: without the nodes between corners."""
-
-    @property
-    def degree(self) -> int:
-        return 1
-
-
-@dataclass(frozen=True, kw_only=True)
 class FlatMesh(ArrayMesh):
     """Cells in the plane; facets are given by their ends, and the node between them."""
 

@@ -137,6 +137,10 @@ class Shape:
         """
         raise NotImplementedError
 
+    def of_order(self, order: int) -> Self:
+        """The same shape with cells of a degree, 1 or 2."""
+        return cast(Self, replace(cast(Any, self), order=order))
+
     def refuse_sizes(self, request: Request) -> None:
         """Refuse cells of given sizes, see `Request.sizes`, where they cannot be made; by default they can.
 

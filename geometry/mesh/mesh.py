@@ -41,6 +41,8 @@ class NamedParts:
 class Mesh(NamedParts):
     """Distributed mesh."""
 
+    shape: Shape  # that it is of
+    request: Request  # of the scene; sizes on rank 0 alone
     comm: Comm  # the caller's: dolfinx frees its copy with the mesh, and PETSc's objects on it would be lost
     domain: DolfinxMesh
     cell_tags: MeshTags  # of bodies
@@ -159,6 +161,8 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
         refuse_inverted_cells(domain, shape.degree)
     return Mesh(
         **vars(named),
+        shape=shape,
+        request=request,
         comm=comm,
         domain=domain,
         cell_tags=cells,

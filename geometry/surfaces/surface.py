@@ -106,6 +106,11 @@ class Surface:
                 matrix[middle, middle] = 1 - 2 * alpha
         return matrix
 
+    @property
+    def borrows(self) -> bool:
+        """Whether the corners' functions phi~ of a rigid law have shares of the midside functions."""
+        return self.degree == 2 and not self.positive and (self.axisymmetric or self.shape == "triangle")
+
     @cached_property
     def transform(self) -> Sparse:
         """Matrix (n, n) from nodal values, the coefficients of phi, to coefficients of phi~."""

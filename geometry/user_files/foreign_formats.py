@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from stickslip.geometry.arrays import Ints
-from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.errors import GeometryError, shortened
 
 # number of nodes of Abaqus' flat elements, trusses and solids -> meshio's name
 FLAT = {3: "triangle", 6: "triangle6", 4: "quad", 8: "quad8"}
@@ -63,8 +63,14 @@ Options = Mapping[str, str]  # of a keyword
 Lines = Sequence[Sequence[str]]
 
 
-def _read_inp(path: Path, content: Content) -> None:
-    """Read nodes, elements, sets, surfaces and sections of a deck."""
+def _read_inp(path: Path, content: Content, within: Sequence[Path] = ()) -> None:
+    """Read nodes, elements, sets, surfaces and sections of a deck, and of those that it includes.
+
+    Args:
+        within: the decks that include it.
+    """
+    if path in within:
+        raise GeometryError(f"includes itself: {shortened(path.name)}")
     blocks = list[tuple[str, dict[str, str], list[list[str]]]]()
     for line in path.read_text(encoding="latin-1").splitlines():
         words = [word.strip().strip('"').upper() for word in line.split(",")]
@@ -74,7 +80,7 @@ def _read_inp(path: Path, content: Content) -> None:
             options = [word.partition("=") for word in words[1:]]
             blocks.append((words[0][1:], {key.strip(): value.strip() for key, _, value in options}, []))
             if words[0] == "*INCLUDE":
-                _read_inp((path.parent / line.partition("=")[2].strip().strip('"')).resolve(), content)
+                _read_inp((path.parent / line.partition("=")[2].strip().strip('"')).resolve(), content, (*within, path))
         elif blocks:
             blocks[-1][2].append([word for word in words if word])
     for keyword, options_of, lines in blocks:
@@ -185,11 +191,15 @@ def _read_meshio(path: Path, content: Content) -> None:
     os.environ["HDF5_USE_FILE_LOCKING"] = "FALSE"  # the process may not lock files
     import meshio  # late: few files need it
 
+    from stickslip.geometry.user_files.hdf5_datasets import refuse_others
+
     if path.suffix.lower() == ".bdf":  # meshio wants two lines that other programs leave out
         text = path.read_text(encoding="latin-1")
         text = text if "BEGIN BULK" in text else f"BEGIN BULK\n{text}"
         mesh = meshio.read(io.StringIO(f"{text}\nENDDATA\n"), "nastran")
     else:
+        if path.suffix.lower() == ".med":
+            refuse_others(path)
         mesh = meshio.read(path)
     content.points = dict(enumerate(np.atleast_2d(mesh.points).tolist()))
     first = np.cumsum([0, *(len(block.data) for block in mesh.cells)])

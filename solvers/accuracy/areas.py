@@ -8,7 +8,7 @@ Source: of the power K. L. Johnson, Contact Mechanics (1985), sections 4.2 and 7
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,13 +16,19 @@ import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array, Bools, Ints
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState, Numbers, Quantity
 
 PARTS: dict[str, list[tuple[int, ...]]] = {
     "interval": [(0, 1)],
     "triangle": [(0, 1, 2)],
     "quadrilateral": [(0, 1, 2), (1, 3, 2)],
 }  # corners of simplices
+HALVED = {
+    "interval": np.array([[0, 2], [2, 1]]),
+    "triangle": np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]]),
+    "quadrilateral": np.array([[0, 4, 5, 8], [4, 1, 8, 6], [5, 8, 2, 7], [8, 6, 7, 3]]),
+}  # nodes of order 2 at the corners of a facet's parts
 
 Edge = tuple[Bools, Array, Bools | None]  # inside, outside, among: see `beyond_nodes`
 
@@ -35,24 +41,32 @@ class Crossing(NamedTuple):
     at: float  # of the way from the one to the other; negative: the edge lies before the node inside
 
 
-def scatter(side: Surface, contact: ContactState, weights: Array) -> dict[str, float]:
-    """Uncertainty of areas by the place of their edges [m^(d-1)]: the facets that they cross, as if by chance.
-
-    Arguments as in `areas_between_nodes`.
-    """
-    touching, *sticking = (_squares(side, *edge) for edge in _edges(contact, weights))
-    squares = {"contact_area": touching, "stick_area": sum(sticking), "slip_area": touching + sum(sticking)}
-    return {name: float(np.sqrt(square)) for name, square in squares.items()}
+def areas_inside_facets(contacts: Iterable[ContactRows], step: Numbers) -> dict[Quantity, float]:
+    """Areas of all contacts, and of their sums [m^(d-1)], whose edges lie between nodes."""
+    found = dict[Quantity, float]()
+    for c in contacts:
+        areas = areas_between_nodes(c.surface, step.contacts[c.name], c.node_weights)
+        found |= {Quantity("contacts", c.name, key): area for key, area in areas.items()}
+    for name in step.sums:
+        for key in ("contact_area", "stick_area", "slip_area"):
+            found[Quantity("contacts", name, key)] = sum(found[Quantity("contacts", p, key)] for p in step.parts(name))
+    return found
 
 
 def areas_between_nodes(side: Surface, contact: ContactState, weights: Array) -> dict[str, float]:
     """Areas of a contact [m^(d-1)] whose edges lie between nodes.
 
     Args:
-        side: of order 1, n nodes.
+        side: n nodes; of order 2 it is taken as smaller facets of order 1.
         contact: at these nodes.
         weights: (n,) area that each node stands for [m^(d-1)]; 0 where it faces nothing.
     """
+    if side.degree > 1:
+        straight = _with_corners_alone(side)
+        own = side.node_weights()
+        share = np.divide(weights, own, out=(weights > 0).astype(float), where=own > 0)
+        curved = float(own.sum() / straight.node_weights().sum())  # area, by that of the straight facets
+        side, weights = straight, share * straight.node_weights() * curved
     beyond_touching, *beyond_sticking = (beyond_nodes(side, *edge) for edge in _edges(contact, weights))
     touching = float(weights[contact.status != OPEN].sum()) + beyond_touching
     sticking = float(weights[contact.status == STICK].sum()) + sum(beyond_sticking)
@@ -66,24 +80,11 @@ def _edges(contact: ContactState, weights: Array) -> tuple[Edge, Edge, Edge]:
     return (~opened, gap, None), (sticks, slip, sticks | slips), (sticks, gap, sticks | opened)
 
 
-def areas_of_order_2(side: Surface, contact: ContactState, weights: Array) -> dict[str, float]:
-    """The same of a side of order 2 in 2D, whose nodes are taken as those of facets half as long.
-
-    Args:
-        weights: (n,) of order 2.
-    """
-    straight = _halves(side)
-    return areas_between_nodes(straight, contact, weights / side.node_weights() * straight.node_weights())
-
-
-def scatter_of_order_2(side: Surface, contact: ContactState, weights: Array) -> dict[str, float]:
-    """`scatter` likewise."""
-    return scatter(_halves(side), contact, weights)
-
-
-def _halves(side: Surface) -> Surface:
-    halves = np.concatenate([side.facets[:, [0, 2]], side.facets[:, [2, 1]]])
-    return replace(side, degree=1, facets=halves, outward=np.tile(side.outward, 2))
+def _with_corners_alone(side: Surface) -> Surface:
+    """A side of order 2 as one of order 1: its facets cut at their nodes."""
+    parts = HALVED[side.shape]
+    facets = side.facets[:, parts].reshape(-1, parts.shape[1])
+    return replace(side, degree=1, facets=facets, outward=np.repeat(side.outward, len(parts)))
 
 
 def beyond_nodes(side: Surface, inside: Bools, outside: Array, among: Bools | None = None) -> float:
@@ -97,17 +98,6 @@ def beyond_nodes(side: Surface, inside: Bools, outside: Array, among: Bools | No
     """
     crossed = _crossed(side, inside, outside, among)
     return float(sum(_part(side, nodes, inside, found) for nodes, found in crossed))
-
-
-def crossings(side: Surface, inside: Bools, outside: Array) -> list[Crossing]:
-    """All crossings of a smooth edge; arguments as in `beyond_nodes`."""
-    return [crossing for _, found in _crossed(side, inside, outside, None) for crossing in found]
-
-
-def _squares(side: Surface, inside: Bools, outside: Array, among: Bools | None = None) -> float:
-    """Sum of the squared areas of the simplices that an edge crosses."""
-    crossed = _crossed(side, inside, outside, among)
-    return float(sum((_size(side.points[nodes]) * _around(side, nodes)) ** 2 for nodes, _ in crossed))
 
 
 def _crossed(

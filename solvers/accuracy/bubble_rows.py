@@ -21,7 +21,7 @@ from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse, Vec
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.bubbles import Bubbles
-from stickslip.solvers.accuracy.facet_volume_correction import bulges, rim_of
+from stickslip.solvers.accuracy.facet_volume_correction import bulges
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.build import along
 from stickslip.solvers.contact.coupling import Points, relative_to
@@ -113,7 +113,6 @@ class BubbleRows:
 
     `closer` (rows,) [m] is by how much the gaps are smaller on the true surfaces: sides that are curved bulge out of
     their facets, and the distance of a rigid obstacle is averaged like the displacement, not taken at the node.
-    `rims` are those of `rim_of`, zero at nodes that face nothing.
     """
 
     def __init__(self, system: System, bubbles: Bubbles, sides: dict[str, Surface]) -> None:
@@ -137,9 +136,6 @@ class BubbleRows:
             self.relative.append(relative)
             numbers += [slave.nodes, master.nodes if master else numbers[0]]
         d = system.mesh.dim
-        self.rims = {
-            c.name: np.where(c.node_weights > 0, rim_of(c.surface, system.mesh.bulging), 0.0) for c in system.contacts
-        }
         self.closer = np.concatenate([*closer, np.zeros(sum(t.shape[0] for t in tangential))])
         self.N: Sparse = sparse.vstack([sparse.block_diag(normal), sparse.block_diag(tangential)]).tocsr()
         self._dim = d

@@ -6,42 +6,51 @@ numbers of a contact are compared with those of them. Reactions of supports chan
 together change. The error of an iterative volume solve is known in the energy norm, relative: numbers are off by that
 part of the largest of their kind.
 
-`with_unresolved` asks how finely the two sides of a contact resolve the part that touches, and what errors of its
-numbers say at least. Where the part that touches is smaller than one element of a side, finer spaces on these cells,
-or on cells cut twice, do not see it either: what they differ by says nothing. So such numbers are stated to be as
-uncertain as they are large.
+`with_unresolved` asks how finely the two sides of a contact resolve the part that touches. Where it is smaller than one
+element of a side, better cells do not see it either: such numbers are stated to be as uncertain as they are large.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import product
+from functools import partial
 
 import numpy as np
 
-from stickslip.geometry.arrays import EPS, Bools
+from stickslip.geometry.arrays import EPS, Array, Bools
+from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.accuracy.lower_order import smooth_errors
-from stickslip.solvers.accuracy.mesh_error import Values, mesh_errors, stress_errors
+from stickslip.solvers.accuracy.areas import areas_inside_facets
+from stickslip.solvers.accuracy.histories import OtherHistory, largest_stresses
+from stickslip.solvers.accuracy.mesh_error import AT_NODES, Values, errors_of_step, with_ends
 from stickslip.solvers.accuracy.model_error import model_errors
+from stickslip.solvers.accuracy.nested_run import MOST, SOON, NestedRun
+from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.observe import LINEAR, Observer
+from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import (
     OPEN,
     ContactState,
     ErrorParts,
     Errors,
+    MeshData,
+    Numbers,
     Quantity,
     StepResult,
     number_of,
     quantities,
 )
-from stickslip.solvers.scene.record import ContactNumbers, Value, numbers_of
-from stickslip.solvers.stepping.stepper import Accepted
+from stickslip.solvers.scene.record import STRESSES, Value
+from stickslip.solvers.stepping.choice import Size
+from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.stepper import Accepted, Stepper
 from stickslip.solvers.system.system import System
 
-AREAS = tuple(key for key, number in numbers_of(ContactNumbers).items() if number.kind == "area")
+log = logging.getLogger(__name__)
 LIKE = {"moment": "force", "rotation": "length"}  # kinds that are measured by another
 
 
@@ -108,7 +117,6 @@ def _lever(system: System, key: Quantity) -> float:
 
 
 BLIND = 0.99  # elements across; one that a flat contact covers wholly is enough
-LOCAL = (*AREAS, "max_pressure", "max_penetration", "max_slip")
 
 
 def elements_touched(rows: ContactRows, state: ContactState) -> tuple[float, float]:
@@ -142,88 +150,167 @@ def unresolved(rows: ContactRows, state: ContactState) -> bool:
 
 
 def with_unresolved(contacts: Sequence[ContactRows], step: StepResult, errors: Errors) -> Errors:
-    """Errors of a step's numbers, where they are known; those of unresolved contacts are at least the numbers."""
+    """Errors of a step's numbers; those of what nodes of unresolved contacts decide are at least the numbers."""
     found = dict(errors)
     for rows in contacts:
         state = step.contacts[rows.name]
-        parts_of = {key: found.get(key, ErrorParts()) for key in (Quantity("contacts", rows.name, x) for x in LOCAL)}
-        stated = {key: of for key, of in parts_of.items() if of.mesh is not None or of.converges is False}
-        if stated and unresolved(rows, state):
-            for key, parts in stated.items():
-                size = abs(float(getattr(state, key.quantity)))
-                off = size if parts.mesh is None else max(float(parts.mesh), size)
-                found[key] = replace(parts, mesh=off, geometry=parts.geometry or 0.0, converges=True)
-    for name, x in product(step.sums, LOCAL):
-        each = [found.get(Quantity("contacts", pair, x), ErrorParts()) for pair in step.parts(name)]
-        found[Quantity("contacts", name, x)] = ErrorParts.added(each)
-    return with_means(step, found)
-
-
-def with_means(step: StepResult, errors: Errors) -> Errors:
-    """Errors of a step's numbers; that of the mesh of a mean pressure follows from those of force and area."""
-    found = dict(errors)
-    for name, of in {**step.contacts, **step.sums}.items():
-        force, area, mean = (
-            found.get(Quantity("contacts", name, key), ErrorParts())
-            for key in ("normal_force", "contact_area", "mean_pressure")
-        )
-        parts = dict[str, Value | None]()
-        for part in ("mesh", "geometry"):
-            N, A = getattr(force, part), getattr(area, part)
-            known = N is not None and A is not None and (of.contact_area or not A)
-            parts[part] = (N + of.mean_pressure * A) / (of.contact_area or 1.0) if known else None
-        found[Quantity("contacts", name, "mean_pressure")] = replace(mean, **parts, converges=area.converges)
+        for name in AT_NODES if unresolved(rows, state) else ():
+            key = Quantity("contacts", rows.name, name)
+            parts, size = found[key], abs(float(getattr(state, name)))
+            off = size if parts.mesh is None else max(float(parts.mesh), size)
+            found[key] = replace(parts, mesh=off, geometry=0.0, converges=True)
     return found
+
+
+def order_2_fits(size: Size) -> bool:
+    """Whether the history with order 2 of a run of a size of order 1 costs little, by the cost model of `auto`."""
+    more = 2**size.dim
+    finer = replace(size, dofs=more * size.dofs, contact_dofs=more * size.contact_dofs // 2, parts=())
+    return finer.condensed_seconds <= max(SOON, MOST * size.condensed_seconds)
+
+
+class MeshErrors:
+    """Estimates the error of the mesh of a run that is solved, from its history on other meshes; collective."""
+
+    def __init__(
+        self, stepper: Stepper, data: MeshData, on_iteration: Callable[[HistoryRow], None] = lambda row: None
+    ) -> None:
+        """
+        Args:
+            stepper: of the run.
+            data: its mesh.
+            on_iteration: called after each iteration, on every rank.
+        """
+        self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
+
+    def __call__(self, steps: Sequence[StepResult], coarser: Sequence[StepResult] = ()) -> tuple[Errors, ...]:
+        """Errors of each step of a run from rest, in `mesh` and `geometry`; collective.
+
+        Args:
+            steps: results at the requested times, without a gap.
+            coarser: the first of them on cells twice as long; none: there are no such cells.
+        """
+        system = self._stepper.system
+        by = "bubbles" if isinstance(self._stepper.companion, MeshCorrection) else "order 2"
+        better = [(corrected(step),) for step in steps] if by == "bubbles" else self._better(steps)
+        found = []
+        for k, step in enumerate(steps):
+            near, far = better[k] if k < len(better) else (), coarser[k] if k < len(coarser) else None
+            errors = errors_of_step(system.problem, system.mesh.degree, step, near, far, by)
+            found.append(with_unresolved(system.contacts, step, with_ends(system.contacts, step, errors)))
+        return tuple(found)
+
+    def _better(self, steps: Sequence[StepResult]) -> Sequence[tuple[Values, ...]]:
+        """Better numbers of the first steps, as many as are found; collective."""
+        system, found = self._stepper.system, list[tuple[Values, ...]]()
+        try:
+            if system.mesh.degree == 1:
+                log.info("the same history with order 2, for the error of the mesh")
+                history: OtherHistory | None = OtherHistory.of_order(system, 2, self._on_iteration)
+            else:
+                history = NestedRun(self._stepper, self._data, self._on_iteration).history(steps)
+            if history is not None:
+                read = partial(better_numbers, history.observe)
+                found.extend(history.read([step.time for step in steps], read))
+        except StickslipError as error:
+            log.info("no better cells for the error of the mesh from there on: %s", error)
+        return found
+
+
+def better_numbers(observe: Observer, accepted: Accepted) -> tuple[Values, ...]:
+    """Numbers of a step with order 2; stresses of bodies at corners of cells, and areas with edges between nodes."""
+    step = observe(accepted)
+    return quantities(step), corrected(step) | areas_inside_facets(accepted.stepper.system.contacts, step)
+
+
+def corrected(step: StepResult) -> Values:
+    """Better numbers that a step itself has."""
+    return {key: step.corrected[str(key)] for key in quantities(step) if str(key) in step.corrected}
 
 
 def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> StepResult:
     """The result of a step with the errors of its numbers, but for those that are found at the end; collective."""
-    found = quantities(result)
-    of_order_1 = accepted.stepper.system.mesh.degree == 1
-    corrected, of_mesh = (mesh_errors if of_order_1 else smooth_errors)(observe, accepted, result)
-    of_mesh = {**of_mesh, **stress_errors(observe, accepted, result)}
+    found, system = quantities(result), accepted.stepper.system
+    better = numbers_with_bubbles(observe, accepted, result)
+    near = [better] if better else []
+    of_mesh = errors_of_step(system.problem, system.mesh.degree, result, near, None, "bubbles")
     of_iteration = iteration_errors(observe, accepted, found)
     exact_laws = accepted.stepper.chain.exact_laws
     of_model = model_errors(observe, accepted, result)
     errors = dict[Quantity, ErrorParts]()
     for key, value in found.items():
-        laws = ErrorParts(law=np.abs(0.0 * value) if exact_laws else None, model=of_model.get(key))
-        parts = [part for part in (of_mesh.get(key), of_iteration.get(key)) if part is not None]
-        for part in parts:
-            laws = laws.joined(part)
-        errors[key] = laws
-    known = with_unresolved(accepted.stepper.system.contacts, result, errors)
+        parts = ErrorParts(law=np.abs(0.0 * value) if exact_laws else None, model=of_model.get(key))
+        for part in (of_mesh[key], of_iteration.get(key)):
+            parts = parts if part is None else parts.joined(part)
+        errors[key] = parts
+    at_corners = {}
+    if observe.recovered is not None and not better:
+        at_corners = largest_stresses(observe, observe.recovered, accepted, result)
     return replace(
         result,
-        corrected={str(key): value for key, value in corrected.items()},
-        errors={str(key): parts for key, parts in known.items()},
+        corrected=at_corners | {str(key): value for key, value in better.items()},
+        errors={str(key): parts for key, parts in with_ends(system.contacts, result, errors).items()},
     )
 
 
+def numbers_with_bubbles(observe: Observer, accepted: Accepted, result: StepResult) -> Values:
+    """Numbers of a step with bubbles, but for those that contact nodes decide; nothing if it was not followed."""
+    refined, companion = accepted.state.refined, observe.stepper.companion
+    if refined is None or not isinstance(companion, MeshCorrection):
+        return {}
+    values = quantities(observed(observe, accepted, refined)) | companion.displacement_at(refined, observe.probes)
+    if observe.recovered is not None:
+        stress = observe.stress(accepted.state.u, accepted.state.initial)
+        largest = observe.recovered.largest(*companion.whole(refined), stress)
+        values |= {Quantity("bodies", name, "max_von_mises"): x for name, x in zip(result.bodies, largest, strict=True)}
+        values |= _stress_at_probes(observe, observe.recovered, accepted.state, refined, stress)
+    return {key: value for key, value in values.items() if key.kind != "contacts" or key.quantity not in AT_NODES}
+
+
+def _stress_at_probes(
+    observe: Observer, recovered: RecoveredStress, state: State, refined: State, stress: Array
+) -> Values:
+    """Stress (6,) [Pa] with bubbles at the probes, on every rank, from that at midpoints (cells, 3, 3); collective."""
+    companion, found = observe.stepper.companion, dict[str, Array]()
+    assert isinstance(companion, MeshCorrection)
+    points = companion.in_cells(refined, observe.probes)
+    for name, change in recovered.from_midpoints(state.u, state.initial, points).items():
+        found[name] = change + np.array([stress[points[name].cell][ij] for ij in STRESSES.values()])
+    offers = observe.stepper.system.mesh.comm.allgather(found)
+    return {Quantity("probes", name, "stress"): stress for own in offers for name, stress in own.items()}
+
+
+def observed(observe: Observer, accepted: Accepted, state: State) -> Numbers:
+    """Numbers of another state at the end of the same step; collective."""
+    start, before = accepted.start, accepted.substep_start
+    same = replace(accepted, state=state, start=start.refined or start, substep_start=before.refined or before)
+    return observe.numbers(same)
+
+
 def joined(
-    contacts: Sequence[ContactRows],
-    steps: Sequence[StepResult],
-    *found_later: Sequence[Errors],
-    of_pairs: Sequence[Values | None] = (),
+    steps: Sequence[StepResult], *found_later: Sequence[Errors], of_pairs: Sequence[Values | None] = ()
 ) -> tuple[Errors, ...]:
     """All errors of the numbers of each step.
 
     Args:
-        contacts: of the run's mesh.
         found_later: those that are found at the end of a run, each for as many steps as they are known for.
         of_pairs: see `KeptPairs`; they are added to those of the geometry.
     """
     found = []
     for k, step in enumerate(steps):
-        later = [errors[k] for errors in found_later if k < len(errors)]
         own = {key: step.errors.get(str(key), ErrorParts()) for key in quantities(step)}
-        for errors in later:
-            own = {key: parts.joined(errors.get(key, ErrorParts())) for key, parts in own.items()}
+        for errors in (errors[k] for errors in found_later if k < len(errors)):
+            own = {key: _with(parts, errors.get(key, ErrorParts())) for key, parts in own.items()}
         if of_pairs:
             off = of_pairs[k]
             own = {key: _with_pairs(parts, None if off is None else off[key]) for key, parts in own.items()}
-        found.append(with_unresolved(contacts, step, own))
+        found.append(own)
     return tuple(found)
+
+
+def _with(parts: ErrorParts, later: ErrorParts) -> ErrorParts:
+    """The parts of both; of a number without limit the mesh's is none."""
+    return (replace(parts, mesh=None, geometry=None) if later.converges is False else parts).joined(later)
 
 
 def _with_pairs(parts: ErrorParts, off: Value | None) -> ErrorParts:

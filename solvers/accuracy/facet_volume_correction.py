@@ -133,16 +133,6 @@ class LeftOut:
         return total
 
 
-def rim_of(side: Surface, bulging: Bulging) -> Array:
-    """Area (n,) [m²] that a side has beyond its facets' edges at curved lines, by node; negative in holes."""
-    found = np.zeros(len(side.nodes))
-    if side.dim == 3 and len(bulging.edges) and side.degree == 1:
-        corners = _in_order(side.facets)
-        for (a, b), area in zip(_edges_of(corners), _rims(side.points, side.input, corners, bulging), strict=True):
-            np.add.at(found, np.stack([a, b]), area / 2)
-    return found
-
-
 def _share_left_out(system: System) -> Array:
     """Volume that facets leave out, by that of the cell (cells,), ghosts included."""
     mesh = system.mesh

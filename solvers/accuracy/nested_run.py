@@ -1,24 +1,15 @@
-"""Error of the mesh of every number, order 2 in the plane: the same steps once more on a mesh cut where it matters.
+"""The history of a run of order 2 in the plane once more, on a mesh cut where its error comes from.
 
-The run's own cells are cut twice, nested, at all places that the error comes from, see `Places`, and the
-history is solved again there. One step of bubbles of order 3 after each of these steps, see `two_level`, sees the
-smooth errors far from there. Largest pressures, penetrations and slips are those without bubbles, which disturb single
-nodes. Stated is FACTOR times the difference to the run, EDGE times that for areas, whose edge then lies between nodes;
-areas are no better known than ANYWHERE says of the half facets that their edges cross in the run.
-New nodes of curved sides lie on circles: what sides of order 2 miss of these is part of the mesh's error, and that of
-the geometry is zero. A largest pressure that grows by more than GROWS with each cut has no limit and no error; with
-compliance it has one.
+The run's own cells are cut twice, nested, at all places that the error comes from, see `Places`. New nodes of curved
+sides lie on circles: what sides of order 2 miss of these is part of the mesh's error. Both histories have the same
+steps, so that the error of the time steps cancels: which nodes stick depends on them. Smooth errors far from there do
+not show; cells twice as long show these, see `mesh_error`.
 
-Both histories have the same steps, so that the error of the time steps cancels: which nodes stick depends on them.
 A step of the finer mesh takes four to five times as long as one of the run, its preparation once or twice. Where the
-cost model of `auto` finds that to be more than SOON and than MOST times the run, cells are cut once, with a larger
-FACTOR; if that is too dear as well, there is no error of the mesh. Nor is there from the first step on that was cut.
+cost model of `auto` finds that to be more than SOON and than MOST times the run, cells are cut once, or not at all. Not
+in 3D, where the edge of contact is a line along which many cells would be cut.
 
-Not in 3D, where the edge of contact is a line along which many cells would be cut: see `lower_order`. A run's script
-has no such error: its history is not solved again.
-
-Source: of the bubbles Bank & Smith, SIAM J. Numer. Anal. 30 (1993); cutting cells nested: Bank, Sherman & Weiser, in
-Scientific Computing (1983).
+Source of cutting cells nested: Bank, Sherman & Weiser, in Scientific Computing (1983).
 
 `Places` finds where the error of a run of order 2 in the plane comes from: places at which its mesh is to be cut.
 These are the corners of the bodies and the changes of side where something acts on one of both sides; in every step
@@ -37,18 +28,15 @@ import numpy as np
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.curved_facets import SHARP
 from stickslip.geometry.nested_mesh import FlatMesh
-from stickslip.solvers.accuracy.areas import areas_of_order_2, scatter_of_order_2
-from stickslip.solvers.accuracy.errors import AREAS
-from stickslip.solvers.accuracy.lower_order import OtherMeshRun, on_other_mesh, sides_of
-from stickslip.solvers.accuracy.mesh_error import Values, at_points, with_ends
-from stickslip.solvers.accuracy.two_level import MeshCorrection
+from stickslip.geometry.surfaces.surface import gather_surface
+from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, quantities
+from stickslip.solvers.parallel.gather import nodes_of
+from stickslip.solvers.results.step_result import MeshData, StepResult
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.stepping.choice import Size
-from stickslip.solvers.stepping.stepper import Accepted, StepError
+from stickslip.solvers.stepping.stepper import Stepper
+from stickslip.solvers.system.system import System
 
 
 @dataclass(frozen=True)
@@ -143,79 +131,42 @@ def _corners(mesh: FlatMesh, acted: Sequence[str]) -> Ints:
 
 
 log = logging.getLogger(__name__)
-FACTOR = {2: 1.3, 1: 1.6}  # stated error over difference, by the number of times that cells are cut
-EDGE = 1.5
-ANYWHERE = 0.15  # of the half facets that edges of areas cross; edges that lie anywhere in them make .29
-GROWS = 0.1
-MOST, SOON = 3.0, 15.0  # times the run, and [s]
-WITHOUT_BUBBLES = ("max_pressure", "max_penetration", "max_slip")
+CUTS = (2, 1)  # number of times that cells are cut
+MOST, SOON = 3, 15  # times the run, and [s]
 
 
-class NestedRun(OtherMeshRun):
+class NestedRun:
     """Order 2 in the plane: the own cells cut into smaller ones."""
 
-    DIM = 2
+    def __init__(self, stepper: Stepper, data: MeshData, on_iteration: OnIteration) -> None:
+        """
+        Args:
+            stepper: of the run.
+            data: its mesh.
+            on_iteration: called after each iteration, on every rank.
+        """
+        self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
 
-    def _each(self, steps: Sequence[StepResult], counters: Counters) -> Iterator[Errors]:
-        cuts, mesh = self._cut_mesh(steps)
-        if mesh is None:
-            return
-        log.info("the same history on a finer mesh of %d nodes, for the error of the mesh", len(mesh.points))
-        for step, finer in zip(steps, self._finer(mesh, [step.time for step in steps], counters), strict=True):
-            yield self._errors(step, finer, cuts)
-
-    def _errors(self, step: StepResult, finer: Values, cuts: int) -> Errors:
-        """Errors of the numbers of a step.
+    def history(self, steps: Sequence[StepResult]) -> OtherHistory | None:
+        """That on the finer mesh; None: it would be too dear; collective.
 
         Args:
-            finer: what they are on the finer mesh.
-            cuts: how often its cells are cut.
-        """
-        errors, least = dict[Quantity, ErrorParts](), dict[Quantity, float]()
-        for c in self._stepper.system.contacts:
-            edges = scatter_of_order_2(c.surface, step.contacts[c.name], c.node_weights)
-            least |= {Quantity("contacts", c.name, area): ANYWHERE * size for area, size in edges.items()}
-        for key, value in quantities(step).items():
-            if key in finer:
-                off = (EDGE if key.quantity in AREAS else FACTOR[cuts]) * np.abs(finer[key] - value)
-                off = np.maximum(off, least.get(key, 0.0))
-                errors[key] = ErrorParts(mesh=off, geometry=0.0 * off, converges=True, corrected=finer[key])
-        for c in self._stepper.system.contacts:
-            key, pressure = Quantity("contacts", c.name, "max_pressure"), step.contacts[c.name].max_pressure
-            if finer[key] > (1 + GROWS) ** cuts * pressure and not c.normal.at_quadrature:
-                errors[key] = ErrorParts(converges=False)
-        errors = with_ends(self._stepper.system.contacts, step, errors)
-        return errors | at_points(self._stepper.system.problem, quantities(step))
-
-    def _finer(self, mesh: FlatMesh, times: Sequence[float], counters: Counters) -> Iterator[Values]:
-        """Numbers of the history on the finer mesh at each time [s]; collective.
+            steps: results at all requested times.
 
         Raises:
-            StickslipError: the mesh cannot be prepared, or a step cannot be solved as a whole.
+            StickslipError: the mesh cannot be prepared.
         """
-        stepper = on_other_mesh(self._stepper.system, mesh, counters)
-        observe, follow = Observer.of(stepper), MeshCorrection(stepper, quick=True)
-        state = stepper.start()
-        for time in times:
-            with stepper.chain.repeating(stepper.system):
-                accepted = stepper.reach(state, time, self._on_iteration)
-            refined = follow(accepted.stepper, accepted.substep_start, accepted.state, accepted.problem)
-            if refined is None:
-                raise StepError(time, "contact could not be solved with bubbles", accepted.history, accepted)
-            start, before = accepted.start, accepted.substep_start
-            bubbles = replace(
-                accepted, state=refined, start=start.refined or start, substep_start=before.refined or before
-            )
-            plain, values = quantities(observe.numbers(accepted)), _numbers(observe, bubbles)
-            values |= {key: value for key, value in plain.items() if key.quantity in WITHOUT_BUBBLES}
-            yield values | follow.displacement_at(refined, observe.probes)
-            state = replace(accepted.state, refined=refined)
+        mesh = self._cut_mesh(steps) if self._stepper.system.mesh.dim == 2 else None
+        if mesh is None:
+            return None
+        log.info("the same history on a finer mesh of %d nodes, for the error of the mesh", len(mesh.points))
+        return OtherHistory.on(self._stepper.system, mesh, self._on_iteration)
 
-    def _cut_mesh(self, steps: Sequence[StepResult]) -> tuple[int, FlatMesh | None]:
-        """Cut cells on every rank: how often, and the finer mesh; None: it would be too dear; collective."""
+    def _cut_mesh(self, steps: Sequence[StepResult]) -> FlatMesh | None:
+        """Cut cells: the finer mesh, on every rank; None: it would be too dear; collective."""
         system = self._stepper.system
         mesh, size = self._flat(), Size.of(system.problem, system.mesh, system.constraints, system.contacts)
-        found: tuple[int, FlatMesh | None] = 0, None
+        found: FlatMesh | None = None
         if mesh is not None:
             found = _cut(mesh, Places.of(system.problem, system.contacts, steps), replace(size, steps=len(steps)))
         found = system.mesh.comm.bcast(found)
@@ -240,14 +191,14 @@ class NestedRun(OtherMeshRun):
         )
 
 
-def _cut(mesh: FlatMesh, places: Places, size: Size) -> tuple[int, FlatMesh | None]:
-    """Cut the cells at some places: how often, and the mesh then; None: it would be too dear.
+def _cut(mesh: FlatMesh, places: Places, size: Size) -> FlatMesh | None:
+    """Cut the cells at some places; None: it would be too dear.
 
     Args:
         size: of the run.
     """
     most = max(SOON, MOST * _seconds(size))
-    for cuts in FACTOR:
+    for cuts in CUTS:
         finer = mesh
         for _ in range(cuts):
             finer = finer.cut(finer.touching(places.nodes(finer)))
@@ -256,9 +207,9 @@ def _cut(mesh: FlatMesh, places: Places, size: Size) -> tuple[int, FlatMesh | No
         # problems of contact: that of a step, and that with bubbles, which is about twice as dear
         seconds = _seconds(replace(size, dofs=dofs, contact_dofs=contact_dofs, steps=3 * size.steps))
         if seconds <= most:
-            return cuts, finer
+            return finer
     log.info("no error of the mesh: it would take about %.0f s", seconds)
-    return 0, None
+    return None
 
 
 def _seconds(size: Size) -> float:
@@ -266,12 +217,15 @@ def _seconds(size: Size) -> float:
     return size.condensed_seconds + 0.01 * size.steps
 
 
-def _numbers(observe: Observer, accepted: Accepted) -> Values:
-    """All numbers of a step on the finer mesh but those of probes, areas with edges between nodes; collective."""
-    numbers = observe.numbers(accepted)
-    values = quantities(numbers)
-    for name, contact in numbers.contacts.items():
-        side = next(c.surface for c in accepted.stepper.system.contacts if c.name == name)
-        areas = areas_of_order_2(side, contact, contact.weight)
-        values |= {Quantity("contacts", name, key): area for key, area in areas.items()}
-    return values
+def sides_of(system: System) -> tuple[Mapping[str, Ints], Mapping[str, Ints]]:
+    """Facets (f, k) of all sides of a system's mesh by the numbers of all its nodes, and edges of sides; collective.
+
+    Both are on rank 0 alone.
+    """
+    mesh, nodes = system.mesh, system.nodes
+    known = nodes_of(mesh, nodes)(nodes.input[: nodes.owned])
+    sides = {name: gather_surface(mesh, system.space, nodes, name) for name in mesh.sides}
+    if mesh.comm.rank:
+        return {}, {}
+    facets = {name: np.searchsorted(known, side.input)[side.facets] for name, side in sides.items()}
+    return facets, {name: np.searchsorted(known, rows) for name, rows in mesh.edges.items()}

@@ -132,8 +132,8 @@ class FollowedBolts:
 
 
 log = logging.getLogger(__name__)
-STEPS, MOST = 2, 30  # of Jacobi's iteration: as many are enough but for flat cells in bending
-SLOW = 0.33  # residual after STEPS, by the first, from which on it goes on
+STEPS, MOST = 6, 30  # of Jacobi's iteration: as many are enough but for flat cells in bending
+SLOW = 0.33  # residual, by the first, from which on it goes on, and with which nothing is found
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ class MeshCorrection:
 
     @staticmethod
     def works_for(stepper: Stepper) -> bool:
-        """Whether it can follow the steps: of order 1, in 3D also 2, with contact, by a method with exact contact laws.
+        """Whether it can follow the steps: of order 1, with contact, by a method with exact contact laws.
 
         Bodies that do not lock by a mean dilatation are not followed.
 
@@ -164,20 +164,12 @@ class MeshCorrection:
         system = stepper.system
         expressions = system.problem.timeline.expressions.items()
         uneven = any(place.table == "supports" and found.names & {*"xyz"} for place, found in expressions)
-        may = system.mesh.degree == 1 or system.mesh.dim == 3
-        if system.problem.averaged or uneven or not may:
+        if system.problem.averaged or uneven or system.mesh.degree > 1:
             return False
         return len(system.contacts) > 0 and stepper.chain.exact_laws
 
-    def __init__(self, stepper: Stepper, quick: bool = False) -> None:
-        """Prepare the bubbles; collective.
-
-        Args:
-            stepper: whose history is followed.
-            quick: one step of Jacobi's iteration, with the factor that is found in the first substep.
-        """
-        self._quick = quick
-        self._factor = 0.0  # of a quick step, once it is known
+    def __init__(self, stepper: Stepper) -> None:
+        """Prepare the bubbles of a history that is followed; collective."""
         system, bubbles = stepper.system, Bubbles(stepper.system)
         self._bubbles, self.nodes = bubbles, bubbles.nodes
         names = {side for pair in system.problem.pairs.values() for side in (pair.slave, pair.master) if side}
@@ -221,10 +213,6 @@ class MeshCorrection:
         assert state.surplus is not None
         return self._bubbles.whole(state.u, state.surplus)
 
-    def rims(self, system: System) -> Mapping[str, Array]:
-        """Area (n,) [m²] of the rim of each contact's slave, by node, see `rim_of`."""
-        return self._rows(system).rims
-
     def vector(self) -> Vec:
         """No bubbles."""
         return self._bubbles.zero()
@@ -253,11 +241,7 @@ class MeshCorrection:
             last = self._improved(step, solve)
             if last is None:
                 return None
-            state = step.state(last)
-            if stepper.system.mesh.degree == 1 and (rows.closer.any() or self._left_out):
-                straight = step.answer(last.x, last.solution.p, solve, straight=True)
-                state = replace(state, unbent=None if straight is None else step.state(straight))
-            return state
+            return step.state(last)
 
     def _improved(self, step: _Substep, solve: Solve) -> Answer | None:
         """Bubbles, and the answer to them; collective.
@@ -267,19 +251,17 @@ class MeshCorrection:
         """
         x, exact = self._bubbles.zero(), step.stepper.surface.exact
         found: Answer | None = step.solved()
-        if self._factor:
-            x.axpy(self._factor, self._bubbles.displacement(self._bubbles.relaxed(step.residual(step.solved()))))
-            return step.answer(x, step.new.p, solve)
         if exact and (step.rows.closer.any() or step.left_out or step.finer is not None):
             found = step.answer(x, step.new.p, solve, same_history=True)
         if found is None:
             return None
         r, directions, changes = step.residual(found), list[Vec](), list[Vec]()
-        of_order_2, first = step.stepper.system.mesh.degree == 1, self._bubbles.size(r)
-        while not self._done(len(directions), self._bubbles.size(r) / first if first else 0.0):
+        first = self._bubbles.size(r)
+        few = STEPS if exact else 2  # bubbles that the bodies do not answer to take over what nodes would move
+        while not self._done(few, len(directions), self._bubbles.size(r) / first if first else 0.0):
             z = self._bubbles.relaxed(r)
             moved = self._bubbles.displacement(z)
-            if exact and (of_order_2 or self._quick):
+            if exact:
                 tried = step.answer(x + moved, found.solution.p, solve, same_history=True)
                 if tried is None:
                     return None
@@ -292,17 +274,14 @@ class MeshCorrection:
             for factor, direction, change in zip(factors, directions, changes, strict=True):
                 x.axpy(factor, self._bubbles.displacement(direction))
                 r.axpy(factor, change)
-            self._factor = factors[0] if self._quick else 0.0  # it depends on the mesh, hardly on the step
-        if not self._quick and self._bubbles.size(r) > SLOW * first:
+        if self._bubbles.size(r) > SLOW * first:
             log.warning("t = %g: the error of the mesh is not found: its cells are too flat", step.new.time)
             return None
         return step.answer(x, found.solution.p, solve)
 
-    def _done(self, steps: int, left: float) -> bool:
-        """Whether Jacobi's iteration ends after so many steps that leave a part of the first residual."""
-        if self._quick or steps < STEPS:
-            return steps == 1 and self._quick
-        return steps == MOST or left <= (SLOW if steps == STEPS else 0.1)
+    def _done(self, few: int, steps: int, left: float) -> bool:
+        """Whether Jacobi's iteration, of at least a few steps, ends after so many that leave a part of the residual."""
+        return steps >= few and (steps == MOST or left <= SLOW)
 
     def _rows(self, system: System) -> BubbleRows:
         """The contact rows of the bubbles, for those of the system."""
@@ -334,9 +313,7 @@ class _Substep:
         none = self.stepper.system.vector()
         return Answer(self.bubbles.zero(), none, self.problem, solution, self.new.u, self.new.u, self.new.initial)
 
-    def answer(
-        self, x: Vec, p: Array, solve: Solve, same_history: bool = False, straight: bool = False
-    ) -> Answer | None:
+    def answer(self, x: Vec, p: Array, solve: Solve, same_history: bool = False) -> Answer | None:
         """Solve contact for given bubbles; None: it is not solved; collective.
 
         Args:
@@ -344,19 +321,17 @@ class _Substep:
             solve: of contact.
             same_history: whether slip is counted from where the step without bubbles counts it from, and all bolts that
                 are tightened to a force have its tension.
-            straight: whether sides are taken as their facets are.
         """
         stepper, new, n = self.stepper, self.new, self.stepper.surface.normal_rows
-        closer = (0.0 if straight else 1.0) * self.rows.closer[:n]
         slip = self.problem.gap if same_history else self.old.w - stepper.cone.give(self.old.p) + self.touched
-        pull, left_out = self.bubbles.pull(x), None if straight else self._forces_left_out
+        pull, left_out = self.bubbles.pull(x), self._forces_left_out
         more = pull if left_out is None else pull + left_out[1] - left_out[0]
         more = more if self._friction is None else more + self._friction
         more = more if self.finer is None else more - self.finer
         posed = replace(
             self.problem,
             offset=self.problem.offset + self.rows.N @ self.rows.read(x),
-            gap=np.concatenate([self.problem.gap[:n] - closer, slip[n:]]),
+            gap=np.concatenate([self.problem.gap[:n] - self.rows.closer[:n], slip[n:]]),
         )
         balanced = left_out is None and not self.friction and self.finer is None
         self.bolts.begin(trial=same_history)

@@ -243,6 +243,8 @@ def build_rows(
                     "carry no contact pressure; free it or remove the contact"
                 )
             N_n, W_n = carrier.rows(coupling)
+            if coupling.turning is not None:
+                N_n = (carrier.mean(weights)[0] @ coupling.turning).tocsr()
             directions = carrier.directions[:, 0]
             psi = phi = carrier.share.T.multiply(weights[:, None]).tocsr()
             to_points = carrier.mean(weights)[0] @ coupling.surface.transform
@@ -259,7 +261,7 @@ def build_rows(
         N_t, W_t = carrier.rows(coupling)
         if name in moved:
             gap_n = gap_n + N_n @ moved[name].ravel()
-            gap = gap + np.einsum("nd,nd->n", coupling.normals, coupling.relative @ moved[name])
+            gap = gap + coupling.closing(moved[name])
         place = coupling.surface.points
         start = place - moved[name][: len(place)] if name in moved else place
         to_tangential = carrier.mean(weights)[0] if len(W_t) else carrier.share
@@ -274,7 +276,7 @@ def build_rows(
             ContactRows(
                 name=name, surface=coupling.surface, master=coupling.master, normal=contact.normal, friction=law,
                 frames=frames[name], node_weights=weights, node_gap=node_offset + gap, node_distance=coupling.gap,
-                relative=coupling.relative,
+                relative=coupling.relative, turning=coupling.turning,
                 N_n=N_n, W_n=W_n, normals=directions, gap=offset + gap_n, N_t=N_t, W_t=W_t,
                 tangents=carrier.directions, free=carrier.free, psi=psi, phi=phi, share_t=carrier.share,
                 dropped=dropped, quadrature=coupling.points, degree=degree, fields=fields,

@@ -88,6 +88,13 @@ class Coupling:
     carries: Bools  # (n,) nodes with a multiplier of their own; the weight of the others goes to neighbours
     points: Callable[[int], Points]  # takes a quadrature degree
     tips: Array | None = None  # (n,) 1 where a corner or an edge touches, 2 where its normal is a choice; None: none
+    turning: Sparse | None = None  # (n, (n + n_master) d): as `closing`; None: `relative` along `normals`
+
+    def closing(self, moved: Array) -> Array:
+        """Relative displacement (n,) [m] along the normals, which may turn between nodes, of nodal ones (n_all, d)."""
+        if self.turning is not None:
+            return np.asarray(self.turning @ moved.ravel())
+        return np.asarray(np.einsum("nd,nd->n", self.normals, self.relative @ moved))
 
 
 @dataclass(frozen=True)

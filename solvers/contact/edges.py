@@ -256,7 +256,7 @@ def _with_rows(coupling: Coupling, points: _Points) -> Coupling:
     carries = (coupling.carries & (weights != 0)) | (at > 0)
     tips = at.copy()
     tips[node[points.halfway]] = 2.0
-    changed = replace(coupling, gap=gap, normals=normals, weights=weights, relative=relative)
+    changed = replace(coupling, gap=gap, normals=normals, weights=weights, relative=relative, turning=None)
     return replace(changed, carries=carries, tips=tips)
 
 
@@ -292,6 +292,7 @@ def _once(coupling: Coupling) -> Coupling:
         coupling,
         weights=weights,
         relative=(mean @ coupling.relative).tocsr(),
+        turning=None if coupling.turning is None else (mean @ coupling.turning).tocsr(),
         gap=mean @ coupling.gap,
         carries=coupling.carries & kept,
     )

@@ -18,7 +18,7 @@ from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.overlap import Overlap
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.contact.build import distribute_to_neighbours
+from stickslip.solvers.contact.build import along, distribute_to_neighbours
 from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On, Points, midway_normals, relative_to, shares
 
 WILD = 1e6  # larger psi is replaced by a constant; on a whole facet psi is at most about 10
@@ -115,7 +115,8 @@ FAR = 10.0  # ∫ |psi_j| / ∫ psi_j: below 5 on whole facets, far more where a
 def mortar_coupling(facing: Facing) -> Coupling:
     """Coupling with dual (biorthogonal) multipliers at the slave's nodes; nodes that face nothing carry none."""
     slave, master = facing.slave, facing.master
-    found = facing.points(_degree(slave, master))
+    degree = _degree(slave, master) + slave.degree * slave.borrows  # of psi_j n phi_k
+    found = facing.points(degree)
     weights, P, gap, psi = mortar_integrals(slave, master, found)
     faces = weights != 0
     own = sparse.diags(faces.astype(float)) @ slave.transform
@@ -130,16 +131,38 @@ def mortar_coupling(facing: Facing) -> Coupling:
     total = np.asarray(share @ weights)
     each = np.divide(1.0, total, out=np.zeros(len(total)), where=total > 0)
     mean = sparse.diags(each) @ share @ sparse.diags(weights)
+    relative, turning = (mean @ sparse.hstack([own, -P])).tocsr(), None
+    if slave.borrows:
+        turning = _turning(_points(facing, degree, sparse.diags(each) @ share), relative, normals)
     return Coupling(
         surface=slave,
         master=master,
         weights=total,
-        relative=(mean @ sparse.hstack([own, -P])).tocsr(),
+        relative=relative,
+        turning=turning,
         gap=mean @ gap,
         normals=normals,
         carries=total > 0,
         points=lambda degree: _points(facing, max(degree, _degree(slave, master)), share),
     )
+
+
+def _turning(points: Points, relative: Sparse, normals: Array) -> Sparse | None:
+    """Means with psi_j of the relative displacement along normals (n, n_all d), None if these turn nowhere.
+
+    The dual basis of a side whose corners borrow reproduces constants only. With a node's own normal all around it, a
+    uniform pressure on a curved side would not be p n; with the normals of the points it is.
+
+    Args:
+        points: the integration points, psi divided by the weights of the nodes.
+        relative: of the nodes (n, n_all), whose entries are kept where nothing turns.
+        normals: of the nodes (n, d).
+    """
+    nodal = along(relative, normals[:, None])
+    turn = (points.psi @ along(points.relative, points.normals[:, None]) - nodal).tocsr()
+    turn.data[np.abs(turn.data) < ROUNDING] = 0.0  # entries of motions; those of both are about 1
+    turn.eliminate_zeros()
+    return (nodal + turn).tocsr() if turn.nnz else None
 
 
 def positive_shares(slave: Surface, weights: Array, carries: Bools) -> Sparse:

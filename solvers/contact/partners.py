@@ -217,6 +217,7 @@ def _part(partner: Partner, parts: Array, at_points: Callable[[On], Array]) -> C
         coupling,
         weights=total,
         relative=(mean @ coupling.relative).tocsr(),
+        turning=None if coupling.turning is None else (mean @ coupling.turning).tocsr(),
         gap=mean @ coupling.gap,
         carries=total > 0,
         points=of_part,

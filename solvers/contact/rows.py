@@ -82,6 +82,7 @@ class ContactRows:
     dropped: int  # nodes whose multiplier a support or another contact makes redundant, or that end a crack
     quadrature: Callable[[int], Points] | None = None  # integration points by degree; None: the rows are given without
     degree: int = 0  # of that at which a compliance law gives pressure by displacement
+    turning: Sparse | None = None  # (n, n_all d) see `Coupling`
     fields: Fields | None = None  # None: the rows are given without
     tips: Array | None = None  # (n,) see `Coupling`
     near: Bools | None = None  # (n_all,) of skins the nodes that may touch; None: all
@@ -206,7 +207,8 @@ class ContactRows:
             moved: displacement (n_all, d) [m] of `nodes`.
         """
         relative = self.relative @ moved
-        return np.einsum("nd,nd->n", self.frames[:, 0], relative), self.tangential_part(relative)
+        along = np.einsum("nd,nd->n", self.frames[:, 0], relative)
+        return along if self.turning is None else self.turning @ moved.ravel(), self.tangential_part(relative)
 
     def tangential_part(self, relative: Array) -> Array:
         """Tangential part (n, d) of vectors (n, d) at the slave's nodes."""

@@ -56,7 +56,7 @@ class SurfaceProblem:
             motion = max(motion, pressure / self.stiffness)
         traction = max(pressure, self.stiffness * motion)
         given = np.maximum(np.abs(self.gap), np.abs(self.offset))
-        return Scales(motion=motion, traction=traction, given=given)
+        return Scales(motion=motion, traction=traction, given=given, free=free)
 
     @property
     def u_ref(self) -> float:

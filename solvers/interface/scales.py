@@ -21,16 +21,18 @@ class Scales:
     motion: float  # u_ref [m]: the largest that contact resists
     traction: float  # p_ref [Pa]: the mean pressure of the applied force, and at least what that motion causes
     given: Array  # (rows,) [m] the larger of gap and prescribed motion
+    free: float = 0.0  # the largest motion without contact [m]
 
     def __post_init__(self) -> None:
         """
         Raises:
             SceneError: squares of motions, tractions or energies are 0 or infinite.
         """
-        for size in (self.motion, self.traction, self.motion * self.traction):
+        largest = max(self.motion, self.free)
+        for size in (self.motion, self.traction, largest, self.motion * self.traction):
             if size and not TINY < size * size < 1 / TINY:
                 raise SceneError(
-                    f"motions of about {self.motion:.1g} and tractions of about {self.traction:.1g} leave the range of "
+                    f"motions of about {largest:.1g} and tractions of about {self.traction:.1g} leave the range of "
                     "numbers: their squares are 0 or infinite; check the units of E, loads and lengths"
                 )
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
+from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import splu
@@ -41,20 +42,22 @@ class MemoisedMap:
 
     def __call__(self, vector: Vec) -> Array:
         """Image (size,) of a vector, exact to rounding; collective."""
-        rest, size, image = vector.copy(), vector.norm(), np.zeros(self._size)
+        unit = 2.0 ** np.frexp(vector.norm(PETSc.NormType.INFINITY))[1]  # else squares may be 0 or infinite
+        rest, image = vector * (1 / unit), np.zeros(self._size)
+        size = rest.norm()
         for _ in range(2):  # Gram-Schmidt twice: then the rest of a vector in the span is rounding
             for direction, its_image in self._known:
                 part = rest.dot(direction)
                 rest.axpy(-part, direction)
                 image += part * its_image
         length = rest.norm()
-        if length > 10 * LAST_DIGITS * size:  # else it lies in the span
+        if not np.isfinite(length) or length > 10 * LAST_DIGITS * size:  # else it lies in the span
             rest.scale(1 / length)
             its_image = self._apply(rest)
             image += length * its_image
             if len(self._known) < 8:  # loads that turn steadily through more directions gain nothing from it
                 self._known.append((rest, its_image))
-        return image
+        return np.asarray(unit * image)
 
     def snapshot(self) -> dict[str, Plain]:
         """All known vectors and their images; see `restore`."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import EXACT, ROUNDING, Array, cross
+from stickslip.geometry.arrays import EXACT, ROUNDING, TINY, Array, Ints, cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import Vec
@@ -73,7 +73,9 @@ def law_error(accepted: Accepted) -> float:
 
 
 class CellStress:
-    """Stress at the midpoints of this rank's own cells, of the strain minus the initial strain; compiled once.
+    """Stress at the midpoints of this rank's own cells, or at points, of the strain minus the initial strain.
+
+    It is compiled once.
 
     Attributes:
         displacement: dolfinx Function that the last call has set to its u, ghosts included [m].
@@ -90,6 +92,11 @@ class CellStress:
         basis = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))[0]
         corners = mesh.domain.geometry.x[:, : mesh.dim][dx.cell_nodes(mesh.domain)[:count]]
         self._middles = np.einsum("n,cnd->cd", basis[0], corners)
+        slope = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))[1]
+        self._volumes = np.abs(np.linalg.det(np.einsum("ak,ckd->cad", slope[:, 0], corners)))
+        if mesh.axisymmetric:
+            self._volumes *= self._middles[:, 0]
+        self._nodes = len(system.nodes.points)
         self.members = {name: cells[cells < count] for name, cells in ((b, mesh.cells_of(b)) for b in mesh.bodies)}
 
     def __call__(self, u: Vec, initial: Array) -> Array:
@@ -114,6 +121,65 @@ class CellStress:
             change = mean[members] - grown[members]
             stress[members] = problem.isotropic[body].stress(strain[members], False, change)
         return stress
+
+    def at(self, places: Mapping[str, tuple[int, Array] | None], stress: Array, initial: Array) -> dict[str, Array]:
+        """Stress (3, 3) [Pa] at points, on every rank; collective.
+
+        With order 2 it is that of the displacement there. With order 1, whose stress hardly changes in a cell, the
+        recovered stress is nearer: means at the nodes, of the cells of the body around each, interpolated to the point.
+
+        Args:
+            places: cell and basis (k,) at the point, on the rank that owns it; None on others.
+            stress: of the last call (own cells, 3, 3) [Pa].
+            initial: values (k,) of the initial strains then.
+        """
+        comm, mesh = self._system.mesh.comm, self._system.mesh
+        own = {name: (place, self._body_of(place[0])) for name, place in places.items() if place is not None}
+        if mesh.degree == 2:
+            found = {
+                name: stress[place[0]] + self._beside(*place, body, initial) for name, (place, body) in own.items()
+            }
+        else:
+            asked = sorted(set[str]().union(*comm.allgather({body for _, body in own.values()})))
+            means = {body: self._means_at_nodes(self.members[body], stress) for body in asked}
+            nodes = dx.cell_dofs(self._system.space)
+            found = {name: basis @ means[body][nodes[cell]] for name, ((cell, basis), body) in own.items()}
+            found = {name: six.reshape(3, 3) for name, six in found.items()}
+        return {name: each for offer in comm.allgather(found) for name, each in offer.items()}
+
+    def _body_of(self, cell: int) -> str:
+        return next(name for name, members in self.members.items() if cell in members)
+
+    def _beside(self, cell: int, basis: Array, body: str, initial: Array) -> Array:
+        """Stress (3, 3) [Pa] at a point less that at the midpoint of its cell."""
+        system, middle = self._system, dx.midpoint(self._system.mesh.domain)
+        shape, degree, dim = system.mesh.domain.topology.cell_type.name, system.mesh.degree, system.mesh.dim
+        local = np.concatenate([basis[None] @ dx.reference_nodes(shape, degree), middle])
+        values, slope = dx.reference_basis(shape, degree, local)  # (2, k), (dim, 2, k)
+        points = system.mesh.domain.geometry.x[dx.cell_nodes(system.mesh.domain)[cell], :dim]
+        moved = self.displacement.x.array.reshape(-1, dim)[dx.cell_dofs(system.space)[cell]]
+        change = np.linalg.solve(np.einsum("aqk,ki->qai", slope, points), np.einsum("aqk,ki->qai", slope, moved))
+        strain = np.zeros((2, 3, 3))
+        strain[:, :dim, :dim] = (change + np.swapaxes(change, 1, 2)) / 2
+        x = values @ points
+        if system.mesh.axisymmetric:
+            on_axis = x[:, 0] <= 0  # there u_r / r is its limit
+            strain[:, 2, 2] = np.where(on_axis, strain[:, 0, 0], values @ moved[:, 0] / np.where(on_axis, 1.0, x[:, 0]))
+        for number, given in enumerate(system.initial.strains):
+            if given.body == body:
+                strain -= initial[number] * system.initial.at(number, x, np.repeat(cell, 2), system.course.timeline)
+        beside, plane_stress = strain[:1] - strain[1:], system.problem.model == "plane stress"
+        if body in system.problem.averaged:  # the dilatation is a mean of the cell
+            return np.asarray(system.problem.isotropic[body].stress(beside, False, np.zeros(1))[0])
+        return np.asarray(system.problem.bodies[body].stress(beside, plane_stress)[0])
+
+    def _means_at_nodes(self, members: Ints, stress: Array) -> Array:
+        """Means (nodes, 9) [Pa] of the stress of the cells of a body around each node, by volume; collective."""
+        nodes, six = dx.cell_dofs(self._system.space)[members].T, stress[members].reshape(-1, 9).T
+        of_cells = self._volumes[members] * np.concatenate([six, np.ones((1, len(members)))])
+        total = np.array([np.bincount(nodes.ravel(), np.tile(each, len(nodes)), self._nodes) for each in of_cells])
+        total = dx.sums_at_nodes(self._system.space, total)
+        return np.asarray((total[:9] / np.maximum(total[9], TINY)).T)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +240,7 @@ class Observer:
             displacement=displacement,
             stress=self.by_cell(cell_stress),
             **vars(numbers),
-            probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
+            probes=self._probes(nodal, cell_stress, state.initial),
             iteration_error=iteration_error(accepted),
             mesh_error=mesh_error,
             stress_error=stress_error,
@@ -354,21 +420,21 @@ class Observer:
             found[name] = ObstacleState(displacement=moved, force=force, moment=moment - cross(axis_point, force))
         return found
 
-    def _probe(self, where: tuple[int, Array] | None, nodal: Array, cell_stress: Array) -> ProbeValue:
-        """Fields at one probe, on every rank; collective.
+    def _probes(self, nodal: Array, cell_stress: Array, initial: Array) -> dict[str, ProbeValue]:
+        """Fields at the probes, on every rank; collective.
 
         Args:
-            where: cell and basis (k,) at the point, on the rank that owns it; None elsewhere.
             nodal: displacement of all dofs that this rank knows, ghosts included [m].
             cell_stress: of the own cells (cells, 3, 3) [Pa].
+            initial: values (k,) of the initial strains.
         """
-        system = self.stepper.system
-        found = None
-        if where is not None:
-            cell, basis = where
-            values = nodal.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
-            found = ProbeValue(displacement=basis @ values, stress=cell_stress[cell])
-        return next(offer for offer in system.mesh.comm.allgather(found) if offer is not None)
+        if not self.probes:
+            return {}
+        system, stress = self.stepper.system, self.stress.at(self.probes, cell_stress, initial)
+        values, nodes = nodal.reshape(-1, system.mesh.dim), dx.cell_dofs(system.space)
+        own = {name: place[1] @ values[nodes[place[0]]] for name, place in self.probes.items() if place is not None}
+        moved = {name: each for offer in system.mesh.comm.allgather(own) for name, each in offer.items()}
+        return {name: ProbeValue(displacement=moved[name], stress=stress[name]) for name in self.probes}
 
 
 def _normal_forces(accepted: Accepted, p: Array) -> dict[str, float]:

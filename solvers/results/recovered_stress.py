@@ -40,11 +40,11 @@ class MeshError:
 
 
 class InCell(NamedTuple):
-    """A point in a cell that this rank owns, and a displacement of order 2 there."""
+    """A point in a cell that this rank owns, and a displacement of the next order there."""
 
     cell: int  # local number
     local: Array  # (d,) coordinates on the reference cell
-    displacement: Array  # (k, d) of the cell's nodes of order 2 [m]
+    displacement: Array  # (k, d) of the cell's nodes of that order [m]
 
 
 class RecoveredStress:
@@ -89,39 +89,22 @@ class RecoveredStress:
                 error[part.cells] = np.sqrt(body.modulus * energy / part.inside.volume.sum(axis=0))
         return MeshError(size=float(np.sqrt(self._space.mesh.comm.allreduce(energies))), stress=error)
 
-    def smooth_at(self, u: Vec, initial: Array, points: Mapping[str, InCell]) -> dict[str, Array]:
-        """sigma* (6,) [Pa] at points, for a displacement of all dofs [m]; of initial strains (k,) bolts alone count;
-        collective."""
-        whole = self._at_nodes(u)
-        own = {int(self._body[point.cell]) for point in points.values()}
-        asked = sorted(set[int]().union(*self._space.mesh.comm.allgather(own)))
-        smooth = {
-            index: self._smooth(self._bodies[index], self._members[index], whole - self._shortening(index, initial))
-            for index in asked
-        }
-        found = dict[str, Array]()
-        for name, point in points.items():
-            basis = dx.reference_basis(self._shape, self._degree, point.local[None])[0][0]
-            found[name] = smooth[int(self._body[point.cell])][:, self._cells[point.cell]] @ basis
-        return found
+    def from_midpoints(self, u: Vec, initial: Array, points: Mapping[str, InCell]) -> dict[str, Array]:
+        """By what the stress (6,) [Pa] of the next order at points exceeds that at midpoints of cells; collective.
 
-    def at_midpoints(self, u: Vec, initial: Array, points: Mapping[str, InCell]) -> dict[str, Array]:
-        """Stress (6,) [Pa] likewise at the midpoints of the cells that points are in; collective."""
+        Args:
+            u: displacement of all dofs [m].
+            initial: values (k,) of the initial strains: bolts alone count.
+        """
         whole, middle = self._at_nodes(u), dx.reference_nodes(self._shape, 1).mean(axis=0)
         found = dict[str, Array]()
         for name, point in points.items():
-            displacement = whole[self._cells[point.cell]] - self._at_point(point, initial)
-            found[name] = self._at(point._replace(local=middle), displacement)
+            shorter = self._at_point(point, initial)
+            displacement = whole[self._cells[point.cell]] - shorter
+            found[name] = -self._at(point._replace(local=middle), displacement)
+            basis = dx.reference_basis(self._shape, self._degree, dx.reference_nodes(self._shape, self._degree + 1))[0]
+            found[name] += self._at(point, point.displacement - basis @ shorter)
         return found
-
-    def of_order_2(self, points: Mapping[str, InCell], initial: Array) -> dict[str, Array]:
-        """Stress (6,) [Pa] likewise of the displacements of order 2 at points."""
-        at = dx.reference_nodes(self._shape, self._degree + 1)
-        basis = dx.reference_basis(self._shape, self._degree, at)[0]
-        return {
-            name: self._at(point, point.displacement - basis @ self._at_point(point, initial))
-            for name, point in points.items()
-        }
 
     def largest(self, u: Array, cells: Ints, reported: Array) -> list[float]:
         """Largest equivalent stress [Pa] of each body at the corners of cells: that of means there; collective.

@@ -7,6 +7,7 @@ a number of a new record is judged because it is declared. What cannot be seen i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from operator import itemgetter
 from types import SimpleNamespace
@@ -21,13 +22,25 @@ from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.fem.rigid_fields import parts_of_motion, rigid_fields
 from stickslip.solvers.results.closed_formulas import gap, in_time
-from stickslip.solvers.results.stored_fields import Record, StoredFields
+from stickslip.solvers.results.stored_fields import Record, StoredFields, stress_again
 from stickslip.solvers.scene.loads import Coupling, End, Link, Springs
 from stickslip.solvers.scene.record import AGAIN, Number, Seen, Value, numbers_of
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.system.system import System
 
 Told = Mapping[str, Any]  # a step as result.json has it, by table
+
+
+@dataclass(frozen=True, kw_only=True)
+class _At:
+    """Where a probe is."""
+
+    nodes: Ints  # (k,) of its cell, in the order of the gmsh model
+    basis: Array  # (k,) at the point
+    local: Array  # (1, d) coordinates on the reference cell
+    own: Ints  # the cell, on the rank that has it; else empty
+    cells: Ints  # (m,) those around its nodes, numbers in the gmsh model
+    shares: Array  # (m,) in a mean at the point
 
 
 class SecondNumbers:
@@ -231,17 +244,22 @@ class SecondNumbers:
         return found
 
     def _probe(self, name: str, record: Record) -> SimpleNamespace:
-        """Fields at a point; of several cells that have it in the first one of the gmsh model."""
-        nodes, basis, cell = min(self._at[name], key=itemgetter(2))
-        return SimpleNamespace(displacement=basis @ record.displacement[nodes], stress=record.stored.stress[cell])
+        """Fields at a point; of several cells that have it in the first one of the gmsh model; collective."""
+        at = self._at[name]
+        if self._system.mesh.degree == 2:
+            stress = stress_again(self._system, record.displacement, record.time, at.own, at.local)[0]
+            (stress,) = np.concatenate(self._system.mesh.comm.allgather(stress))
+        else:
+            stress = np.einsum("m,mij->ij", at.shares, record.stored.stress[at.cells])
+        return SimpleNamespace(displacement=at.basis @ record.displacement[at.nodes], stress=stress)
 
     @cached_property
-    def _at(self) -> dict[str, list[tuple[Ints, Array, int]]]:
-        """By probe the nodes, the basis there and the number of each cell that has the point; collective."""
+    def _at(self) -> dict[str, _At]:
+        """Where each probe is; collective."""
         system, mesh = self._system, self._system.mesh
         shape, count = mesh.domain.topology.cell_type.name, mesh.domain.topology.index_map(mesh.dim).size_local
         dofs, numbers = dx.cell_dofs(system.space)[:count], np.asarray(mesh.domain.topology.original_cell_index)
-        x, middle, found = system.nodes.points[dofs], dx.midpoint(mesh.domain), dict[str, list[Any]]()
+        x, middle, found = system.nodes.points[dofs], dx.midpoint(mesh.domain), dict[str, _At]()
         for name, probe in self._problem.probes.items():
             point, slack = np.array(probe.point), CLOSE * np.ptp(x, axis=1)
             near = ((x.min(axis=1) - slack <= point) & (point <= x.max(axis=1) + slack)).all(axis=1)
@@ -253,9 +271,34 @@ class SecondNumbers:
                     local = local + np.linalg.solve((slope[:, 0] @ x[cell]).T, point - basis[0] @ x[cell])
                 if (dx.reference_basis(shape, 1, local)[0] >= -CLOSE).all():
                     basis = dx.reference_basis(shape, mesh.degree, local)[0][0]
-                    own.append((system.nodes.input[dofs[cell]], basis, int(numbers[cell])))
-            found[name] = [each for offer in mesh.comm.allgather(own) for each in offer]
+                    own.append((int(numbers[cell]), int(cell), system.nodes.input[dofs[cell]], basis, local))
+            offers = mesh.comm.allgather(min(own, key=itemgetter(0), default=None))
+            number, cell, nodes, basis, local = min((each for each in offers if each), key=itemgetter(0))
+            here = np.array([cell] if own and min(own, key=itemgetter(0))[0] == number else [], np.int64)
+            cells, shares = self._around(number, nodes, basis)
+            found[name] = _At(nodes=nodes, basis=basis, local=local, own=here, cells=cells, shares=shares)
         return found
+
+    def _around(self, number: int, nodes: Ints, basis: Array) -> tuple[Ints, Array]:
+        """Cells (m,) of the body of a cell that share nodes with it, and their shares in means at a point; collective.
+
+        The mean of a node is that of its cells by their size, and the node's basis function is its share at the point.
+        """
+        system, mesh = self._system, self._system.mesh
+        dofs, offers = dx.cell_dofs(system.space), list[tuple[Ints, Ints, Array]]()
+        numbers = np.asarray(mesh.domain.topology.original_cell_index)
+        body = next(name for name, (_, cells) in self._bodies.items() if number in cells)
+        members = mesh.cells_of(body)
+        members = members[members < mesh.domain.topology.index_map(mesh.dim).size_local]
+        slope = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))[1][:, 0]
+        for k, node in enumerate(nodes):
+            beside = members[(system.nodes.input[dofs[members]] == node).any(axis=1)]
+            x = system.nodes.points[dofs[beside]]
+            size = np.abs(np.linalg.det(slope @ x)) * (x[..., 0].mean(axis=1) if mesh.axisymmetric else 1.0)
+            offers.append((np.full(len(beside), k), numbers[beside], size))
+        each = [np.concatenate(part) for part in zip(*offers, strict=True)]
+        node, cells, sizes = (np.concatenate(mesh.comm.allgather(part)) for part in each)
+        return cells, basis[node] * sizes / np.bincount(node, sizes)[node]
 
     def _link(self, link: Link, record: Record) -> SimpleNamespace:
         """Springs between places: their pull on the body at the first end, and what is found or given of their rest."""

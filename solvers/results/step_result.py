@@ -71,7 +71,8 @@ class Quantity(NamedTuple):
 class ErrorParts:
     """Error of one number by its sources, each >= 0 in the unit of the number; of a vector by component.
 
-    None: that part is not computed.
+    None: that part is not computed. So the total, the sum of what is there, may be too small; it is None without the
+    mesh's part, seldom the least, unless that was left out for its price.
     """
 
     mesh: Annotated[Value | None, Key("", "of the finite element space")] = None
@@ -86,15 +87,25 @@ class ErrorParts:
     model: Annotated[
         Value | None, Key("", "of strains and rotations taken to be small, see docs/theory/errors.md; not in the total")
     ] = None
-    # of a step it stands in `StepResult.corrected`, but where it is found at the end
+    # else, where it is found with the step, it stands in `StepResult.corrected`
     corrected: Annotated[Value | None, Key("", "the number with most of the mesh's error removed")] = None
+    by: Annotated[str | None, Key("", "what tells the mesh's part: order 2, bubbles, rough; null: not said")] = None
+    unsure: Annotated[bool | None, Key("", "whether two estimates of the mesh's part differ by more than 2")] = None
+    # by part: times the run that it would cost; all others that are None could not be computed at any price
+    dear: Mapping[str, float] | None = None
+
+    @property
+    def lacking(self) -> dict[str, float | None]:
+        """Parts that are not in the total: times the run that each would cost; None: it is not known at any price."""
+        return {name: (self.dear or {}).get(name) for name in PARTS if getattr(self, name) is None}
 
     @property
     def total(self) -> Value | None:
-        """Sum of all parts; None if one of them is not computed."""
-        parts = [getattr(self, name) for name in PARTS]
+        """Sum of the parts that are there, in whose order they are added."""
+        parts = [part for part in (getattr(self, name) for name in PARTS) if part is not None]
+        stated = self.converges is not False and (self.mesh is not None or "mesh" in (self.dear or {}))
         # not sum(): from Python 3.12 on it rounds floats, which a resumed run reads, otherwise than numpy's numbers
-        return None if any(part is None for part in parts) else reduce(add, parts)
+        return reduce(add, parts) if stated and parts else None
 
     @classmethod
     def added(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
@@ -104,16 +115,25 @@ class ErrorParts:
         known = {
             name: None if any(x is None for x in all_of) else reduce(add, all_of) for name, all_of in found.items()
         }
-        return cls(**known, converges=None if None in limits else all(limits))
+        dear = {name: cost for part in parts for name, cost in (part.dear or {}).items()}
+        by = ", ".join(dict.fromkeys(part.by for part in parts if part.by))
+        return cls(
+            **known,
+            converges=None if None in limits else all(limits),
+            by=by or None,
+            unsure=any(part.unsure for part in parts) or None,
+            dear=dear or None,
+        )
 
     def joined(self, other: ErrorParts) -> ErrorParts:
         """The parts of both; where both have one, that of `other`."""
         theirs = {f.name: getattr(other, f.name) for f in fields(other)}
         mine = {f.name: getattr(self, f.name) for f in fields(self)}
-        return ErrorParts(**mine | {name: part for name, part in theirs.items() if part is not None})
+        known = {name: part for name, part in theirs.items() if part is not None}
+        return ErrorParts(**mine | known | {"dear": {**(self.dear or {}), **(other.dear or {})} or None})
 
 
-PARTS = tuple(f.name for f in fields(ErrorParts) if f.name not in ("converges", "model", "corrected"))
+PARTS = ("mesh", "geometry", "time_step", "law", "iteration", "linear_solver")
 Errors = Mapping[Quantity, ErrorParts]  # of one step
 
 
@@ -360,7 +380,8 @@ def told(step: StepResult, errors: Errors | None) -> Plain:
         for name, own in found[table].items() if is_estimated(record) else ():
             stated = {
                 key.quantity: _parts(parts)
-                | {"model": _plain(parts.model), "corrected": _plain(step.corrected.get(str(key), parts.corrected))}
+                | {"model": _plain(parts.model), "corrected": _plain(_corrected(step, key, parts))}
+                | {"by": parts.by, "unsure": parts.unsure, "lacking": parts.lacking}
                 for key, parts in (errors or {}).items()
                 if key[:2] == (table, name)
             }
@@ -376,6 +397,10 @@ def told(step: StepResult, errors: Errors | None) -> Plain:
     }
 
 
+def _corrected(step: StepResult, key: Quantity, parts: ErrorParts) -> Value | None:
+    return step.corrected.get(str(key)) if parts.corrected is None else parts.corrected
+
+
 def is_estimated(record: RecordType) -> bool:
     """Whether some of its numbers have errors."""
     return any(number.error for number in numbers_of(record).values())
@@ -384,11 +409,11 @@ def is_estimated(record: RecordType) -> bool:
 def energy_norm(step: StepResult) -> Plain:
     """Error of the displacement, relative to the largest so far, by its parts; null: not computed, nor is the total."""
     parts = ErrorParts(mesh=step.mesh_error, law=step.law_error, iteration=step.iteration_error, converges=True)
-    return _parts(parts) | {"linear_solver": step.linear_error}
+    return _parts(parts) | {"total": None, "linear_solver": step.linear_error}
 
 
 def _parts(parts: ErrorParts) -> Plain:
-    """The error of one number, in its unit; null: not computed, nor is the total."""
+    """The error of one number, in its unit; null: not computed."""
     found = {name: getattr(parts, name) for name in ("total", *PARTS, "converges")}
     return {name: _plain(value) for name, value in found.items()}
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import CLOSE, EPS, ROUNDING, AnyArray, Array, inverses
+from stickslip.geometry.arrays import CLOSE, EPS, ROUNDING, AnyArray, Array, Ints, inverses
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.elastic_energy import stress_by_compliance
@@ -106,7 +106,7 @@ def contact_differences(
     finite = np.isfinite(bound)
     nodal = rows.share_t.T @ np.where(finite, bound, 0.0)
     judged = (rows.share_t.T @ (~finite).astype(float) == 0) & (nodal > 0)
-    closing = np.einsum("nd,nd->n", rows.frames[:, 0], rows.relative @ moved)
+    closing = rows.node_motion(moved)[0]
     lam = np.asarray(stored["lam"], float)[:, :d] * nodal[:, None]
     yield difference(np.asarray(stored["weight"], float), rows.node_weights)
     yield difference(np.asarray(stored["pressure"], float), pressure, p_top)
@@ -147,51 +147,10 @@ def stress_difference(system: System, displacement: Array, time: float, stored: 
         displacement: (nodes, d) in the order of the gmsh model [m].
         time: of the initial strains [s].
     """
-    mesh, problem, d = system.mesh, system.problem, system.mesh.dim
-    count = mesh.domain.topology.index_map(d).size_local
-    numbers, dofs = np.asarray(mesh.domain.topology.original_cell_index)[:count], dx.cell_dofs(system.space)[:count]
-    basis, slope = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))
-    x, u = system.nodes.points[dofs], displacement[system.nodes.input[dofs]]
-    jacobian, change = (np.swapaxes(slope[:, 0] @ values, 1, 2) for values in (x, u))
-    strain, reach = np.zeros((count, 3, 3)), np.abs(u).max(axis=(1, 2), initial=0.0)
-    inverse = inverses(jacobian)
-    strain[:, :d, :d] = change @ inverse
-    if mesh.axisymmetric:
-        strain[:, 2, 2] = (u[:, :, 0] @ basis[0]) / (x[:, :, 0] @ basis[0])
-    strain = (strain + np.swapaxes(strain, 1, 2)) / 2
-    values, middles = system.initial.values(system.course, time), np.einsum("n,cnd->cd", basis[0], x)
-    everywhere = system.vector()
-    everywhere.array[:] = displacement[system.nodes.input[: system.nodes.owned]].ravel()
-    means = system.dilatation.at_midpoints(everywhere, system.dilatation.functions())
-    expected, modulus = np.zeros_like(strain), np.zeros(count)
-    tags = np.zeros(count, np.int64)
-    own = mesh.cell_tags.indices < count
-    tags[mesh.cell_tags.indices[own]] = mesh.cell_tags.values[own]
-    for name, body in problem.bodies.items():
-        inside = tags == mesh.bodies[name]
-        elastic, grown = strain[inside], np.zeros(np.count_nonzero(inside))
-        for number, given in enumerate(system.initial.strains):
-            if given.body == name:
-                cells = np.flatnonzero(inside)
-                at = system.initial.at(number, middles[inside], cells, system.course.timeline)
-                elastic = elastic - values[number] * at
-                grown += values[number] * system.initial.dilatation(number, at, cells)
-        if isinstance(body, Orthotropic):
-            expected[inside] = stress_by_compliance(body, elastic, problem.model == "plane stress")
-            modulus[inside] = np.abs(body.stiffness).max()
-            continue
-        assert isinstance(body, Material)
-        volume = np.trace(elastic, axis1=1, axis2=2)
-        if name in means:
-            volume = means[name][:count][inside] - grown
-        if problem.model == "plane stress":
-            elastic[:, 2, 2] = -body.nu / (1 - body.nu) * (elastic[:, 0, 0] + elastic[:, 1, 1])
-            volume = np.trace(elastic, axis1=1, axis2=2)
-        spherical = body.nu / body.give * volume
-        expected[inside] = body.E / (1 + body.nu) * (elastic + spherical[:, None, None] * np.eye(3))
-        modulus[inside] = body.E / body.give
-    # of the stress that motions as large as u make over a cell
-    rounding = 1e3 * EPS * modulus * reach * np.abs(inverse).max(axis=(1, 2), initial=0.0)
+    mesh = system.mesh
+    count = mesh.domain.topology.index_map(mesh.dim).size_local
+    numbers = np.asarray(mesh.domain.topology.original_cell_index)[:count]
+    expected, rounding = stress_again(system, displacement, time, np.arange(count), dx.midpoint(mesh.domain))
     a, b, c = (expected[:, i, i] - expected[:, i - 1, i - 1] for i in range(3))
     shear = expected[:, 0, 1] ** 2 + expected[:, 1, 2] ** 2 + expected[:, 0, 2] ** 2
     equivalent = np.sqrt((a**2 + b**2 + c**2) / 2 + 3 * shear)
@@ -201,6 +160,63 @@ def stress_difference(system: System, displacement: Array, time: float, stored: 
         max(system.mesh.comm.allgather(float(values.max(initial=0.0)))) for values in (np.abs(expected), apart)
     )
     return worst / largest if largest else float(worst > 0)
+
+
+def stress_again(system: System, displacement: Array, time: float, own: Ints, local: Array) -> tuple[Array, Array]:
+    """Stress (c, 3, 3) [Pa] of a displacement in cells of this rank, and what of it (c,) is rounding; collective.
+
+    Args:
+        displacement: (nodes, d) in the order of the gmsh model [m].
+        time: of the initial strains [s].
+        own: (c,) cells.
+        local: coordinates (1, d) of the same point of each on the reference cell.
+    """
+    mesh, problem, d = system.mesh, system.problem, system.mesh.dim
+    dofs = dx.cell_dofs(system.space)[own]
+    basis, slope = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, local)
+    x, u = system.nodes.points[dofs], displacement[system.nodes.input[dofs]]
+    jacobian, change = (np.swapaxes(slope[:, 0] @ values, 1, 2) for values in (x, u))
+    strain, reach = np.zeros((len(own), 3, 3)), np.abs(u).max(axis=(1, 2), initial=0.0)
+    inverse = inverses(jacobian)
+    strain[:, :d, :d] = change @ inverse
+    if mesh.axisymmetric:
+        radius = x[:, :, 0] @ basis[0]
+        off = radius > 0  # on the axis u_r / r is its limit
+        strain[:, 2, 2] = np.where(off, u[:, :, 0] @ basis[0], strain[:, 0, 0]) / np.where(off, radius, 1.0)
+    strain = (strain + np.swapaxes(strain, 1, 2)) / 2
+    values, places = system.initial.values(system.course, time), np.einsum("n,cnd->cd", basis[0], x)
+    everywhere = system.vector()
+    everywhere.array[:] = displacement[system.nodes.input[: system.nodes.owned]].ravel()
+    means = system.dilatation.at_midpoints(everywhere, system.dilatation.functions())
+    expected, modulus = np.zeros_like(strain), np.zeros(len(own))
+    tags = np.zeros(mesh.domain.topology.index_map(d).size_local, np.int64)
+    known = mesh.cell_tags.indices < len(tags)
+    tags[mesh.cell_tags.indices[known]] = mesh.cell_tags.values[known]
+    for name, body in problem.bodies.items():
+        inside = tags[own] == mesh.bodies[name]
+        elastic, grown = strain[inside], np.zeros(np.count_nonzero(inside))
+        for number, given in enumerate(system.initial.strains):
+            if given.body == name:
+                cells = own[inside]
+                at = system.initial.at(number, places[inside], cells, system.course.timeline)
+                elastic = elastic - values[number] * at
+                grown += values[number] * system.initial.dilatation(number, at, cells)
+        if isinstance(body, Orthotropic):
+            expected[inside] = stress_by_compliance(body, elastic, problem.model == "plane stress")
+            modulus[inside] = np.abs(body.stiffness).max()
+            continue
+        assert isinstance(body, Material)
+        volume = np.trace(elastic, axis1=1, axis2=2)
+        if name in means:
+            volume = means[name][own[inside]] - grown
+        if problem.model == "plane stress":
+            elastic[:, 2, 2] = -body.nu / (1 - body.nu) * (elastic[:, 0, 0] + elastic[:, 1, 1])
+            volume = np.trace(elastic, axis1=1, axis2=2)
+        spherical = body.nu / body.give * volume
+        expected[inside] = body.E / (1 + body.nu) * (elastic + spherical[:, None, None] * np.eye(3))
+        modulus[inside] = body.E / body.give
+    # of the stress that motions as large as u make over a cell
+    return expected, 1e3 * EPS * modulus * reach * np.abs(inverse).max(axis=(1, 2), initial=0.0)
 
 
 class MultiplierForces:
@@ -228,7 +244,7 @@ class MultiplierForces:
             works.append(rule.normal_work(self._pressure, v))
         if rows.friction is not None:
             works.append(rule.friction_work(self._lam, v, self._bound[0]))
-        self._work = compile_(sum(works[1:], start=works[0]))
+        self._work, self._fields = compile_(sum(works[1:], start=works[0])), traction_fields(rows)
         self._weigh(rows)
 
     def _weigh(self, rows: ContactRows, moved: Array | None = None) -> None:
@@ -258,7 +274,7 @@ class MultiplierForces:
             at = nodal.spread(np.zeros(rows.points.size) if moved is None else moved.ravel())
             dx.fill(self._moved, at.array_r)
             self._weigh(rows, moved)
-        normal, tangential = traction_fields(rows)
+        normal, tangential = self._fields if self._moved is None else traction_fields(rows)
         bound = rows.share_t.T @ s
         # of the step's scale of traction; a smaller bound is no unit to measure lambda in
         bound[~np.isfinite(bound) | (bound <= ROUNDING * scale)] = 1.0

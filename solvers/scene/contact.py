@@ -128,9 +128,10 @@ class Contact(Noun):
         several = self.partners
         if self.between is None:
             for key in ("surface", "against"):
-                if not getattr(self, key):
+                if getattr(self, key) == "":
                     raise SceneError(f"{key}: missing, it has no default")
-            require(len(several) == len(set(several)), "against", list(several), "name at least one, and each once")
+            require(len(several) > 0, "against", "[]", "is empty: name an obstacle or a side of another body")
+            require(len(several) == len(set(several)), "against", list(several), "name each once")
             require(not self.pairs, "pairs", list(self.pairs), "is for a contact between bodies")
             return
         for key in ("surface", "against"):

@@ -74,7 +74,8 @@ class Support(Noun):
 
     def __post_init__(self) -> None:
         if (self.boundary is None) == (self.point is None):
-            raise SceneError("boundary / point: a support needs exactly one of the two")
+            wrong = "missing, a support needs one" if self.boundary is None else "a support needs exactly one"
+            raise SceneError(f"boundary / point: {wrong} of the two")
         require(len(self.displacement) > 0, "displacement", "{}", "name at least one of x, y, z, normal")
         for axis, amplitude in self.displacement.items():
             check_varying(amplitude, f"displacement.{axis}")

@@ -23,7 +23,7 @@ from stickslip.solvers.stepping.stepper import Accepted, Stepper
 
 ROWS = "rows"  # field of State that is not stored: it is built again from the pairs of sliding contacts
 APART = ("surplus", "refined")  # fields with vectors of order 2, stored apart
-FOR_RESULTS = ("unbent", "reactions", "ground")  # not needed by the next step
+FOR_RESULTS = ("reactions", "ground")  # not needed by the next step
 
 
 @dataclass(frozen=True, kw_only=True)

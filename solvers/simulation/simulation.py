@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 
+from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.keys import typed
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.solvers.accuracy.errors import joined, with_errors
+from stickslip.solvers.accuracy.errors import MeshErrors, joined, order_2_fits, with_errors
+from stickslip.solvers.accuracy.histories import OtherHistory
 from stickslip.solvers.accuracy.kept_pairs import KeptPairs
-from stickslip.solvers.accuracy.lower_order import LowerOrderRun
-from stickslip.solvers.accuracy.nested_run import NestedRun
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.interface.factorised import FactorisedVolume
@@ -21,7 +22,7 @@ from stickslip.solvers.interface.prepare import Volume
 from stickslip.solvers.parallel.counters import Clock, Counters
 from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.observe import Observer, mesh_data
-from stickslip.solvers.results.step_result import Errors, MeshData, StepResult
+from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult, quantities
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.memory import Counts, Demand, affordable, memory_of, spare
@@ -34,6 +35,8 @@ from stickslip.solvers.stepping.method_chain import MethodChain, Reached
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
 from stickslip.solvers.system.system import System, assemble
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -179,51 +182,65 @@ class Simulation:
         Returns:
             For each step its numbers' errors; a part that is not known is None.
         """
-        of_time = self.time_step_errors(steps, on_iteration)
-        of_mesh = self.mesh_errors(steps, on_iteration)
+        estimate = TimeStepErrors(self.stepper, on_iteration)
+        of_time = self._of_time(estimate, steps)
+        of_mesh = self.mesh_errors(steps, on_iteration, estimate.coarse)
         with self.clock.phase("error", "pairs"):
             of_pairs = KeptPairs(self.stepper, on_iteration)(steps)
-        return joined(self.system.contacts, steps, of_time, of_mesh, of_pairs=of_pairs)
+        return joined(steps, of_time, of_mesh, of_pairs=of_pairs)
 
     def time_step_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
     ) -> tuple[Errors, ...]:
-        """Error of the time steps of every number, from the same history in fewer steps; collective.
+        """Error of the time steps of every number, from the same history in half as long steps; collective.
 
-        Call it after the last step: half and a quarter of the steps are solved now, in `seconds.error`. Where the state
+        Call it after the last step: the history is solved now on a coarser mesh, in `seconds.error`. Where the state
         does not depend on the path nothing is solved.
 
         Args:
             steps: results of `steps`, all from the first on.
-            on_iteration: as in `steps`, for the iterations of the shorter histories.
+            on_iteration: as in `steps`, for the iterations on the coarser mesh.
 
         Returns:
-            For each step its numbers' errors, in `time_step`; None where that is not known, see `TimeStepErrors`.
+            For each step its numbers' errors, in `time_step`; None where that is not known.
         """
+        return self._of_time(TimeStepErrors(self.stepper, on_iteration), steps)
+
+    def _of_time(self, estimate: TimeStepErrors, steps: Sequence[StepResult]) -> tuple[Errors, ...]:
         with self.clock.phase("error", "time steps"):
-            return TimeStepErrors(self.stepper, self.observer, on_iteration)(steps)
+            found = [*estimate(steps)]
+        return (*found, *(dict.fromkeys(quantities(step), ErrorParts()) for step in steps[len(found) :]))
 
     def mesh_errors(
-        self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
+        self,
+        steps: Sequence[StepResult],
+        on_iteration: Callable[[HistoryRow], None] = lambda row: None,
+        coarser: Sequence[StepResult] = (),
     ) -> tuple[Errors, ...]:
-        """Error of the mesh of every number of a run of order 2, from the same history on another mesh.
+        """Error of the mesh of every number, from the same history on better cells and on coarser ones; collective.
 
-        Call it after the last step; the history is solved now, in `seconds.error`: in the plane on a finer mesh, in 3D
-        with cells of order 1. With order 1 the results of `steps` have that error already, and nothing is solved;
-        collective.
+        Call it after the last step; the histories are solved now, in `seconds.error`.
 
         Args:
             steps: results of `steps`, all from the first on.
-            on_iteration: as in `steps`, for the iterations on the other mesh.
+            on_iteration: as in `steps`, for the iterations on the other meshes.
+            coarser: the first steps on cells twice as long, if they are known.
 
         Returns:
-            For each step its numbers' errors, in `mesh` and `geometry`, for as many steps as they are known for.
+            For each step its numbers' errors, in `mesh` and `geometry`.
         """
-        way = next((way for way in (NestedRun, LowerOrderRun) if way.works_for(self.stepper)), None)
-        if way is None:
+        with self.clock.phase("error", "coarser mesh"):
+            coarser = coarser or self._coarser([step.time for step in steps], on_iteration)
+        with self.clock.phase("error", "better mesh"):
+            return MeshErrors(self.stepper, self.data, on_iteration)(steps, coarser)
+
+    def _coarser(self, times: Sequence[float], on_iteration: Callable[[HistoryRow], None]) -> Sequence[StepResult]:
+        """The first steps on cells twice as long; none of a file's mesh."""
+        try:
+            return OtherHistory.coarser(self.system, 2.0, on_iteration)(times)
+        except StickslipError as error:
+            log.info("no coarser mesh for the errors: %s", error)
             return ()
-        with self.clock.phase("error", "other mesh"):
-            return way(self.stepper, self.data, on_iteration)(steps)
 
     def release(self) -> None:
         """Free what solving steps needs beside the stiffness; no step can be solved after that; collective.
@@ -239,7 +256,10 @@ class Simulation:
 
         Each script has a history of its own, apart from that of `steps`.
         """
-        return Script(self.scene, self.stepper, self.observer)
+        stepper = Stepper(self.system, self.stepper.chain)
+        if self.scene.output.error and MeshCorrection.works_for(stepper):
+            stepper.companion = self.stepper.companion or MeshCorrection(stepper)
+        return Script(self.scene, stepper, replace(self.observer, stepper=stepper))
 
 
 @typed
@@ -294,7 +314,7 @@ def prepare(
     with counters.clock.phase("output", "results"):
         data = mesh_data(system)
         observer = Observer.of(stepper, data, with_errors) if scene.output.error else Observer.of(stepper)
-    if scene.output.error and MeshCorrection.works_for(stepper):
+    if scene.output.error and MeshCorrection.works_for(stepper) and not order_2_fits(size):
         with counters.clock.phase("error", "mesh"):
             stepper.companion = MeshCorrection(stepper)
     return Simulation(

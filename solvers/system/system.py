@@ -312,8 +312,11 @@ def _initial_forces(weak: WeakForms, strain: InitialStrain, mean: Function | Non
     return found
 
 
-def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
+def assemble(problem: Problem, mesh: Mesh, counters: Counters, smooth: int | None = None) -> System:
     """Build the system; collective.
+
+    Args:
+        smooth: see `WeakForms`; None: as usual.
 
     Raises:
         SceneError: supports prescribe everything, or contradict each other.
@@ -321,7 +324,8 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
     watch(mesh)
     space = displacement_space(mesh)
     nodes = Nodes.of(mesh, space)
-    weak = WeakForms(problem, mesh, space, counters)
+    denser = {} if smooth is None else {"smooth": smooth}
+    weak = WeakForms(problem, mesh, space, counters, **denser)
     constraints = find_constraints(problem, mesh, space, nodes)
     if constraints.free_total == 0:
         raise SceneError("supports: prescribe every displacement of the mesh; nothing is left to solve")

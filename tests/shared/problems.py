@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from stickslip import Scene, Simulation
+from stickslip import Scene, Simulation, prepare
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Mat
+from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.flexibility import Load
 from stickslip.solvers.interface.prepare import prepare_surface
@@ -162,3 +163,11 @@ def dense(matrix: Any) -> Array:
 def whole(system: System) -> Mat:
     """K of all displacements, assembled for itself."""
     return whole_stiffness(system.problem, system.weak, system.constraints.links, system.dilatation)
+
+
+def followed(scene: Scene) -> Simulation:
+    """The scene ready to be solved, its steps followed with bubbles, as where order 2 is too dear."""
+    simulation = prepare(scene)
+    if MeshCorrection.works_for(simulation.stepper):
+        simulation.stepper.companion = MeshCorrection(simulation.stepper)
+    return simulation

@@ -34,8 +34,10 @@ from stickslip.solvers.results.verdict import limits
 from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.scene.record import numbers_of
 from stickslip.solvers.simulation.simulation import prepare as estimating
+from stickslip.workflows.formats import csv_tables, hdf5, marker
 from stickslip.workflows.formats.csv_tables import csv_text
 from stickslip.workflows.formats.marker import MARKER
+from stickslip.workflows.formats.steps import read_step, step_name
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.written_files import WrittenFiles
@@ -263,12 +265,21 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Simulation, Path,
     return simulation, folder, steps, list(simulation.errors(steps))
 
 
+def told_apart(written: Any, folder: Path) -> list[float]:
+    """Read back what the files in a folder tell."""
+    simulation, _, steps, errors = written
+    files = WrittenFiles(simulation, folder)
+    for index, step in enumerate(steps, start=1):
+        stored = read_step(folder / step_name(index)).contacts
+        files.see(step.time, {name: vars(contact) for name, contact in stored.items()})
+    return files.apart(steps, errors)
+
+
 @pytest.mark.parametrize("what", WRONG)
 def test_what_files_tell_wrong_is_noticed(what: str, written: Any, tmp_path: Path) -> None:
-    simulation, folder, steps, errors = written
-    (name, place, by), copied = WRONG[what], tmp_path / "copied"
+    (name, place, by), folder, copied = WRONG[what], written[1], tmp_path / "copied"
     shutil.copytree(folder, copied)
-    assert WrittenFiles(simulation, copied).apart(steps, errors) == [0.0, 0.0]
+    assert told_apart(written, copied) == [0.0, 0.0]
     text = (copied / name).read_text()
     if name.endswith(".csv"):
         header, *rows = list(csv.reader(text.splitlines()))
@@ -279,7 +290,7 @@ def test_what_files_tell_wrong_is_noticed(what: str, written: Any, tmp_path: Pat
     else:
         text = str(by).join(text.rsplit(place, 1))
     (copied / name).write_text(text)
-    assert WrittenFiles(simulation, copied).apart(steps, errors)[1] > SLIGHT
+    assert told_apart(written, copied)[1] > SLIGHT
 
 
 def test_a_run_whose_table_lies_is_doubtful(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -295,6 +306,40 @@ def test_a_run_whose_table_lies_is_doubtful(tmp_path: Path, monkeypatch: pytest.
     assert content["status"] == "doubtful"
     assert "files is 9.9e-03 in step 1" in content["sentence"]
     assert content["verdict"]["exceeded"] == content["verdict"]["passed"] != []
+
+
+def test_each_file_is_read_once_and_what_a_step_without_fields_tells_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A step whose file is a light one has numbers in tables: wrong ones count with the next step that is audited."""
+    honest, reads = tables.steps_row, list[str]()
+
+    def lying(index: int, *given: Any) -> dict[str, float]:
+        row = honest(index, *given)
+        return row | {"base.normal_force": (A_PER_CENT if index == 1 else 1) * row["base.normal_force"]}
+
+    def counting(path: Path) -> bytes:
+        reads.append(path.name)
+        return marker.read_checked(path)
+
+    monkeypatch.setattr(tables, "steps_row", lying)
+    for module in (hdf5, csv_tables):
+        monkeypatch.setattr(module, "read_checked", counting)
+    seldom = WRITTEN | {"output": {"pictures": False, "error": False, "every": 2, "step_files": "every"}}
+    _, content = run(from_dict(seldom), tmp_path / "run")
+    first, second = (step["audit"] for step in content["steps"])
+    assert first is None
+    assert second["files"] == pytest.approx(0.0099, 1e-2)
+    own = ["000002.h5", "contact_base.csv", "fields.h5", "probes.csv", "steps.csv"]
+    assert sorted(reads) == [*own[:2], "fields.h5", *own[2:]]  # the mesh by its writer too, that finds it whole
+
+
+@pytest.mark.parametrize("name", ["contact_base.csv", "probes.csv", "steps.csv"])
+def test_tables_that_lack_their_last_row_tell_wrong(name: str, written: Any, tmp_path: Path) -> None:
+    copied = tmp_path / "copied"
+    shutil.copytree(written[1], copied)
+    (copied / name).write_text("".join((copied / name).read_text().splitlines(True)[:-1]))
+    assert told_apart(written, copied) == [0.0, np.inf]
 
 
 WOOD = {"E_1": 1.0, "E_2": 0.5, "E_3": 0.4, "G_12": 0.3, "nu_12": 0.3, "nu_13": 0.2, "nu_23": 0.2, "axis_1": [1.0, 0.5]}

@@ -359,3 +359,54 @@ def test_a_wrong_field_is_refused_in_one_line(table: dict[str, Any], message: st
 def test_a_field_without_a_finite_value_is_refused() -> None:
     with pytest.raises(SceneError, match=r"thermal\.block\.temperature: the expression has no finite value"):
         list(prepare(field_scene("plane strain", "log(x-1)", supports=HELD)).steps())
+
+
+PLACES = {"inside": {"point": [0.37, 0.29]}, "top": {"point": [1.1, 1.0]}, "axis": {"point": [0.0, 0.4]}}
+
+
+def warm_column(model: str, order: int, nu: float = NU) -> Scene:
+    """A block between walls, pressed by its weight and warmed along its height; its stress is linear in y."""
+    up = "z" if model == "3d" else "y"
+    sides = {"bottom": up, "left": "x", "right": "x"} | ({"front": "y", "back": "y"} if model == "3d" else {})
+    if model == "axisymmetric":
+        del sides["left"]
+    places = {k: {"point": [p[0], 0.5, p[1]] if model == "3d" else p} for k, v in PLACES.items() for p in [v["point"]]}
+    found = block(
+        model,
+        {k: {"boundary": f"block.{k}", "displacement": {axis: 0.0}} for k, axis in sides.items()},
+        bodies={"block": {"E": E, "nu": nu, "density": RHO}},
+        gravity={"acceleration": [*[0.0] * (2 if model == "3d" else 1), -1.0]},
+        thermal={"block": {"expansion": 1e-2, "temperature": f"1 + 2*{up}"}},
+        probes=places,
+        output={"pictures": False, "error": False},
+    )
+    return replace(found, geometry=replace(found.geometry, order=order))
+
+
+@pytest.mark.parametrize("model", ["plane strain", "3d", "axisymmetric"])
+def test_stress_at_a_probe_is_that_of_the_point(model: str) -> None:
+    """Order 2 has linear stresses exactly."""
+    _, (step,) = solved(warm_column(model, 2))
+    for name, place in PLACES.items():
+        stress, up = step.probes[name].stress, RHO * (place["point"][1] - 1.0)
+        across = NU / (1 - NU) * up - E * 1e-2 * (1 + 2 * place["point"][1]) / (1 - NU)
+        expected = [across, across, up] if model == "3d" else [across, up, across]
+        assert_allclose(stress, np.diag(expected), atol=1e-9)
+
+
+def test_stress_at_a_probe_of_order_1_is_recovered() -> None:
+    """Means at nodes, taken to the point, are nearer to it than a cell's midpoint is."""
+    inside = {f"p{i}": {"point": [0.3 + 0.15 * i, 0.3 + 0.04 * i]} for i in range(10)}
+    coarse = replace(warm_column("plane strain", 1), probes=scene(probes=inside).probes)
+    simulation, (step,) = solved(replace(coarse, geometry=replace(coarse.geometry, mesh_size=0.125)))
+    off = [each.stress[1, 1] - RHO * (inside[name]["point"][1] - 1.0) for name, each in step.probes.items()]
+    middles = simulation.data.points[simulation.data.cells].mean(axis=1)
+    within = ((middles > 0.25) & (middles < [1.75, 0.75])).all(axis=1)
+    of_cells = step.stress[within, 1, 1] - RHO * (middles[within, 1] - 1.0)
+    assert np.sqrt(np.mean(np.square(off))) < 0.5 * np.sqrt(np.mean(of_cells**2))
+
+
+@pytest.mark.parametrize(("order", "nu"), [(1, NU), (2, NU), (2, 0.4999)])
+def test_stress_at_a_probe_is_found_again(order: int, nu: float, tmp_path: Path) -> None:
+    _, result = run(warm_column("axisymmetric", order, nu), tmp_path)
+    assert result["audit"]["numbers"] < 1e-10

@@ -16,6 +16,7 @@ from numpy.testing import assert_allclose
 from shared.audited import audit
 from shared.cases import every_nth
 from shared.histories import Stop
+from shared.problems import followed as estimating
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
@@ -26,11 +27,10 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, Status
 from stickslip.solvers.methods.method import Solve
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.results.step_result import StepResult, quantities, values
+from stickslip.solvers.results.step_result import Quantity, StepResult, quantities, values
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.simulation.simulation import prepare as estimating
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import StepError
@@ -398,8 +398,8 @@ def test_bubbles_see_the_strain_of_a_drawn_bolt_as_the_mesh_does(model: str) -> 
 
 
 def test_errors_follow_the_force_and_then_the_length() -> None:
-    tightened, held = estimating(jack(), MPI.COMM_SELF).steps()
-    fine = estimating(jack(**FINE), MPI.COMM_SELF)
+    tightened, held = estimating(jack()).steps()
+    fine = estimating(jack(**FINE))
     truths = [{str(key): value for key, value in quantities(step).items()} for step in fine.steps()]
     assert stated(tightened, "bolts.b.tension") <= 1e-5 * FORCE
     assert tightened.corrected["bolts.b.tension"] == pytest.approx(-FORCE, rel=1e-5)
@@ -427,7 +427,7 @@ def refined(simulation: Simulation) -> list[tuple[float, float]]:
 
 def test_a_bolt_with_bubbles_is_held_at_a_length_of_its_own() -> None:
     """Softer bodies take more shortening for the same tension; from there on it stays."""
-    simulation = estimating(jack(steps={"end": 2.0, "count": 4}), MPI.COMM_SELF)
+    simulation = estimating(jack(steps={"end": 2.0, "count": 4}))
     half, whole, *held = refined(simulation)
     assert_allclose([half[0], whole[0]], [-FORCE / 2, -FORCE], rtol=1e-5)
     assert [length for _, length in held] == [whole[1]] * 2
@@ -443,7 +443,7 @@ def test_tensions_of_several_bolts_are_followed() -> None:
         "b": spring | {"force": [[1.0, 3.0]], "held_from": 1.0},
         "c": spring | {"head": "upper.right", "nut": "lower.right", "force": [[1.0, 0.0], [2.0, 2.0]]},
     }
-    simulation = estimating(jack(bolts=beside, **free), MPI.COMM_SELF)
+    simulation = estimating(jack(bolts=beside, **free))
     tightened, both = simulation.steps()
     assert [step.errors["bolts.c.tension"].mesh for step in (tightened, both)] == pytest.approx([0, 0], abs=1e-5)
     assert tightened.errors["bolts.b.tension"].mesh == pytest.approx(0, abs=1e-5)
@@ -453,7 +453,7 @@ def test_tensions_of_several_bolts_are_followed() -> None:
 def test_energy_of_a_bolt_with_bubbles_is_in_balance(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of its shortening alone is work done: its forces on bubbles are inner ones."""
     monkeypatch.setattr(two_level, "STEPS", 25)
-    simulation = estimating(jack(), MPI.COMM_SELF)
+    simulation = estimating(jack())
     next(simulation.steps())
     state = simulation.reported.state.refined
     energy = state.energy
@@ -461,18 +461,19 @@ def test_energy_of_a_bolt_with_bubbles_is_in_balance(monkeypatch: pytest.MonkeyP
 
 
 def test_the_stress_of_a_shank_is_corrected() -> None:
-    """With bubbles it is shortened by another length, which is no stress."""
+    """With order 2 it is shortened by another length, which is no stress."""
     probes = {"shank": {"point": [0.9, 0.45]}}
-    step, _ = estimating(jack(probes=probes), MPI.COMM_SELF).steps()
-    exact, _ = estimating(jack(probes=probes, **FINE), MPI.COMM_SELF).steps()
+    simulation = prepare(jack(probes=probes))
+    found, _ = simulation.errors(list(simulation.steps()))
+    exact, _ = prepare(jack(probes=probes, **FINE)).steps()
     stress = exact.probes["shank"].stress[1, 1]
-    assert step.corrected["probes.shank.stress"][1] == pytest.approx(stress, rel=0.01)
+    assert found[Quantity("probes", "shank", "stress")].corrected[1] == pytest.approx(stress, rel=0.01)
 
 
 @pytest.mark.parametrize("model", ["plane strain", "3d"])
 def test_a_shank_that_ends_within_a_body_is_no_error_of_the_mesh(model: str) -> None:
     """A column between walls, whose stress is uniform: that of the shank's shortening jumps at its ends."""
-    simulation = estimating(drawn(model, force=[[1.0, -FORCE]]), MPI.COMM_SELF)
+    simulation = estimating(drawn(model, force=[[1.0, -FORCE]]))
     (step,) = simulation.steps()
     assert step.mesh_error < 1e-7
     assert_allclose(step.stress_error, 0.0, atol=1e-7 * FORCE)
@@ -481,10 +482,11 @@ def test_a_shank_that_ends_within_a_body_is_no_error_of_the_mesh(model: str) -> 
 
 def test_iterative_volume_solves_follow_the_force() -> None:
     sets = ["geometry.mesh_size=0.005", "solver.surface=matrix-free", "solver.method=surface-uzawa", "steps.count=2"]
-    tightened, held = estimating(read("lap_joint", sets), MPI.COMM_SELF).steps()
-    direct = [*estimating(read("lap_joint", [sets[0], sets[3]]), MPI.COMM_SELF).steps()][1]
+    tightened, held = estimating(read("lap_joint", sets)).steps()
+    direct = [*estimating(read("lap_joint", [sets[0], sets[3]])).steps()][1]
     assert stated(tightened, "bolts.bolt.tension") < 10.0  # of 3e6 N
-    assert 0.5 < stated(held, "bolts.bolt.tension") / stated(direct, "bolts.bolt.tension") < 2
+    for step in (held, direct):  # order 2 has 677 N less
+        assert 10 < stated(step, "bolts.bolt.tension") < 1000
 
 
 def test_a_resumed_run_states_the_same_errors_to_the_last_bit(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+import h5py
 import meshio
 import numpy as np
 import pytest
@@ -72,6 +73,42 @@ def outline_of(path: Path, dim: int = 3) -> Outline:
     found = ask(Question(path=path, dim=dim, unit=1.0))
     assert isinstance(found, Outline)
     return found
+
+
+@pytest.mark.parametrize("kind", ["external", "virtual", "link"])
+def test_a_mesh_with_numbers_in_another_file_is_refused(kind: str, tmp_path: Path) -> None:
+    """Bytes of any file of the user's would be coordinates, and stand in the results."""
+    path, secret = written(tmp_path / "bar.med", BAR, 1), tmp_path / "secret"
+    with h5py.File(path, "r+") as file:
+        names = list[str]()
+        file.visit(names.append)
+        (place,) = (name for name in names if name.endswith("NOE/COO"))
+        values, attributes = file[place][()], dict(file[place].attrs)
+        del file[place]
+        secret.write_bytes(values.tobytes())
+        with h5py.File(tmp_path / "other.h5", "w") as other:
+            other["x"] = values
+            other["x"].attrs.update(attributes)
+        if kind == "external":
+            file.create_dataset(place, values.shape, values.dtype, external=[(str(secret), 0, values.nbytes)])
+        elif kind == "link":
+            file[place] = h5py.ExternalLink(str(tmp_path / "other.h5"), "x")
+        else:
+            layout = h5py.VirtualLayout(values.shape, values.dtype)
+            layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "x", shape=values.shape)
+            file.create_virtual_dataset(place, layout)
+        if kind != "link":
+            file[place].attrs.update(attributes)
+    with pytest.raises(GeometryError, match="NOE/COO in another file; a mesh of one file is needed"):
+        outline_of(path)
+
+
+@pytest.mark.parametrize("names", [("bar.inp",), ("nodes.inp", "bar.inp")])
+def test_a_deck_that_includes_itself_is_refused(names: tuple[str, ...], tmp_path: Path) -> None:
+    for name, other in zip(("bar.inp", *names), names, strict=False):
+        (tmp_path / name).write_text(f"*INCLUDE, INPUT={other}\n")
+    with pytest.raises(GeometryError, match=r"includes itself: bar\.inp"):
+        outline_of(tmp_path / "bar.inp")
 
 
 @pytest.mark.parametrize("order", [1, 2])

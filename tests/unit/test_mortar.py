@@ -391,3 +391,28 @@ def test_triangles_do_not_depend_on_the_first_corner(first: int) -> None:
     found = sorted(np.sort(part, axis=0).tolist() for part in parts)
     assert found == sorted(np.sort(part, axis=0).tolist() for part in expected)
     assert len(found) == 3
+
+
+def quarter(x: Array) -> Array:
+    """A quarter circle from the axis of symmetry on."""
+    return np.stack([np.sin(np.pi / 2 * x[:, 0]), -np.cos(np.pi / 2 * x[:, 0])], axis=1)
+
+
+@pytest.mark.parametrize("axisymmetric", [False, True])
+def test_a_uniform_pressure_on_a_curved_side_turns_between_nodes(axisymmetric: bool) -> None:
+    """Its forces are ∫ p n phi of both sides, though psi reproduces constants only. On a flat side nothing turns."""
+    shape, bend = ("interval", quarter) if axisymmetric else ("triangle", ball(1.0))
+    slave, master = (
+        replace(make(shape, 2, counts, bend), axisymmetric=axisymmetric)
+        for make, counts in ((below, (5, 4)), (above, (7, 3)))
+    )
+    coupling = mortar_coupling(Facing(slave, master, 0.5))
+    points = coupling.points(EXACT)
+    pushed = points.relative.T @ (points.weights[:, None] * points.normals)
+    assert coupling.turning is not None
+    found = (coupling.turning.T @ coupling.weights).reshape(pushed.shape)
+    assert_allclose(found, pushed, atol=1e-5 * np.abs(pushed).max())
+    nodal = coupling.relative.T @ (coupling.weights[:, None] * coupling.normals)
+    assert np.abs(nodal - pushed).max() > 1e-3 * np.abs(pushed).max()  # with the normals of the nodes they are others
+    flats = (replace(make(shape, 2, (2, 3)), axisymmetric=axisymmetric) for make in (below, above))
+    assert mortar_coupling(Facing(*flats, 0.5)).turning is None

@@ -153,16 +153,6 @@ def errors_of(name: str, *sets: str) -> tuple[StepResult, Errors]:
     return steps[-1], simulation.errors(steps)[-1]
 
 
-def test_areas_that_agree_by_chance_are_not_exact(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The other mesh finds the same; the edge of contact lies somewhere in a facet all the same."""
-    simulation, steps = solved("cylinders", "geometry.mesh_size=3.0", "geometry.contact_mesh_size=0.2", "steps.count=2")
-    monkeypatch.setattr(NestedRun, "_finer", lambda *given: map(quantities, steps))
-    errors = simulation.mesh_errors(steps)[-1]
-    area, force = (errors[Quantity("contacts", "line", name)].mesh for name in ("contact_area", "normal_force"))
-    assert force == 0
-    assert area == pytest.approx(nested_run.ANYWHERE * 0.1 * np.sqrt(2), rel=0.3)  # two half facets
-
-
 @pytest.mark.parametrize("cells", ["simplex", "tensor"])
 @pytest.mark.parametrize("model", ["plane strain", "axisymmetric"])
 def test_forces_of_bubbles_are_those_of_order_3(model: str, cells: str) -> None:
@@ -204,7 +194,6 @@ def test_stated_errors_are_true() -> None:
         assert np.all(np.abs(parts.corrected - truth[key]) < 0.5 * true), key
 
 
-@pytest.mark.xfail(reason="the nested run does not tell errors where points close", strict=True)
 def test_a_pressure_without_limit_has_no_error_and_one_with_a_limit_has() -> None:
     step, corner = errors_of("block", *COARSE)
     key = Quantity("contacts", "base", "max_pressure")
@@ -218,7 +207,7 @@ def test_a_pressure_without_limit_has_no_error_and_one_with_a_limit_has() -> Non
 
 def test_cells_are_cut_at_edges_of_contact_and_corners() -> None:
     simulation, steps = solved("half_space", "geometry.order=2")
-    mesh = NestedRun(simulation.stepper, simulation.data)._flat()
+    mesh = NestedRun(simulation.stepper, simulation.data, lambda row: None)._flat()
     places = Places.of(simulation.problem, simulation.system.contacts, steps)
     x = mesh.points[places.nodes(mesh)]
     (c,), touching = simulation.system.contacts, steps[-1].contacts["track"].status > 0
@@ -247,13 +236,13 @@ def test_probes_and_their_displacement() -> None:
     assert found.mesh.shape == (2,)
     assert (found.mesh > 0).all()
     assert np.linalg.norm(found.mesh) < 0.05 * np.linalg.norm(step.probes["inside"].displacement)
-    assert stated[Quantity("probes", "inside", "stress")].mesh is None
+    assert np.linalg.norm(stated[Quantity("probes", "inside", "stress")].mesh) > 0
 
 
 def test_what_is_too_dear_is_cut_once_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation, steps = solved("block", *COARSE)
-    run = NestedRun(simulation.stepper, simulation.data)
-    (twice, fine), asked = run._cut_mesh(steps), list[float]()
+    run = NestedRun(simulation.stepper, simulation.data, lambda row: None)
+    fine, asked = run._cut_mesh(steps), list[float]()
 
     def price(size: Any) -> float:
         asked.append(size.dofs)
@@ -262,18 +251,16 @@ def test_what_is_too_dear_is_cut_once_or_not_at_all(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(nested_run, "_seconds", price)
     monkeypatch.setattr(nested_run, "SOON", 0.0)
     monkeypatch.setattr(nested_run, "MOST", 1e9)
-    assert run._cut_mesh(steps)[0] == twice == 2
+    assert len(run._cut_mesh(steps).points) == len(fine.points)
     own, dear = asked
     monkeypatch.setattr(nested_run, "MOST", 0.999 * dear / own)
-    once, coarser = run._cut_mesh(steps)
-    assert once == 1
+    coarser = run._cut_mesh(steps)
     assert len(simulation.data.points) < len(coarser.points) < len(fine.points)
     monkeypatch.setattr(nested_run, "MOST", 1.0)
-    assert run._cut_mesh(steps) == (0, None)
-    assert simulation.mesh_errors(steps) == ()
+    assert run._cut_mesh(steps) is None
     parts = simulation.errors(steps)[-1][Quantity("contacts", "base", "normal_force")]
-    assert parts.mesh is None
-    assert parts.total is None
+    assert parts.by == "rough"
+    assert parts.total > 0
 
 
 def test_its_work_is_that_of_errors() -> None:
@@ -283,21 +270,6 @@ def test_its_work_is_that_of_errors() -> None:
     assert simulation.seconds.error > before
     assert simulation.counters.volume_solves == solves
     assert simulation.counters.error_solves > 0
-
-
-def test_none_from_the_first_step_on_that_was_cut() -> None:
-    simulation, steps = solved(
-        "two_blocks", "geometry.order=2", "geometry.mesh_size=0.4", "geometry.lower_mesh_size=0.4"
-    )
-    cut = [*steps[:1], replace(steps[1], substeps=2), *steps[2:]]
-    assert len(simulation.mesh_errors(cut)) == 1
-    assert simulation.mesh_errors([replace(steps[0], substeps=2)]) == ()
-
-
-@pytest.mark.parametrize(("name", "sets"), [("cube", ["geometry.mesh_size=0.5"]), ("block", COARSE)])
-def test_none_with_approximate_laws(name: str, sets: list[str]) -> None:
-    simulation, steps = solved(name, "geometry.order=2", "solver.method=regularised", *sets)
-    assert simulation.mesh_errors(steps) == ()
 
 
 def square(n: int) -> tuple[Array, Ints]:

@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from shared.audited import audit
 from shared.cases import every_nth
 from shared.failures import failures
+from shared.problems import followed as with_errors
 from stickslip import Scene, SceneError, Simulation
 from stickslip.solvers.results.step_result import Quantity, StepResult, values
 from stickslip.solvers.simulation.plan import make_plan, planned
-from stickslip.solvers.simulation.simulation import prepare as with_errors
 from stickslip.workflows.lab.verification.cases import beam as case
 from stickslip.workflows.lab.verification.cases.beam import ARM, FX, FY, LENGTH, MZ, end
 from stickslip.workflows.lab.verification.cases.beam import E as MODULUS

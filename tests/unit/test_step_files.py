@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 import stickslip as s
 from shared.disks import make_full
 from shared.histories import SMALL, Stop
+from shared.problems import followed
 from shared.synthetic import MESHES, job_of, mesh_of, padded, result_of
 from stickslip.geometry.errors import MachineError
+from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.parallel.serialise import deserialise, serialise
 from stickslip.solvers.simulation.checkpoint import APART, FOR_RESULTS, ROWS, Checkpoints
 from stickslip.solvers.simulation.simulation import Simulation, prepare
@@ -287,7 +289,7 @@ def test_learnt_that_is_damaged_is_lost(place: int, tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def marched() -> Simulation:
     """A scene after its first step."""
-    simulation = prepare(read("block", [*SMALL, "solver.method=condensed-newton"]))
+    simulation = followed(read("block", [*SMALL, "solver.method=condensed-newton"]))
     next(simulation.steps())
     return simulation
 
@@ -304,6 +306,7 @@ def test_every_field_of_the_state_is_put_back(marched: Simulation) -> None:
     )
     assert set(stored.state) == {f.name for f in fields(State)} - {ROWS, *FOR_RESULTS, *APART}
     other = prepare(marched.scene, reached=stored.reached)
+    other.stepper.companion = MeshCorrection(other.stepper)
     state, _ = Checkpoints(other.stepper).put_back(stored, None)
     assert state.refined.surplus.norm() > 0
     for before, after in ((accepted.state, state), (accepted.state.refined, state.refined)):
@@ -411,7 +414,8 @@ def test_a_mesh_of_an_earlier_version_is_refused(folder: Path, monkeypatch: pyte
 def test_the_columns_of_a_contact_are_those_of_its_table(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=lambda columns: ("a table of", columns)))
     loaded = s.load(folder)
-    header, rows = read_table(folder / "contact_base.csv")
+    header, cells = read_table(folder / "contact_base.csv")
+    rows = list(cells)
     for step in loaded.steps:
         kind, columns = step.contacts["base"].to_pandas()
         assert (kind, header) == ("a table of", ["time", *columns, "arc"])

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 from numpy.testing import assert_allclose
 
 from shared.cases import every_nth, slow
@@ -13,11 +12,8 @@ from shared.problems import SceneOf, SimulationOf, SystemOf
 from stickslip import Scene, SolverError
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.dolfinx_versions import ufl
-from stickslip.geometry.mesh.mesh import build_mesh
-from stickslip.geometry.nested_mesh import CornerMesh
 from stickslip.solvers.accuracy import two_level
 from stickslip.solvers.accuracy.bubbles import Bubbles, _quadrature
-from stickslip.solvers.accuracy.lower_order import sides_of
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import Quantity, StepResult, quantities
@@ -92,7 +88,7 @@ def test_a_linear_field_has_no_error(model: str, scene_of: SceneOf, estimating: 
     probes = {"inside": {"point": [0.9, 0.3] if flat else [0.9, 0.3, 0.4]}}
     warm = {"block": {"expansion": 1e-3, "temperature": 20.0}}  # no part of the stress
     scene = scene_of(2 if flat else 3, model=model, base={}, supports=held, probes=probes, thermal=warm)
-    (step,) = estimating(scene).steps()
+    step = ended(estimating(scene))
     assert_allclose(step.errors["probes.inside.stress"].mesh, 0.0, atol=1e-10 * np.abs(step.von_mises).max())
     assert_allclose(step.errors["probes.inside.displacement"].mesh, 0.0, atol=1e-11)
     force = step.contacts["base"].normal_force
@@ -101,9 +97,23 @@ def test_a_linear_field_has_no_error(model: str, scene_of: SceneOf, estimating: 
     assert step.errors["energy.stored"].mesh == pytest.approx(0.0, abs=1e-10 * step.energy.stored)
 
 
+def ended(simulation: Simulation) -> StepResult:
+    """Its last step, with all its errors."""
+    *_, step = steps = list(simulation.steps())
+    *_, errors = simulation.errors(steps) if simulation.scene.output.error else ({},)
+    corrected = {str(key): parts.corrected for key, parts in errors.items()}
+    return replace(step, errors={str(key): parts for key, parts in errors.items()}, corrected=corrected)
+
+
 def last(name: str, *sets: str) -> StepResult:
-    *_, step = prepare(read(name, sets)).steps()
-    return step
+    return ended(prepare(read(name, sets)))
+
+
+def followed(name: str, *sets: str) -> Simulation:
+    """Steps are followed with bubbles, as where order 2 is too dear."""
+    simulation = prepare(read(name, sets))
+    simulation.stepper.companion = two_level.MeshCorrection(simulation.stepper)
+    return simulation
 
 
 def numbers(step: StepResult) -> dict[str, Any]:
@@ -200,7 +210,7 @@ def test_a_pressure_without_limit_has_no_error() -> None:
 @pytest.mark.parametrize("name", [*slow("block"), "foundation", "axisymmetric"])
 def test_with_many_iterations_energy_is_in_balance(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(two_level, "STEPS", 25)
-    simulation = prepare(read(name, ["geometry.order=1", "steps.count=4"]))
+    simulation = followed(name, "geometry.order=1", "steps.count=4")
     step = next(simulation.steps())  # later ones begin with another slip than the bubbles are found for
     refined = simulation.reported.state.refined
     energy = refined.energy
@@ -212,15 +222,14 @@ def test_with_many_iterations_energy_is_in_balance(name: str, monkeypatch: pytes
 @pytest.mark.parametrize("name", ["sliding", *slow("half_space"), "stack", *slow("fretting")])
 def test_it_follows_sliding_and_driven_and_floating_bodies(name: str) -> None:
     sets = ["geometry.order=1", "steps.count=2"] if name == "fretting" else FOUR if name == "half_space" else []
-    step = last(name, *sets)
+    step = ended(followed(name, *sets))
     contact = next(iter(step.contacts))
     assert 0 < step.errors[f"contacts.{contact}.tangential_force"].mesh < 0.2 * step.contacts[contact].normal_force
 
 
-@pytest.mark.xfail(reason="of slip from touch loose solves leave 27 % of an error, of dissipation", strict=True)
 def test_iterative_volume_solves_give_the_same_errors() -> None:
     direct, iterative = (
-        last("cube", "geometry.mesh_size=0.25", *solver)
+        ended(followed("cube", "geometry.mesh_size=0.25", *solver))
         for solver in ((), ("solver.method=surface-uzawa", "solver.surface=matrix-free"))
     )
     for key in ("contacts.base.normal_force", "contacts.base.tangential_force", "energy.dissipated"):
@@ -242,14 +251,10 @@ def test_it_changes_neither_the_answer_nor_its_price() -> None:
     assert without.stepper.companion is None
 
 
-@pytest.mark.parametrize("sets", ["geometry.order=2", "solver.method=regularised"])
-def test_steps_of_order_2_and_of_approximate_laws_have_no_mesh_error(sets: str) -> None:
-    step = last("block", sets)
-    parts = step.errors["contacts.base.normal_force"]
-    assert parts.mesh is None
-    assert parts.total is None
-    assert (parts.law is None) is ("method" in sets)
-    assert not step.corrected
+def test_approximate_laws_have_the_error_of_the_mesh_but_not_their_own() -> None:
+    parts = last("block", "solver.method=regularised").errors["contacts.base.normal_force"]
+    assert parts.mesh > 0
+    assert parts.law is None
 
 
 @pytest.mark.parametrize("error", [SolverError("the iteration broke down"), np.linalg.LinAlgError("no convergence")])
@@ -257,7 +262,7 @@ def test_a_step_is_solved_though_its_error_is_not_found(error: Exception, monkey
     def fails(*arguments: object) -> None:
         raise error
 
-    simulation = prepare(read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"]))
+    simulation = followed("block", "geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25")
     steps = simulation.steps()
     first = next(steps)
     monkeypatch.setattr(two_level.MeshCorrection, "_improved", fails)
@@ -286,8 +291,7 @@ def test_flat_cells_that_bend_have_the_error_that_is_stated(layers: int) -> None
             "steps={ end = 1.0, count = 1 }",
             f"output.error={'true' if order == 1 else 'false'}",
         ]
-        (step,) = prepare(read("strip", words)).steps()
-        return step
+        return last("strip", *words)
 
     found, true = answer(1, 1.0, layers), answer(2, 0.5, 4)
     off = abs(found.probes["tip"].displacement - true.probes["tip"].displacement)[1]
@@ -317,7 +321,7 @@ def test_loads_narrower_than_a_facet_have_the_error_of_their_quadrature(width: f
         "probes={}",
         "steps={ end = 1.0, count = 1 }",
     ]
-    (step,) = prepare(read("block", words)).steps()
+    step = last("block", *words)
     true = 0.1 * width * np.sqrt(np.pi)
     off = abs(step.contacts["base"].normal_force - true)
     stated, corrected = step.errors["contacts.base.normal_force"].mesh, step.corrected["contacts.base.normal_force"]
@@ -327,7 +331,6 @@ def test_loads_narrower_than_a_facet_have_the_error_of_their_quadrature(width: f
 
 
 SETS = ["geometry.order=2", "steps.count=1", "steps.end=1.0"]
-HIDDEN = Quantity("contacts", "base", "max_pressure")  # at an edge: it has no limit
 
 
 def simulation(mesh_size: float, cells: str) -> Simulation:
@@ -347,55 +350,32 @@ def test_what_is_stated_is_as_large_as_the_error(cells: str) -> None:
             assert 0.3 * off - 1e-12 < parts.mesh < 6 * off + 1e-12, key
             assert parts.geometry == 0
             assert parts.total is not None
-    assert errors[HIDDEN].converges is False
 
 
-@pytest.mark.parametrize("cells", ["simplex", "tensor"])
-def test_the_mesh_of_corners_has_the_same_cells_and_sides(cells: str) -> None:
-    own = simulation(0.5, cells)
-    data = own.data
-    shape = CornerMesh(
-        kind=data.shape, points=data.points, cells=data.cells, body=data.body, names=data.bodies,
-        sides=sides_of(own.system)[0],
-    )  # fmt: skip
-    mesh = build_mesh(shape, own.problem.request, MPI.COMM_WORLD)
-    assert mesh.degree == 1
-    assert mesh.domain.topology.index_map(3).size_local == len(data.cells)
-    assert mesh.domain.geometry.x.shape[0] == 27
-    assert sorted(mesh.sides) == sorted(own.system.mesh.sides)
-    assert all(len(mesh.facets(side)) == len(own.system.mesh.facets(side)) for side in mesh.sides)
-
-
-def test_from_a_step_on_that_was_cut_or_fails_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = prepare(read("cube", ["geometry.order=2", "geometry.mesh_size=0.5"]))
+def test_from_a_step_on_that_fails_less_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = prepare(read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"]))
     first, second = whole.steps()
-    assert len(whole.mesh_errors([first, second])) == 2
-    assert len(whole.mesh_errors([first, replace(second, substeps=2)])) == 1
     reach = Stepper.reach
 
     def fails(self: Stepper, state, time, *rest):
-        if time > first.time:
+        if time > first.time and self.system.mesh.degree == 2:
             raise StepError(time, "for the test", (), None)
         return reach(self, state, time, *rest)
 
     monkeypatch.setattr(Stepper, "reach", fails)
-    assert len(whole.mesh_errors([first, second])) == 1
-    known = whole.mesh_errors([first])[0]
-    assert np.isfinite(known[Quantity("contacts", "base", "contact_area")].mesh)
     force = Quantity("contacts", "base", "normal_force")
-    assert force not in known  # it is known from bubbles
-    assert first.errors[str(force)].mesh > 0
-    assert whole.mesh_errors([replace(first, errors={})])[0][force].mesh > 0
+    known, less = (errors[force] for errors in whole.mesh_errors([first, second]))
+    assert (known.by, less.by) == ("order 2", "rough")
+    assert known.mesh > 0
+    assert less.mesh > 0
 
 
 def test_what_has_no_limit_has_no_error() -> None:
-    """A spring at a point gives way the more, the finer the mesh is: bubbles do not show it."""
+    """A spring at a point gives way the more, the finer the mesh is."""
     spring = "springs.tip={at=[1.0, 1.0, 1.0], stiffness=0.05, direction=[1.0, 0.0, 0.0], displacement=[0.3, 0.0, 0.0]}"
-    coarse = prepare(read("cube", [*SETS, "geometry.mesh_size=0.5", spring]))
-    steps = [*coarse.steps()]
-    for errors in (steps[-1].errors, {str(key): parts for key, parts in coarse.errors(steps)[-1].items()}):
-        assert errors["springs.tip.force"].mesh is None
-        assert errors["contacts.base.normal_force"].mesh is not None
+    step = last("cube", *SETS, "geometry.mesh_size=0.5", spring)
+    assert step.errors["springs.tip.force"].mesh is None
+    assert step.errors["contacts.base.normal_force"].mesh is not None
 
 
 def stated_over_true(law: Any, order: int, n: int) -> float:
@@ -475,19 +455,15 @@ def test_largest_stress_of_a_body_is_known_up_to_its_error(order: int) -> None:
     """Lamé: a ring under a pressure p around it has 2 p b^2 / (b^2 - a^2) along its inner side, and none across it."""
     nu = 0.3
     sizes = ["geometry.mesh_size=0.2", "geometry.inner_mesh_size=0.2", "contacts.fit.gap=-1e-3", "steps.end=1.0"]
-    (step,) = prepare(read("shrink_fit", [f"geometry.order={order}", *sizes, "steps.count=1"])).steps()
+    step = last("shrink_fit", f"geometry.order={order}", *sizes, "steps.count=1")
     fit, inner = step.contacts["fit"], step.bodies["inner"]
     assert fit.mean_pressure == fit.normal_force / fit.contact_area
     along = 2 * fit.mean_pressure * 2.0**2 / (2.0**2 - 1.0**2)
     exact = along * np.sqrt(1 - nu + nu**2)
     stated = step.errors["bodies.inner.max_von_mises"].mesh
     assert 0.7 * abs(inner.max_von_mises - exact) < stated < 3 * abs(inner.max_von_mises - exact)
-    if order == 1:  # of order 2 forces have theirs at the end of the run
-        force, area = (step.errors[f"contacts.fit.{key}"] for key in ("normal_force", "contact_area"))
-        mean = (force.mesh + fit.mean_pressure * area.mesh) / fit.contact_area
-        assert_allclose(step.errors["contacts.fit.mean_pressure"].mesh, mean)
 
 
 def test_largest_stress_at_a_corner_has_no_error() -> None:
-    (*_, step) = prepare(read("block", ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.125"])).steps()
+    step = last("block", "geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.125")
     assert step.errors["bodies.block.max_von_mises"].converges is False

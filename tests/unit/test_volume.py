@@ -222,6 +222,9 @@ def test_loads_in_the_span_of_earlier_ones_are_condensed_for_nothing(scene_of: S
         volume.counters.volume_solves = 0
         assert_allclose(found, volume.condense(vector), atol=1e-10 * np.abs(found).max(initial=1e-300))
         volume.counters.volume_solves = solves
+    for factor in (1e-250, 1e250):  # whose squares are 0 or infinite
+        assert_allclose(condense(factor * one), factor * condense(one), rtol=1e-12)
+    assert not np.isfinite(condense(np.inf * one)).any()
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -214,16 +214,13 @@ CASES = {
     "half_disc": (
         "half_disc",
         [*SIZES, *PUSHED, "steps.count=10"],
-    ),  # 5 steps and 5: the first three of each become one
-    "axisymmetric": (
-        "axisymmetric",
-        [*SIZES[:2], "geometry.contact_mesh_size=0.02", "steps.count=4"],
-    ),  # dissipation is 1.7 times too large
+    ),
+    "axisymmetric": ("axisymmetric", [*SIZES, "steps.count=4"]),  # dissipation is 1.7 times too large
     "hysteresis": ("hysteresis", ["geometry.mesh_size=0.1", "steps.end=6", "steps.count=12"]),  # 2, 2, 4, 4 steps
     "alone": ("hysteresis", ["geometry.mesh_size=0.1", "steps.end=6", "steps.count=3"]),  # one step between two turns
 }
 LOST, STUCK, WORK = "dissipation_total", "stick_area", "external"
-EXPECTED = {"half_disc": (LOST, STUCK), "axisymmetric": (LOST, STUCK, WORK)}  # a strip's friction is exact
+EXPECTED = {"half_disc": (LOST,), "axisymmetric": (LOST, STUCK, WORK)}  # a strip's friction is exact
 LARGE = 0.01  # of the largest value; smaller errors are those of single nodes that slip a step earlier or later
 
 
@@ -241,7 +238,8 @@ def test_stated_errors_are_of_the_size_of_the_true_ones(name: str) -> None:
     turns, judged = scene.timeline().turns, dict.fromkeys((LOST, STUCK, WORK), 0)
     for step, its in zip(steps, simulation.time_step_errors(steps), strict=True):
         found = quantities(step)
-        for what in (LOST, WORK, STUCK) if step.time in turns else (LOST, WORK):  # areas jump by nodes
+        # areas jump by nodes, and half a step sees none that begins to slip
+        for what in (LOST, WORK, STUCK) if step.time in turns and STUCK in EXPECTED.get(name, ()) else (LOST, WORK):
             key = Quantity("energy", "", what) if what == WORK else Quantity("contacts", contact, what)
             known = [values[touching if what == STUCK else key] for values in exact.values()]
             true = abs(found[key] - exact[round(step.time, 9)][key])

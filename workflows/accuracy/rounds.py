@@ -24,8 +24,7 @@ from stickslip.geometry.memory import available, peak
 from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.solvers.accuracy.lower_order import AT_THE_EDGE
-from stickslip.solvers.accuracy.two_level import MeshCorrection
+from stickslip.solvers.accuracy.mesh_error import AT_NODES
 from stickslip.solvers.results.step_result import OPEN, Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy
@@ -45,7 +44,6 @@ from stickslip.workflows.run.run import Keep, begun_with
 from stickslip.workflows.run.watch import Watch
 
 log = logging.getLogger(__name__)
-LOCAL = (*AT_THE_EDGE, "max_slip")  # decided near the contact
 COARSE = Move(0.5, 1)  # where a contact is too coarse for its errors to be known
 MOST = 12  # rounds
 LIBRARIES = 5e8  # bytes that the first round takes for libraries, on each rank
@@ -201,7 +199,7 @@ class Rounds:
         self.done.append(here)
         if comm.rank == 0:
             self._say(f"round {len(self.done)}: {here}")
-        met, near = here.met, any(goal.name.endswith(LOCAL) and not goal.met for goal in goals)
+        met, near = here.met, any(goal.name.endswith(AT_NODES) and not goal.met for goal in goals)
         if met and (len(self.done) > RESOLVING or _resolved(simulation, steps)):
             return True
         orders = self._orders(simulation)
@@ -282,8 +280,7 @@ class Rounds:
         """The order of this round, and 2 where the next one may have it: where its errors are known too."""
         shape, level = self.scene.geometry, self._level
         straight = isinstance(shape, UserFile) and shape.own_mesh  # cells are cut without their curved sides
-        smooth = self.scene.dim == 2 or not any(name.endswith(LOCAL) for name in self.scene.accuracy.goals)
-        may = smooth and level.highest == 2 and MeshCorrection.works_for(simulation.stepper)
+        may = level.highest == 2 and simulation.stepper.chain.exact_laws
         return (level.order, 2) if level.order == 1 and may and not straight else (level.order,)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -67,17 +67,17 @@ def write_tables_again(folder: Path, steps: Iterable[Iterable[Table]], names: It
                 (folder / name).unlink(missing_ok=True)
 
 
-def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Header and rows.
+def read_table(path: Path) -> tuple[list[str], Iterator[list[str]]]:
+    """Return header and rows, which are taken apart as they are asked for.
 
     Raises:
         MachineError: it is missing or not a table; see `read_checked`.
     """
     try:
-        header, *rows = csv.reader(io.StringIO(read_checked(path).decode(), newline=""))
-    except ValueError as error:
-        raise MachineError(f"{path}: cannot be read: {error}") from error
-    return header, rows
+        rows = csv.reader(io.StringIO(read_checked(path).decode(), newline=""))
+        return next(rows), rows
+    except (ValueError, StopIteration) as error:
+        raise MachineError(f"{path}: cannot be read: {error or 'it is empty'}") from error
 
 
 def is_prescribed(place: Place) -> bool:
@@ -102,8 +102,9 @@ def read_steps_table(folder: Path) -> dict[str, Array]:
     """
     header, rows = read_table(folder / STEPS)
     try:
-        table = np.array([[cell or "nan" for cell in row] for row in rows], float).reshape(len(rows), len(header))
-    except ValueError as error:
+        cells = [[cell or "nan" for cell in row] for row in rows]
+        table = np.array(cells, float).reshape(len(cells), len(header))
+    except (ValueError, csv.Error) as error:
         raise MachineError(f"{folder / STEPS}: cannot be read: {error}") from error
     return dict(zip(header, table.T, strict=True))
 

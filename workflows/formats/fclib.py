@@ -24,8 +24,8 @@ from scipy.sparse.linalg import splu
 from stickslip.geometry.arrays import CLOSE, AnyArray, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.user_files.hdf5_datasets import elsewhere
 from stickslip.workflows.formats.files import write_aside
-from stickslip.workflows.formats.hdf5 import elsewhere
 
 COLUMNS, ROWS = -1, -2  # values of nz: compressed columns, compressed rows; others: the number of triplets
 ASYMMETRY = 1e-2  # of the largest entry: files of the collection reach 1e-3

@@ -12,13 +12,13 @@ import io
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 
 from stickslip.geometry.arrays import AnyArray
 from stickslip.geometry.errors import DamagedError, MachineError
+from stickslip.geometry.user_files.hdf5_datasets import datasets
 from stickslip.workflows.formats.files import read_regular, write_aside
 from stickslip.workflows.formats.marker import USER_BLOCK, read_checked
 
@@ -59,8 +59,11 @@ def write_arrays(path: Path, arrays: Mapping[str, AnyArray], numbers: Numbers) -
         write_aside(path, line.encode().ljust(USER_BLOCK, b"\0"), rest)
 
 
-def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]]:
+def read_arrays(path: Path, but: str = "") -> tuple[dict[str, AnyArray], dict[str, float | int]]:
     """Arrays and numbers, verified.
+
+    Args:
+        but: beginning of names of arrays that are not read.
 
     Raises:
         DamagedError: the file is cut short, or its content does not match its checksum.
@@ -74,30 +77,15 @@ def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]
         raise MachineError(f"{path}: damaged, or not a file of stickslip: it does not begin with its checksum")
     if hashlib.sha256(memoryview(content)[USER_BLOCK:]).hexdigest() != sums[0]:
         raise DamagedError(f"{path}: damaged or cut short: its content does not match its checksum")
-    arrays: dict[str, AnyArray] = {}
-
-    def keep(name: str, found: object) -> None:
-        if isinstance(found, h5py.Dataset):
-            arrays[name] = found[()]
-
     with h5py.File(io.BytesIO(content), "r") as file:
-        if name := elsewhere(file):
-            raise MachineError(f"{path}: {name} has its numbers in another file; no run writes that")
-        file.visititems(keep)
+        found, arrays = datasets(file), dict[str, AnyArray]()
+        for name, item in found.items():
+            if item is None:
+                raise MachineError(f"{path}: {name} has its numbers in another file; no run writes that")
+            if not (but and name.startswith(but)):
+                arrays[name] = np.empty(item.shape, item.dtype)
+                item.read(h5py.h5s.ALL, h5py.h5s.ALL, arrays[name])
         return arrays, {name: value.item() for name, value in file.attrs.items() if name != "checksum"}
-
-
-def elsewhere(file: Any) -> str:
-    """Return the name of what an HDF5 file has in other files: by a link, external or virtual storage; or nothing."""
-    found: list[str] = []
-
-    def look(name: bytes, link: Any) -> None:
-        item = file[name] if link.type == h5py.h5l.TYPE_HARD else None
-        stored = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
-        found.extend([name.decode(errors="replace")] * bool(stored or link.type == h5py.h5l.TYPE_EXTERNAL))
-
-    file.id.links.visit(look, info=True)
-    return next(iter(found), "")
 
 
 def is_whole(path: Path, total: str) -> bool:

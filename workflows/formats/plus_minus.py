@@ -13,7 +13,7 @@ from stickslip.solvers.results.step_result import PARTS, ErrorParts
 
 MOST_PLACES = 6  # behind the point
 PLAIN = 1e5  # smaller numbers have no exponent
-MISSING = "*"  # behind a stated error that lacks a part
+AT_LEAST = "≥"  # before a stated error that lacks a part
 
 
 def plus_minus(value: float, error: float | None, converges: bool | None = None, incomplete: bool = False) -> str:
@@ -33,21 +33,21 @@ def plus_minus(value: float, error: float | None, converges: bool | None = None,
         return f"{value:.2g} (grows)"
     if error is None or not error > CLOSE * abs(value):  # of a number: a smaller error is not shown
         return f"{value:.5g}"
-    star = MISSING if incomplete else ""
+    least = AT_LEAST if incomplete else ""
     error = float(f"{error:.0e}")
     last = math.floor(math.log10(error))  # place of its only digit
     if 0 < -last <= MOST_PLACES:
-        return f"{value:.{-last}f} ± {error:.{-last}f}{star}"
+        return f"{value:.{-last}f} ± {least}{error:.{-last}f}"
     if last >= 0 and max(abs(value), error) < PLAIN:
-        return f"{round(value / 10**last) * 10**last} ± {round(error / 10**last) * 10**last}{star}"
+        return f"{round(value / 10**last) * 10**last} ± {least}{round(error / 10**last) * 10**last}"
     power = math.floor(math.log10(max(abs(value), error)))
     places = max(power - last, 0)
-    return f"({value / 10**power:.{places}f} ± {error / 10**power:.{places}f}){f'{10**power:.0e}'[1:]}{star}"
+    return f"({value / 10**power:.{places}f} ± {least}{error / 10**power:.{places}f}){f'{10**power:.0e}'[1:]}"
 
 
 def missing(parts: ErrorParts) -> list[str]:
-    """Parts that a stated error lacks; without that of the mesh, seldom the least, none is stated."""
-    return [] if parts.mesh is None else [name for name in PARTS if getattr(parts, name) is None]
+    """Parts that a stated error lacks."""
+    return [] if parts.total is None else [*parts.lacking]
 
 
 def parts_of(told: Mapping[str, Any] | None, component: int | None = None) -> ErrorParts:
@@ -60,20 +60,21 @@ def parts_of(told: Mapping[str, Any] | None, component: int | None = None) -> Er
     def part(found: Any) -> Any:
         return found[component] if isinstance(found, list) and component is not None else found
 
-    return ErrorParts(**{name: part((told or {}).get(name)) for name in (*PARTS, "converges")})
+    told = told or {}
+    dear = {name: cost for name, cost in (told.get("lacking") or {}).items() if cost is not None}
+    return ErrorParts(**{name: part(told.get(name)) for name in (*PARTS, "converges", "by", "unsure")}, dear=dear)
 
 
 def stated(parts: ErrorParts) -> float | None:
-    """Sum of the known parts; None without that of the mesh."""
-    known = [float(np.asarray(part)) for part in (getattr(parts, name) for name in PARTS) if part is not None]
-    return None if parts.mesh is None else sum(known)
+    """Sum of the parts that are there, of a number; None: there is none to state."""
+    return None if parts.total is None else float(np.asarray(parts.total))
 
 
 def of_parts(value: float, parts: ErrorParts) -> str:
     """Return a number with the sum of the known parts of its error.
 
     >>> of_parts(0.242957, ErrorParts(mesh=1e-4, time_step=1e-4)), of_parts(0.242957, ErrorParts(converges=False))
-    ('0.2430 ± 0.0002*', '0.24 (grows)')
+    ('0.2430 ± ≥0.0002', '0.24 (grows)')
     """
     return plus_minus(value, stated(parts), parts.converges, bool(missing(parts)))
 
@@ -82,7 +83,7 @@ def with_error(value: float, parts: ErrorParts | None, unit: str) -> str:
     """Return a number with its error and its unit.
 
     >>> with_error(0.242957, ErrorParts(converges=False), "Pa"), with_error(0.242957, ErrorParts(mesh=1e-4), "Pa")
-    ('0.24 Pa (grows)', '0.2430 ± 0.0001* Pa')
+    ('0.24 Pa (grows)', '0.2430 ± ≥0.0001 Pa')
     """
     number, grows, rest = of_parts(value, parts or ErrorParts()).partition(" (")
     return f"{number} {unit}{grows}{rest}"

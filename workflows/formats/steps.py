@@ -155,7 +155,7 @@ def read_step(path: Path) -> StoredStep:
         DamagedError: cut short, or damaged.
         MachineError: it cannot be read, or is not a step.
     """
-    arrays, numbers = _arrays(path)
+    arrays, numbers = _arrays(path, f"{CHECKPOINT}/")
     contacts: dict[str, dict[str, AnyArray]] = {}
     for name, array in arrays.items():
         if name.startswith("contacts/"):
@@ -193,13 +193,13 @@ def read_checkpoint(path: Path) -> tuple[StepResult, Plain]:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error
 
 
-def _arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]]:
+def _arrays(path: Path, but: str = "") -> tuple[dict[str, AnyArray], dict[str, float | int]]:
     """Read a step's file, see `read_arrays`; its name says which step it is.
 
     Raises:
         MachineError: it is that of another one.
     """
-    arrays, numbers = read_arrays(path)
+    arrays, numbers = read_arrays(path, but)
     if (index := numbers.get("index")) is not None and path.name.partition(".")[0] != f"{index:06d}":
         raise MachineError(f"{path}: is not that step: it is step {index}")
     return arrays, numbers

@@ -17,7 +17,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.contact_line import Line, walk
 from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.formats.files import make_folder
-from stickslip.workflows.formats.plus_minus import MISSING, with_error
+from stickslip.workflows.formats.plus_minus import AT_LEAST, with_error
 from stickslip.workflows.pictures.body_picture import BodyPictures
 from stickslip.workflows.pictures.force_displacement import draw_loops
 from stickslip.workflows.pictures.history import draw_history
@@ -67,8 +67,8 @@ def draw(
         surface = mesh.surfaces[name]
         said = _said(name, contact, errors or {}, per_metre, units)
         peak, resultants = said.pop("largest pressure"), ", ".join(f"{what} {number}" for what, number in said.items())
-        if any(MISSING in number for number in said.values()) or MISSING in peak:
-            resultants += f"; {MISSING} a part of the error is not known"
+        if any(AT_LEAST in number for number in (*said.values(), peak)):
+            resultants += f"; {AT_LEAST} a part of the error is not known"
         head = f"{title}\nt = {result.time:g} s, contact {name}{of}, largest pressure {peak}\n{resultants}"
         if mesh.points.shape[1] == 3:
             from stickslip.workflows.pictures.contact_maps import draw_surface  # with VTK

@@ -25,7 +25,7 @@ from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of, singular
 from stickslip.workflows.formats.files import write_output
 from stickslip.workflows.formats.marker import declare, is_marked, read_checked
-from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
+from stickslip.workflows.formats.plus_minus import AT_LEAST, missing, of_parts, parts_of, stated
 from stickslip.workflows.formats.results import HEAD, Results, profile_rows
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.pictures.report_view import model
@@ -85,7 +85,7 @@ def page(results: Results) -> str:
         steps=steps,
         of=_modelled(results),
         last=_last(results) if steps else None,
-        missing=MISSING,
+        missing=AT_LEAST,
         mesh_error=f"{error:.1%}" if (error := (content.get("error") or {}).get("discretisation")) else "",
         rounds=(content.get("accuracy") or {}).get("rounds") or (),
         left_out=data["left_out"] if data else None,

@@ -28,6 +28,7 @@ class Audited:
     audits: tuple[Audit | None, ...] = ()
     shared: tuple[str, ...] = ()  # see `Auditor.shared`
     passed: tuple[str, ...] = ()  # sentences on the numbers that pass their limits
+    files: WrittenFiles | None = None  # what the tables of contacts tell; on rank 0
 
 
 def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult]) -> Audited:
@@ -41,9 +42,10 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
     if not steps:
         return Audited()
     comm, auditor = simulation.mesh.comm, Auditor(simulation.problem, simulation.mesh)
+    files = WrittenFiles(simulation, folder) if comm.rank == 0 else None
     audits, before, told_before = list[Audit | None](), None, dict[str, Any]()
     for index, step in enumerate(steps, start=1):
-        record = from_rank_0(comm, partial(_record, folder, index, simulation.mesh.dim))
+        record = from_rank_0(comm, partial(_record, folder, index, simulation.mesh.dim, step.time, files))
         now = told(step, None)
         if record is not None:
             moments = {name: np.array(each["moment"]) for name, each in now["contacts"].items()}
@@ -55,7 +57,7 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
         audits.append(None if record is None else auditor(record, before if step.substeps == 1 else None))
         before = record
     simulation.counters.forms += auditor.start.counters.forms
-    return _judged(simulation, steps, audits, auditor.shared)
+    return replace(_judged(simulation, steps, audits, auditor.shared), files=files)
 
 
 def audit_files(
@@ -63,11 +65,17 @@ def audit_files(
 ) -> Audited:
     """The audits with what tables and XDMF files tell, once they are all written; collective.
 
+    What is told wrong of a step without fields counts with the next one that has them.
+
     Raises:
         MachineError: on every rank: a file cannot be read back.
     """
-    off = from_rank_0(simulation.mesh.comm, lambda: WrittenFiles(simulation, folder).apart(steps, errors))
-    audits = [audit and replace(audit, files=float(f"{x:.6g}")) for audit, x in zip(audited.audits, off, strict=True)]
+    off = from_rank_0(simulation.mesh.comm, lambda: audited.files and audited.files.apart(steps, errors)) or []
+    audits, worst = list[Audit | None](), 0.0
+    for audit, x in zip(audited.audits, off, strict=True):
+        worst = max(worst, x)
+        audits.append(audit and replace(audit, files=float(f"{worst:.6g}")))
+        worst = worst if audit is None else 0.0
     return _judged(simulation, steps, audits, audited.shared)
 
 
@@ -85,12 +93,17 @@ def _judged(
     return Audited(audits=tuple(audits), shared=shared, passed=tuple(over))
 
 
-def _record(folder: Path, index: int, dim: int) -> Record | None:
-    """Read a step's file; None if it is a light one."""
+def _record(folder: Path, index: int, dim: int, time: float, files: WrittenFiles | None) -> Record | None:
+    """Read a step's file and its rows of tables; None if it is a light one."""
     path = folder / step_name(index)
     if (folder / light_name(index)).exists() and not path.exists():
+        contacts, stored = {}, None
+    else:
+        stored = read_step(path)
+        contacts = {name: vars(contact) for name, contact in stored.contacts.items()}
+    if files is not None:
+        files.see(time, contacts)
+    if stored is None:
         return None
-    stored = read_step(path)
-    contacts = {name: vars(contact) for name, contact in stored.contacts.items()}
     fields = StoredFields(stress=stored.stress, von_mises=stored.von_mises, contacts=contacts)
     return replace(Record.of(stored), displacement=stored.displacement[:, :dim], stored=fields)

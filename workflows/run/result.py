@@ -249,10 +249,13 @@ def _result() -> Any:
 
 def _reported_step() -> Any:
     """The type of a step, from its records."""
-    error: dict[str, Any] = {"total": Annotated[Numbers | None, Key("", "sum of the parts; null if one of them is")]}
-    for name, hint in get_type_hints(ErrorParts, include_extras=True).items():
-        kind: Any = bool if name == "converges" else Numbers
-        error[name] = SAID[kind | None, hint.__metadata__[0]]
+    error: dict[str, Any] = {"total": Annotated[Numbers | None, Key("", "sum of the parts that are there")]}
+    hints = get_type_hints(ErrorParts, include_extras=True)
+    for name in (name for name in hints if name != "dear"):
+        kind: Any = {"by": str, "converges": bool, "unsure": bool}.get(name, Numbers)
+        error[name] = SAID[kind | None, hints[name].__metadata__[0]]
+    said = "parts that the total lacks: times the run that each would cost; null: not known at any price"
+    error["lacking"] = Annotated[dict[str, float | None], Key("", said)]
     errors = SAID[
         DICT[str, _table("Error", error, ErrorParts.__doc__)] | None, Key("", "by number; null: not estimated")
     ]

@@ -230,7 +230,7 @@ class Run:
         """
         simulation, audited = self._simulation, Audited()
         if self._errors is None and simulation.scene.output.error and self.steps:  # of a run that was stopped
-            self._errors = joined(simulation.system.contacts, self.steps)
+            self._errors = joined(self.steps)
         simulation.release()  # audit and pictures come when nothing more is solved
         status, sentence = self._unless_stopped(status, sentence)
         if simulation.scene.output.audit and status != "interrupted":

@@ -29,7 +29,7 @@ from stickslip.solvers.results.step_result import PARTS, ErrorParts, StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated, with_error
+from stickslip.workflows.formats.plus_minus import AT_LEAST, missing, of_parts, parts_of, stated, with_error
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.watch import Watch
@@ -166,7 +166,7 @@ class Reporter(Speaker):
         if content["steps"]:
             print_table(_contacts(content), out)
             if lacking := _incomplete(content):
-                out.print(f"{MISSING} without the error of the {listed(lacking)}, which is not known: see docs")
+                out.print(f"{AT_LEAST} without the error of the {listed(lacking)}: see docs")
         else:
             out.print("no step was solved")
         seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
@@ -313,10 +313,12 @@ def _parts(numbers: Content, key: str) -> ErrorParts:
 
 
 def _incomplete(content: Content) -> list[str]:
-    """Parts that some stated error lacks."""
+    """Parts that some stated error lacks, and what they would cost."""
     owners = [c for step in content["steps"] for c in ((step["contacts"] or {}) | {"": step["energy"]}).values()]
-    lacking = {name for one in owners for key in one.get("error") or {} for name in missing(_parts(one, key))}
-    return [name.replace("_", " ") for name in PARTS if name in lacking]
+    every = [_parts(one, key) for one in owners for key in one.get("error") or {}]
+    lacking = {name: cost for parts in every if missing(parts) for name, cost in parts.lacking.items()}
+    said = {name: f" ({cost:.2g} times the run)" if cost else " (not known)" for name, cost in lacking.items()}
+    return [name.replace("_", " ") + said[name] for name in PARTS if name in lacking]
 
 
 def print_plan(content: Content) -> None:

@@ -31,7 +31,7 @@ WORD = re.compile(r"[^\[\]{}\"',]*")  # a value of --set that may be a text with
 SHORT = re.compile(r"[+-]?(\.\d+|\d+\.)([eE][+-]?\d+)?")  # numbers that TOML wants with a digit more
 AXES = "xyz"
 DEEPEST = 20  # tables and lists within each other
-LACKS = re.compile(r"(?P<table>\w+)\.(?P<name>\w+)\.(?P<key>[\w.]+): missing")
+LACKS = re.compile(r"(?P<table>\w+)\.(?P<name>\w+)\.(?P<key>[\w./ ]+): missing")
 Names = Mapping[str, Sequence[str]]  # of what each table of a scene holds
 REQUIRED = ("model", "geometry", "bodies")
 READY = Path(__file__).parents[1] / "scenes"
@@ -129,8 +129,9 @@ def _of_new_names(own: Names) -> Iterator[None]:
         lines = [line for line in error.lines if not line.startswith(tuple(f"{key}." for key in lacking))]
         for key, keys in lacking.items():
             table, _, name = key.partition(".")
-            new = f"there is none in the scene (a new one needs {', '.join(keys)})"
-            lines.append(f"{key}: {new}; {nearest(name, own[table])}")
+            direct = ", ".join(each for each in keys if "." not in each)  # a table in it tells of itself alone
+            new = f" (a new one needs {direct})" if direct else ""
+            lines.append(f"{key}: there is none in the scene{new}; {nearest(name, own[table])}")
         raise SceneError(*lines) from None
 
 

@@ -21,7 +21,6 @@ import numpy as np
 import typer
 
 from stickslip import Scene, Simulation, SolverError, StepResult, Watch, read
-from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.simulation.checkpoint import Checkpoints
 from stickslip.workflows.cost.measure import ONE_THREAD
@@ -43,7 +42,7 @@ PHASES: Mapping[str, tuple[Any, str]] = {  # phases of output, by the functions 
     "tables": (TableWriter, "step"),
     "step files": (running, "write_step"),
     "XDMF": (FieldFiles, "step"),
-    "time steps": (TimeStepErrors, "__call__"),
+    "time steps": (Simulation, "time_step_errors"),
     "audit": (running, "audit_steps"),
     "result.json": (running, "write_result"),
 }

@@ -54,16 +54,17 @@ def point(scene: Scene, name: str) -> Point:
     began = clock.perf_counter()
     simulation = prepare(scene)
     steps = list(simulation.steps())
-    stated = total_errors(steps[-1], simulation.errors(steps)[-1])[name]
+    *_, errors = simulation.errors(steps)
+    stated = total_errors(steps[-1], errors)[name]
     seconds = clock.perf_counter() - began
     exact, contact, number = scene.exact.values[name], *name.split(".")
-    corrected = steps[-1].corrected.get(str(Quantity("contacts", contact, number)), np.nan)
+    corrected = errors[Quantity("contacts", contact, number)].corrected
     return Point(
         unknowns=simulation.system.constraints.free_total,
         seconds=seconds,
         stated=stated / abs(exact),
         true=abs(values(steps[-1])[name] / exact - 1),
-        corrected=abs(float(corrected) / exact - 1),
+        corrected=np.nan if corrected is None else abs(float(corrected) / exact - 1),
     )
 
 

@@ -15,8 +15,13 @@ def verify(
         list[str] | None, typer.Argument(metavar="[NAME]...", help="cases [all]; or the suite: hard, accuracy, effects")
     ] = None,
     rows: Annotated[bool, typer.Option("--rows", help="print all figures, not only those that fail")] = False,
-    number: Annotated[int, typer.Option("--number", help="hard: number of variations")] = 2000,
-    seed: Annotated[int, typer.Option("--seed", help="hard: of their order and random numbers")] = 0,
+    random: Annotated[
+        bool, typer.Option("--random", help="accuracy: of scenes drawn at random, instead of known problems")
+    ] = False,
+    number: Annotated[
+        int | None, typer.Option("--number", help="hard: number of variations [2000]; random: of scenes [30]")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="hard: of their order and random numbers; random: of scenes")] = 0,
     scenes: Annotated[
         str, typer.Option("--scenes", metavar="NAME,NAME", help="suites: these scenes (effects) only [all]")
     ] = "",
@@ -31,16 +36,21 @@ def verify(
 ) -> None:
     """Compare figures with closed forms and published values; or run a suite: hard, accuracy, effects."""
     from stickslip.workflows.lab.verification import registry
-    from stickslip.workflows.lab.verification.accuracy.run import accuracy
+    from stickslip.workflows.lab.verification.accuracy.run import NUMBER, accuracy, random_accuracy
     from stickslip.workflows.lab.verification.effects.run import effects
+    from stickslip.workflows.lab.verification.hard.run import NUMBER as VARIATIONS
     from stickslip.workflows.lab.verification.hard.run import hard
 
     only = [name for name in scenes.split(",") if name]
     for suite in ("hard", "accuracy", "effects"):
         if suite in (names or []) and names != [suite]:
             raise SceneError(f"verify {suite}: takes no other name beside it")
+    if random and (names != ["accuracy"] or only):
+        raise SceneError("--random: goes with `verify accuracy` alone, and without --scenes")
     if names == ["hard"]:
-        passed = hard(only, number, seed, jobs, output, again, resume)
+        passed = hard(only, VARIATIONS if number is None else number, seed, jobs, output, again, resume)
+    elif random:
+        passed = random_accuracy(NUMBER if number is None else number, seed, jobs, output)
     elif names == ["accuracy"]:
         passed = accuracy(only, jobs, output)
     elif names == ["effects"]:

@@ -6,13 +6,14 @@ All numbers of a solved history with their stated errors, component by component
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from stickslip import ErrorParts, Quantity, Scene, Simulation, StepResult, prepare
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.accuracy.areas import areas_of_order_2
+from stickslip.solvers.accuracy.areas import areas_between_nodes
 from stickslip.solvers.results.step_result import Errors, number_of, quantities
 from stickslip.solvers.scene.record import STRESSES, Value
 
@@ -37,6 +38,7 @@ class Answer:
     endless: Column  # 1 where it is said that the number has no limit on ever finer meshes
     scales: Column  # what an error is measured by; 0: it is not judged
     unknowns: int
+    price: float = np.nan  # seconds of the errors over those of all else
 
     def at(self, times: Array) -> Answer:
         """The same at some of its times alone; what a step dissipates is that of all steps since the time before."""
@@ -68,6 +70,7 @@ def solve(scene: Scene, errors: bool = True, sharp: bool = False) -> Answer:
     simulation = prepare(replace(scene, output=replace(scene.output, error=errors)))
     steps = tuple(simulation.steps())
     found = simulation.errors(steps) if errors else tuple({key: ErrorParts() for key in quantities(s)} for s in steps)
+    seconds = asdict(simulation.seconds)
     areas = [_sharp_areas(simulation, step) if sharp and scene.dim == 2 else {} for step in steps]
     values = _columns([dict(_numbers(quantities(s))) | found for s, found in zip(steps, areas, strict=True)])
     return Answer(
@@ -77,6 +80,7 @@ def solve(scene: Scene, errors: bool = True, sharp: bool = False) -> Answer:
         endless=_columns([dict(_endless(s, e)) for s, e in zip(steps, found, strict=True)]),
         scales=_scales(simulation, steps, values),
         unknowns=simulation.system.T.size[0],
+        price=seconds["error"] / (sum(seconds.values()) - seconds["error"]),
     )
 
 
@@ -86,7 +90,9 @@ def quantity(name: str) -> Quantity:
     (('contacts', 'base'), 'energy.stored')
     """
     table, *words = name.split(".")
-    return Quantity(table, "", words[0]) if table == "energy" else Quantity(table, *words[:2])
+    if words[-1] in (*"xyz", *STRESSES):  # a component
+        words.pop()
+    return Quantity(table, ".".join(words[:-1]), words[-1])
 
 
 def kind(name: str) -> str:
@@ -113,7 +119,9 @@ def _sharp_areas(simulation: Simulation, step: StepResult) -> dict[str, float]:
     found = dict[str, float]()
     for c in simulation.system.contacts:
         contact = step.contacts[c.name]
-        areas = areas_of_order_2(c.surface, contact, contact.weight)
+        areas = areas_between_nodes(c.surface, contact, contact.weight)
+        if areas["contact_area"] > 0:
+            areas["mean_pressure"] = contact.normal_force / areas["contact_area"]
         found |= {f"contacts.{c.name}.{key}": area for key, area in areas.items()}
     return found
 
@@ -148,11 +156,12 @@ def _scales(simulation: Simulation, steps: Sequence[StepResult], values: Column)
     }
     pressure = max(contact.max_pressure for contact in states)
     areas = {name: float(contact.weight.sum()) for name, contact in steps[0].contacts.items()}
+    areas |= {name: max(areas[part] for part in steps[0].parts(name)) for name in steps[0].sums}
     stored = float(values["energy.stored"].max())
     everywhere = max(_longest(step.displacement) for step in steps)
     found = {}
     for name, column in values.items():
-        owner = name.split(".")[1]
+        owner = quantity(name).name
         size: dict[str, float | Array] = {
             "force": force,
             "moment": force * simulation.system.extent,
@@ -176,10 +185,23 @@ def _longest(displacement: Array) -> float:
 
 
 COUNTS = 1e-3  # of the scale of its kind; a smaller true error does not count
+SURE = 5.0  # times the doubt of its truth: a smaller true error is not known
 LOW, HIGH = 0.7, 3.0  # stated / true within: of the right size
 TOO_SMALL, TOO_LARGE = 0.5, 10.0
-INSIDE, BELOW = 0.9, 0.02  # share that is asked for within the band, and that may be too small; none may be too large
-SILENT = 0.1  # share of large enough true errors of which nothing need be stated
+
+
+class Asked(NamedTuple):
+    """Share that is asked for within the band; and of what may be too small, too large, or not stated."""
+
+    inside: float
+    below: float
+    above: float
+    silent: float
+
+
+OF_PROBLEMS = Asked(0.9, 0.02, 0.0, 0.1)
+OF_DRAWN = {1: Asked(0.9, 0.04, 0.01, 0.03), 2: Asked(0.85, 0.05, 0.01, 0.03)}  # by order
+WORST, MANY = 0.65, 20  # share within the band of each drawn scene of so many numbers
 SAME = 1e-9  # of the scale: a number under several names is one
 GROWTH, STEADY = 0.05, 0.8  # of a pressure without limit: see `endless`
 
@@ -245,7 +267,7 @@ class Share:
             below=float((found < TOO_SMALL).sum() / n),
             above=int((found > TOO_LARGE).sum()),
             median=float(np.median(found)) if len(found) else np.nan,
-            silent=sum(case.stated is None and case.size > COUNTS for case in cases),
+            silent=sum(case.stated is None and case.size > COUNTS and case.known for case in cases),
         )
 
     @property
@@ -253,12 +275,12 @@ class Share:
         """Whether some errors are stated, where some are large enough."""
         return bool(self.counted or not self.silent)
 
-    @property
-    def enough(self) -> bool:
+    def meets(self, asked: Asked) -> bool:
         """Whether it is what is asked for."""
-        if self.silent > SILENT * (self.counted + self.silent):
+        if self.silent > asked.silent * (self.counted + self.silent):
             return False
-        return not self.counted or (self.inside >= INSIDE and self.below <= BELOW and not self.above)
+        right = self.inside >= asked.inside and self.below <= asked.below
+        return not self.counted or (right and self.above <= asked.above * self.counted)
 
 
 def counted(cases: Iterable[Case]) -> list[Case]:
@@ -279,22 +301,26 @@ def compare(
 
     Args:
         truth: at the times of the run.
-        doubt: how far the truth itself may be off, by number at these times; errors below it are not known.
+        doubt: how far the truth itself may be off, by number at these times; errors below `SURE` times it are not
+            known. Of the others none is stated where a number is said to have no limit.
     """
     for k, time in enumerate(run.times):
         seen = set[tuple[int, int, float]]()
         for name, values in run.values.items():
-            scale, stated = float(truth.scales[name][k]), float(run.stated[part][name][k])
-            if not scale or run.endless[name][k]:
+            scale, limitless = float(truth.scales[name][k]), bool(run.endless[name][k])
+            if not scale or (limitless and doubt is None):
                 continue
+            stated = np.nan if limitless else float(run.stated[part][name][k])
             true = abs(float(values[k] - truth.values[name][k]))
             alike = (round(true / scale / SAME), -1 if np.isnan(stated) else round(stated / scale / SAME), scale)
-            if alike not in seen:
-                seen.add(alike)
+            if alike in seen:
+                continue
+            seen.add(alike)
+            known = doubt is None or true >= SURE * float(doubt[name][k])
+            if known or not limitless:
                 yield Case(
                     problem=problem, order=order, mesh=mesh, time=float(time), name=name, part=part,
-                    stated=None if np.isnan(stated) else stated, true=true, scale=scale,
-                    known=doubt is None or true >= float(doubt[name][k]),
+                    stated=None if np.isnan(stated) else stated, true=true, scale=scale, known=known,
                 )  # fmt: skip
 
 

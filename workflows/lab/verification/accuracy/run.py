@@ -9,30 +9,35 @@ import json
 import shlex
 import time as clock
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from stickslip import VERSION, SceneError, read
 from stickslip.geometry.errors import nearest, require
+from stickslip.geometry.keys import adapter
 from stickslip.workflows.formats.files import disk_errors, make_folder
 from stickslip.workflows.formats.templates import render
+from stickslip.workflows.lab.verification.accuracy.drawn import DOUBT, FINER, MORE
 from stickslip.workflows.lab.verification.accuracy.judge import (
-    BELOW,
     COUNTS,
     HIGH,
-    INSIDE,
     ITERATION,
     LOW,
+    MANY,
     MESH,
+    OF_DRAWN,
+    OF_PROBLEMS,
     PARTS,
-    SILENT,
     TIME,
     TOO_LARGE,
     TOO_SMALL,
     TOTAL,
+    WORST,
     Case,
     Endless,
     Share,
@@ -40,9 +45,12 @@ from stickslip.workflows.lab.verification.accuracy.judge import (
     kind,
 )
 from stickslip.workflows.lab.verification.accuracy.problems import MESHES, PROBLEMS
-from stickslip.workflows.lab.verification.accuracy.suite import LOOSE, MORE, Study, studies
+from stickslip.workflows.lab.verification.accuracy.suite import LOOSE, Study, drawn_studies, studied, studies
 from stickslip.workflows.lab.verification.hard.tables import overrides
 from stickslip.workflows.scene_file.read import READY, to_dict
+
+NUMBER = 30  # of drawn scenes
+LINES, OF_SEED = "accuracy.jsonl", "seed_{}.jsonl"  # studies of the problems, and of the scenes of a seed
 
 
 def accuracy(names: Sequence[str] = (), jobs: int = 1, folder: Path | None = None) -> bool:
@@ -63,30 +71,69 @@ def accuracy(names: Sequence[str] = (), jobs: int = 1, folder: Path | None = Non
     for name in names:
         if name not in PROBLEMS:
             raise SceneError(f"--scenes {name}: no such problem; {nearest(name, PROBLEMS)}")
-    require(jobs >= 1, "--jobs", jobs, "must be at least 1")
-    if folder is not None:
-        make_folder(folder)
-    found, began = list[Study](), clock.monotonic()
-    for study in studies(tuple(names) or tuple(PROBLEMS), jobs):
-        found.append(study)
-        print(line(study), flush=True)
+    began = clock.monotonic()
+    found = _told(lambda folder: studies(studied, tuple(names) or tuple(PROBLEMS), jobs), jobs, folder)
     print(f"{sentence(found)}; {clock.monotonic() - began:.0f} s")
-    if folder is not None:
-        words = ["stickslip", "verify", "accuracy", *(["--scenes", ",".join(names)] if names else [])]
-        with disk_errors(folder):
-            write_page(folder / "accuracy.md", found, shlex.join([*words, "-o", folder.resolve().name]))
-            (folder / "accuracy.jsonl").write_text("".join(map(_text, found)), encoding="utf-8")
+    _keep(folder, LINES, found)
     return passed(found)
 
 
-def _text(study: Study) -> str:
-    """A line of JSON for each case."""
-    rows = [asdict(case) for case in study.cases] + [{"endless": asdict(each)} for each in study.endless]
-    return "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows)
+def random_accuracy(number: int = NUMBER, seed: int = 0, jobs: int = 1, folder: Path | None = None) -> bool:
+    """Judge the stated errors of scenes drawn at random; one line for each, then the tables.
+
+    Args:
+        number: of scenes.
+        seed: of what is drawn.
+        jobs: processes, of one core each.
+        folder: where the scene files, accuracy.md, accuracy.png and seed_SEED.jsonl are written; None: nowhere.
+
+    Returns:
+        Whether the shares are what is asked for.
+
+    Raises:
+        SceneError: an option is wrong.
+        MachineError: the folder cannot be written.
+    """
+    require(number >= 1, "--number", number, "must be at least 1")
+    require(seed >= 0, "--seed", seed, "must not be negative")
+    began = clock.monotonic()
+    found = _told(lambda folder: drawn_studies(number, seed, jobs, folder / f"seed_{seed}"), jobs, folder)
+    print(f"\n{drawn_tables(found)}\n\n{clock.monotonic() - began:.0f} s")
+    _keep(folder, OF_SEED.format(seed), found)
+    return well_drawn(found)
+
+
+def _told(run: Callable[[Path], Iterator[Study]], jobs: int, folder: Path | None) -> list[Study]:
+    """Studies that a run in a folder gives, or else in one that is removed, each told as soon as it is there."""
+    require(jobs >= 1, "--jobs", jobs, "must be at least 1")
+    if folder is not None:
+        make_folder(folder)
+    found = list[Study]()
+    with TemporaryDirectory() as aside:
+        for study in run(folder or Path(aside)):
+            found.append(study)
+            print(line(study), flush=True)
+    return found
+
+
+def _keep(folder: Path | None, name: str, found: Sequence[Study]) -> None:
+    """Write the studies of a run, and the page of all runs whose studies lie there."""
+    if folder is None:
+        return
+    with disk_errors(folder):
+        text = "".join(json.dumps(asdict(study), ensure_ascii=False) + "\n" for study in found)
+        (folder / name).write_text(text, encoding="utf-8")
+        seeds = {int(path.stem.partition("_")[2]): _kept(path) for path in folder.glob(OF_SEED.format("*"))}
+        write_page(folder / "accuracy.md", _kept(folder / LINES), dict(sorted(seeds.items())))
+
+
+def _kept(path: Path) -> list[Study]:
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    return [adapter(Study).validate_python(json.loads(row)) for row in lines]
 
 
 ASKED = (MESH, TIME, TOTAL)  # parts, of order 1, whose shares are asked for
-WORST = 25  # cases that the page lists
+SHOWN = 25  # of the worst cases
 COLOURS = {
     "force": "#1f77b4", "moment": "#17becf", "area": "#2ca02c", "pressure": "#d62728", "length": "#9467bd",
     "dissipation": "#ff7f0e", "energy": "#7f7f7f", "rotation": "#e377c2",
@@ -106,7 +153,7 @@ def passed(studies: Sequence[Study]) -> bool:
 def enough(studies: Sequence[Study]) -> bool:
     """Whether the shares of order 1 are what is asked for, and something is stated in each problem and part."""
     each = [[case for case in asked([study]) if case.part == part] for study in studies for part in ASKED]
-    return Share.of(asked(studies)).enough and all(Share.of(cases).said for cases in each)
+    return Share.of(asked(studies)).meets(OF_PROBLEMS) and all(Share.of(cases).said for cases in each)
 
 
 def sentence(studies: Sequence[Study]) -> str:
@@ -126,9 +173,53 @@ def words(share: Share) -> str:
 
 
 def line(study: Study) -> str:
-    """Line that is printed of a problem."""
-    said = study.failure or words(Share.of(asked([study])))
-    return f"{study.problem}: {said}; {study.seconds:.0f} s"
+    """Line that is printed of a problem, or of a drawn scene."""
+    judged = asked([study]) or study.cases
+    order = "".join(f", order {order}" for order in {case.order for case in judged})
+    return f"{study.problem}{order}: {study.failure or words(Share.of(judged))}; {study.seconds:.0f} s"
+
+
+def well_drawn(studies: Sequence[Study]) -> bool:
+    """Whether the shares of drawn scenes are what is asked for, and few true errors are not known."""
+    cases, worst = [case for study in studies for case in study.cases], worst_scene(studies)
+    shares = {order: Share.of(case for case in cases if case.order == order) for order in OF_DRAWN}
+    bearable = worst is None or Share.of(worst.cases).inside >= WORST
+    return bearable and unknown(cases) <= 1 / 10 and all(shares[k].meets(asked) for k, asked in OF_DRAWN.items())
+
+
+def unknown(cases: Iterable[Case]) -> float:
+    """Share of the large enough true errors that are not known."""
+    known = [case.known for case in cases if case.size > COUNTS]
+    return 1 - sum(known) / max(len(known), 1)
+
+
+def worst_scene(studies: Sequence[Study]) -> Study | None:
+    """The scene of many numbers that has the least share of the right size."""
+    many = [study for study in studies if Share.of(study.cases).counted >= MANY]
+    return min(many, key=lambda study: Share.of(study.cases).inside, default=None)
+
+
+def drawn_tables(studies: Sequence[Study]) -> str:
+    """What became of drawn scenes, in Markdown."""
+    solved = [study for study in studies if not study.failure]
+    cases = sorted((case for study in solved for case in study.cases), key=lambda case: (case.order, kind(case.name)))
+    worst, prices = worst_scene(solved), {study.problem: study.price for study in solved}
+    again = [f"{study.problem} ({study.failure})" for study in studies if study.failure]
+    told: list[Any] = [
+        f"{len(solved)} scenes; drawn again: {'; '.join(again) or 'none'}. Of the true errors that are large enough,"
+        f" {100 * unknown(cases):.1f} % are not known and do not count. Stated errors cost"
+        f" {np.median([*prices.values()] or np.nan):.2g} times the rest of a run in the median.",
+        worst and f"The worst scene of {MANY} numbers or more is {worst.problem}: {words(Share.of(worst.cases))}.",
+        table("order", cases, lambda case: f"order {case.order}"),
+        table("kind", cases, lambda case: f"order {case.order}, {kind(case.name)}"),
+        table(
+            "scene (price)",
+            [case for study in solved for case in study.cases],
+            lambda case: f"{case.problem}, order {case.order} ({prices[case.problem]:.1f})",
+        ),
+        f"Numbers without a limit:\n\n{_endless([each for study in solved for each in study.endless])}",
+    ]
+    return "\n\n".join(filter(None, told))
 
 
 def again(case: Case) -> str:
@@ -140,18 +231,22 @@ def again(case: Case) -> str:
     return shlex.join(["stickslip", "run", case.problem, *(f"--set={word}" for word in changes)])
 
 
-def write_page(page: Path, studies: Sequence[Study], command: str) -> None:
-    """Write the page, and its picture beside it; the picture has the page's name and ends in .png."""
+def write_page(page: Path, studies: Sequence[Study], seeds: Mapping[int, Sequence[Study]]) -> None:
+    """Write the page, and its picture beside it; the picture has the page's name and ends in .png.
+
+    Args:
+        studies: of the problems.
+        seeds: of drawn scenes, by seed.
+    """
     picture, cases = page.with_suffix(".png"), [case for study in studies for case in study.cases]
     first = [case for case in cases if case.order == 1]
     second = [case for case in cases if case.order == 2 and case.part == MESH]
-    worst = sorted(counted(asked(studies)), key=lambda case: -abs(np.log(max(case.effectivity, 1e-9) / 1.4)))[:WORST]
+    worst = sorted(counted(asked(studies)), key=lambda case: -abs(np.log(max(case.effectivity, 1e-9) / 1.4)))[:SHOWN]
     text = render(
         "lab/verification/templates/accuracy.md",
-        command=command,
         version=VERSION,
         sentence=f"{sentence(studies)}." + ("" if enough(studies) else " That is not what is asked for."),
-        **{name: f"{100 * share:.0f}" for name, share in (("inside", INSIDE), ("below", BELOW), ("silent", SILENT))},
+        **{name: f"{100 * share:.0f}" for name, share in OF_PROBLEMS._asdict().items() if share},
         within=f"[{LOW:g}, {HIGH:g}]",
         too_small=f"{TOO_SMALL:g}",
         too_large=f"{TOO_LARGE:g}",
@@ -159,6 +254,8 @@ def write_page(page: Path, studies: Sequence[Study], command: str) -> None:
         **{"mesh": MESH, "time": TIME, "iteration": ITERATION, "total": TOTAL},
         finer=sorted(round(1 / problem.fine) for problem in PROBLEMS.values()),
         more=MORE,
+        finest=f"{max(FINER.values()):g}",
+        doubt=f"{DOUBT:g}",
         loose=f"{LOOSE:g}",
         counts=f"{COUNTS:g}",
         unknown=_unknown(studies),
@@ -170,9 +267,22 @@ def write_page(page: Path, studies: Sequence[Study], command: str) -> None:
         studies=studies,
         endless=_endless([each for study in studies for each in study.endless]),
         worst="\n".join(map(_worst, worst)),
+        by_seed={seed: Share.of(case for study in found for case in study.cases) for seed, found in seeds.items()},
+        drawn=drawn_tables([_of_seed(study, seed) for seed, found in seeds.items() for study in found]),
     )
     page.write_text(text, encoding="utf-8")
     draw(picture, cases)
+
+
+def _of_seed(study: Study, seed: int) -> Study:
+    """The study of a drawn scene whose name tells the seed."""
+    name = f"{seed}/{study.problem}"
+    return replace(
+        study,
+        problem=name,
+        cases=tuple(replace(case, problem=name) for case in study.cases),
+        endless=tuple(replace(each, problem=name) for each in study.endless),
+    )
 
 
 def _worst(case: Case) -> str:

@@ -9,21 +9,28 @@ the three meshes is farther from the fine mesh than a run of order 1 is, the lat
 from __future__ import annotations
 
 import os
+import resource
 import time as clock
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
 from multiprocessing import get_context
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
-from stickslip import Scene, Solver, StepError, StickslipError
+from stickslip import Scene, Solver, StepError, StickslipError, read
 from stickslip.workflows.cost.measure import ONE_THREAD
+from stickslip.workflows.lab.verification.accuracy.drawn import MORE, RUN, SECOND, TRUTH, Drawn, drawn
 from stickslip.workflows.lab.verification.accuracy.judge import (
     ITERATION,
     MESH,
+    SURE,
     TIME,
     TOTAL,
     Answer,
@@ -35,7 +42,6 @@ from stickslip.workflows.lab.verification.accuracy.judge import (
 )
 from stickslip.workflows.lab.verification.accuracy.problems import MESHES, PROBLEMS, Problem
 
-MORE = 16  # times the steps
 ORDERS: tuple[Literal[1, 2], ...] = (1, 2)
 LOOSE = 1e-2  # tolerance of the loose iteration
 Key = tuple[Literal[1, 2], float]  # order, and factor on the mesh sizes
@@ -50,24 +56,88 @@ class Study:
     endless: tuple[Endless, ...] = ()
     unknowns: tuple[int, ...] = ()  # of order 1 on the meshes, and of the truth
     seconds: float = 0.0
+    price: float = np.nan  # of the stated errors, in seconds of all else of the run
     failure: str = ""  # why it has given nothing
 
 
-def studies(names: Sequence[str], jobs: int) -> Iterator[Study]:
-    """The problems in their order, each in a process of one core."""
+def studies(
+    study: Callable[[Any], Study], tasks: Iterable[Any], jobs: int, limit: int = resource.RLIM_INFINITY
+) -> Iterator[Study]:
+    """Studies in their order, each in a process of its own, of one core and so many seconds of its time."""
     os.environ.update(ONE_THREAD)
-    with ProcessPoolExecutor(jobs, get_context("spawn"), max_tasks_per_child=1) as processes:
-        yield from processes.map(studied, names)
+    with ThreadPoolExecutor(jobs) as threads:
+        yield from threads.map(partial(_performed, study, limit), tasks)
+
+
+def _performed(study: Callable[[Any], Study], limit: int, task: Any) -> Study:
+    began = clock.perf_counter()
+    with ProcessPoolExecutor(1, get_context("spawn"), _limited, (limit,)) as process:
+        try:
+            found = process.submit(_tried, study, task).result()
+        except BrokenProcessPool:
+            found = Study(problem=str(task), failure=f"no end after {limit} s of the processor's time")
+    return replace(found, seconds=clock.perf_counter() - began)
+
+
+def _tried(study: Callable[[Any], Study], task: Any) -> Study:
+    try:
+        return study(task)
+    except StickslipError as error:
+        return Study(problem=str(task), failure=str(error))
+
+
+def _limited(seconds: int) -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
 
 
 def studied(name: str) -> Study:
-    """The study of one problem, or why there is none."""
-    began = clock.perf_counter()
-    try:
-        found = judged(name, PROBLEMS[name], solved(PROBLEMS[name]))
-    except StickslipError as error:
-        found = Study(problem=name, failure=str(error))
-    return replace(found, seconds=clock.perf_counter() - began)
+    """The study of a problem."""
+    return judged(name, PROBLEMS[name], solved(PROBLEMS[name]))
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A drawn scene and the folder in which its files are written."""
+
+    scene: Drawn
+    folder: Path
+
+    def __str__(self) -> str:
+        return self.scene.name
+
+
+def judged_alone(draft: Draft) -> Study:
+    """The study of a drawn scene."""
+    name, order = draft.scene.name, draft.scene.order
+    files = draft.scene.files(draft.folder)
+    run = solve(read(files[RUN]))
+    truth, second = (solve(read(files[key]), errors=False, sharp=True).at(run.times) for key in (TRUTH, SECOND))
+    grow = [*_endless(name, {1.0: run}, (run, second, truth), (1.0, *draft.scene.cells))]
+    doubt = {key: np.abs(value - second.values[key]) for key, value in truth.values.items()}
+    return Study(
+        problem=name,
+        cases=limited(compare(name, order, 1.0, TOTAL, run, truth, doubt), grow),
+        endless=tuple(grow),
+        unknowns=(run.unknowns, truth.unknowns),
+        price=run.price,
+    )
+
+
+def limited(cases: Iterable[Case], found: Iterable[Endless]) -> tuple[Case, ...]:
+    """The cases of numbers that have a limit."""
+    growing = {(each.time, each.name) for each in found if each.true}
+    return tuple(case for case in cases if (case.time, case.name) not in growing)
+
+
+def drawn_studies(number: int, seed: int, jobs: int, folder: Path) -> Iterator[Study]:
+    """So many scenes; others are drawn for those that end without an answer, which come too, with why."""
+    left, draws = number, drawn(seed)
+    while left:
+        for study in studies(
+            judged_alone, (Draft(scene, folder / scene.name) for scene in islice(draws, left)), jobs, 3 * 60
+        ):
+            left -= not study.failure
+            yield study
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,16 +173,16 @@ def judged(name: str, problem: Problem, runs: Runs) -> Study:
     """Compare the runs of a problem."""
     fine, best = (known(each, problem) if each else None for each in (runs.fine, runs.best))
     assert fine is not None
-    found = tuple(_endless(name, problem, runs))
-    growing = {(each.time, each.name) for each in found if each.true}
+    own = {mesh: runs.own[1, mesh] for mesh in MESHES}
+    found = tuple(_endless(name, own, [*(runs.own[2, mesh] for mesh in MESHES), runs.fine], (*MESHES, problem.fine)))
     cases = list[Case]()
     near = runs.own[2, min(MESHES)]
     distance = {key: np.abs(value - near.values[key]) for key, value in fine.values.items()}
     for (order, mesh), run in runs.own.items():
-        doubt = distance if order == 1 else None
+        doubt = {key: value / SURE for key, value in distance.items()} if order == 1 else None
         to_mesh = [*compare(name, order, mesh, MESH, run, fine, doubt)]
         to_mesh += [*compare(name, order, mesh, TOTAL, run, best, doubt)] if best else []
-        cases += [case for case in to_mesh if (case.time, case.name) not in growing]
+        cases += limited(to_mesh, found)
         cases += compare(name, order, mesh, TIME, run, runs.many[order, mesh])
     for (order, mesh), run in runs.loose.items():
         cases += compare(name, order, mesh, ITERATION, run, runs.own[order, mesh])
@@ -142,13 +212,19 @@ def loose(scene: Scene) -> Scene:
     return replace(scene, solver=Solver(method="surface-uzawa", surface="matrix-free", tolerance=LOOSE))
 
 
-def _endless(name: str, problem: Problem, runs: Runs) -> Iterator[Endless]:
-    """Largest pressures that grow without end, by order 2 on all meshes, and what order 1 says of them."""
-    sizes = (*MESHES, problem.fine)
-    for key in (key for key in runs.fine.values if key.endswith(".max_pressure")):
-        grow = endless([*(runs.own[2, mesh].values[key] for mesh in MESHES), runs.fine.values[key]], sizes)
-        for mesh in MESHES:
-            for k, time in enumerate(runs.fine.times):
-                said = bool(runs.own[1, mesh].endless[key][k])
+def _endless(
+    name: str, said_by: Mapping[float, Answer], answers: Sequence[Answer], sizes: Sequence[float]
+) -> Iterator[Endless]:
+    """Largest pressures that grow without end, and what runs say of them.
+
+    Args:
+        said_by: runs by mesh.
+        answers: on meshes of these sizes, each finer than the one before.
+    """
+    for key in (key for key in answers[-1].values if key.endswith((".max_pressure", ".max_von_mises"))):
+        grow = endless([answer.values[key] for answer in answers], sizes)
+        for mesh, run in said_by.items():
+            for k, time in enumerate(run.times):
+                said = bool(run.endless[key][k])
                 if said or grow[k]:
                     yield Endless(problem=name, mesh=mesh, time=float(time), name=key, said=said, true=bool(grow[k]))
