@@ -3,8 +3,10 @@
 Springs kappa R R^T to where the last step ended hold each rigid motion R of bodies that contact alone holds: with them
 there is an equilibrium. As kappa falls, either the motion settles, and the bodies are in equilibrium without springs,
 or it grows like 1/kappa: the springs then go on to carry a part r of the load that contact and friction lack, along the
-motion of collapse. Contact is solved on the elastic bodies: pressures are those that a bolt or a press fit makes. Where
-all that slides slides on at the same tractions, a load whose work is smaller by |r|² / (r . f) is the limit load.
+motion of collapse. That is a suspicion, for other states of contact may hold the load: it is shown at the last
+equilibrium before, see `spent`. Contact is solved on the elastic bodies: pressures are those that a bolt or a press fit
+makes. Where all that slides slides on at the same tractions, a load whose work is smaller by |r|² / (r . f) is the
+limit load.
 
 Source: Christiansen, Limit analysis of collapse states, Handbook of Numerical Analysis IV (1996); elastic bodies
 without an equilibrium: Klarbring, Ingenieur-Archiv 60 (1990).
