@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, Array, Bools
+from stickslip.geometry.arrays import CLOSE, SLIGHT, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
@@ -47,16 +47,18 @@ def from_touch(
         solve: solves such a problem.
         tolerance: of a motion, relative to the largest of the substep [-].
     """
-    way, (solution, last), tried = _Way(problem, p, w, tolerance * problem.u_ref), found, list[bytes]()
+    way, (solution, last), tried = _Way(problem, p, w, tolerance * problem.u_ref), found, set[bytes]()
+    change = np.inf
     while solution.status is Status.CONVERGED:
         closes = [way.closing(place, solution.p) for place in problem.cone.with_friction()]
-        which = np.concatenate([np.zeros(0, bool), *closes]).tobytes()
-        if which in tried:
+        gap, which = way.touched(solution, closes), np.concatenate([np.zeros(0, bool), *closes]).tobytes()
+        before, change = change, float(np.abs(gap - last.gap).max(initial=0.0))
+        slight = SLIGHT * np.abs(gap - problem.gap).max(initial=0.0)
+        if np.all(np.abs(gap - last.gap) <= np.maximum(slight, problem.scales.no_motion(w))):
             break
-        tried.append(which)
-        gap = way.touched(solution, closes)
-        if np.all(np.abs(gap - last.gap) <= problem.scales.no_motion(w)):
+        if which in tried and change > before / 2:  # it goes to and fro
             break
+        tried.add(which)
         solution, last = solve(replace(problem, gap=gap), solution.p)
     return solution, last
 
@@ -81,13 +83,13 @@ class _Way:
         """Which points (m_t,) of a contact close before there are tractions p (rows,) [Pa]."""
         law, average, n = place.rows.normal, place.average, place.normal
         closed = touching(self.p[n], average, law)
-        return np.asarray(touching(p[n], average, law) & ~closed)
+        return np.asarray(touching(p[n], average, law) & ~closed & (average @ self.room[n] > 0))
 
     def touched(self, solution: Solution, closes: list[Bools]) -> Array:
         """Gap (rows,) [m] with slip counted from where points touch that close, by contact; collective."""
         problem, gap = self.problem, self.problem.gap.copy()
         rooms = [place.average @ self.room[place.normal] for place in problem.cone.with_friction()]
-        if not any((which & (room > 0)).any() for which, room in zip(closes, rooms, strict=True)):
+        if not any(which.any() for which in closes):
             return gap
         freed = self._freed(solution.p, closes)
         beyond = solution.w - problem.gap - problem.cone.softness * solution.p + freed
@@ -98,7 +100,7 @@ class _Way:
             if free > 0:
                 way = along * (pushed @ (self.room[n] + beyond[n]) / free)
                 whole = np.maximum(place.average @ way[n], ahead)
-            part = np.divide(ahead, whole, out=np.zeros_like(ahead), where=which & (ahead > 0))
+            part = np.divide(ahead, whole, out=np.zeros_like(ahead), where=which)
             gap[t] += np.repeat(part, place.components) * way[t]
         return gap
 
@@ -142,7 +144,8 @@ class _Way:
         if surface.floating:
             closed, wanted = self.p != 0, np.zeros_like(p)
             if not closed.any():
-                closed, wanted = (acting != 0) & (np.arange(len(p)) < surface.normal_rows), p / problem.gamma
+                closed = (acting != 0) & (np.arange(len(p)) < surface.normal_rows)
+                wanted = wanted + (p / problem.gamma)[closed].mean()
             bodies = np.asarray(surface.N @ surface.R)[:, : surface.R.shape[1] - surface.driven]
             freed = freed + bodies @ np.linalg.lstsq(bodies[closed], (wanted - freed)[closed], rcond=None)[0]
         return np.asarray(freed)
