@@ -24,9 +24,9 @@ from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.areas import areas_inside_facets
 from stickslip.solvers.accuracy.histories import OtherHistory, largest_stresses
-from stickslip.solvers.accuracy.mesh_error import AT_NODES, Values, errors_of_step, with_ends
+from stickslip.solvers.accuracy.mesh_error import AT_NODES, Better, Values, errors_of_step, with_ends
 from stickslip.solvers.accuracy.model_error import model_errors
-from stickslip.solvers.accuracy.nested_run import MOST, SOON, NestedRun
+from stickslip.solvers.accuracy.nested_run import Corners, NestedRun
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.observe import LINEAR, Observer
@@ -44,7 +44,6 @@ from stickslip.solvers.results.step_result import (
     quantities,
 )
 from stickslip.solvers.scene.record import STRESSES, Value
-from stickslip.solvers.stepping.choice import Size
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
@@ -162,13 +161,6 @@ def with_unresolved(contacts: Sequence[ContactRows], step: StepResult, errors: E
     return found
 
 
-def order_2_fits(size: Size) -> bool:
-    """Whether the history with order 2 of a run of a size of order 1 costs little, by the cost model of `auto`."""
-    more = 2**size.dim
-    finer = replace(size, dofs=more * size.dofs, contact_dofs=more * size.contact_dofs // 2, parts=())
-    return finer.condensed_seconds <= max(SOON, MOST * size.condensed_seconds)
-
-
 class MeshErrors:
     """Estimates the error of the mesh of a run that is solved, from its history on other meshes; collective."""
 
@@ -183,26 +175,31 @@ class MeshErrors:
         """
         self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
 
-    def __call__(self, steps: Sequence[StepResult], coarser: Sequence[StepResult] = ()) -> tuple[Errors, ...]:
+    def __call__(
+        self, steps: Sequence[StepResult], coarser: Sequence[StepResult] = (), factor: float = 2.0, solves: bool = True
+    ) -> tuple[Errors, ...]:
         """Errors of each step of a run from rest, in `mesh` and `geometry`; collective.
 
         Args:
             steps: results at the requested times, without a gap.
-            coarser: the first of them on cells twice as long; none: there are no such cells.
+            coarser: the first of them on longer cells; none: there are no such cells.
+            factor: how many times as long.
+            solves: whether the history on better cells is solved.
         """
         system = self._stepper.system
         by = "bubbles" if isinstance(self._stepper.companion, MeshCorrection) else "order 2"
-        better = [(corrected(step),) for step in steps] if by == "bubbles" else self._better(steps)
+        better: Sequence[Better] = self._better(steps) if solves and by != "bubbles" else ()
+        better = [Better((corrected(step),)) for step in steps] if by == "bubbles" else better
         found = []
         for k, step in enumerate(steps):
-            near, far = better[k] if k < len(better) else (), coarser[k] if k < len(coarser) else None
-            errors = errors_of_step(system.problem, system.mesh.degree, step, near, far, by)
+            near, far = better[k] if k < len(better) else Better(()), coarser[k] if k < len(coarser) else None
+            errors = errors_of_step(system.problem, system.mesh.degree, step, near, far, by, factor)
             found.append(with_unresolved(system.contacts, step, with_ends(system.contacts, step, errors)))
         return tuple(found)
 
-    def _better(self, steps: Sequence[StepResult]) -> Sequence[tuple[Values, ...]]:
+    def _better(self, steps: Sequence[StepResult]) -> Sequence[Better]:
         """Better numbers of the first steps, as many as are found; collective."""
-        system, found = self._stepper.system, list[tuple[Values, ...]]()
+        system, found = self._stepper.system, list[Better]()
         try:
             if system.mesh.degree == 1:
                 log.info("the same history with order 2, for the error of the mesh")
@@ -210,17 +207,20 @@ class MeshErrors:
             else:
                 history = NestedRun(self._stepper, self._data, self._on_iteration).history(steps)
             if history is not None:
-                read = partial(better_numbers, history.observe)
+                read = partial(better_numbers, history.observe, Corners.of(history.stepper.system))
                 found.extend(history.read([step.time for step in steps], read))
         except StickslipError as error:
             log.info("no better cells for the error of the mesh from there on: %s", error)
         return found
 
 
-def better_numbers(observe: Observer, accepted: Accepted) -> tuple[Values, ...]:
+def better_numbers(observe: Observer, corners: Corners | None, accepted: Accepted) -> Better:
     """Numbers of a step with order 2; stresses of bodies at corners of cells, and areas with edges between nodes."""
-    step = observe(accepted)
-    return quantities(step), corrected(step) | areas_inside_facets(accepted.stepper.system.contacts, step)
+    step, system = observe(accepted), accepted.stepper.system
+    probes = {name: np.array(probe.point) for name, probe in system.problem.probes.items()}
+    smooth = system.mesh.comm.bcast(corners.smooth(step, probes) if corners else frozenset())
+    areas = areas_inside_facets(system.contacts, step)
+    return Better((quantities(step), {**corrected(step), **areas}), smooth)
 
 
 def corrected(step: StepResult) -> Values:
@@ -232,7 +232,7 @@ def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> St
     """The result of a step with the errors of its numbers, but for those that are found at the end; collective."""
     found, system = quantities(result), accepted.stepper.system
     better = numbers_with_bubbles(observe, accepted, result)
-    near = [better] if better else []
+    near = Better((better,) if better else ())
     of_mesh = errors_of_step(system.problem, system.mesh.degree, result, near, None, "bubbles")
     of_iteration = iteration_errors(observe, accepted, found)
     exact_laws = accepted.stepper.chain.exact_laws

@@ -133,6 +133,15 @@ class OtherHistory:
             state = accepted.state
 
 
+def has_coarser(mesh: Mesh) -> bool:
+    """Whether there is a coarser mesh than one: not than that of a file, unless it was cut; collective."""
+    try:
+        mesh.shape.refined(2.0)
+    except SceneError:
+        return bool(mesh.comm.bcast(mesh.request.sizes is not None))
+    return True
+
+
 def coarser(mesh: Mesh, factor: float) -> Mesh:
     """A fresh mesh with sizes `factor` times as long; of a file's mesh that was cut, the one before; collective.
 

@@ -72,14 +72,18 @@ class KeptPairs:
         """
         self._stepper, self._on_iteration = stepper, on_iteration
 
+    def leaving(self, steps: Sequence[StepResult]) -> set[str]:
+        """Names of the contacts whose points leave their pairs."""
+        system = self._stepper.system
+        states = [(c, step.contacts[c.name]) for step in steps for c in system.contacts if c.name in step.contacts]
+        return {c.name for c, state in states if leaves(c, system.problem, state)}
+
     def __call__(self, steps: Sequence[StepResult]) -> tuple[Values | None, ...]:
         """What each number of the steps of a run changes by, >= 0; None where that cannot be solved.
 
         Nothing is solved, and nothing returned, if all points keep their pairs.
         """
-        system = self._stepper.system
-        states = [(c, step.contacts[c.name]) for step in steps for c in system.contacts if c.name in step.contacts]
-        names = {c.name for c, state in states if leaves(c, system.problem, state)}
+        system, names = self._stepper.system, self.leaving(steps)
         if not names:
             return ()
         log.info("the same history with contacts.%s sliding, for the error of the pairs", ", contacts.".join(names))

@@ -16,17 +16,19 @@ of a plateau lies anywhere. Where nothing else tells, half of the difference: it
 power 1.6, and no order is between the smooth and the singular ones.
 
 A pressure or a stress grows without end where it does so by no less from order 1 to order 2 as it did when cells were
-halved: as a power of the cells' length does. Where it has a limit, it grows less and less.
+halved: as a power of the cells' length does. Where it has a limit, it grows less and less. A notch that is round has
+one, though cells that are larger than it do not show it: in the plane growth counts near corners alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, number_of, quantities
 from stickslip.solvers.scene.problem import Problem
@@ -40,36 +42,51 @@ AT_NODES = (*AREAS, "max_pressure", "max_penetration", "max_slip", "mean_pressur
 Values = dict[Quantity, Value]
 
 
+class Better(NamedTuple):
+    """Numbers that are nearer to the exact ones; the largest difference counts, and the last is the nearest."""
+
+    values: tuple[Values, ...]
+    smooth: frozenset[Quantity] = frozenset()  # that have a limit by their place
+
+
 def errors_of_step(
-    problem: Problem, order: int, step: StepResult, better: Sequence[Values], coarser: StepResult | None, by: str
+    problem: Problem,
+    order: int,
+    step: StepResult,
+    better: Better,
+    coarser: StepResult | None,
+    by: str,
+    factor: float = 2.0,
 ) -> dict[Quantity, ErrorParts]:
     """Errors of the numbers of a step, of which `better` or `coarser` tells.
 
     Args:
         order: of the run's displacements.
-        better: numbers that are nearer to the exact ones; the largest difference counts, and the last is the nearest.
-        coarser: the step on cells twice as long; None: there is none.
+        coarser: the step on longer cells; None: there is none.
         by: what `better` are from.
+        factor: how many times as long.
     """
     found, alone = dict[Quantity, ErrorParts](), _at_points(problem)
     others = {} if coarser is None else quantities(coarser)
-    meshes = [] if coarser is None or not better else [_at_ends(coarser), _at_ends(step), _merged(better)]
+    meshes = [] if coarser is None or not better.values else [_at_ends(coarser), _at_ends(step), _merged(better.values)]
     for key, value in quantities(step).items():
-        near = [values[key] for values in better if key in values]
+        near = [values[key] for values in better.values if key in values]
         far = others.get(key)
         if f"{key.kind}.{key.name}" in alone or (not near and far is None):
             found[key] = ErrorParts()
-        elif near and meshes and _grows(problem, key, meshes):
+        elif near and meshes and key not in better.smooth and _grows(problem, key, meshes):
             found[key] = ErrorParts(converges=False)
         else:
-            found[key] = _stated(key, order, value, near, far, by)
+            found[key] = _stated(key, order, value, near, far, by, factor)
     return found
 
 
-def _stated(key: Quantity, order: int, value: Value, near: Sequence[Value], far: Value | None, by: str) -> ErrorParts:
-    """Error of a number by the difference to better ones, and to that of cells twice as long."""
+def _stated(
+    key: Quantity, order: int, value: Value, near: Sequence[Value], far: Value | None, by: str, factor: float
+) -> ErrorParts:
+    """Error of a number by the difference to better ones, and to that of longer cells: the part that twice have."""
     off = BETTER * np.max([np.zeros(np.shape(value)), *(np.abs(each - value) for each in near)], axis=0)
-    whole = np.zeros(np.shape(value)) if far is None else np.abs(value - far)
+    whole = np.zeros(np.shape(value)) if far is None else np.abs(value - far) / (factor - 1)
     if order == 1:
         least = (COARSER if near else 1.0) * whole
     else:
@@ -85,7 +102,7 @@ def _stated(key: Quantity, order: int, value: Value, near: Sequence[Value], far:
         converges=True if both or number_of(key).kind != "pressure" else None,
         corrected=near[-1] if near else value,
         by=by if near else "rough",
-        unsure=unsure or None,
+        unsure=(unsure and bool(np.linalg.norm(mesh) > EXACT * np.linalg.norm(value))) or None,  # else it is rounding
     )
 
 

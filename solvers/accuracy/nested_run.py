@@ -1,6 +1,7 @@
 """The history of a run of order 2 in the plane once more, on a mesh cut where its error comes from.
 
-The run's own cells are cut twice, nested, at all places that the error comes from, see `Places`. New nodes of curved
+The run's own cells are cut twice, nested, at all places that the error comes from, see `Places`, and where half of the
+error in the energy norm is that recovered stresses tell of. New nodes of curved
 sides lie on circles: what sides of order 2 miss of these is part of the mesh's error. Both histories have the same
 steps, so that the error of the time steps cancels: which nodes stick depends on them. Smooth errors far from there do
 not show; cells twice as long show these, see `mesh_error`.
@@ -27,12 +28,13 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.curved_facets import SHARP
-from stickslip.geometry.nested_mesh import FlatMesh
+from stickslip.geometry.nested_mesh import EDGES, FlatMesh
 from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.parallel.gather import nodes_of
-from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.solvers.results.observe import mesh_data
+from stickslip.solvers.results.step_result import MeshData, Quantity, StepResult
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.stepping.choice import Size
 from stickslip.solvers.stepping.stepper import Stepper
@@ -54,9 +56,6 @@ class Places:
             contacts: of its mesh.
             steps: all its steps.
         """
-        acted = [side for pair in problem.pairs.values() for side in (pair.slave, pair.master)]
-        acted += [support.boundary for support in problem.supports.values()]
-        acted += [load.boundary for load in problem.loads.values()]
         segments = dict[str, list[Array]]()
         for c in contacts:
             pair = problem.pairs[c.name]
@@ -64,7 +63,7 @@ class Places:
             if pair.master is not None:
                 segments.setdefault(pair.master, []).extend(faced for _, faced in _changes(c, steps))
         return cls(
-            tuple(sorted({side for side in acted if side is not None})),
+            acted_on(problem),
             {side: np.concatenate([np.zeros((0, 3, 2)), *parts]) for side, parts in segments.items()},
         )
 
@@ -79,6 +78,13 @@ class Places:
     def contact_nodes(self, mesh: FlatMesh) -> int:
         """Number of nodes of all contact sides."""
         return len(np.unique(np.concatenate([mesh.facets(side).ravel() for side in self.segments])))
+
+
+def acted_on(problem: Problem) -> tuple[str, ...]:
+    """Sides that contacts, supports and loads act on."""
+    sides = [side for pair in problem.pairs.values() for side in (pair.slave, pair.master)]
+    sides += [each.boundary for table in (problem.supports, problem.loads) for each in table.values()]
+    return tuple(sorted({side for side in sides if side is not None}))
 
 
 def _changes(c: ContactRows, steps: Sequence[StepResult]) -> Iterator[tuple[Array, Array]]:
@@ -105,10 +111,11 @@ def _overlap(facets: Array, segments: Array) -> Bools:
     return found
 
 
-def _corners(mesh: FlatMesh, acted: Sequence[str]) -> Ints:
+def _corners(mesh: FlatMesh, acted: Sequence[str], mirrors: Sequence[str] = ()) -> Ints:
     """Nodes where the boundary has a corner or passes to another side, if something acts on one of the two sides.
 
-    Where more than two facets meet, always.
+    Where more than two facets meet, always; a corner of at most a right angle on a mirror, a side that is held along
+    its normal alone, is none: the body goes on behind it.
     """
     edges = mesh.boundary()
     names = list(mesh.sides)
@@ -127,7 +134,15 @@ def _corners(mesh: FlatMesh, acted: Sequence[str]) -> Ints:
     turned = -np.einsum("nd,nd->n", *away) < np.cos(np.radians(SHARP)) * lengths
     differs = turned | (number[one // 2] != number[other // 2])
     acts = active[one // 2] | active[other // 2]
-    return np.concatenate([nodes[count != 2], ends[one][differs & acts]])
+    mirror = np.isin(number, [k for k, name in enumerate(names) if name in mirrors])
+    inside = np.zeros_like(mesh.points)
+    for corner in range(len(EDGES[mesh.kind])):  # as many as edges
+        node = mesh.cells[:, corner]
+        np.add.at(inside, node, mesh.points[mesh.cells].mean(axis=1) - mesh.points[node])
+    convex = np.einsum("nd,nd->n", away[0] + away[1], inside[ends[one]]) > 0
+    right = np.einsum("nd,nd->n", *away) > -np.sin(np.radians(SHARP)) * lengths  # as far as curved sides tell
+    goes_on = (mirror[one // 2] | mirror[other // 2]) & convex & right
+    return np.concatenate([nodes[count != 2], ends[one][differs & acts & ~goes_on]])
 
 
 log = logging.getLogger(__name__)
@@ -165,43 +180,102 @@ class NestedRun:
     def _cut_mesh(self, steps: Sequence[StepResult]) -> FlatMesh | None:
         """Cut cells: the finer mesh, on every rank; None: it would be too dear; collective."""
         system = self._stepper.system
-        mesh, size = self._flat(), Size.of(system.problem, system.mesh, system.constraints, system.contacts)
+        mesh, size = (
+            flat_mesh(system, self._data),
+            Size.of(system.problem, system.mesh, system.constraints, system.contacts),
+        )
         found: FlatMesh | None = None
         if mesh is not None:
-            found = _cut(mesh, Places.of(system.problem, system.contacts, steps), replace(size, steps=len(steps)))
+            places = Places.of(system.problem, system.contacts, steps)
+            error = steps[-1].stress_error
+            rough = np.unique(mesh.cells[_roughest(mesh, error)] if len(error) else np.zeros(0, np.int64))
+            found = _cut(mesh, places, rough, replace(size, steps=len(steps)))
         found = system.mesh.comm.bcast(found)
         return found
 
-    def _flat(self) -> FlatMesh | None:
-        """The mesh of the run, on rank 0; collective."""
-        system, data = self._stepper.system, self._data
-        sides, edges = sides_of(system)
-        if system.mesh.comm.rank:
+
+def flat_mesh(system: System, data: MeshData) -> FlatMesh | None:
+    """The mesh of bodies of order 2 in the plane, on rank 0; collective."""
+    sides, edges = sides_of(system)
+    if system.mesh.comm.rank:
+        return None
+    return FlatMesh(
+        kind=data.shape,
+        points=data.points,
+        cells=data.cells,
+        body=data.body,
+        names=data.bodies,
+        sides=sides,
+        edges_of=edges,
+        periodic=system.problem.request.periodic,
+        turns=system.problem.request.turns,
+    )
+
+
+@dataclass(frozen=True)
+class Corners:
+    """Where stresses may grow without end: corners of bodies in the plane, and ends of what acts on them."""
+
+    points: Array  # (n, 2) [m]
+    middles: Array  # (c, 2) of cells [m]
+    sizes: Array  # (c,) farthest node from there [m]
+    body: Ints  # (c,)
+
+    @classmethod
+    def of(cls, system: System) -> Corners | None:
+        """Those of bodies of order 2; None: in space, and on other ranks than the first; collective."""
+        mesh = flat_mesh(system, mesh_data(system)) if system.mesh.dim == 2 else None
+        if mesh is None:
             return None
-        return FlatMesh(
-            kind=data.shape,
-            points=data.points,
-            cells=data.cells,
-            body=data.body,
-            names=data.bodies,
-            sides=sides,
-            edges_of=edges,
-            periodic=system.problem.request.periodic,
-            turns=system.problem.request.turns,
-        )
+        nodes = mesh.points[mesh.cells]
+        middles = nodes.mean(axis=1)
+        sizes = np.linalg.norm(nodes - middles[:, None], axis=2).max(axis=1)
+        supports = system.problem.supports.values()
+        mirrors = [each.boundary for each in supports if each.boundary is not None and len(each.displacement) == 1]
+        return cls(mesh.points[_corners(mesh, acted_on(system.problem), mirrors)], middles, sizes, mesh.body)
+
+    def far(self, point: Array) -> bool:
+        """Whether all corners are beyond the cells around a point (2,) [m], and those around these."""
+        cell = int(np.linalg.norm(self.middles - point, axis=1).argmin())
+        return bool(np.linalg.norm(self.points - point, axis=1).min(initial=np.inf) > 4 * self.sizes[cell])
+
+    def smooth(self, step: StepResult, probes: Mapping[str, Array]) -> frozenset[Quantity]:
+        """Numbers of a step that are those of a place far from all corners: they have a limit.
+
+        Args:
+            probes: their points (2,) [m].
+        """
+        places = {Quantity("probes", name, "stress"): point for name, point in probes.items()}
+        for name, contact in step.contacts.items():
+            places[Quantity("contacts", name, "max_pressure")] = contact.points[int(contact.pressure.argmax())]
+        for index, name in enumerate(step.bodies):
+            own = np.flatnonzero(self.body == index)
+            place = self.middles[own[int(step.von_mises[own].argmax())]]
+            places[Quantity("bodies", name, "max_von_mises")] = place
+        return frozenset(key for key, place in places.items() if self.far(place))
 
 
-def _cut(mesh: FlatMesh, places: Places, size: Size) -> FlatMesh | None:
+def _roughest(mesh: FlatMesh, error: Array) -> Ints:
+    """The cells with the largest errors of the stress (c,) [Pa] that hold half of the squared error of all."""
+    middles = mesh.points[mesh.cells].mean(axis=1, keepdims=True)
+    squares = error**2 * np.square(mesh.points[mesh.cells] - middles).sum(axis=(1, 2))  # as large as the cells are
+    order = np.argsort(-squares)
+    sums = np.cumsum(squares[order])
+    return order[: 1 + np.searchsorted(sums, sums[-1] / 2)]
+
+
+def _cut(mesh: FlatMesh, places: Places, rough: Ints, size: Size) -> FlatMesh | None:
     """Cut the cells at some places; None: it would be too dear.
 
     Args:
+        rough: nodes whose cells are cut, too.
         size: of the run.
     """
     most = max(SOON, MOST * _seconds(size))
     for cuts in CUTS:
         finer = mesh
         for _ in range(cuts):
-            finer = finer.cut(finer.touching(places.nodes(finer)))
+            finer = finer.cut(finer.touching(np.concatenate([places.nodes(finer), rough])))
         contact_dofs = size.contact_dofs * places.contact_nodes(finer) // places.contact_nodes(mesh)
         dofs = size.dofs * len(finer.points) // len(mesh.points)
         # problems of contact: that of a step, and that with bubbles, which is about twice as dear

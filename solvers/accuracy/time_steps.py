@@ -70,59 +70,70 @@ def halved(times: Sequence[float], timeline: Timeline) -> tuple[float, ...]:
 class TimeStepErrors:
     """Finds the error of the time steps of a run that is solved, in `ErrorParts.time_step`; collective."""
 
-    def __init__(self, stepper: Stepper, on_iteration: OnIteration = lambda row: None, factor: float = 2.0) -> None:
+    def __init__(self, stepper: Stepper, on_iteration: OnIteration = lambda row: None) -> None:
         """
         Args:
             stepper: of the run.
             on_iteration: called after each iteration, on every rank.
-            factor: times the run's mesh sizes, of the coarser mesh.
         """
-        self._stepper, self._on_iteration, self._factor = stepper, on_iteration, factor
-        self.coarse = list[StepResult]()  # the run's steps on the coarser mesh, as far as they are solved
+        self._stepper, self._on_iteration = stepper, on_iteration
+        system = stepper.system
+        overlap = ROUNDING * system.extent
+        jumps = any((c.node_gap < -overlap).any() for c in system.contacts)
+        self._path_matters = remembers(system.problem) or jumps
 
-    def __call__(self, steps: Sequence[StepResult]) -> Iterator[Errors]:
+    def solves(self, times: Sequence[float], coarser: bool) -> int:
+        """Number of steps that are solved beside a history of steps to these times [s].
+
+        Args:
+            coarser: whether there is a coarser mesh.
+        """
+        if not self._path_matters:
+            return 0
+        half = () if coarser else halved(times, self._stepper.system.problem.timeline)
+        return len(half if 0 < len(half) < len(times) else halves(times))
+
+    def __call__(
+        self, steps: Sequence[StepResult], history: OtherHistory | None, coarse: Sequence[StepResult]
+    ) -> Iterator[Errors]:
         """Yield the errors of each step of a run from rest, up to one that cannot be solved; collective.
 
         Args:
             steps: results at the requested times, without a gap.
+            history: on a coarser mesh; None: there is none.
+            coarse: the first of the steps there.
         """
-        overlap = ROUNDING * self._stepper.system.extent
-        jumps = any((c.node_gap < -overlap).any() for c in self._stepper.system.contacts)
-        if not remembers(self._stepper.system.problem) and not jumps:
+        if not self._path_matters:
             yield from map(_of_works, steps)
             return
-        times = [step.time for step in steps]
         try:
-            history = OtherHistory.coarser(self._stepper.system, self._factor, self._on_iteration)
-        except StickslipError as error:
-            log.info("no coarser mesh for the error of the time steps: %s", error)
-            yield from self._on_own_mesh(steps, times)
-            return
-        try:
-            log.info("the same history on a coarser mesh, for the error of the time steps")
-            for step in history.results(times):
-                self.coarse.append(step)
-            log.info("and in steps half as long")
-            for whole, half in zip(self.coarse, history.results(halves(times), times), strict=True):
+            if history is None:
+                yield from self._on_own_mesh(steps)
+                return
+            log.info("the same history in steps half as long, for the error of the time steps")
+            times = [step.time for step in coarse]
+            for whole, half in zip(coarse, history.results(halves(times), times), strict=True):
                 yield _errors(quantities(half), quantities(whole), finer=True)
         except StickslipError as error:
             log.info("no error of the time steps from there on: %s", error)
 
-    def _on_own_mesh(self, steps: Sequence[StepResult], times: Sequence[float]) -> Iterator[Errors]:
-        """Yield the same, by the run's own mesh."""
+    def _on_own_mesh(self, steps: Sequence[StepResult]) -> Iterator[Errors]:
+        """Yield the same, by the run's own mesh.
+
+        Raises:
+            StepError: a step cannot be solved.
+        """
+        times = [step.time for step in steps]
         half = halved(times, self._stepper.system.problem.timeline)
         finer = len(half) == len(times)
         other = self._results(halves(times) if finer else half)
         unknown = ErrorParts(dear={"time_step": 2.0}, by=OWN_MESH)  # times the run: twice its steps
-        try:
-            for step in steps:
-                if step.time in half:
-                    found = next(values for time, values in other if time == step.time)
-                    yield _errors(found, quantities(step), finer, OWN_MESH)
-                else:
-                    yield dict.fromkeys(quantities(step), unknown)
-        except StickslipError as error:
-            log.info("no error of the time steps from there on: %s", error)
+        for step in steps:
+            if step.time in half:
+                found = next(values for time, values in other if time == step.time)
+                yield _errors(found, quantities(step), finer, OWN_MESH)
+            else:
+                yield dict.fromkeys(quantities(step), unknown)
 
     def _results(self, times: Sequence[float]) -> Iterator[tuple[float, Values]]:
         """Yield each time of a history from rest, and the numbers there.

@@ -82,6 +82,11 @@ class DelassusOperator(ABC):
         """Whether contact alone holds a body or a driven obstacle."""
         return self.R.shape[1] > 0
 
+    @property
+    def give(self) -> Array | None:
+        """Flexibility of each row (rows,) [m/Pa]: the diagonal of W^-1 B K_B^-1 B^T; None: it is not known."""
+        return None
+
     def forces(self, p: Array) -> Array:
         """Forces B^T p on the contact dofs (c,) [N] of tractions p (rows,) [Pa]."""
         return np.asarray(self._spread @ (self.W * p))

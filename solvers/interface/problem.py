@@ -93,6 +93,18 @@ class SurfaceProblem:
         allowed = ROUNDING * max(self.u_ref, float(np.abs(self.load.free).max(initial=0.0)))
         return all(np.abs(a - scale * b).max(initial=0.0) <= allowed for a, b in pairs)
 
+    @cached_property
+    def give(self) -> Array | None:
+        """Flexibility of each row (rows,) [m/Pa], the same in all tangential directions of a point; None: unknown."""
+        give = self.surface.give
+        if give is None or not (give > 0).any():
+            return None
+        found = np.where(give > 0, give, np.median(give[give > 0]))
+        for place in self.cone.places:
+            t = place.tangential
+            found[t] = np.repeat(found[t].reshape(-1, place.components).mean(axis=1), place.components)
+        return found
+
     @property
     def volume_solves(self) -> int:
         """Applications of K_B^-1 in the run so far."""

@@ -163,6 +163,7 @@ class CondensedSurface(DelassusOperator):
         self._forces = 0  # number of forces whose displacement was asked for
         self._dense: dict[str, Any] = {}  # factor and inverse, shared with the objects of other contact pairs
         self._row_stiffness: dict[bytes, RowStiffness | None] = {}
+        self._delassus: Array | None = None
 
     @property
     def held(self) -> tuple[CholeskyFactor, ...]:
@@ -185,6 +186,17 @@ class CondensedSurface(DelassusOperator):
         found: BlockDiagonal = self._dense["flexibility"]
         return found
 
+    @property
+    def delassus(self) -> Array:
+        """N (S + rho R R^T)^-1 N^T (rows, rows) [m/N]."""
+        if self._delassus is None:
+            self._delassus = self.flexibility.between(self.N, self.N.T)
+        return self._delassus
+
+    @property
+    def give(self) -> Array | None:
+        return self.W * np.diag(self.delassus)
+
     def factor(self, tangent: Array) -> CholeskyFactor:
         """Cholesky factor of S + tangent + rho R R^T, for a stiffness `tangent` (c, c) [N/m]."""
         total = np.asarray(self.S)
@@ -203,7 +215,7 @@ class CondensedSurface(DelassusOperator):
             lambda index, block: block - H[index] @ compliant[:, index] if H[index].any() else block
         )
         other.R = np.linalg.qr(np.column_stack([self.R, free]))[0]
-        other._dense, other._row_stiffness, other._lambda_max = {}, {}, None
+        other._dense, other._row_stiffness, other._lambda_max, other._delassus = {}, {}, None, None
         return other
 
     def on_springs(self, stiffness: float) -> CondensedSurface:
@@ -211,7 +223,7 @@ class CondensedSurface(DelassusOperator):
         other = copy(self)
         other.S = self.S.of_blocks(lambda index, block: block + stiffness * self.R[index] @ self.R[index].T)
         other.R = self.R[:, :0]
-        other._dense, other._row_stiffness, other._lambda_max = {}, {}, None
+        other._dense, other._row_stiffness, other._lambda_max, other._delassus = {}, {}, None, None
         return other
 
     def row_stiffness(self, carrying: Bools) -> RowStiffness | None:

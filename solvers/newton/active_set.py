@@ -33,6 +33,7 @@ class ActiveSet:
     A_w: Sparse  # (rows, rows) [Pa/m]
     rhs: Array  # (rows,) [Pa]
     weight: float = 0.0  # of the proximal term [-]
+    hold: float = 0.0  # springs that hold rigid motions where they are, relative to the stiffness of the bodies [-]
 
     @property
     def given(self) -> Bools:
@@ -44,18 +45,24 @@ class ActiveSet:
         """Rows (rows,) with w = gap."""
         return np.zeros_like(self.held) if self.weight else self.held
 
-    def proximal(self, p: Array, weight: float) -> ActiveSet:
-        """The system with w - weight (p_new - p) / gamma in place of w in the rows whose law involves w; springs stay.
+    def proximal(self, p: Array, weight: float, gamma: Array, hold: float) -> ActiveSet:
+        """The system with w - weight (p_new - p) / gamma in place of w in the rows whose law involves w.
 
         It is solvable where rows depend on each other. If p_new = p, its answer is that of the system itself.
 
         Args:
             p: tractions (rows,) [Pa] that the next ones should be near to.
             weight: of the distance from them [-].
+            gamma: (rows,) [Pa/m].
+            hold: see the class.
         """
-        term = sparse.diags((self.k == 0).astype(float)) @ self.A_w @ sparse.diags(weight / self.problem.gamma)
-        A_p = (self.A_p - term).tocsr()
-        return replace(self, A_p=A_p, rhs=self.rhs - term @ p, weight=weight)
+        term = self.A_w @ sparse.diags(weight / gamma)
+        scale = 1 / (1 + self.k * weight / gamma)  # springs in series are a spring
+        A_p, A_w = (self.A_p - term).tocsr(), self.A_w
+        k, rhs = scale * self.k, self.rhs - term @ p
+        if self.k.any():
+            A_p, A_w, rhs = sparse.diags(scale) @ A_p, sparse.diags(scale) @ A_w, scale * rhs
+        return replace(self, k=k, A_p=A_p, A_w=A_w, rhs=rhs, weight=weight, hold=hold)
 
     def refuse_unbalanced(self, p: Array, rounding: float = 0.0) -> None:
         """Check that tractions p (rows,) [Pa] balance the load of floating bodies; rounding: of these forces [N].

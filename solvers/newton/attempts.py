@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from scipy import sparse
 
-from stickslip.geometry.arrays import CLOSE, Array
+from stickslip.geometry.arrays import CLOSE, HALF_DIGITS, Array
 from stickslip.solvers.interface.limit_analysis import Mechanism, balancing_tractions
+from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import QUICK, Driver, Iterate, OnStep, Solution, Stall, Status, ignore
 from stickslip.solvers.newton.active_set import ActiveSet, linearise
 
-MEMORY = 5  # merits of earlier iterates: the largest of them must fall
 HALVINGS = 12  # of a step
 DECREASE = 1e-3  # share of a step by which the merit must fall
 
@@ -26,17 +26,15 @@ class LineSearch:
 
     The merit is the 2-norm of the complementarity residual / sqrt(gamma): an energy, and no rows have to be scaled.
 
-    Source: Grippo, Lampariello & Lucidi, SIAM J. Numer. Anal. 23 (1986).
+    Source: Armijo, Pacific J. Math. 16 (1966).
     """
 
     problem: SurfaceProblem
     gamma: Array  # (rows,) [Pa/m]
-    recent: deque[float] = field(default_factory=lambda: deque(maxlen=MEMORY))
 
     def __call__(self, p: Array, w: Array, p_new: Array, w_new: Array) -> float:
         """Share of the step from (p, w) to (p_new, w_new) to take; the one of least merit if none is small enough."""
-        self.recent.append(self._merit(p, w))
-        allowed = max(self.recent)
+        allowed = self._merit(p, w)
         tried: list[tuple[float, float]] = []
         for t in 0.5 ** np.arange(HALVINGS):
             merit = self._merit(p + t * (p_new - p), w + t * (w_new - w))
@@ -57,25 +55,47 @@ class Start:
     p: Array  # tractions (rows,) [Pa]
     u_c: Array  # displacement (c,) [m] of the contact dofs
     p_hat: Array  # trial tractions (rows,) [Pa]
-    factor: float = 1.0  # that multiplies gamma
+    factor: float | Array = 1.0  # that multiplies gamma
     in_equilibrium: bool = True  # whether u_c is the displacement under p
+    near: bool = False  # to a solution: a damped attempt is plain until its residual rises
 
     @staticmethod
-    def at(problem: SurfaceProblem, p: Array, u_c: Array, factor: float = 1.0) -> Start:
+    def at(problem: SurfaceProblem, p: Array, u_c: Array, factor: float | Array = 1.0) -> Start:
         """Start from tractions p (rows,) [Pa] and their displacement u_c (c,) [m]."""
         r = problem.relative_displacement(u_c) - problem.gap
         return Start(p=p, u_c=u_c, p_hat=p + factor * problem.gamma * r, factor=factor)
 
     @staticmethod
-    def as_if(problem: SurfaceProblem, p: Array, answer: Array, factor: float = 1.0) -> Start:
+    def as_if(problem: SurfaceProblem, p: Array, answer: Array) -> Start:
         """Start from p (rows,) [Pa] with the active set of which `answer` (rows,) [Pa] would be the solution.
 
         What is at its friction bound slips: rounding would decide.
         """
-        p_hat = answer + factor * problem.gamma * problem.cone.give(answer)
+        p_hat = answer + problem.gamma * problem.cone.give(answer)
         # relative distance from the friction bound at which a point of an answer slips
         p_hat[problem.surface.normal_rows :] *= 1 + CLOSE
-        return Start(p=p, u_c=problem.u_before, p_hat=p_hat, factor=factor, in_equilibrium=False)
+        return Start(p=p, u_c=problem.u_before, p_hat=p_hat, in_equilibrium=False)
+
+    @staticmethod
+    def placed(problem: SurfaceProblem, p: Array) -> Start:
+        """Start from p (rows,) [Pa], the bodies placed such that their active set holds as well as it can.
+
+        Tractions do not determine where floating bodies are: what is closed, sticks or slips under them does. If they
+        are far from a solution, they tell the active set alone.
+        """
+        surface, start = problem.surface, Start.as_if(problem, p, p)
+        if problem.give is None:
+            return start
+        u_c = condensed(surface).flexibility @ (problem.load.f_c - surface.forces(p))
+        u_c = u_c + surface.R @ (surface.R.T @ (problem.u_before - u_c))
+        laws = linearise(problem, start.p_hat, problem.gamma)
+        scale = sparse.diags(1 / np.where(laws.k > 0, laws.k, problem.gamma))
+        moves = scale @ laws.A_w @ (surface.N @ surface.R)
+        left = scale @ (laws.rhs - laws.A_p @ p - laws.A_w @ problem.relative_displacement(u_c))
+        u_c = u_c + surface.R @ np.linalg.lstsq(moves, left, rcond=HALF_DIGITS)[0]
+        if problem.natural_residual(p, problem.relative_displacement(u_c)) > NEAR:
+            return start
+        return replace(Start.at(problem, p, u_c), in_equilibrium=False)
 
     @staticmethod
     def where_it_stood(problem: SurfaceProblem, p: Array) -> Start:
@@ -92,50 +112,43 @@ class Start:
 def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     """The starts that need no excuse: the tractions of the last step.
 
-    For a floating body tractions do not determine the displacement: they only give the active set to start from. If it
-    has room to move, closing all points would pull more than the load presses: it also starts from tractions that
-    balance the load on rigid bodies; if nothing pushes it, from where it stood, behind what still squeezes it.
+    Floating bodies without any start from all points closed, if the load would close them; if nothing pushes them, from
+    where they stood, behind what still squeezes them.
 
     Args:
         problem: the contact problem of the step.
         p: tractions (rows,) [Pa] of the last step.
     """
-    if not problem.surface.floating:
+    surface = problem.surface
+    if not surface.floating:
         yield Start.at(problem, p, problem.contact_displacement(p))
-    elif problem.p_ref == 0:  # no load and no motion: the answer is zero
-        zero = np.zeros_like(p)
-        yield Start.at(problem, zero, np.zeros(problem.surface.size))
-    else:
-        if np.abs(p).max(initial=0.0) > problem.scales.no_traction:  # what is smaller does not tell what touches
-            yield Start.as_if(problem, p, p)
-        if problem.idle:
-            yield Start.where_it_stood(problem, p)
+        return
+    if problem.p_ref == 0:  # no load and no motion: the answer is zero
+        yield Start.at(problem, np.zeros_like(p), np.zeros(surface.size))
+        return
+    known = np.abs(p).max(initial=0.0) > problem.scales.no_traction  # what is smaller does not tell what touches
+    if known:
+        yield Start.placed(problem, p)
+    if problem.idle:
+        yield Start.where_it_stood(problem, p)
+    room = problem.gap - problem.relative_displacement(problem.u_before)
+    if not known and np.all(room[: surface.normal_rows] <= problem.u_ref):
         yield Start.as_if(problem, p, closed(problem))
-        yield from _balanced(problem)
 
 
 def other_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
-    """Further starts: zero tractions; all points closed and sticking; all of them with another gamma.
+    """Further starts: zero tractions; all points closed and sticking; what balances the load on rigid bodies.
 
     Args:
         problem: the contact problem of the step.
         p: tractions (rows,) [Pa] of the last step.
     """
-    floating, zero = problem.surface.floating, np.zeros_like(p)
-    for factor in (1.0, 0.1, 10.0):
-        if floating and factor == 1.0:
-            continue  # they were the first
-        for tractions in [] if floating else [zero] if factor == 1.0 else [p, zero]:
-            if tractions is p or p.any():
-                yield Start.at(problem, tractions, problem.contact_displacement(tractions), factor)
-        yield Start.as_if(problem, p, closed(problem), factor)
-        if floating:
-            yield from _balanced(problem, factor)
-
-
-def again(problem: SurfaceProblem, best: Solution) -> Start:
-    """Start from the best iterate so far."""
-    return Start(p=best.p, u_c=best.u_c, p_hat=best.p + problem.gamma * (best.w - problem.gap))
+    if not problem.surface.floating and p.any():
+        yield Start.at(problem, np.zeros_like(p), problem.load.free)
+    yield Start.as_if(problem, p, closed(problem))
+    rigid = balancing_tractions(problem) if problem.surface.floating else None
+    if rigid is not None:
+        yield Start.as_if(problem, rigid, rigid)
 
 
 def closed(problem: SurfaceProblem) -> Array:
@@ -144,14 +157,13 @@ def closed(problem: SurfaceProblem) -> Array:
     return np.concatenate([np.full(normal, problem.p_ref), np.zeros(len(problem.gap) - normal)])
 
 
-def _balanced(problem: SurfaceProblem, factor: float = 1.0) -> Iterator[Start]:
-    """Start from tractions that balance the load on rigid bodies, if there are any."""
-    rigid = balancing_tractions(problem)
-    if rigid is not None:
-        yield Start.as_if(problem, rigid, rigid, factor)
+def again(problem: SurfaceProblem, best: Solution) -> Start:
+    """Start from the best iterate so far."""
+    return Start(p=best.p, u_c=best.u_c, p_hat=best.p + problem.gamma * (best.w - problem.gap))
 
 
 FIRM = (1e-3, 1e-5)  # weights of the proximal term of damped attempts [-]
+NEAR = 0.1  # residual of tractions that are near to a solution
 RETREATS = 6  # how often trial tractions that leave the bodies without hold are halved towards earlier ones
 ATTEMPT = 60  # iterations of an attempt
 
@@ -221,13 +233,14 @@ class Attempts(Driver):
         problem, gamma = self.problem, start.factor * self.problem.gamma
         p, u, p_hat, known = start.p, start.u_c, start.p_hat, start.in_equilibrium
         w, held = self.bodies.relative(p, u), p_hat
-        search = LineSearch(problem, gamma)
+        search, rises, least = LineSearch(problem, gamma), not start.near, np.inf
         for k in range(number, number + ATTEMPT):
             weight = 0.0
             if known:
                 residual = max(problem.natural_residual(p, w), problem.imbalance(p))
                 yield Iterate(k, residual, p, w, u)
-                weight = min(1.0, residual) * proximal
+                rises, least = rises or residual > least, residual
+                weight = min(1.0, residual) * proximal * rises
             solved = self._solve(p_hat, held, gamma, (p, u), weight)
             if solved is None:
                 return
@@ -258,7 +271,9 @@ class Attempts(Driver):
         for _ in range(RETREATS):
             try:
                 laws = linearise(self.problem, p_hat, gamma)
-                return *self.bodies.solve(laws.proximal(at[0], weight) if weight else laws, *at), p_hat
+                if weight:
+                    laws = laws.proximal(at[0], weight, self.problem.gamma, weight)
+                return *self.bodies.solve(laws, *at), p_hat
             except np.linalg.LinAlgError:
                 p_hat = (p_hat + held) / 2
         return None

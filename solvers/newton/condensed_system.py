@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.linalg import cho_solve
 
 from stickslip.geometry.arrays import EXACT, ROUNDING, Array
+from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.schur_complement import CondensedSurface, RowStiffness
 from stickslip.solvers.newton.active_set import ActiveSet
@@ -37,7 +38,7 @@ def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
     # ratio of unknown tractions to unknown motions below which the inverse that tractions need pays
     few = not laws.k.any() and (~laws.given).sum() < 0.5 * (~laws.fixed).sum()
     if laws.weight and surface.floating:
-        return by_tractions(laws, surface, laws.weight * surface.rho * np.eye(surface.R.shape[1]), u_c)
+        return by_tractions(laws, surface, laws.hold * surface.rho * np.eye(surface.R.shape[1]), u_c)
     held = _unfelt(laws, surface)
     if held.any():
         p, u_c = by_tractions(laws, surface, surface.rho * held, u_c)
@@ -130,7 +131,7 @@ def by_tractions(
         coupling, balance = A_u @ Y, (B.T @ R - Y.T @ of_springs).T
     else:
         Z, u_0 = R, surface.flexibility @ f
-        coupling, balance = surface.flexibility.between(A_u, B), R.T @ B
+        coupling, balance = _between(surface.delassus, laws.A_w[x], sparse.diags(W) @ E), R.T @ B
     # u = u_0 - Y x + Z b with b = R^T u, which is the same as balance: R^T (f - B x - tangent u) = 0
     own, carried = of_springs.T @ Z, R.T @ f - of_springs.T @ u_0
     if springs is not None and rest is not None:
@@ -140,3 +141,10 @@ def by_tractions(
     moved_by = Y @ found[: len(x)] if spring.any() else surface.flexibility @ (B @ found[: len(x)])
     u_c = u_0 - moved_by + Z @ found[len(x) :]
     return p_0 + k * (N @ u_c) + E @ found[: len(x)], u_c
+
+
+def _between(D: Array, left: Sparse, right: Sparse) -> Array:
+    """left D right, dense, of the rows and columns that are not empty alone."""
+    left, right = sparse.csc_matrix(left), sparse.csr_matrix(right)
+    rows, columns = np.flatnonzero(np.diff(left.indptr)), np.flatnonzero(np.diff(right.indptr))
+    return np.asarray(left[:, rows] @ D[np.ix_(rows, columns)] @ right[columns])

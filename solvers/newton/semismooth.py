@@ -28,10 +28,18 @@ from stickslip.solvers.laws.friction import CoulombByPoint
 from stickslip.solvers.laws.law import NormalLaw
 from stickslip.solvers.newton import condensed_system, path
 from stickslip.solvers.newton.active_set import ActiveSet
-from stickslip.solvers.newton.attempts import ATTEMPT, FIRM, Attempts, Start, again, closed, first_starts, other_starts
+from stickslip.solvers.newton.attempts import (
+    ATTEMPT,
+    FIRM,
+    Attempts,
+    Start,
+    again,
+    closed,
+    first_starts,
+    other_starts,
+)
 from stickslip.solvers.newton.collapse import on_softer_springs
-
-FIRMER = (1e-3, 1e-4, 1e-2, 1e-6, 1e-5)  # weights of the proximal term from the best iterate so far [-]
+from stickslip.solvers.newton.soft_start import soft_starts
 
 Linear = Callable[[ActiveSet, Array], tuple[Array, Array]]  # linearised laws, u_c of the iterate: p [Pa] and u_c [m]
 
@@ -71,14 +79,14 @@ class SemismoothNewton:
             p: tractions (rows,) [Pa] of the last step.
             attempts: those so far.
         """
-        firsts = []
         for start in chain(resting_start(problem, p, self), first_starts(problem, p)):
-            firsts.append(start)
             yield start, None
             if attempts.stalled and attempts.best is not None:
-                yield again(problem, attempts.best), 1e-2
-        for proximal in FIRM:
-            yield firsts[-1], proximal
+                yield again(problem, attempts.best), FIRM[0]
+        for start in soft_starts(attempts):
+            yield start, FIRM[0]
+        if attempts.over:
+            return
         for found in on_softer_springs(problem, p, self._on_springs):
             if not isinstance(found, Mechanism):
                 yield found, None
@@ -86,16 +94,12 @@ class SemismoothNewton:
             attempts.collapse = found
             if p.any():  # the load from which it is so is looked for; bodies at rest may be held in other ways
                 return
+        for start in other_starts(problem, p):
+            yield start, None
         assert attempts.best is not None
         for start in path.ends(problem, p, attempts.best):
             yield start, None
-            if problem.surface.floating:  # next to nothing may hold them
-                yield start, FIRM[-1]
         for start in simpler_ends(problem, attempts.best.p, self):
-            yield start, None
-        for proximal in FIRMER:
-            yield again(problem, attempts.best), proximal
-        for start in other_starts(problem, p):
             yield start, None
 
 

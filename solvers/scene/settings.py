@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BeforeValidator
 
 from stickslip.geometry.errors import require, require_components
 from stickslip.geometry.keys import Key, Keys, Noun, Vector
@@ -80,6 +83,10 @@ class Solver(Noun):
         return (cls.__subclasses__() or [cls])[-1]()
 
 
+def _infinite(value: Any) -> Any:
+    return "inf" if value == math.inf else value
+
+
 @dataclass(frozen=True, kw_only=True)
 class Output(Noun):
     """Which results are written.
@@ -102,7 +109,15 @@ class Output(Noun):
     audit: Annotated[
         bool, Key("-", "after the run, check every step's file against equilibrium and the contact laws")
     ] = True
-    error: Annotated[bool, Key("-", "estimate the errors of mesh and time steps, see docs; false: at no cost")] = True
+    error: Annotated[
+        bool | Literal["full", "rough"],
+        Key("-", "estimate the errors of mesh and time steps; full: whatever it costs; rough: by a coarser mesh alone"),
+    ] = True
+    error_budget: Annotated[
+        float | Literal["inf"] | None,
+        BeforeValidator(_infinite),
+        Key("s", "of the estimates, where `error` is true; absent: the larger of the run's own seconds and 10"),
+    ] = None
     linear_reference: Annotated[bool, Key("-", "after the run, time one linear solve of the same mesh")] = False
     writers: Mapping[str, Any] = field(default_factory=dict)
 
@@ -124,6 +139,8 @@ class Output(Noun):
 
     def __post_init__(self) -> None:
         require(self.every >= 1, "every", self.every, "must be at least 1")
+        if isinstance(self.error_budget, float):
+            require(self.error_budget >= 0, "error_budget", self.error_budget, "must not be negative")
 
 
 @dataclass(frozen=True, kw_only=True)

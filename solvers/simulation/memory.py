@@ -214,8 +214,8 @@ def spare(comm: Comm) -> float:
     return float(comm.allreduce(total, op=MPI.MIN))
 
 
-def affordable(output: Output, demand: Demand, free: float, steered: bool) -> tuple[bool, str]:
-    """Whether errors of a run are estimated, and a warning where memory is short.
+def affordable(output: Output, demand: Demand, free: float, steered: bool) -> tuple[Output, str]:
+    """The output of a run, without errors where memory is too short for them; and a warning where it is short.
 
     Args:
         output: that the scene asks for.
@@ -227,12 +227,14 @@ def affordable(output: Output, demand: Demand, free: float, steered: bool) -> tu
         MachineError: it does not fit without them either.
     """
     if demand.machine <= free:
-        return output.error, ""
+        return output, ""
     needs = f"about {demand.machine / 1e9:.2g} GB of memory are needed, and {free / 1e9:.2g} GB are free"
     least = demand if steered else demand.without(ERRORS)
     if output.error and least.machine <= SURE * free and not steered:
-        return False, f"{needs}: errors are not estimated; to estimate them take more memory or a larger mesh_size"
+        return replace(
+            output, error=False
+        ), f"{needs}: errors are not estimated; to estimate them take more memory or a larger mesh_size"
     if demand.machine <= SURE * free:
-        return output.error, f"{needs}: the run may be ended by the system"
+        return output, f"{needs}: the run may be ended by the system"
     pictures = "output.pictures = false, " * (least.without(PICTURES).machine <= SURE * free)
     raise MachineError(f"{needs}; use {pictures}a larger mesh_size, or more machines")

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 
-from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.keys import typed
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.solvers.accuracy.errors import MeshErrors, joined, order_2_fits, with_errors
-from stickslip.solvers.accuracy.histories import OtherHistory
-from stickslip.solvers.accuracy.kept_pairs import KeptPairs
-from stickslip.solvers.accuracy.time_steps import TimeStepErrors
+from stickslip.solvers.accuracy.budget import BETTER, TIME, Estimates, bubbles_follow
+from stickslip.solvers.accuracy.errors import with_errors
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.prepare import Volume
@@ -35,8 +31,6 @@ from stickslip.solvers.stepping.method_chain import MethodChain, Reached
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
 from stickslip.solvers.system.system import System, assemble
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -177,17 +171,25 @@ class Simulation:
     def errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
     ) -> tuple[Errors, ...]:
-        """Errors of every number by their parts, see `time_step_errors`, `mesh_errors` and `KeptPairs`; collective.
+        """Errors of every number by their parts, as far as `output.error_budget` pays for them; collective.
+
+        Call it after the last step: histories on other meshes are solved now, in `seconds.error`.
 
         Returns:
             For each step its numbers' errors; a part that is not known is None.
         """
-        estimate = TimeStepErrors(self.stepper, on_iteration)
-        of_time = self._of_time(estimate, steps)
-        of_mesh = self.mesh_errors(steps, on_iteration, estimate.coarse)
-        with self.clock.phase("error", "pairs"):
-            of_pairs = KeptPairs(self.stepper, on_iteration)(steps)
-        return joined(steps, of_time, of_mesh, of_pairs=of_pairs)
+        estimates = self.estimates(steps, on_iteration)
+        estimates.solve(estimates.choose())
+        return estimates.errors
+
+    def estimates(
+        self,
+        steps: Sequence[StepResult],
+        on_iteration: Callable[[HistoryRow], None] = lambda row: None,
+        tell: Callable[[str], None] = lambda line: None,
+    ) -> Estimates:
+        """The errors of a run, to be found piece by piece."""
+        return Estimates(self.stepper, self.data, steps, self.scene.output, on_iteration, tell)
 
     def time_step_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
@@ -204,18 +206,11 @@ class Simulation:
         Returns:
             For each step its numbers' errors, in `time_step`; None where that is not known.
         """
-        return self._of_time(TimeStepErrors(self.stepper, on_iteration), steps)
-
-    def _of_time(self, estimate: TimeStepErrors, steps: Sequence[StepResult]) -> tuple[Errors, ...]:
-        with self.clock.phase("error", "time steps"):
-            found = [*estimate(steps)]
+        found = self.estimates(steps, on_iteration).only(TIME)
         return (*found, *(dict.fromkeys(quantities(step), ErrorParts()) for step in steps[len(found) :]))
 
     def mesh_errors(
-        self,
-        steps: Sequence[StepResult],
-        on_iteration: Callable[[HistoryRow], None] = lambda row: None,
-        coarser: Sequence[StepResult] = (),
+        self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
     ) -> tuple[Errors, ...]:
         """Error of the mesh of every number, from the same history on better cells and on coarser ones; collective.
 
@@ -224,23 +219,11 @@ class Simulation:
         Args:
             steps: results of `steps`, all from the first on.
             on_iteration: as in `steps`, for the iterations on the other meshes.
-            coarser: the first steps on cells twice as long, if they are known.
 
         Returns:
             For each step its numbers' errors, in `mesh` and `geometry`.
         """
-        with self.clock.phase("error", "coarser mesh"):
-            coarser = coarser or self._coarser([step.time for step in steps], on_iteration)
-        with self.clock.phase("error", "better mesh"):
-            return MeshErrors(self.stepper, self.data, on_iteration)(steps, coarser)
-
-    def _coarser(self, times: Sequence[float], on_iteration: Callable[[HistoryRow], None]) -> Sequence[StepResult]:
-        """The first steps on cells twice as long; none of a file's mesh."""
-        try:
-            return OtherHistory.coarser(self.system, 2.0, on_iteration)(times)
-        except StickslipError as error:
-            log.info("no coarser mesh for the errors: %s", error)
-            return ()
+        return self.estimates(steps, on_iteration).only(BETTER)
 
     def release(self) -> None:
         """Free what solving steps needs beside the stiffness; no step can be solved after that; collective.
@@ -305,8 +288,8 @@ def prepare(
         choice = reached.choice if reached else choose(system)
         counts, size = Counts.of(mesh), Size.of(problem, mesh, system.constraints, system.contacts)
         demand, counters.clock.expected = memory_of(scene.output, counts, size, choice), size.condensed_seconds
-        with_error, short = affordable(scene.output, demand, spare(system.mesh.comm), bool(scene.accuracy.goals))
-        scene = replace(scene, output=replace(scene.output, error=with_error))
+        output, short = affordable(scene.output, demand, spare(system.mesh.comm), bool(scene.accuracy.goals))
+        scene = replace(scene, output=output)
         system.assembled()  # too
     with counters.clock.phase("prepare"):
         factor = bodies.factor_for(system) if bodies else None
@@ -314,7 +297,10 @@ def prepare(
     with counters.clock.phase("output", "results"):
         data = mesh_data(system)
         observer = Observer.of(stepper, data, with_errors) if scene.output.error else Observer.of(stepper)
-    if scene.output.error and MeshCorrection.works_for(stepper) and not order_2_fits(size):
+    follows = scene.output.error and MeshCorrection.works_for(stepper)
+    if follows and bubbles_follow(
+        scene.output, size, choice.stages[0], mesh.degree, problem.shape.meshing_time(problem.request)
+    ):
         with counters.clock.phase("error", "mesh"):
             stepper.companion = MeshCorrection(stepper)
     return Simulation(

@@ -213,7 +213,7 @@ HANGS = {  # what never comes back, and never lets Python hear a signal
     "factorisation": "solvers.simulation.simulation.MethodChain",
     "drawing": "workflows.pictures.draw.draw",
     "meshing": "solvers.simulation.simulation.build_mesh",
-    "errors": "solvers.simulation.simulation.TimeStepErrors",
+    "errors": "solvers.accuracy.budget.TimeStepErrors",
     "audit": "workflows.run.run.audit_steps",
 }
 

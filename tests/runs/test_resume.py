@@ -20,7 +20,9 @@ import pytest
 import stickslip
 from shared.command import Call, assert_said, result
 from shared.histories import LEARNS, PUSHED, SMALL, Stop, assert_same, names_in, rows, unchanged
+from stickslip import load
 from stickslip.geometry.errors import DamagedError, FolderError, SceneError
+from stickslip.solvers.accuracy.budget import Estimates
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
@@ -191,13 +193,35 @@ def test_a_run_that_is_stopped_behind_its_last_step_goes_on_to_the_estimate(tmp_
     scene = read("half_disc", CUT)
     run(scene, tmp_path / "whole")
     stop = Stop(1)
-    outcome, content = run(scene, tmp_path / "out", Watch(on_estimate=lambda: stop(None)))
+    outcome, content = run(scene, tmp_path / "out", Watch(on_estimate=stop))
     assert (outcome.status, len(content["steps"])) == ("interrupted", len(scene.requested_times()))
     assert outcome.sentence.endswith("after 6 of 6 steps")
     assert content["steps"][-1]["energy"]["error"]["dissipated"]["time_step"] is None
     outcome, content = run(scene, tmp_path / "out", resume=True)
     assert outcome.status == "converged"
     assert content["steps"][-1]["energy"]["error"]["dissipated"]["time_step"] > 0
+    assert_same(tmp_path / "out", tmp_path / "whole")
+
+
+def test_ctrl_c_ends_the_estimate_with_what_is_there_and_the_rest_is_found_as_it_was_chosen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It comes while the steps are halved: all else is there, and what is not says what it would cost."""
+    scene = read("half_disc", [*CUT, "output.error=full"])
+    run(scene, tmp_path / "whole")
+    stop = Stop(1)
+    watch = Watch(on_estimate=lambda line: stop(None) if "time steps" in line else None)
+    outcome, content = run(scene, tmp_path / "out", watch)
+    assert (outcome.status, len(content["steps"])) == ("interrupted", 6)
+    lost, chosen = content["steps"][-1]["energy"]["error"]["dissipated"], content["estimates"]
+    assert lost["time_step"] is None
+    assert lost["lacking"]["time_step"] == chosen["prices"]["time steps"] > 0.1
+    assert {"coarser mesh", "time steps"} <= {*chosen["done"]}
+    monkeypatch.setattr(Estimates, "choose", None)
+    outcome, content = run(scene, tmp_path / "out", resume=True)
+    assert (outcome.status, content["estimates"]) == ("converged", chosen)
+    assert load(tmp_path / "out").result["estimates"] == chosen
+    assert content["steps"][-1]["energy"]["error"]["dissipated"]["lacking"] == {}
     assert_same(tmp_path / "out", tmp_path / "whole")
 
 

@@ -171,14 +171,14 @@ def test_the_condensed_form_takes_what_its_choice_foretells(scene: Scene) -> Non
 
 def test_what_fits_is_left_as_it_is(scene: Scene) -> None:
     demand = demand_of(scene, cube(10**6))
-    assert affordable(scene.output, demand, demand.machine, steered=False) == (True, "")
+    assert affordable(scene.output, demand, demand.machine, steered=False) == (scene.output, "")
 
 
 def test_errors_that_do_not_fit_are_left_out_and_it_is_said(scene: Scene) -> None:
     demand = demand_of(scene, cube(10**6))
     free = (demand.machine + demand.without(ERRORS).machine) / 2
     wanted, said = affordable(scene.output, demand, free, steered=False)
-    assert not wanted
+    assert not wanted.error
     assert "errors are not estimated" in said
     assert f"{free / GB:.2g} GB are free" in said
 
@@ -186,7 +186,7 @@ def test_errors_that_do_not_fit_are_left_out_and_it_is_said(scene: Scene) -> Non
 def test_errors_that_decide_how_a_run_goes_on_are_not_left_out(scene: Scene) -> None:
     demand = demand_of(scene, cube(10**6))
     wanted, said = affordable(scene.output, demand, demand.machine / (1 + SURE) * 2, steered=True)
-    assert wanted
+    assert wanted.error
     assert "may be ended by the system" in said
 
 

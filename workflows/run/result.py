@@ -24,6 +24,7 @@ from stickslip import VERSION
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.geometry.keys import Key
 from stickslip.geometry.units import SI, Units
+from stickslip.solvers.accuracy.budget import Choice
 from stickslip.solvers.effects import is_single, records
 from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.parallel.counters import PHASES, Counters, Row
@@ -90,8 +91,9 @@ def summary(
     audited: Audited,
     reference: LinearReference | None = None,
     errors: Sequence[Errors] | None = None,
+    choice: Choice | None = None,
 ) -> dict[str, Any]:
-    """The content of result.json; without `errors` of the numbers of each step they are null."""
+    """The content of result.json; what of the numbers' `errors`, and of their choice, is not there is null."""
     scene, counters, rows = simulation.scene, simulation.counters, simulation.clock.rows()
     audits = audited.audits
     contacts, chain = simulation.system.contacts, simulation.stepper.chain
@@ -136,6 +138,7 @@ def summary(
             "linear_solver": _largest([step.linear_error for step in steps]),
             "what": "relative, energy norm",
         },
+        "estimates": choice and asdict(choice),
         "seconds": seconds_of(rows, reference.seconds if reference else None),
         "profile": [asdict(row) for row in rows],
         "linear_reference": reference and asdict(reference),
@@ -239,6 +242,7 @@ def _result() -> Any:
         "audit": Annotated[Audit | None, Key("", "the largest defects of all steps")],
         "verdict": _table("Verdict", judged) | None,
         "error": _table("Errors", dict.fromkeys(LARGEST, float | None) | {"what": str}, "The largest of all steps."),
+        "estimates": Choice | None,
         "seconds": SAID[_table("Seconds", phases | {"total": float}), Key("s", "wall time by phase")],
         "profile": list[Row],
         "linear_reference": LinearReference | None,

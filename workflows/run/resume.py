@@ -11,19 +11,20 @@ import hashlib
 import json
 from collections.abc import Container, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from stickslip import VERSION
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.geometry.errors import DamagedError, FolderError, MachineError
+from stickslip.solvers.accuracy.budget import Choice
 from stickslip.solvers.parallel.counters import Row
 from stickslip.solvers.parallel.serialise import Plain, broadcast, deserialise
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoint
-from stickslip.workflows.formats.files import disk_errors, make_folder, read_json
+from stickslip.workflows.formats.files import disk_errors, make_folder, read_json, write_json
 from stickslip.workflows.formats.marker import OF_STEP, is_certified, read_checked_json, remove_unfinished
 from stickslip.workflows.formats.serialised import PlainFile, read_plain
 from stickslip.workflows.formats.steps import light_files, light_name, read_checkpoint, step_files, step_name
@@ -35,6 +36,7 @@ from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, r
 FOLDER = "learnt"
 VERSIONS = {"stickslip": VERSION, "dolfinx": DOLFINX}
 FINISHED = ("converged", "doubtful")
+CHOICE = "estimates"  # of what a run was begun with: which are made at its end, see `Choice`
 UNTOUCHED = "nothing is resumed, nothing was changed"
 STATES = ("state", "refined", "surplus")  # of a checkpoint, with values by node: these stay on rank 0
 
@@ -133,6 +135,7 @@ class EarlierRun:
     finished: dict[str, Any] | None = None  # content of result.json, where nothing is left to solve
     folder: Path | None = None  # where all that stands
     mesh: str = ""  # checksum of the mesh that it was begun with
+    choice: Choice | None = None  # of the estimates at its end, once it is made
 
     def shared(self, comm: Any) -> EarlierRun:
         """The same on every rank, told by rank 0; collective."""
@@ -191,13 +194,23 @@ def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
         if not found.steps:
             raise MachineError(f"{folder / RESULT}: was changed after the run, and its steps are gone; {UNTOUCHED}")
         found = replace(found, notes=(f"{folder / RESULT}: was changed after the run; the steps decide", *found.notes))
-    return replace(found, folder=folder, mesh=begun["mesh"])
+    choice = begun.get(CHOICE)
+    return replace(found, folder=folder, mesh=begun["mesh"], choice=choice and Choice(**choice))
 
 
 def run_of(begun: Mapping[str, Any]) -> str:
     """Hash of what a run was begun with: scene, mesh and versions, not its labels; each of its steps carries it."""
-    plain = {key: value for key, value in begun.items() if key != "units"}
+    plain = {key: value for key, value in begun.items() if key not in ("units", CHOICE)}
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+def note_choice(folder: Path, choice: Choice) -> None:
+    """Note which estimates are made at the end of a run, for whoever goes on with it.
+
+    Raises:
+        MachineError: the disk is full.
+    """
+    write_json(folder / BEGUN, read_checked_json(folder / BEGUN) | {CHOICE: asdict(choice)})
 
 
 def _read(folder: Path, times: Sequence[float], run: str) -> EarlierRun:

@@ -111,6 +111,7 @@ class Run:
         self._state: State | None = None  # that the last step has left
         self.steps = list(earlier.steps)  # the last one with its fields on rank 0, the others without
         self._errors: tuple[Errors, ...] | None = None  # of the numbers of each step; None: not estimated
+        self._choice = earlier.choice
         seen = Seen()
         if earlier.last:
             self._state, usable = self._checkpoints.put_back(earlier.last.checkpoint, self._learnt.read())
@@ -145,8 +146,7 @@ class Run:
                     self._outputs(methodcaller("step", index, step), AFTER)
                     self._on_rank_0(partial(watch.on_step, step))
             if self._simulation.scene.output.error:
-                self._on_rank_0(watch.on_estimate)
-                self._errors = self._simulation.errors(self.steps, lambda row: self._interrupt.check(comm))
+                self._estimate(watch)
         except StepError as error:
             log.error("%s", error)
             written = len(error.last_good.history) if error.last_good else 0  # with the last good substep
@@ -157,6 +157,23 @@ class Run:
         except KeyboardInterrupt:
             return self._stopped
         return "converged", ""
+
+    def _estimate(self, watch: Watch) -> None:
+        """Find the errors of all numbers, as far as they are paid for; what is there is kept where that is stopped."""
+
+        def tell(line: str) -> None:
+            self._on_rank_0(partial(watch.on_estimate, line))
+
+        comm, choice = self._simulation.mesh.comm, self._choice
+        tell("estimating the error")
+        estimates = self._simulation.estimates(self.steps, lambda row: self._interrupt.check(comm), tell)
+        try:
+            if choice is None or choice.asked != estimates.choice.asked:
+                choice = estimates.choose()
+                self._on_rank_0(partial(resuming.note_choice, self._folder, choice))
+            estimates.solve(choice)
+        finally:
+            self._errors, self._choice = estimates.errors, choice
 
     @property
     def _stopped(self) -> tuple[str, str]:
@@ -248,7 +265,7 @@ class Run:
 
         def content() -> dict[str, Any]:
             said = replace(outcome, warnings=(*told, *warnings))
-            return summary(simulation, said, self.steps, audited, reference, self._errors)
+            return summary(simulation, said, self.steps, audited, reference, self._errors, self._choice)
 
         for line in (*warnings, *[sentence] * (status == "doubtful")):
             log.warning("%s", line)

@@ -24,6 +24,7 @@ from rich.text import Text
 from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.errors import printable
 from stickslip.geometry.units import Units
+from stickslip.solvers.accuracy.budget import BETTER, COARSER, PAIRS, TIME
 from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.results.step_result import PARTS, ErrorParts, StepResult
 from stickslip.solvers.simulation.plan import warnings
@@ -41,9 +42,10 @@ LONG = {  # phases, and parts of them, that may take long
     ("mesh", ""): "meshing",
     ("assemble", ""): "assembling",
     ("prepare", ""): "factorising the bodies",
-    ("error", "time steps"): "estimating the error of the time steps: shorter histories",
-    ("error", "other mesh"): "estimating the error of the mesh: another mesh",
-    ("error", "pairs"): "estimating the error of the pairs: with sliding",
+    ("error", COARSER): "estimating errors: the history on a coarser mesh",
+    ("error", TIME): "estimating the error of the time steps: half of the steps",
+    ("error", BETTER): "estimating the error of the mesh: a better one",
+    ("error", PAIRS): "estimating the error of the pairs: with sliding",
     ("audit", ""): "auditing",
     ("output", "pictures"): "drawing",
 }
@@ -81,6 +83,7 @@ class Reporter(Speaker):
         super().__init__(quiet, MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn())
         self.verbose, self.task = verbose, self.progress.add_task("meshing and preparing", total=None)
         self.began, self.done, self.count = clock.monotonic(), 0, 0  # of solving; steps of this process; of them all
+        self.told = np.inf  # when the last line on estimates was said
 
     def __enter__(self) -> Self:
         if not self.console.is_terminal:
@@ -127,22 +130,23 @@ class Reporter(Speaker):
             left = time_left(took * (self.count - self.done))
             self.line(f"t = {step.time:g}: {step.iterations} iterations, residual {step.residual:.1e}{left}")
 
-    def _estimate(self) -> None:
-        self.progress.update(self.task, description="estimating the error of the time steps")
+    def _estimate(self, line: str) -> None:
+        self.progress.update(self.task, description=line)
+        self.told = min(self.told, now := clock.monotonic())
+        if not self.console.is_terminal and now - self.told > ANNOUNCED:
+            self.told = now
+            self.line(line)
 
     def _phase(self, clock: Clock, phase: str, part: str) -> None:
         """Say what begins: on a terminal always, else if it will take longer than others take to answer."""
         text = LONG.get((phase, part))
         if text is None or (phase == "prepare" and not clock.expected):
             return
-        solving = clock.seconds("iterate")
         about = {
             "prepare": clock.expected,
             "audit": clock.seconds("assemble") * (1 + self.done / 4),
-            "time steps": solving,
-            "pairs": solving,
-            "other mesh": 4 * solving,  # see `NestedRun`
-        }.get(part or phase, 0.0)
+            "error": clock.expected,
+        }.get(phase, 0.0)
         long = about >= ANNOUNCED
         text += f", about {about:.0f} s" if long else ""
         self.progress.update(self.task, description=text)

@@ -31,7 +31,7 @@ class Watch:
     on_prepared: Callable[[Simulation], None] = lambda simulation: None
     on_iteration: Callable[[HistoryRow], None] = lambda row: None
     on_step: Callable[[StepResult], None] = lambda step: None
-    on_estimate: Callable[[], None] = lambda: None  # all steps are solved, next is the error of the time steps
+    on_estimate: Callable[[str], None] = lambda line: None  # all steps are solved; how it goes on with their errors
     on_resume: Callable[[int, float], None] = lambda done, time: None  # number of steps that are there, and their end
     on_note: Callable[[str], None] = lambda line: None
     on_phase: Callable[[Clock, str, str], None] = lambda clock, phase, part: None  # and part that begin

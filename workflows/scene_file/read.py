@@ -339,7 +339,7 @@ def _refuse_odd_values(value: Any, path: tuple[str, ...] = ()) -> None:
     """
     key = ".".join(path)
     require(len(path) <= DEEPEST, shortened(key), "[...]", f"tables and lists more than {DEEPEST} deep")
-    if isinstance(value, float):
+    if isinstance(value, float) and (key, value) != ("output.error_budget", math.inf):
         require(math.isfinite(value), shortened(key), value, "must be a finite number")
     if isinstance(value, int):
         require(abs(value) < 2**63, shortened(key), f"{value:.3g}" if abs(value) < 10**300 else "...", "is too large")

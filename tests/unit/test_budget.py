@@ -1,0 +1,66 @@
+"""Errors cost what their budget allows, and what is left out is said with its price."""
+
+import pytest
+
+from stickslip import prepare, read
+from stickslip.solvers.accuracy import budget
+from stickslip.solvers.accuracy.budget import COARSER, PAIRS, TIME, Estimates
+from stickslip.solvers.parallel.counters import Row
+from stickslip.solvers.results.step_result import Quantity
+from stickslip.solvers.simulation.simulation import Simulation
+
+LOST = Quantity("contacts", "base", "dissipation_total")
+DEAR = Row(phase="iterate", part="", seconds=1000.0, calls=1, volume_solves=0)
+
+
+def solved(*sets: str) -> tuple[Simulation, Estimates]:
+    """A run of two steps, and its estimates to be found."""
+    sizes = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"]
+    simulation = prepare(read("block", [*sizes, *sets]))
+    return simulation, simulation.estimates([*simulation.steps()])
+
+
+def test_what_the_budget_does_not_pay_for_is_lacking_with_its_price() -> None:
+    simulation, estimates = solved("output.error_budget=0")
+    before = simulation.counters.error_solves
+    choice = estimates.choose()
+    estimates.solve(choice)
+    lost = estimates.errors[-1][LOST]
+    assert simulation.counters.error_solves == before
+    assert not choice.done
+    assert lost.time_step is None
+    assert lost.lacking["time_step"] == choice.prices[TIME] > 0
+    assert lost.total > 0  # of what was found with the steps
+
+
+@pytest.mark.parametrize(
+    ("share", "factor", "done"), [(0.6, 2.0, {COARSER, TIME}), (0.2, 4.0, {COARSER, TIME}), (0.08, 4.0, {COARSER})]
+)
+def test_the_coarser_mesh_is_coarser_still_where_that_is_too_dear(
+    share: float, factor: float, done: set[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run of an hour: a quarter of it for the coarser mesh, and a quarter for twice as many steps."""
+    _, estimates = solved()
+    monkeypatch.setattr(budget, "predicted", lambda size, stage=None: 9.0 * size.dofs * (2 + size.steps))
+    hour = budget.predicted(estimates._size)
+    monkeypatch.setattr(budget, "budget_of", lambda output, seconds: share * hour)
+    choice = estimates.choose()
+    assert (choice.factor, {COARSER, TIME} & {*choice.done}) == (factor, done)
+
+
+@pytest.mark.parametrize("asked", ["output.error=full", "output.error_budget=inf", "output.error=rough"])
+def test_no_clock_is_asked_where_the_budget_is_none(asked: str) -> None:
+    simulation, estimates = solved(asked)
+    choice = estimates.choose()
+    assert {*choice.done} == ({COARSER} if "rough" in asked else {*choice.prices})
+    simulation.clock.add([DEAR])
+    assert estimates.choose() == choice
+
+
+def test_pairs_that_are_left_have_a_price_and_their_error_is_lacking(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, estimates = solved("output.error_budget=0")
+    monkeypatch.setattr("stickslip.solvers.accuracy.kept_pairs.leaves", lambda *given: True)
+    choice = estimates.choose()
+    estimates.solve(choice)
+    assert 0.5 < choice.prices[PAIRS] < 1  # the same steps, and nothing to prepare
+    assert estimates.errors[-1][LOST].lacking["geometry"] == choice.prices[PAIRS]
