@@ -40,7 +40,7 @@ def on_softer_springs(
         p: tractions (rows,) [Pa] of the last step.
         solve: solves a problem from a start.
     """
-    surface, u_c, before, known = problem.surface, problem.u_before, 0.0, 0.0
+    surface, u_c, before, known = problem.surface, problem.u_before, 0.0, np.zeros(problem.surface.R.shape[1])
     if not isinstance(surface, CondensedSurface) or not surface.floating:
         return
     room = float(np.abs(problem.gap)[: surface.normal_rows].max(initial=0.0))
