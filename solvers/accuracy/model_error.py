@@ -5,9 +5,9 @@ F = I + H acts on the undeformed body. By D = C : A + H (sigma + C : A) with A =
 and its inner forces are not balanced. Of A in brackets W^T W / 2 is left out, W the rotation in H: bodies give way to
 it. The step is solved once more with the forces of D as loads (one step of modified Newton's method for the total
 Lagrangian problem): bodies answer with their linear stiffness, contact and friction anew. What numbers change by is the
-estimate; where D is below `SLIGHT` of the stress, and in steps between two turns of the values in time, it is that part
-of each number. Sides keep their normals, and loads their direction. Of bodies whose dilatation is averaged there is no
-estimate.
+estimate; where D is below `SLIGHT` of the stress, it is that part of each number. Sides keep their normals, and loads
+their direction. Of bodies whose dilatation is averaged there is no estimate, nor in steps between two turns of the
+values in time, at which it is the largest.
 
 Source: Bathe, Finite Element Procedures (1996), section 6.3.
 """
@@ -37,7 +37,7 @@ log = logging.getLogger(__name__)
 
 def model_errors(observe: Observer, accepted: Accepted, result: StepResult) -> dict[Quantity, Value]:
     """The estimate for each number of a step, >= 0; empty where it is not found; collective."""
-    if accepted.stepper.system.problem.averaged:
+    if accepted.stepper.system.problem.averaged or _between_turns(accepted):
         return {}
     with accepted.stepper.system.counters.clock.phase("error", "model"):
         return _changes(observe, accepted, result)
@@ -46,7 +46,7 @@ def model_errors(observe: Observer, accepted: Accepted, result: StepResult) -> d
 def _changes(observe: Observer, accepted: Accepted, result: StepResult) -> dict[Quantity, Value]:
     share, forces = left_out(observe, accepted)
     values = quantities(result)
-    if share < SLIGHT or _between_turns(accepted):
+    if share < SLIGHT:
         return {key: share * np.abs(value) for key, value in values.items()}
     try:
         with accepted.stepper.system.counters.for_error():
