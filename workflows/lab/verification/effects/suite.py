@@ -325,7 +325,7 @@ def noise(repeats: int = REPEATS) -> list[float]:
 
 
 def schur() -> tuple[Work, Work]:
-    """The ready scene `cube` at h = 1/16 without friction, and as it is."""
-    cube = read("cube", ["geometry.mesh_size=0.0625"])
+    """The ready scene `cube` at h = 1/16 in the condensed form, without friction and as it is."""
+    cube = read("cube", ["geometry.mesh_size=0.0625", "solver.surface='condensed'"])
     smooth = replace(cube, contacts={"base": replace(cube.contacts["base"], friction=None)})
     return work(smooth)[0], work(cube)[0]
