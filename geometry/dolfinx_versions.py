@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial, reduce
+from functools import cache, partial, reduce
 from importlib.metadata import distribution
 from importlib.util import find_spec
 from pathlib import Path
@@ -393,6 +393,7 @@ def reference_nodes(shape: str, degree: int) -> Array:
     return np.asarray(_element(shape, degree).points)
 
 
+@cache
 def _element(shape: str, degree: int) -> Any:
     variant = basix.LagrangeVariant.gll_warped
     return basix.create_element(basix.ElementFamily.P, getattr(basix.CellType, shape), degree, variant)

@@ -17,7 +17,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
 from stickslip.geometry.protocols import Sparse, Vec
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.bubbles import Bubbles
@@ -41,7 +41,6 @@ class BetweenNodes:
     measures: Array  # (n, d, d): friction acts along their product with slip, at the bound
     phi: Sparse  # (n, q): values at integration points to integrals ∫ phi~_j
     weights: Array  # (q,) [m^(d-1)]
-    around: Ints | None  # (q, k) nodes of each point's facet, at order 2
     driven: Sequence[int]  # axes along which a force drives the obstacle
 
     @classmethod
@@ -49,8 +48,7 @@ class BetweenNodes:
         """None: no friction."""
         if c.friction is None or not c.friction.resists():
             return None
-        around = c.surface.facets[points.own.facet] if c.surface.degree == 2 else None
-        return cls(c.relative, _measures(c), points.phi, points.weights, around, driven)
+        return cls(c.relative, _measures(c), points.phi, points.weights, driven)
 
     def added(self, slips: Bools, bound: Array, increment: Array) -> tuple[Array, float] | None:
         """Nodal forces (n_all, d) [N] like B^T p, whose negatives act on the bodies, and dissipation [J].
@@ -71,12 +69,6 @@ class BetweenNodes:
         each = np.divide(1.0, self.weights, out=np.zeros_like(self.weights), where=self.weights > 0)
         values = each[:, None] * (self.phi.T @ np.column_stack([bound, size, increment]))
         bound_at, mean_size, moved = values[:, 0], values[:, 1], values[:, 2:]
-        if self.around is not None:  # beside nodes that stick parabolas turn back, but for the centre of a vortex
-            count = slips[self.around].sum(axis=1)
-            mean = direction[self.around].sum(axis=1)
-            lengths = np.linalg.norm(direction[self.around], axis=2).sum(axis=1)
-            vortex = np.linalg.norm(mean, axis=1) < 0.5 * lengths  # a shorter mean surrounds a centre
-            bound_at = bound_at * ((count == self.around.shape[1]) | vortex)
         node, point = self.phi.nonzero()
         along, length = _measured(self.measures[node], moved[point])
         turns = (length > CLOSE * np.abs(mean_size[point]))[:, None]  # else the point is the centre of a vortex

@@ -1,8 +1,7 @@
 """The next order on the same mesh: displacements that vanish at the corners of cells, and the forces that they cause.
 
 The space of order 2 is the space of order 1 plus bubbles: the basis functions of the nodes between those of the mesh.
-The space of order 3 is the sum of that of order 2 and the bubbles of order 3: the basis functions of all its nodes but
-the corners; some displacements are in both, and either may have them. Only vectors are assembled, no matrix.
+Only vectors are assembled, no matrix.
 
 `FinerLoads` holds what the quadrature of the run leaves out of loads that are expressions of place: features narrower
 than a facet.
@@ -65,7 +64,7 @@ class FinerLoads:
 
 
 class Bubbles:
-    """The bubbles x of a system, as displacements of all nodes of the next order, zero at the corners of cells.
+    """The bubbles x of a system of order 1, as displacements of all nodes of order 2, zero at the corners of cells.
 
     Vectors of displacements and forces run over all dofs of that order, those called `free` over the free ones.
     """
@@ -74,7 +73,7 @@ class Bubbles:
         """Compile the forms, and find which bubbles supports hold; collective."""
         problem, mesh = system.problem, system.mesh
         self.system = system
-        self.space = dx.vector_space(mesh.domain, mesh.degree + 1)
+        self.space = dx.vector_space(mesh.domain, 2)
         self.nodes = Nodes.of(mesh, self.space)
         exact = _quadrature(mesh)
         weak = WeakForms(problem, mesh, self.space, system.counters, exact, beyond(mesh))
@@ -145,7 +144,7 @@ class Bubbles:
             places: cell, and basis (k,) of the mesh at the point, on the rank that owns it; None elsewhere.
         """
         mesh, own = self.system.mesh, dict[str, Array]()
-        shape, degree = mesh.domain.topology.cell_type.name, mesh.degree + 1
+        shape, degree = mesh.domain.topology.cell_type.name, 2
         for name, point in self.in_cells(u, x, places).items():
             own[name] = dx.reference_basis(shape, degree, point.local[None])[0][0] @ point.displacement
         return {name: value for offers in mesh.comm.allgather(own) for name, value in offers.items()}
@@ -282,8 +281,8 @@ class Bubbles:
         """
         system, mesh = self.system, self.system.mesh
         shape, d = mesh.domain.topology.cell_type.name, mesh.dim
-        points, weights = dx.reference_rule(shape, 2 * (mesh.degree + 1))
-        basis, slope = dx.reference_basis(shape, mesh.degree + 1, points)
+        points, weights = dx.reference_rule(shape, 2 * (2))
+        basis, slope = dx.reference_basis(shape, 2, points)
         products = np.einsum("aqn,bqn,q->abn", slope, slope, weights).reshape(d**2, -1)
         squares = np.einsum("qn,qn,q->n", basis, basis, weights)
         x = mesh.domain.geometry.x[:, :d][dx.cell_nodes(mesh.domain)]
@@ -332,13 +331,10 @@ class Bubbles:
 
 
 def _quadrature(mesh: Mesh) -> int | None:
-    """Degree of the quadrature on cells, exact on straight ones; None: as UFL estimates it.
-
-    With order 2 it is that of the run's own stiffness on triangles, so that what the run has balanced is in balance.
-    """
-    if mesh.degree == 1 and mesh.simplicial:
+    """Degree of the quadrature on cells, exact on straight ones; None: as UFL estimates it."""
+    if mesh.simplicial:
         return None if mesh.axisymmetric else 2
-    return 2 * (mesh.degree + (not mesh.simplicial)) + mesh.axisymmetric
+    return 4 + mesh.axisymmetric
 
 
 def inner_forces(problem: Problem, weak: WeakForms, u: Function) -> list[UflForm]:

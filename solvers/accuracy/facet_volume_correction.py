@@ -42,12 +42,10 @@ def bulges(straight: Surface, middles: Surface) -> Array:
     """Displacement (n, d) [m] of the nodes of a side of order 2 from its straight facets, zero at their corners.
 
     Args:
-        straight: the side at order 1; of order 2 it is curved already, and nothing bulges.
+        straight: the side at order 1.
         middles: the same facets at the next order, their nodes between the corners on those facets.
     """
     found = np.zeros_like(middles.points)
-    if straight.degree > 1:
-        return found
     if straight.dim == 2:
         found[middles.facets[:, 2]] = _of_facets(straight)
         return found

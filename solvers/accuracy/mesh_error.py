@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, number_of, quantities
 from stickslip.solvers.scene.problem import Problem
@@ -102,7 +102,7 @@ def _stated(
         converges=True if both or number_of(key).kind != "pressure" else None,
         corrected=near[-1] if near else value,
         by=by if near else "rough",
-        unsure=unsure or None,
+        unsure=(unsure and bool(np.linalg.norm(mesh) > EXACT * np.linalg.norm(value))) or None,  # else it is rounding
     )
 
 

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import SLIGHT, Array
+from stickslip.geometry.arrays import SLIGHT, Array, inverse_and_determinant
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.iteration import Status, ignore
@@ -64,8 +64,9 @@ def left_out(observe: Observer, accepted: Accepted) -> tuple[float, Vec]:
     nodes = dx.cell_dofs(system.space)[own]
     u = observe.stress.displacement.x.array.reshape(-1, mesh.dim)[nodes]
     jacobian = np.einsum("kn,cni->cki", slopes[:, 0], x)
-    gradients = np.linalg.inv(jacobian) @ slopes[:, 0]  # (c, i, n)
-    volume = np.abs(np.linalg.det(jacobian)) * dx.reference_rule(shape, 1)[1].sum()
+    inverse, determinant = inverse_and_determinant(np.moveaxis(jacobian, 0, -1))
+    gradients = np.moveaxis(inverse, -1, 0) @ slopes[:, 0]  # (c, i, n)
+    volume = np.abs(determinant) * dx.reference_rule(shape, 1)[1].sum()
     H = np.zeros_like(stress)
     H[:, : mesh.dim, : mesh.dim] = np.einsum("cni,cjn->cij", u, gradients)
     radius = x[..., 0] @ basis[0]

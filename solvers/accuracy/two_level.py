@@ -1,11 +1,11 @@
 """Error of the mesh of every quantity: the same steps once more with bubbles, contact solved again.
 
-After each solved substep of order 1, bubbles x (order 2 on the same mesh; after one of order 2 those of order 3, see
-`nested_run`) are found by Jacobi's iteration, made better by a least-squares combination of its few steps (nonlinear
-GMRES); where cells are flat and bend, of more of them. Each step asks the bodies and the contact for their answer to
-bubbles: bubbles pull at the nodes of the mesh and shift the surface, and contact and friction are solved again, with
-the slip history of the steps with bubbles. The mesh error of a quantity follows from its difference with and without
-bubbles, see `mesh_error`; with bubbles it has about a ninth of the error.
+After each solved substep of order 1, bubbles x (order 2 on the same mesh) are found by Jacobi's iteration, made
+better by a least-squares combination of its steps (nonlinear GMRES); where cells are flat and bend, of more of them.
+Each step asks the bodies and the contact for their answer to bubbles: bubbles pull at the nodes of the mesh and shift
+the surface, and contact and friction are solved again, with the slip history of the steps with bubbles. The mesh
+error of a quantity follows from its difference with and without bubbles, see `mesh_error`; with bubbles it has about
+a ninth of the error.
 
 Source: the hierarchical estimates of Bank & Smith, SIAM J. Numer. Anal. 30 (1993), here with contact; nonlinear GMRES:
 Washio & Oosterlee, Electron. Trans. Numer. Anal. 6 (1997).
@@ -452,6 +452,6 @@ class _Substep:
             found,
             surplus=x,
             surplus_motion=motion,
-            reactions=bubbles.reactions(self._left_over(answer, inner)) if system.mesh.degree == 1 else None,
+            reactions=bubbles.reactions(self._left_over(answer, inner)),
             peak=max(old.peak, found.energy.stored),
         )

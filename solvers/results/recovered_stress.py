@@ -23,6 +23,7 @@ import numpy as np
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import CHUNK, TINY, Array, Ints, inverse_and_determinant
 from stickslip.geometry.protocols import Vec
+from stickslip.solvers.results.step_result import MeshData
 from stickslip.solvers.scene.material import DOUBLED, Elastic, Material, Orthotropic
 from stickslip.solvers.scene.record import STRESSES
 from stickslip.solvers.system.system import System
@@ -37,6 +38,21 @@ class MeshError:
 
     size: float  # of the displacement in the energy norm, its root taken [J^(1/2)], in plane models for a metre
     stress: Array  # (own cells,) error of the stress [Pa]: that of one component which would have the same energy
+
+
+def cells_around(mesh: MeshData, cell: int, basis: Array, axisymmetric: bool) -> tuple[Ints, Array]:
+    """Cells (c,) of the body of a cell that share nodes with it, and their shares in the recovered stress at a point.
+
+    The stress of a node is the mean of that of its cells, by their size; its basis function is its share at the point.
+    """
+    nodes = mesh.cells[cell]
+    cells = np.flatnonzero(np.isin(mesh.cells, nodes).any(axis=1) & (mesh.body == mesh.body[cell]))
+    middle = dx.reference_nodes(mesh.shape, 1).mean(axis=0, keepdims=True)
+    values, slope = dx.reference_basis(mesh.shape, dx.degree_of(mesh.shape, len(nodes)), middle)
+    x = mesh.points[mesh.cells[cells]]
+    size = np.abs(np.linalg.det(slope[:, 0] @ x)) * (x[:, :, 0] @ values[0] if axisymmetric else 1.0)
+    by_node = (mesh.cells[cells][:, :, None] == nodes).any(axis=1) * size[:, None]
+    return cells, by_node / by_node.sum(axis=0) @ basis
 
 
 class InCell(NamedTuple):

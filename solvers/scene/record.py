@@ -79,7 +79,7 @@ class ObstacleState(NamedTuple):
 
 
 class ProbeValue(NamedTuple):
-    """Fields at a point: the displacement, interpolated, and the stress (3, 3) of the cell that contains it."""
+    """Fields at a point: the displacement, interpolated, and the stress (3, 3), of order 1 recovered."""
 
     displacement: Annotated[Array, Number("m", "by component", "vector", "displacement")]
     stress: Annotated[Array, Number("Pa", "xx, yy, zz, xy, yz, xz; tension is positive", "stress", "stress")]

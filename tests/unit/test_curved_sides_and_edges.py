@@ -383,7 +383,6 @@ def test_slip_of_rounding_has_no_direction() -> None:
         measures=np.array([np.diag([1.0, 0.0]), np.diag([0.0, 1.0])]),
         phi=csr_matrix([[1.1], [-0.1]]),
         weights=np.ones(1),
-        around=None,
         driven=(),
     )
     assert between.added(np.zeros(2, bool), np.ones(2), np.array([[0.0, 0.0], [0.0, 1e-18]])) is None

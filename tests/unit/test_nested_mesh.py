@@ -9,7 +9,6 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
-from shared.problems import scene_of
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.mesh.mesh import build_mesh
@@ -19,12 +18,9 @@ from stickslip.geometry.shape import Request
 from stickslip.geometry.user_files.meshing import cut_to_sizes
 from stickslip.geometry.user_files.raw_mesh import LOCAL_FACETS, RawMesh, check_neighbours
 from stickslip.solvers.accuracy import nested_run
-from stickslip.solvers.accuracy.bubbles import Bubbles
 from stickslip.solvers.accuracy.nested_run import NestedRun, Places, flat_mesh
-from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.results.step_result import Errors, Quantity, StepResult, quantities
 from stickslip.solvers.simulation.simulation import Simulation, prepare
-from stickslip.workflows.lab.verification.prepared import system_of
 from stickslip.workflows.scene_file.read import read
 
 CORNERS = {"triangle": 3, "quadrilateral": 4}
@@ -151,33 +147,6 @@ def errors_of(name: str, *sets: str) -> tuple[StepResult, Errors]:
     """The last step and its errors."""
     simulation, steps = solved(name, *sets)
     return steps[-1], simulation.errors(steps)[-1]
-
-
-@pytest.mark.parametrize("cells", ["simplex", "tensor"])
-@pytest.mark.parametrize("model", ["plane strain", "axisymmetric"])
-def test_forces_of_bubbles_are_those_of_order_3(model: str, cells: str) -> None:
-    held = {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}}
-    base = {"base": {"surface": "block.bottom", "against": "foundation"}}
-    shape = {"order": 2, "mesh_size": 0.5, "cells": cells}
-    system = system_of(scene_of(model=model, geometry=shape, contacts=base, supports=held))
-    bubbles = Bubbles(system)
-    weak = WeakForms(system.problem, system.mesh, bubbles.space, system.counters, 8)
-    K = dx.assemble_matrix(weak.compile(weak.elasticity()))
-    random = np.random.default_rng(0)
-    x, u = bubbles.zero(), system.vector()
-    x.array[:], u.array[:] = random.random(len(x.array)), random.random(len(u.array))
-    x = bubbles.displacement(bubbles.free(x))
-    u.array[0::2] *= system.nodes.points[:, 0]  # none of the axis
-    whole, own = dx.fem.Function(bubbles.space), dx.fem.Function(system.space)
-    dx.fill(own, u.array)
-    whole.interpolate(own)
-    total = x.copy()
-    total.array[:] += whole.x.array[: len(total.array)]
-    expected = bubbles.free(K * total).array
-    slack = 3e-2 if model == "axisymmetric" else 1e-12  # 1/r is integrated by other rules
-    assert_allclose(bubbles.free(bubbles.inner(u, x)).array, expected, atol=slack * np.abs(expected).max())
-    assert u.dot(bubbles.pull(x)) == pytest.approx(x.dot(bubbles.inner(u, 0.0 * x)), rel=1e-12)
-    assert len(np.unique(bubbles.nodes.input)) == len(bubbles.nodes.input)
 
 
 def test_stated_errors_are_true() -> None:

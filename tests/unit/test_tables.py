@@ -260,4 +260,4 @@ def test_a_wide_window_keeps_heads_on_one_line() -> None:
 def test_a_penetration_of_rounding_is_zero() -> None:
     contact = {"max_penetration": 1e-17, "error": {"max_penetration": {"mesh": 2e-17, "converges": True}}}
     assert contact_cells(contact, ["max_penetration"], moved=0.1) == ["0"]
-    assert contact_cells(contact, ["max_penetration"], moved=1e-6) == ["(1 ± 2)e-17*"]
+    assert contact_cells(contact, ["max_penetration"], moved=1e-6) == ["(1 ± ≥2)e-17"]

@@ -156,11 +156,13 @@ def test_errors_of_the_time_steps_are_of_the_size_of_the_true_ones() -> None:
 
 def test_errors_of_the_mesh_are_of_the_size_of_the_true_ones() -> None:
     data = scene(TABLE, 2, drawn(0.2), E=1.0)
-    *_, step = stickslip.prepare(data).steps()
+    simulation = stickslip.prepare(data)
+    *_, step = steps = list(simulation.steps())
+    *_, errors = simulation.errors(steps)
     *_, fine = prepare(replace(data, geometry=replace(data.geometry, mesh_size=0.02))).steps()
     base, better = step.contacts["base"], fine.contacts["base"]
     true = abs(base.tangential_force - better.tangential_force)
-    assert 0.3 * true < step.errors["contacts.base.tangential_force"].mesh < 3 * true
+    assert 0.3 * true < errors[Quantity("contacts", "base", "tangential_force")].mesh < 3 * true
 
 
 def test_plan_says_what_is_added_and_a_script_keeps_seconds() -> None:

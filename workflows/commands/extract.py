@@ -18,10 +18,11 @@ def extract(
     ],
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE.csv", help="[stdout]")] = None,
 ) -> None:
-    """Print displacement and stress at points over time, as CSV; nothing is solved."""
+    """Print displacement and recovered stress at points over time, as CSV; nothing is solved."""
     import numpy as np
 
     from stickslip.geometry.dolfinx_versions import cells_at
+    from stickslip.solvers.results.recovered_stress import cells_around
     from stickslip.solvers.scene.record import STRESSES
     from stickslip.workflows.formats.csv_tables import csv_text
     from stickslip.workflows.formats.files import write_output
@@ -44,13 +45,14 @@ def extract(
         inside = cells_at(mesh.shape, mesh.points, mesh.cells, x, float(np.ptp(mesh.points, axis=0).max()))
         if (at := next(inside, None)) is None:
             raise SceneError(f"--point {word}: lies outside the bodies")
-        places.append((x, *at))
+        places.append((x, *at, *cells_around(mesh, *at, results.scene["model"] == "axisymmetric")))
     rows = []
     whole = (step for step in results.steps.kept() if len(step.displacement))  # of `output.every` some alone
     for step in whole:
-        for x, cell, basis in places:
-            stress = [step.stress[cell][ij] for ij in STRESSES.values()]
-            rows.append([step.time, *x, *(basis @ step.displacement[mesh.cells[cell]]), *stress])
+        for x, cell, basis, cells, shares in places:
+            stress = np.einsum("c,cij->ij", shares, step.stress[cells])
+            own = [stress[ij] for ij in STRESSES.values()]
+            rows.append([step.time, *x, *(basis @ step.displacement[mesh.cells[cell]]), *own])
     if not rows:
         raise FolderError(f"{folder}: holds no step with its fields")
     header = ["time", *axes, *(f"displacement_{axis}" for axis in axes), *(f"stress_{ij}" for ij in STRESSES)]

@@ -241,7 +241,7 @@ def stack(dice: Dice) -> Member:
 def receding(dice: Dice) -> Member:
     """A strip that a load on its middle presses, so that its ends lift."""
     height, E = dice.between(0.3, 0.6), modulus(dice)
-    length, p = height * dice.between(8, 12), E * dice.between(0.003, 0.02)
+    length, p = height * dice.between(6, 9), E * dice.between(0.003, 0.02)
     friction = coulomb(dice) if dice.chance(0.5) else {}
     load = f"-{p!r}*exp(-((x - {length / 2!r})/{dice.between(0.3, 1) * height!r})**2)*min(t, 1)"
     sizes = {"mesh_size": height / dice.between(2, 4), "contact_mesh_size": height / dice.between(4, 6)}
@@ -255,7 +255,7 @@ def receding(dice: Dice) -> Member:
         "springs": {"held": {"at": "block.left", "stiffness": [1e-4 * E, 0.0]}},
         "probes": inside(0.45 * length, 0.5 * height),
         "steps": steps(dice, 1),
-    })  # fmt: skip
+    }, finer=0.5)  # fmt: skip
 
 
 def two_blocks(dice: Dice) -> Member:
@@ -567,32 +567,43 @@ def half_ball(dice: Dice) -> Member:
     return Member(found | {"probes": inside(0.1, 0.1, 0.3)})
 
 
-def hub_3d(dice: Dice) -> Member:
-    """A quarter of a hub on a quarter of a shaft, of tetrahedra: a press fit on a curved side."""
-    E, over, radii = modulus(dice), dice.between(5e-4, 2e-3), (0.3, 1.0, dice.between(1.6, 2))
+def shaft_and_hub(inner: float, radius: float, outer: float, height: float) -> str:
+    """Text of a .geo file: quarters of a shaft and of a hub on it, whose sides have names."""
     text = OCC + "Point(1) = {0, 0, 0};\n"
-    for n, low, high in ((10, *radii[:2]), (20, *radii[1:])):
+    for n, low, high in ((10, inner, radius), (20, radius, outer)):
         text += _points([(low, 0), (high, 0), (0, high), (0, low)], n)
         text += f"Line({n}) = {{{n}, {n + 1}}}; Circle({n + 1}) = {{{n + 1}, 1, {n + 2}}};\n"
         text += f"Line({n + 2}) = {{{n + 2}, {n + 3}}}; Circle({n + 3}) = {{{n + 3}, 1, {n}}};\n"
         text += f"Curve Loop({n}) = {{{n}:{n + 3}}}; Plane Surface({n}) = {{{n}}};\n"
     for n, name in ((10, "shaft"), (20, "hub")):
-        text += f'o[] = Extrude {{0, 0, 0.5}} {{ Surface{{{n}}}; }};\nPhysical Volume("{name}") = {{o[1]}};\n'
+        text += f'o[] = Extrude {{0, 0, {height}}} {{ Surface{{{n}}}; }};\nPhysical Volume("{name}") = {{o[1]}};\n'
         sides = {"bottom": n, "top": "o[0]", "front": "o[2]", "outside": "o[3]", "left": "o[4]", "inside": "o[5]"}
         text += "".join(f'Physical Surface("{name}.{side}") = {{{tag}}};\n' for side, tag in sides.items())
+    return text
+
+
+def rollers(planes: Mapping[str, str]) -> Tables:
+    """Supports of a shaft and a hub on planes, by the axes across them."""
+    return {
+        f"{name}_{side}": {"boundary": f"{name}.{side}", "displacement": {axis: 0.0}}
+        for name in ("shaft", "hub")
+        for side, axis in planes.items()
+    }
+
+
+def hub_3d(dice: Dice) -> Member:
+    """A quarter of a hub on a quarter of a shaft, of tetrahedra: a press fit on a curved side."""
+    E, over, outline = modulus(dice), dice.between(5e-4, 2e-3), shaft_and_hub(0.3, 1.0, dice.between(1.6, 2), 0.5)
     planes = {"front": "y", "left": "x", "bottom": "z"} | dice.one_of({"top": "z"}, {})
     return Member({
         "model": "3d",
         "geometry": {"file": "shape.geo", "mesh_size": dice.between(0.3, 0.4)},
         "bodies": {"shaft": body(dice, E), "hub": body(dice, E * dice.one_of(0.5, 1.0))},
         "contacts": {"fit": {"surface": "hub.inside", "against": "shaft.outside", "gap": -over}},
-        "supports": {
-            f"{name}_{side}": {"boundary": f"{name}.{side}", "displacement": {axis: 0.0}}
-            for name in ("shaft", "hub") for side, axis in planes.items()
-        },
+        "supports": rollers(planes),
         "probes": inside(0.9, 0.9, 0.25),
         "steps": {"end": 1.0, "count": 1},
-    }, text)  # fmt: skip
+    }, outline)  # fmt: skip
 
 
 FAMILIES: Mapping[str, Callable[[Dice], Member]] = {

@@ -65,13 +65,13 @@ def solve(scene: Scene, errors: bool = True, sharp: bool = False) -> Answer:
 
     Args:
         errors: whether they are estimated.
-        sharp: whether edges of areas lie between nodes; of order 2 in 2D.
+        sharp: whether edges of areas lie between nodes.
     """
     simulation = prepare(replace(scene, output=replace(scene.output, error=errors)))
     steps = tuple(simulation.steps())
     found = simulation.errors(steps) if errors else tuple({key: ErrorParts() for key in quantities(s)} for s in steps)
     seconds = asdict(simulation.seconds)
-    areas = [_sharp_areas(simulation, step) if sharp and scene.dim == 2 else {} for step in steps]
+    areas = [_sharp_areas(simulation, step) if sharp else {} for step in steps]
     values = _columns([dict(_numbers(quantities(s))) | found for s, found in zip(steps, areas, strict=True)])
     return Answer(
         times=np.array([step.time for step in steps]),
@@ -112,7 +112,7 @@ def _numbers(values: Mapping[Quantity, Value]) -> Iterator[tuple[str, float]]:
 
 
 def _sharp_areas(simulation: Simulation, step: StepResult) -> dict[str, float]:
-    """Areas of all contacts whose edges lie between nodes [m], in 2D; nodes of order 2 as those of half as long facets.
+    """Areas of all contacts whose edges lie between nodes [m^(d-1)], and mean pressures [Pa].
 
     By nodes alone, an area on the fine mesh would be known to no better than a fraction of its error on the others.
     """

@@ -1,0 +1,93 @@
+"""One rule states the error of the mesh of every number, by better cells and by coarser ones."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from stickslip import ErrorParts, Quantity, Simulation, StepResult, prepare, read
+from stickslip.solvers.accuracy.areas import areas_inside_facets
+from stickslip.solvers.accuracy.histories import OtherHistory
+from stickslip.solvers.accuracy.mesh_error import AREAS, Better, errors_of_step
+from stickslip.solvers.accuracy.nested_run import Corners
+from stickslip.solvers.results.step_result import quantities
+
+COARSE = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"]
+PEAK = Quantity("contacts", "base", "max_pressure")
+
+
+@cache
+def solved() -> tuple[Simulation, StepResult]:
+    simulation = prepare(read("block", COARSE))
+    *_, last = simulation.steps()
+    return simulation, last
+
+
+def test_stated_is_the_larger_of_two_differences() -> None:
+    simulation, last = solved()
+    times, system = simulation.scene.requested_times(), simulation.system
+    better, coarser = OtherHistory.of_order(system, 2), OtherHistory.coarser(system, 2.0)
+    (*_, fine), (*_, rough) = better(times), coarser(times)
+    areas = areas_inside_facets(better.stepper.system.contacts, fine)
+    *_, errors = simulation.errors(list(simulation.steps()))
+    judged = 0
+    for key, value in quantities(last).items():
+        if key.kind in ("bodies", "probes") or errors[key].converges is False:
+            continue  # stresses: at corners of cells, and by all components
+        off = np.abs(value - quantities(fine)[key])
+        if key.quantity in AREAS:
+            off = max(off, abs(value - areas[key]))
+        expected = np.maximum(1.4 * off, np.abs(value - quantities(rough)[key]) / 4)
+        assert_allclose(errors[key].mesh, expected, rtol=1e-9, atol=1e-14, err_msg=str(key))
+        assert errors[key].by == "order 2"
+        judged += 1
+    assert judged > 20
+
+
+def stated(better: float | None, coarser: float | None, order: int = 1, **given: object) -> ErrorParts:
+    """Of a largest pressure of 1, twice the mean one, that is another on other cells."""
+    simulation, last = solved()
+
+    def as_if(peak: float) -> StepResult:
+        base = {**last.contacts["base"].__dict__, "max_pressure": peak, "normal_force": 0.5, "contact_area": 1.0}
+        return StepResult(**{**vars(last), "contacts": {"base": type(last.contacts["base"])(**base)}})
+
+    near = () if better is None else (quantities(as_if(better)),)
+    far = None if coarser is None else as_if(coarser)
+    return errors_of_step(simulation.problem, order, as_if(1.0), Better(near, **given), far, "order 2")[PEAK]
+
+
+def test_what_grows_by_no_less_each_time_has_no_limit() -> None:
+    assert stated(1.3, 0.8).converges is False
+    assert stated(1.3, 0.8).mesh is None
+    assert stated(1.1, 0.8).converges  # less and less
+    assert stated(1.01, 0.99).converges  # hardly at all
+    assert stated(1.3, None).converges is None
+    assert stated(1.3, 0.8, smooth=frozenset({PEAK})).mesh == pytest.approx(1.4 * 0.3)
+
+
+def test_without_better_cells_coarser_ones_tell() -> None:
+    assert stated(None, 0.8).mesh == pytest.approx(0.2)
+    assert stated(None, 0.8).by == "rough"
+    assert stated(None, 0.8, order=2).mesh == pytest.approx(0.1)
+    assert stated(1.01, 0.7, order=2).mesh == pytest.approx(0.1)  # a third: contact nodes decide it
+    assert stated(None, None).mesh is None
+
+
+def test_estimates_that_differ_are_unsure() -> None:
+    assert stated(1.1, 0.8).unsure is None
+    assert stated(1.001, 0.8).unsure
+    assert stated(1.08, 0.97).unsure
+
+
+def test_planes_of_symmetry_have_no_corners() -> None:
+    """A quarter of a ring in a ring: all corners lie on planes that are held along their normal."""
+    ring = Corners.of(prepare(read("shrink_fit", ["geometry.order=2", "output.error=false"])).system)
+    block = Corners.of(prepare(read("block", [*COARSE, "geometry.order=2", "output.error=false"])).system)
+    assert ring is not None
+    assert block is not None
+    assert not len(ring.points)
+    assert len(block.points) == 4
+    assert not block.far(np.array([4.0, 2.0]))
+    assert block.far(np.array([2.0, 1.0]))
