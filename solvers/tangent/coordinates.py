@@ -300,7 +300,9 @@ def _nearest(measured: Array) -> Ints:
 
 
 def _inverse(inverse: Sparse, coupling: Sparse) -> Sparse:
-    """The inverse of the sum D + O of nodes by themselves and what couples them: D^-1 - D^-1 O D^-1 + ..., which ends.
+    """The inverse of the sum D + O of nodes by themselves and what couples them: D^-1 - D^-1 O D^-1 + ...
+
+    It ends with the last of nodes coupled in a chain, or, where normals turn between nodes, in rounding.
 
     Args:
         inverse: D^-1.
