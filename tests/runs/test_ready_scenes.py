@@ -258,7 +258,7 @@ CHEAP = {"block", "raous", "sledge", "strip", "two_blocks"}
 PROMISE = re.compile(r"# Main number: (\w+)\.(\w+) ± ([\d.]+) %\n")
 ENOUGH = 5.0  # %
 FINER = 0.6  # times the mesh sizes, where the error of the mesh is not stated
-BARE = ["output.pictures=false", "output.audit=false"]
+BARE = ["output.pictures=false", "output.audit=false", "output.error=full"]
 
 
 def promised(name: str) -> tuple[str, str, float]:
