@@ -141,7 +141,8 @@ class Estimates:
         system, stage = self._stepper.system, self._stepper.chain.stage
         own = [self._clock.seconds(phase) for phase in ("mesh", "assemble", "prepare", "iterate")]
         budget = budget_of(self._output, sum(own))
-        left = None if budget is None else max(budget - self._clock.seconds("error"), 0.0)
+        parts = [row for row in self._clock.rows() if row.phase == "error" and row.part != "model"]  # judges the run
+        left = None if budget is None else max(budget - sum(row.seconds for row in parts), 0.0)
         model = predicted(self._size, stage)
         solving = min(max(sum(own[1:]) - FIXED, model), MARGIN * model)  # small runs are measured by their counts
         left, self._seconds = system.mesh.comm.bcast((left, (own[0], solving)))
@@ -194,7 +195,8 @@ class Estimates:
         acts = {COARSER: self._coarser, TIME: self._time, BETTER: self._better, PAIRS: self._by_pairs}
         for name, act in acts.items():
             if name in choice.done or name not in choice.prices:  # these cost nothing
-                self._clock.expected = self._expected(name, choice.prices.get(name, 0.0), choice.factor)
+                paid = name in choice.prices
+                self._clock.expected = self._expected(name, choice.prices[name], choice.factor) if paid else 0.0
                 self._now, self._until = name, self._clock.seconds("error") + self._clock.expected
                 with self._clock.phase("error", name):
                     act()

@@ -3,7 +3,7 @@
 import pytest
 
 from stickslip import prepare, read
-from stickslip.solvers.accuracy import budget
+from stickslip.solvers.accuracy import budget, model_error
 from stickslip.solvers.accuracy.budget import COARSER, PAIRS, TIME, Estimates
 from stickslip.solvers.parallel.counters import Row
 from stickslip.solvers.results.step_result import Quantity
@@ -64,3 +64,14 @@ def test_pairs_that_are_left_have_a_price_and_their_error_is_lacking(monkeypatch
     estimates.solve(choice)
     assert 0.5 < choice.prices[PAIRS] < 1  # the same steps, and nothing to prepare
     assert estimates.errors[-1][LOST].lacking["geometry"] == choice.prices[PAIRS]
+
+
+def test_the_model_is_judged_by_a_solution_at_turns_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of five steps to each turn it is not known of the others."""
+    asked = list[float]()
+    answer = model_error._answer
+    monkeypatch.setattr(model_error, "_answer", lambda a, forces: asked.append(a.state.time) or answer(a, forces))
+    simulation = prepare(read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25", "steps.count=10"]))
+    steps = [*simulation.steps()]
+    assert asked == [1.0, 2.0]
+    assert [step.time for step in steps if step.errors[str(LOST)].model is not None] == asked
