@@ -27,6 +27,7 @@ class Status(Enum):
     BROKEN = "a linear solve failed, run.log says why: try another solver.surface"
     APART = "the sides of a sliding contact have moved apart, run.log says where: check loads, friction and supports"
     NO_EQUILIBRIUM = "contact and friction cannot balance the loads"
+    GIVES_WAY = "bodies give way, though friction is not shown to be spent: try shorter steps from a load that holds"
     NO_HOLD = "no state of contact that was tried holds the bodies: check loads, friction and the start of contact"
 
 
@@ -133,7 +134,7 @@ class Correction:
 class Solution:
     """Tractions p (rows,) [Pa] and relative displacement w (rows,) [m], flat as in `SurfaceProblem`, and u_c (c,) [m].
 
-    u_c is the displacement of the contact dofs; with Status.NO_EQUILIBRIUM, the rigid motion that nothing resists.
+    u_c is the displacement of the contact dofs; with NO_EQUILIBRIUM, GIVES_WAY the rigid motion that nothing resists.
     """
 
     p: Array
@@ -152,7 +153,7 @@ class Solution:
     jumps: bool = False  # whether no solution goes on from the state before without a fall of the load
     jump: float = 0.0  # energy [J] that such jumps set free
     weakening: float = 0.0  # how much faster than bodies unload friction weakens by slip [-]; above 1 slip jumps
-    lacking: float = 1.0  # see `Mechanism`, with Status.NO_EQUILIBRIUM
+    lacking: float = 1.0  # see `Mechanism`, with NO_EQUILIBRIUM, GIVES_WAY
     slack: float = CLOSE  # part of the friction bound by which the traction of a slipping point may be smaller
 
     @property

@@ -42,7 +42,7 @@ class Crossing(NamedTuple):
 
 
 def areas_inside_facets(contacts: Iterable[ContactRows], step: Numbers) -> dict[Quantity, float]:
-    """Areas of all contacts, and of their sums [m^(d-1)], whose edges lie between nodes."""
+    """Areas of all contacts, and of their sums [m^(d-1)], whose edges lie between nodes, and mean pressures [Pa]."""
     found = dict[Quantity, float]()
     for c in contacts:
         areas = areas_between_nodes(c.surface, step.contacts[c.name], c.node_weights)
@@ -50,6 +50,9 @@ def areas_inside_facets(contacts: Iterable[ContactRows], step: Numbers) -> dict[
     for name in step.sums:
         for key in ("contact_area", "stick_area", "slip_area"):
             found[Quantity("contacts", name, key)] = sum(found[Quantity("contacts", p, key)] for p in step.parts(name))
+    for name, of in {**step.contacts, **step.sums}.items():
+        area = found[Quantity("contacts", name, "contact_area")]
+        found[Quantity("contacts", name, "mean_pressure")] = of.normal_force / area if area > 0 else 0.0
     return found
 
 

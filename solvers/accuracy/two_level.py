@@ -227,7 +227,7 @@ class MeshCorrection:
             if before.surplus is not None:
                 before = replace(before, w=before.w + rows.N @ rows.read(before.surplus))
         chain, system, surface = stepper.chain, stepper.system, stepper.surface
-        solve = chain.beside(system, surface, new, 0.3)  # an iterative method makes the residual so much smaller
+        solve = chain.beside(system, surface, new, 0.1)  # an iterative method makes the residual so much smaller
         if solve is None:
             return None
         bolts = FollowedBolts(self._by_force, self._bubbles, before, old, new)

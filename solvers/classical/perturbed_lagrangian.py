@@ -16,7 +16,7 @@ from stickslip.solvers.classical.contact_element import STICK, Answer, ContactEl
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, Driver, Iterate, OnStep, Solution, Status, ignore
-from stickslip.solvers.methods.method import Applicability, Method, Ready, SameEveryStep, Setup
+from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Setup, Solve
 from stickslip.solvers.newton.correction import ENOUGH, MARGIN, elastic_norm, exact_problem
 from stickslip.solvers.system.system import System
 
@@ -79,7 +79,7 @@ class PerturbedLagrangian(Method):
 
 
 @dataclass(frozen=True)
-class OnSprings(SameEveryStep):
+class OnSprings(Ready):
     """The iteration with the contact elements of a system."""
 
     method: PerturbedLagrangian
@@ -89,7 +89,11 @@ class OnSprings(SameEveryStep):
         """Build again: the springs depend on the contact rows."""
         return self.method.build(setup)
 
-    def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
+    def after(self, state: Before) -> Solve:
+        return lambda problem, p, on_step: self._solve(problem, state.p, on_step)
+
+    def _solve(self, problem: SurfaceProblem, p: Array, on_step: OnStep) -> Solution:
+        """Solve one step from tractions p (rows,) [Pa] at its beginning, which springs keep."""
         u_c = np.zeros(problem.surface.size) if problem.surface.floating else problem.contact_displacement(p)
         if problem.p_ref == 0 or not len(p):  # no load and no motion, or no contact rows
             w = problem.relative_displacement(u_c)

@@ -21,6 +21,7 @@ from stickslip.geometry.arrays import CLOSE, Array
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Mat, Vec
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.contact_forms import SmoothedContact, Widths
 from stickslip.solvers.interface.factorised import METIS
@@ -46,17 +47,19 @@ class SmoothedForces:
         self.contacts = [Nodal(system, rows, self.widths) for rows in system.contacts]
         self.parts = [part for contact in self.contacts for part in contact.parts()]
 
-    def begin(self, u: Vec, motion: Mapping[str, Array], time: float) -> None:
+    def begin(self, u: Vec, motion: Mapping[str, Array], cone: AdmissibleSet, touched: Array) -> None:
         """Start a step.
 
         Args:
             u: displacement [m] at the last accepted step, over all displacements.
             motion: motion (n, d) [m] of each contact's obstacle at that step, by contact.
-            time: end of the step [s].
+            cone: of the step.
+            touched: relative motion (rows,) [m] from there to where slip is counted from, in tangential rows.
         """
-        u_s = self.system.prescribed(time)
-        for contact in self.contacts:
-            contact.begin(u, motion[contact.rows.name], u_s, time)
+        u_s = self.system.prescribed(cone.time)
+        for contact, place in zip(self.contacts, cone.places, strict=True):
+            further = contact.rows.node_traction(touched[place.tangential].reshape(-1, place.components))
+            contact.begin(u, motion[contact.rows.name], further, u_s, cone.time)
 
     def forces(self, q: Vec) -> Vec:
         """B^T p [N] over the free displacements."""
@@ -95,19 +98,21 @@ class Nodal:
             found.append(FormOfPart(field, P, shift, compile_(work), compile_(tangent)))
         return found
 
-    def begin(self, u: Vec, motion: Array, u_s: Vec, time: float) -> None:
+    def begin(self, u: Vec, motion: Array, touched: Array, u_s: Vec, time: float) -> None:
         """Set the data of a step.
 
         Args:
             u: displacement [m] at the last accepted step, over all displacements.
             motion: motion (n, d) [m] of the obstacle at that step.
+            touched: relative motion (n, d) [m] of the nodes from there to where slip is counted from.
             u_s: prescribed displacement [m] at `time`, over all displacements.
             time: end of the step [s].
         """
         end, law = self.system.problem.timeline.end, self.rows.friction
         if isinstance(law, Tresca):
             self.bound.value = value_at(law.bound, time, end)
-        dx.fill(self.forms.before, self._motion(u - self.nodal.spread(motion.ravel())).array_r)
+        before = self._motion(u - self.nodal.spread(motion.ravel())) + self.nodal.spread(touched.ravel())
+        dx.fill(self.forms.before, before.array_r)
         relative = relative_to_obstacle(self.system, self.rows.name, u_s, time)
         relative.copy(self.relative_shift)
         self._motion(relative).copy(self.motion_shift)
@@ -200,7 +205,7 @@ class OnVolume(Ready):
         return self.method.build(setup)
 
     def after(self, state: Before) -> Solve:
-        return NextStep(self, state.u, state.motion)
+        return NextStep(self, state)
 
 
 @dataclass(frozen=True)
@@ -208,8 +213,7 @@ class NextStep:
     """Solver of one step on the whole volume."""
 
     method: OnVolume
-    u: Vec  # at the last accepted step [m]
-    motion: Mapping[str, Array]  # of each contact's obstacle at that step, at the nodes of the surface (n, d) [m]
+    before: Before  # the last accepted step
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         """Solve one step.
@@ -219,17 +223,17 @@ class NextStep:
 
         Args:
             problem: the contact problem of the step.
-            p: tractions (rows,) [Pa] of the last accepted step.
+            p: tractions (rows,) [Pa], not used but where nothing is loaded.
             on_step: called after each iteration.
         """
         if problem.p_ref == 0 or not len(p):  # no load and no motion, or no contact rows
             u_c = problem.contact_displacement(p)
             w = problem.relative_displacement(u_c)
             return Solution(p, w, u_c, Status.CONVERGED, 0.0, ())
-        method = self.method
-        method.contact.begin(self.u, self.motion, problem.cone.time)
+        method, u = self.method, self.before.u
+        self.begin(problem)
         newton = VolumeNewton(method, problem, on_step)
-        found, status = [method.system.free_part(self.u, problem.cone.time)], Status.CONVERGED
+        found, status = [method.system.free_part(u, problem.cone.time)], Status.CONVERGED
         for level in method.levels:
             method.contact.widths.set(level, problem.u_ref, problem.p_ref)
             found.append(_predicted(found))
@@ -254,6 +258,11 @@ class NextStep:
         return Solution(
             p, w, u_c, status, residual, history, law_error=float(law_error), correct=correct, slack=float(slack)
         )
+
+    def begin(self, problem: SurfaceProblem) -> None:
+        """Set the data of the forms."""
+        before = self.before
+        self.method.contact.begin(before.u, before.motion, problem.cone, problem.gap - before.w)
 
 
 def _predicted(found: list[Vec]) -> Vec:

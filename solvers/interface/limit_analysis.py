@@ -63,6 +63,25 @@ def unbalanced_motion(problem: SurfaceProblem) -> Mechanism | None:
     return Mechanism(motion / np.abs(motion).max(), float(found.fun / (along @ programme.load)))
 
 
+def spent(problem: SurfaceProblem, p: Array, motion: Array) -> bool:
+    """Whether the loads do more work along a motion than contact and friction can take up at given pressures.
+
+    With bounds of friction that are given, a motion that shows it is a proof.
+
+    Args:
+        p: tractions (rows,) [Pa]; of them the pressures count.
+        motion: rigid motion (c,) of the contact dofs.
+    """
+    surface, cone, moved = problem.surface, problem.cone, problem.surface.N @ motion
+    n = surface.normal_rows
+    taken = float((surface.W * p * moved)[:n].sum())
+    for place in cone.with_friction():
+        far = np.linalg.norm((moved[place.tangential].reshape(place.rows.free.shape)) * place.rows.free, axis=1)
+        bound = place.rows.W_t * cone.bound(place, p[place.normal])
+        taken += float(bound[far > 0] @ far[far > 0])
+    return float(problem.load.resultant @ (surface.R.T @ motion)) > taken
+
+
 def balancing_tractions(problem: SurfaceProblem) -> Array | None:
     """Admissible tractions (rows,) [Pa] that balance the loads on rigid bodies; None if none were found.
 

@@ -64,7 +64,7 @@ class Applicability:
         return known is None or name in known
 
 
-Solve = Callable[[SurfaceProblem, Array, OnStep], Solution]  # from the tractions (rows,) [Pa] of the last step
+Solve = Callable[[SurfaceProblem, Array, OnStep], Solution]  # from tractions (rows,) [Pa]
 Refusal = tuple[str, object, str]  # a key of [solver], its value, and the reason with what to use instead
 
 
@@ -78,6 +78,14 @@ class Before(Protocol):
     @property
     def motion(self) -> Mapping[str, Array]:
         """Motion (n, d) [m] of each contact's obstacle at the nodes of the contact surface, by contact."""
+
+    @property
+    def p(self) -> Array:
+        """Tractions (rows,) [Pa]."""
+
+    @property
+    def w(self) -> Array:
+        """Relative displacement (rows,) [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +150,7 @@ class SameEveryStep(Ready):
 
         Args:
             problem: the contact problem of the step.
-            p: tractions (rows,) [Pa] of the last accepted step.
+            p: tractions (rows,) [Pa] to start from.
             on_step: called after each iteration.
         """
 

@@ -197,7 +197,7 @@ class Attempts(Driver):
     ) -> None:
         super().__init__(problem.surface.counters, rtol, max_it, on_step)
         self.problem, self.bodies = problem, bodies
-        self.collapse: Mechanism | None = None  # that was found instead of a solution
+        self.collapse: Mechanism | None = None  # that is met on the way
 
     def follow(self, chain: Iterator[tuple[Start, float | None]]) -> Solution:
         """Make attempts until one is enough; the best iterate, with the history of all.
@@ -209,10 +209,10 @@ class Attempts(Driver):
             self(start, proximal)
             if self.over:
                 break
-        if self.collapse is not None:
+        if self.collapse is not None and (self.best is None or self.best.status is not Status.CONVERGED):
             motion, lacking = self.collapse
             nothing, history = np.zeros_like(self.problem.gap), tuple(self.history)
-            return Solution(nothing, nothing, motion, Status.NO_EQUILIBRIUM, np.inf, history, lacking=lacking)
+            return Solution(nothing, nothing, motion, Status.GIVES_WAY, np.inf, history, lacking=lacking)
         assert self.best is not None
         return replace(self.best, history=tuple(self.history))
 

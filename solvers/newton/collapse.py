@@ -3,8 +3,10 @@
 Springs kappa R R^T to where the last step ended hold each rigid motion R of bodies that contact alone holds: with them
 there is an equilibrium. As kappa falls, either the motion settles, and the bodies are in equilibrium without springs,
 or it grows like 1/kappa: the springs then go on to carry a part r of the load that contact and friction lack, along the
-motion of collapse. Contact is solved on the elastic bodies: pressures are those that a bolt or a press fit makes. Where
-all that slides slides on at the same tractions, a load whose work is smaller by |r|² / (r . f) is the limit load.
+motion of collapse. That is a suspicion, for other states of contact may hold the load: it is shown at the last
+equilibrium before, see `spent`. Contact is solved on the elastic bodies: pressures are those that a bolt or a press fit
+makes. Where all that slides slides on at the same tractions, a load whose work is smaller by |r|² / (r . f) is the
+limit load.
 
 Source: Christiansen, Limit analysis of collapse states, Handbook of Numerical Analysis IV (1996); elastic bodies
 without an equilibrium: Klarbring, Ingenieur-Archiv 60 (1990).
@@ -38,7 +40,7 @@ def on_softer_springs(
         p: tractions (rows,) [Pa] of the last step.
         solve: solves a problem from a start.
     """
-    surface, u_c, before = problem.surface, problem.u_before, 0.0
+    surface, u_c, before, known = problem.surface, problem.u_before, 0.0, np.zeros(problem.surface.R.shape[1])
     if not isinstance(surface, CondensedSurface) or not surface.floating:
         return
     room = float(np.abs(problem.gap)[: surface.normal_rows].max(initial=0.0))
@@ -49,9 +51,11 @@ def on_softer_springs(
         if found.status is not Status.CONVERGED:
             return
         p, u_c, motion = found.p, found.u_c, surface.R.T @ (found.u_c - problem.u_before)
-        far, work = float(np.abs(surface.R @ motion).max()), float(motion @ problem.load.resultant)
+        far, further, known = float(np.abs(surface.R @ motion).max()), motion - known, motion
+        work = float(further @ problem.load.resultant)
         if before > room and far > 9 * before and work > 0:  # ten times would be in proportion
-            yield Mechanism(surface.R @ motion / far, stiffness * float(motion @ motion) / work)
+            along = surface.R @ further
+            yield Mechanism(along / np.abs(along).max(), stiffness * float(motion @ further) / work)
             return
         before = far
     yield replace(Start.at(problem, p, u_c), in_equilibrium=False)  # but for what the last springs hold

@@ -148,9 +148,15 @@ def continued(problem: SurfaceProblem, p: Array, w: Array, found: Solution) -> t
 
 
 def standing(problem: SurfaceProblem, p: Array, w: Array) -> Array:
-    """Return w - gap (rows,) [m] of the state before, with tractions p (rows,) [Pa]: slip counts from where it is."""
-    n, r = problem.surface.normal_rows, problem.cone.give(p)
-    r[:n] += np.where(p[:n] == 0, np.minimum((w - problem.gap)[:n], 0.0), 0.0)
+    """Return w - gap (rows,) [m] of the state before, with tractions p (rows,) [Pa].
+
+    Slip counts from where the state is, of points without friction from where the problem counts it: they may close.
+    """
+    n, r, away = problem.surface.normal_rows, problem.cone.give(p), w - problem.gap
+    r[:n] += np.where(p[:n] == 0, np.minimum(away[:n], 0.0), 0.0)
+    for place in problem.cone.with_friction():
+        t, none = place.tangential, problem.cone.bound(place, p[place.normal]) == 0
+        r[t] = np.where(np.repeat(none, place.components), away[t], r[t])
     return r
 
 

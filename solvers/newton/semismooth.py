@@ -87,16 +87,18 @@ class SemismoothNewton:
             yield start, FIRM[0]
         if attempts.over:
             return
+        for found in on_softer_springs(problem, p, self._on_springs):
+            if not isinstance(found, Mechanism):
+                yield found, None
+                continue
+            attempts.collapse = found
+            if p.any():  # the load from which it is so is looked for; bodies at rest may be held in other ways
+                return
         for start in other_starts(problem, p):
             yield start, None
         assert attempts.best is not None
         for start in path.ends(problem, p, attempts.best):
             yield start, None
-        for found in on_softer_springs(problem, p, self._on_springs):
-            if isinstance(found, Mechanism):
-                attempts.collapse = found
-                return
-            yield found, None
         for start in simpler_ends(problem, attempts.best.p, self):
             yield start, None
 

@@ -15,7 +15,7 @@ import numpy as np
 from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array, Ints
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.fem.constraints import AXES
-from stickslip.solvers.interface.limit_analysis import decide
+from stickslip.solvers.interface.limit_analysis import decide, spent
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.scene.settings import Solver
@@ -54,7 +54,8 @@ class _March:
         self._step = target - start.time
         self._smallest = self._step if self._chain.repeats else self._step / 2**HALVINGS
         self._good: Attempt | None = None  # up to the present state
-        self._unbalanced: Attempt | None = None  # at the earliest time that is shown to have no equilibrium
+        self._unbalanced: Attempt | None = None  # at the earliest time at which bodies move on without end
+        self._proved: Attempt | None = None  # at the earliest one that is shown to have no equilibrium
         self._limit: _Limit | None = None  # between the present state and that time
         self._failed: SurfaceProblem | None = None  # from the present state
         self._stuck = False  # whether a shorter step would be the same problem again
@@ -104,7 +105,7 @@ class _March:
         begin, self._state = self._state, replace(attempt.state or new, control=self._control)
         self._failed, self._stuck = None, False
         if self._state.searched:
-            self._unbalanced = None  # it was shown for other pairs
+            self._unbalanced = self._proved = None  # for other pairs
             if self._limit is not None and self._limit.found(self._state.time):
                 self._limit = None
         return replace(
@@ -121,18 +122,18 @@ class _March:
         """Go on with shorter substeps after one that failed; the attempt at the step if none is left; collective."""
         solution, problem, state = attempt.solution, attempt.problem, self._state
         system, chain = attempt.solver.system, self._chain
-        if attempt.impossible:
-            moves = describe_motion(system, solution.u_c, chain.volume.contact.rows)
-            self._unbalanced = replace(attempt, when=end, why=f"{solution.status.value}: {moves}")
+        if attempt.collapses:
+            self._unbalanced = replace(attempt, when=end)
+            self._proved = self._unbalanced if attempt.impossible else self._proved
         # from rest, under loads in proportion to time, a shorter step is the same problem again
         at_rest = not (state.p.any() or state.w.any() or state.memory)  # slip that changes the law is not scaled
         scaled = at_rest and self._failed is not None and problem is not None and problem.is_scaled(self._failed)
-        known = self._stuck or chain.exhausted or attempt.impossible
+        known = self._stuck or chain.exhausted or attempt.collapses
         self._failed = problem
         if scaled and not known:
             self._stuck = True  # once more, now by all methods
             return None
-        if not scaled and problem is not None and (attempt.impossible or self._limit) and not self._chain.repeats:
+        if not scaled and problem is not None and (attempt.collapses or self._limit) and not self._chain.repeats:
             self._limit = _Limit.of(attempt, problem, state, end, self._limit, self._smallest)
             if not self._limit.found(state.time):
                 log.warning("t = %g: %s; the step is cut", end, solution.status.value)
@@ -152,8 +153,17 @@ class _March:
         return f"the last equilibrium that was found is at t = {self._state.time:g}"
 
     def _no_equilibrium(self, attempt: Attempt) -> Attempt:
-        """Give the step up at an attempt that was shown to have no equilibrium."""
-        return replace(attempt, good=self._good, why=f"{attempt.why}; {self._last}")
+        """Give the step up at an attempt in which bodies move on without end, next to the present state."""
+        solution, problem, state = attempt.solution, attempt.problem, self._state
+        assert problem is not None
+        p = state.ahead(problem.cone.time, self._system.course.timeline.turns)
+        if state.p.any() and spent(problem, p, solution.u_c):
+            solution = replace(solution, status=Status.NO_EQUILIBRIUM)
+        elif self._proved is not None:
+            attempt, solution = self._proved, self._proved.solution
+        moves = describe_motion(self._system, solution.u_c, self._chain.volume.contact.rows)
+        why = f"{solution.status.value}: {moves}; {self._last}"
+        return replace(attempt, solution=solution, good=self._good, why=why)
 
 
 @dataclass(frozen=True)
@@ -183,7 +193,7 @@ class _Limit:
         solution, surface = attempt.solution, problem.surface
         load, first = problem.load.resultant, surface.R.T @ surface.forces(state.p)
         final, change, near = float(np.linalg.norm(load)), float(np.linalg.norm(load - first)), state.time
-        if attempt.impossible:
+        if attempt.collapses:
             along = surface.R.T @ solution.u_c
             final, begun = float(along @ load), float(along @ first)
             change = abs(final - begun)

@@ -59,6 +59,11 @@ class Attempt:
         """Whether it is shown that nothing balances the loads."""
         return self.solution.status is Status.NO_EQUILIBRIUM
 
+    @property
+    def collapses(self) -> bool:
+        """Whether that is shown, or a motion was found that grows without end."""
+        return self.solution.status in (Status.NO_EQUILIBRIUM, Status.GIVES_WAY)
+
 
 Substep = Callable[[State, float], Attempt]  # from a state to a time [s]; what is not solved is returned, not raised
 
@@ -89,7 +94,7 @@ class Methods:
             while True:
                 attempt = inner(state, end)
                 cut = chain.cut_first and chain.stage.surface == "condensed"
-                if attempt.state is not None or attempt.impossible or cut:
+                if attempt.state is not None or attempt.collapses or cut:
                     return attempt
                 if not chain.advance(attempt.solver.system, end, attempt.solution):
                     return attempt
@@ -217,8 +222,7 @@ class SubstepSolver:
         if solution.status is not Status.CONVERGED:
             return found
         end, jumps = continued(problem, state.p, state.w, solution)
-        # what a loose tolerance leaves is no other solution
-        own = by_schur_complement(problem, solution)[0].p if end is not None else solution.p
+        own = _exactly(problem, solution) if end is not None else solution.p
         if end is not None and _apart(problem, end.p, [own]):
             if not jumps:
                 nearer, last = solve(problem, end.p)
@@ -231,7 +235,7 @@ class SubstepSolver:
         settings, chosen = self.system.problem.solver, solution
         tried = branches(problem, state.p, state.w, settings.tolerance, settings.max_iterations)
         solved = [each for each in tried if each.status is Status.CONVERGED]
-        own = by_schur_complement(problem, solution)[0].p
+        own = _exactly(problem, solution)
         if solved and solved[0] is tried[0] and _apart(problem, solved[0].p, [own]):
             chosen = replace(tried[0], history=solution.history)
         known = [own if chosen is solution else chosen.p]
@@ -283,6 +287,14 @@ class SubstepSolver:
         """Displacement (c,) [m] of the contact dofs in a state; collective."""
         q = self.system.free_part(state.u, state.time)
         return np.concatenate([self.volume.contact.read(q), state.driven])
+
+
+def _exactly(problem: SurfaceProblem, found: Solution) -> Array:
+    """Tractions (rows,) [Pa] of the exact solution: what loose tolerances and approximate laws leave is no other one.
+
+    The first correction leaves a hundredth of that, which of approximate laws is still too much.
+    """
+    return by_schur_complement(problem, by_schur_complement(problem, found)[0])[0].p
 
 
 def _apart(problem: SurfaceProblem, p: Array, known: list[Array]) -> bool:

@@ -2,11 +2,11 @@
 
 A point that is open at the beginning moves freely until its gap g is closed, and sticks or slips from there on. Without
 the tractions of all points that close it would have gone on to where it is D closer: it touches at the part g / (g + D)
-of that way. The way is that of a first solution, for the tractions that hold a point back are then all left out; D
-follows from them and the flexibility. Of bodies that nothing held before the way has the direction of the contact's
-force. So bodies that fall on each other, and loads in
-proportion, have the slip of infinitely short steps; elsewhere the error is of second order in the step, as long as ways
-are straight.
+of that way. The way is that of a solution, for the tractions that hold a point back are then all left out; D follows
+from them and the flexibility. An obstacle goes the same way whether it is driven by a force or its motion is given. Of
+bodies that nothing held before the way is a rigid motion in the direction of the contact's force: their solution sticks
+wherever it is started. So bodies that fall on each other, and loads in proportion, have the slip of infinitely short
+steps; elsewhere the error is of second order in the step, as long as ways are straight.
 
 Source: Jäger, Arch. Appl. Mech. 65 (1995), and Ciavarella, Int. J. Solids Struct. 35 (1998): under loads in proportion
 what stops a point along a side and what stops it across are alike.
@@ -15,11 +15,12 @@ what stops a point along a side and what stops it across are alike.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import ROUNDING, Array, Bools
+from stickslip.geometry.arrays import CLOSE, SLIGHT, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
@@ -46,71 +47,105 @@ def from_touch(
         solve: solves such a problem.
         tolerance: of a motion, relative to the largest of the substep [-].
     """
-    solution, n = found[0], problem.surface.normal_rows
-    if solution.status is not Status.CONVERGED:
-        return found
-    room = np.where(p[:n] == 0, problem.gap[:n] - w[:n], 0.0)
-    room = np.where(room > problem.scales.no_motion(w)[:n], room, 0.0)
-    closing = [(place, _closes(place, p, solution.p, room)) for place in problem.cone.with_friction()]
-    closing = [(place, closes) for place, closes in closing if closes.any()]
-    if not closing:
-        return found
-    freed = _freed(problem, p, solution.p, closing, tolerance * problem.u_ref)
-    gap, slid = problem.gap.copy(), solution.w - problem.gap - problem.cone.softness * solution.p
-    across = problem.surface.N[:n] @ problem.surface.R
-    adrift = not p.any() and bool(np.any(np.abs(across) > ROUNDING))  # nothing says where points would have gone
-    for place, closes in closing:
-        span, t, shape = place.normal, place.tangential, (-1, place.components)
-        ahead, beyond = place.average @ room[span], place.average @ (solution.w - problem.gap + freed)[span]
-        part = np.where(closes & (beyond > 0), ahead / np.where(beyond > 0, ahead + beyond, 1.0), 0.0)
-        way = (slid + freed)[t].reshape(shape)
-        if adrift:
-            W = problem.surface.W
-            along = (W * solution.p)[t].reshape(shape).sum(axis=0) / float((W * solution.p)[span].sum())
-            way = (ahead + beyond)[:, None] * along
-        gap[t] += (part[:, None] * way).ravel()
-    if np.all(np.abs(gap - problem.gap) <= problem.scales.no_motion(w)):
-        return found
-    solution, last = solve(replace(problem, gap=gap), solution.p)
-    for place, _ in closing:
-        t = place.tangential
-        touches = touching(solution.p[place.normal], place.average, place.rows.normal)
-        gap[t] = np.where(np.repeat(touches, place.components), gap[t], problem.gap[t])
-    return solution, replace(last, gap=gap)
+    way, (solution, last), tried = _Way(problem, p, w, tolerance * problem.u_ref), found, set[bytes]()
+    change = np.inf
+    while solution.status is Status.CONVERGED:
+        closes = [way.closing(place, solution.p) for place in problem.cone.with_friction()]
+        gap, which = way.touched(solution, closes), np.concatenate([np.zeros(0, bool), *closes]).tobytes()
+        before, change = change, float(np.abs(gap - last.gap).max(initial=0.0))
+        slight = SLIGHT * np.abs(gap - problem.gap).max(initial=0.0)
+        if np.all(np.abs(gap - last.gap) <= np.maximum(slight, problem.scales.no_motion(w))):
+            break
+        if which in tried and change > before / 2:  # it goes to and fro
+            break
+        tried.add(which)
+        solution, last = solve(replace(problem, gap=gap), solution.p)
+    return solution, last
 
 
-def _closes(place: ContactBlock, before: Array, after: Array, room: Array) -> Bools:
-    """Which points (m_t,) of a contact with room (normal rows,) [m] close between tractions (rows,) [Pa]."""
-    law, average, n = place.rows.normal, place.average, place.normal
-    return np.asarray(touching(after[n], average, law) & ~touching(before[n], average, law) & (average @ room[n] > 0))
+@dataclass(frozen=True)
+class _Way:
+    """The way of points within a substep."""
 
+    problem: SurfaceProblem  # slip is counted from its beginning
+    p: Array  # tractions (rows,) [Pa] there
+    w: Array  # relative displacement (rows,) [m] there
+    error: float  # allowed in a displacement [m]
 
-def _freed(
-    problem: SurfaceProblem, before: Array, p: Array, closing: list[tuple[ContactBlock, Bools]], error: float
-) -> Array:
-    """Relative displacement (rows,) [m] that the tractions of points that close have taken; collective.
+    @cached_property
+    def room(self) -> Array:
+        """Gaps (normal rows,) [m] at the beginning, where more than rounding."""
+        n, no_motion = self.problem.surface.normal_rows, self.problem.scales.no_motion(self.w)
+        room = np.where(self.p[:n] == 0, self.problem.gap[:n] - self.w[:n], 0.0)
+        return np.where(room > no_motion[:n], room, 0.0)
 
-    Floating bodies stay where points were closed before, or are as soft as the points are.
+    def closing(self, place: ContactBlock, p: Array) -> Bools:
+        """Which points (m_t,) of a contact close before there are tractions p (rows,) [Pa]."""
+        law, average, n = place.rows.normal, place.average, place.normal
+        closed = touching(self.p[n], average, law)
+        return np.asarray(touching(p[n], average, law) & ~closed & (average @ self.room[n] > 0))
 
-    Args:
-        problem: of the substep.
-        before: tractions (rows,) [Pa] at its beginning.
-        p: tractions (rows,) [Pa] at its end.
-        closing: by contact, points that close.
-        error: allowed in the displacement [m].
-    """
-    surface, acting = problem.surface, np.zeros_like(p)
-    for place, closes in closing:
-        n, t = place.normal, place.tangential
-        acting[n] = np.where((place.average.T @ closes.astype(float) > 0) & (before[n] == 0), p[n], 0.0)
-        acting[t] = np.where(np.repeat(closes, place.components), p[t], 0.0)
-    force = surface.forces(acting)
-    u, R = surface.displacement(force, error), surface.R
-    if surface.floating:
-        closed = surface.N[before != 0]
-        u = u - R @ (R.T @ u)
-        b = R.T @ force / float(np.mean(problem.gamma * surface.W))
-        if closed.shape[0]:
-            b = np.linalg.lstsq(np.asarray(closed @ R), -(closed @ u), rcond=None)[0]
-        u = u + R @ b
-    return np.asarray(surface.N @ u)
+    def touched(self, solution: Solution, closes: list[Bools]) -> Array:
+        """Gap (rows,) [m] with slip counted from where points touch that close, by contact; collective."""
+        problem, gap = self.problem, self.problem.gap.copy()
+        rooms = [place.average @ self.room[place.normal] for place in problem.cone.with_friction()]
+        if not any(which.any() for which in closes):
+            return gap
+        freed = self._freed(solution.p, closes)
+        beyond = solution.w - problem.gap - problem.cone.softness * solution.p + freed
+        for place, which, ahead in zip(problem.cone.with_friction(), closes, rooms, strict=True):
+            n, t = place.normal, place.tangential
+            along, pushed = self._adrift(place, solution.p), problem.surface.W[n] * solution.p[n] * (self.room[n] > 0)
+            way, whole, free = beyond, ahead + np.maximum(place.average @ beyond[n], 0.0), float(pushed @ along[n])
+            if free > 0:
+                way = along * (pushed @ (self.room[n] + beyond[n]) / free)
+                whole = np.maximum(place.average @ way[n], ahead)
+            part = np.divide(ahead, whole, out=np.zeros_like(ahead), where=which)
+            gap[t] += np.repeat(part, place.components) * way[t]
+        return gap
+
+    def _adrift(self, place: ContactBlock, p: Array) -> Array:
+        """Relative motion (rows,) of bodies that no closed point held, along the force of a contact; 0: there is none.
+
+        Args:
+            p: tractions (rows,) [Pa] at the end.
+        """
+        surface, rows, along = self.problem.surface, place.rows, np.zeros_like(p)
+        if not surface.floating or self.problem.idle:
+            return along
+        own, motions = np.r_[place.normal, place.tangential], np.asarray(surface.N @ surface.R)
+        slave = np.arange(len(rows.points))[:, None] < len(rows.surface.points)
+        force = rows.nodal_forces(p[place.normal], p[place.tangential])
+        push = np.where(slave, force[slave[:, 0]].sum(axis=0), 0.0).ravel()
+        pushed = np.concatenate([rows.N_n @ push, rows.N_t @ push])
+        motion = np.linalg.lstsq(motions[own], pushed, rcond=None)[0]
+        held = motions[self.p != 0]
+        motion = motion - np.linalg.lstsq(held, held @ motion, rcond=None)[0]
+        along[own] = motions[own] @ motion
+        return along if np.abs(along).max() > CLOSE * np.abs(pushed).max() else np.zeros_like(p)
+
+    def _freed(self, p: Array, closes: list[Bools]) -> Array:
+        """Relative displacement (rows,) [m] that the tractions of points that close have taken; collective.
+
+        Obstacles stay where they are at the end, floating bodies where points were closed before, or give way across
+        the surface as points of their softness do.
+
+        Args:
+            p: tractions (rows,) [Pa] at the end.
+            closes: by contact with friction, points that close.
+        """
+        problem, surface, acting = self.problem, self.problem.surface, np.zeros_like(p)
+        for place, which in zip(problem.cone.with_friction(), closes, strict=True):
+            n, t = place.normal, place.tangential
+            acting[n] = np.where((place.average.T @ which.astype(float) > 0) & (self.p[n] == 0), p[n], 0.0)
+            acting[t] = np.where(np.repeat(which, place.components), p[t], 0.0)
+        u = surface.displacement(surface.forces(acting), self.error)
+        freed = surface.N @ (u - surface.R @ (surface.R.T @ u))
+        if surface.floating:
+            closed, wanted = self.p != 0, np.zeros_like(p)
+            if not closed.any():
+                closed = (acting != 0) & (np.arange(len(p)) < surface.normal_rows)
+                wanted = wanted + (p / problem.gamma)[closed].mean()
+            bodies = np.asarray(surface.N @ surface.R)[:, : surface.R.shape[1] - surface.driven]
+            freed = freed + bodies @ np.linalg.lstsq(bodies[closed], (wanted - freed)[closed], rcond=None)[0]
+        return np.asarray(freed)

@@ -213,7 +213,10 @@ def test_largest_pressure_is_as_uncertain_as_those_around_it(simulation_of: Simu
 
 
 def test_what_slides_before_it_touches_is_no_slip(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    """A thirtieth of the first step goes by before the touch, in which the block on its soft springs moves aside."""
+    """A thirtieth of the first step goes by before the touch, in which the block on its soft springs moves aside.
+
+    Of 250 steps the first one ends with the touch.
+    """
     tables: dict[str, Any] = {
         "obstacles": {"foundation": {"shape": "plane", "point": [0.0, -0.02], "normal": [0.0, 1.0]}},
         "base": RUBBED,
@@ -221,15 +224,15 @@ def test_what_slides_before_it_touches_is_no_slip(scene_of: SceneOf, simulation_
         "springs": {"bed": {"at": "block.top", "stiffness": [0.02, 0.02]}},
         "loads": {"push": {"boundary": "block.top", "force": [0.01, -0.1]}},
     }
-    short, many = (scene_of(**tables, steps={"end": 1.0, "count": count}) for count in (8, 256))
+    short, many = (scene_of(**tables, steps={"end": 1.0, "count": count}) for count in (8, 250))
     simulation, exact = simulation_of(short), quantities([*simulation_of(many).steps()][-1])
     steps = [*simulation.steps()]
     stated = simulation.time_step_errors(steps)[-1]
     for key in (Quantity("contacts", "base", "tangential_force"), LOST, Quantity("energy", "", "external")):
         true = abs(float(quantities(steps[-1])[key] - exact[key]))
-        assert true < 3 * (stated[key].time_step or 0.0)
+        assert true < 3 * (stated[key].time_step or 0.0) + 1e-12
     force = Quantity("contacts", "base", "tangential_force")
-    assert quantities(steps[-1])[force] == pytest.approx(exact[force], rel=2e-3)
+    assert quantities(steps[-1])[force] == pytest.approx(exact[force], rel=1e-9)
 
 
 MOVED = {"x": [[0, 0], [1, 0], [2, 0.02]], "y": [[0, 0], [1, -0.05]]}

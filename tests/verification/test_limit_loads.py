@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip import NoEquilibriumError, SceneError, StepResult
+from stickslip import NoEquilibriumError, SceneError, StepError, StepResult
+from stickslip.solvers.stepping import halving
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -68,6 +69,14 @@ def test_a_limit_load_is_bracketed_to_a_thousandth_at_the_price_of_ten_steps(dat
     first = -10.0 / -20.0 if data is BELT else 0.0  # of the load at the turn, in units of its rate
     assert 0 < beyond - steps[-1].time <= 1e-3 * (steps[-1].time - turn + first) * 1.01
     assert spent <= 10 * max(usual, 3)
+
+
+def test_a_motion_without_end_is_no_limit_until_friction_is_spent(monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as unsure:
+        unsure.setattr(halving, "spent", lambda problem, p, motion: False)
+        with pytest.raises(StepError, match=r"not shown to be spent: .* moves along x; the last equilibrium") as caught:
+            list(prepare(from_dict(LAP)).steps())
+    assert type(caught.value) is StepError
 
 
 def test_a_joint_grips_as_bodies_and_bolt_press_it() -> None:

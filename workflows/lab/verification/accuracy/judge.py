@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip import ErrorParts, Quantity, Scene, Simulation, StepResult, prepare
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.accuracy.areas import areas_between_nodes
+from stickslip.solvers.accuracy.areas import areas_inside_facets
 from stickslip.solvers.results.step_result import Errors, number_of, quantities
 from stickslip.solvers.scene.record import STRESSES, Value
 
@@ -65,14 +65,15 @@ def solve(scene: Scene, errors: bool = True, sharp: bool = False) -> Answer:
 
     Args:
         errors: whether they are estimated.
-        sharp: whether edges of areas lie between nodes.
+        sharp: whether edges of areas lie between nodes: by nodes alone an area on a fine mesh would be known to no
+            better than a fraction of its error on others.
     """
     simulation = prepare(replace(scene, output=replace(scene.output, error=errors)))
     steps = tuple(simulation.steps())
     found = simulation.errors(steps) if errors else tuple({key: ErrorParts() for key in quantities(s)} for s in steps)
     seconds = asdict(simulation.seconds)
-    areas = [_sharp_areas(simulation, step) if sharp else {} for step in steps]
-    values = _columns([dict(_numbers(quantities(s))) | found for s, found in zip(steps, areas, strict=True)])
+    areas = [areas_inside_facets(simulation.system.contacts, step) if sharp else {} for step in steps]
+    values = _columns([dict(_numbers(quantities(s) | found)) for s, found in zip(steps, areas, strict=True)])
     return Answer(
         times=np.array([step.time for step in steps]),
         values=values,
@@ -109,21 +110,6 @@ def _numbers(values: Mapping[Quantity, Value]) -> Iterator[tuple[str, float]]:
         else:
             words = tuple(STRESSES) if key.quantity == "stress" else "xyz"
             yield from ((f"{key}.{word}", float(each)) for word, each in zip(words, np.asarray(value), strict=False))
-
-
-def _sharp_areas(simulation: Simulation, step: StepResult) -> dict[str, float]:
-    """Areas of all contacts whose edges lie between nodes [m^(d-1)], and mean pressures [Pa].
-
-    By nodes alone, an area on the fine mesh would be known to no better than a fraction of its error on the others.
-    """
-    found = dict[str, float]()
-    for c in simulation.system.contacts:
-        contact = step.contacts[c.name]
-        areas = areas_between_nodes(c.surface, contact, contact.weight)
-        if areas["contact_area"] > 0:
-            areas["mean_pressure"] = contact.normal_force / areas["contact_area"]
-        found |= {f"contacts.{c.name}.{key}": area for key, area in areas.items()}
-    return found
 
 
 def _part(step: StepResult, errors: Errors, part: str) -> Iterator[tuple[str, float]]:
