@@ -96,7 +96,7 @@ class CellStress:
         self._volumes = np.abs(np.linalg.det(np.einsum("ak,ckd->cad", slope[:, 0], corners)))
         if mesh.axisymmetric:
             self._volumes *= self._middles[:, 0]
-        self._nodes = len(system.nodes.points)
+        self._nodes, self._axis = len(system.nodes.points), ROUNDING * system.extent  # radius [m] of what lies on it
         self.members = {name: cells[cells < count] for name, cells in ((b, mesh.cells_of(b)) for b in mesh.bodies)}
 
     def __call__(self, u: Vec, initial: Array) -> Array:
@@ -163,7 +163,7 @@ class CellStress:
         strain[:, :dim, :dim] = (change + np.swapaxes(change, 1, 2)) / 2
         x = values @ points
         if system.mesh.axisymmetric:
-            on_axis = x[:, 0] <= 0  # there u_r / r is its limit
+            on_axis = x[:, 0] <= self._axis  # there u_r / r is its limit
             strain[:, 2, 2] = np.where(on_axis, strain[:, 0, 0], values @ moved[:, 0] / np.where(on_axis, 1.0, x[:, 0]))
         for number, given in enumerate(system.initial.strains):
             if given.body == body:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import CHUNK, TINY, Array, Ints, inverse_and_determinant
+from stickslip.geometry.arrays import CHUNK, ROUNDING, TINY, Array, Ints, inverse_and_determinant
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.results.step_result import MeshData
 from stickslip.solvers.scene.material import DOUBLED, Elastic, Material, Orthotropic
@@ -75,6 +75,7 @@ class RecoveredStress:
         owned = mesh.domain.topology.index_map(mesh.dim).size_local
         self._cells = dx.cell_dofs(system.space)[:owned]
         self._axisymmetric, self._plane_stress = mesh.axisymmetric, problem.model == "plane stress"
+        self._axis = ROUNDING * system.extent  # radius [m] up to which a point lies on it
         # where the dilatation is averaged, that of a cell is no measure: only shear is judged, by the same modulus
         bodies = dict(problem.bodies)
         soft = {name: problem.isotropic[name] for name in problem.averaged}
@@ -204,7 +205,7 @@ class RecoveredStress:
         for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))[: 2 * d - 3], start=3):
             strain[k] = (gradient[i][j] + gradient[j][i]) / 2
         if self._axisymmetric:
-            on_axis = places.radius <= 0  # there u_r / r is its limit
+            on_axis = places.radius <= self._axis  # there u_r / r is its limit
             strain[2] = np.where(on_axis, strain[0], places.basis @ moved[0] / np.where(on_axis, 1.0, places.radius))
         if isinstance(body, Orthotropic):
             return np.tensordot(body.stiffness_in(self._plane_stress) * DOUBLED, strain, 1)

@@ -181,7 +181,7 @@ def stress_again(system: System, displacement: Array, time: float, own: Ints, lo
     strain[:, :d, :d] = change @ inverse
     if mesh.axisymmetric:
         radius = x[:, :, 0] @ basis[0]
-        off = radius > 0  # on the axis u_r / r is its limit
+        off = radius > ROUNDING * system.extent  # on the axis u_r / r is its limit
         strain[:, 2, 2] = np.where(off, u[:, :, 0] @ basis[0], strain[:, 0, 0]) / np.where(off, radius, 1.0)
     strain = (strain + np.swapaxes(strain, 1, 2)) / 2
     values, places = system.initial.values(system.course, time), np.einsum("n,cnd->cd", basis[0], x)

@@ -331,8 +331,7 @@ def test_ctrl_c_in_a_write_leaves_readable_results(call: Call, folder: Path, mon
     assert len(stored) == len(done["steps"]) in (2, 3)
     assert {step["audit"] for step in done["steps"]} == set(done["audit"].values()) == {None}  # there is no time
     error = done["steps"][-1]["contacts"]["base"]["error"]["normal_force"]
-    assert error["mesh"] > 0
-    assert error["time_step"] is None  # it would have been found at the end
+    assert error["mesh"] is error["time_step"] is None  # they would have been found at the end
     shown = re.findall(r"steps/\d+\.h5", (folder / "out" / "fields.xdmf").read_text())
     assert sorted({name.partition("/")[2] for name in shown}) == stored
     times = {float(row["time"]) for row in table(folder / "out" / "probes.csv")}
