@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import is_dataclass
 from typing import Any, get_type_hints
 
+import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
@@ -30,6 +31,14 @@ def test_millimetres_give_the_same_iterations_and_answers(name: str) -> None:
 
 def test_a_file_in_millimetres_is_the_same_in_a_scene_in_metres_and_in_one_in_millimetres() -> None:
     assert not failures(units_case.from_step("condensed-newton"))
+
+
+def test_places_and_heights_of_a_map_are_converted_alike() -> None:
+    rows = [
+        read("profile").obstacles["floor"].height.rows,
+        in_millimetres(read("profile")).obstacles["floor"].height.rows,
+    ]
+    assert_allclose(np.array(rows[1]), 1000.0 * np.array(rows[0]))
 
 
 def test_surfaces_as_stiff_as_steel_are_the_same_in_millimetres() -> None:

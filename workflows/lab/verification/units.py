@@ -72,6 +72,9 @@ def convert(noun: Noun, units: Units, labels: Mapping[str, str] | None = None) -
         if len(columns) > 1:  # a table
             changed[field.name] = tuple(tuple(map(mul, row, map(units.factor, columns))) for row in value)
             continue
+        if get_type_hints(type(noun))[field.name] == tuple[tuple[float, ...], ...]:  # places and heights, alike
+            changed[field.name] = tuple(tuple(number * units.factor(unit, noun) for number in row) for row in value)
+            continue
         changed[field.name] = _scaled(value, units.factor(unit, noun), units)
     return replace(noun, **(changed | dict(labels or {})))  # type: ignore[type-var]
 
