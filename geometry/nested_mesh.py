@@ -54,6 +54,9 @@ class ArrayMesh(Shape):
     def refuse_too_large(self, request: Request, free: float = np.inf) -> None:
         """The cells are there already."""
 
+    def box(self, dim: int) -> Array:
+        return np.array([self.points.min(axis=0), self.points.max(axis=0)])
+
     def put(self, gmsh: Gmsh, request: Request) -> float:
         kind, order, around = GMSH[self.kind]
         cells = self.cells[:, order]

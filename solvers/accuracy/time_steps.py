@@ -53,9 +53,9 @@ def halved(times: Sequence[float], timeline: Timeline) -> tuple[float, ...]:
     Of an odd number between two turns the first three steps become one.
 
     >>> from stickslip.solvers.scene.timeline import Place
-    >>> line = Timeline({Place("supports", "top", "displacement", "x"): ((1.0, 0.0), (2.0, 1.0))}, end=2.0, count=6)
+    >>> line = Timeline({Place("supports", "top", "displacement", "x"): ((3.0, 0.0), (6.0, 1.0))}, end=6.0, count=6)
     >>> line.times, halved(line.times, line)
-    ((0.3333333333333333, 0.6666666666666666, 1.0, 1.3333333333333333, 1.6666666666666665, 2.0), (1.0, 2.0))
+    ((1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (3.0, 6.0))
     """
     turns, kept, stretch = np.array([*timeline.turns, 0.0]), list[float](), list[float]()
     for time in times:

@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, SLIGHT, Array, Bools
+from stickslip.geometry.arrays import CLOSE, ROUNDING, SLIGHT, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
@@ -74,10 +74,10 @@ class _Way:
 
     @cached_property
     def room(self) -> Array:
-        """Gaps (normal rows,) [m] at the beginning, where more than rounding."""
-        n, no_motion = self.problem.surface.normal_rows, self.problem.scales.no_motion(self.w)
+        """Gaps (normal rows,) [m] at the beginning, where more than rounding: also of places, beside the motions."""
+        n, scales = self.problem.surface.normal_rows, self.problem.scales
         room = np.where(self.p[:n] == 0, self.problem.gap[:n] - self.w[:n], 0.0)
-        return np.where(room > no_motion[:n], room, 0.0)
+        return np.where(room > np.maximum(scales.no_motion(self.w)[:n], ROUNDING * scales.motion), room, 0.0)
 
     def closing(self, place: ContactBlock, p: Array) -> Bools:
         """Which points (m_t,) of a contact close before there are tractions p (rows,) [Pa]."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,9 @@ BODIES = ("sledge", "wall", "roof")
 
 def travel(folder: Path, dim: int = 2, order: int = 1, **tables: Any) -> dict[str, Any]:
     """A sledge under a roof is pushed in steps of .3 (in space .6); in the third one it meets a wall."""
-    (folder / "travel.geo").write_text(HEAD + (PLANE if dim == 2 else SPACE))
+    written = folder / f"{os.getpid()}.geo"
+    written.write_text(HEAD + (PLANE if dim == 2 else SPACE))
+    written.replace(folder / "travel.geo")  # another rank may read it
     up, gap, step = "xyz"[dim - 1], 0.75 if dim == 2 else 1.6, 0.3 if dim == 2 else 0.6
     under = {f"{body}_under": {"boundary": f"{body}.under", "displacement": {up: 0.0}} for body in ("sledge", "wall")}
     front = {f"{body}_front": {"boundary": f"{body}.front", "displacement": {"y": 0.0}} for body in ("sledge", "wall")}

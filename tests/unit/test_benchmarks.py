@@ -544,7 +544,7 @@ def test_figures_repeat_and_a_difference_is_noticed(
     assert "largest difference from first: nan" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("name", "most"), [("clevis", 16), ("wedge", 8), ("rings", 14)])
+@pytest.mark.parametrize(("name", "most"), [("clevis", 18), ("wedge", 8), ("rings", 14)])
 def test_assemblies_take_a_dozen_iterations(name: str, most: int) -> None:
     """Friction alone keeps the pin from turning; plain Newton hops about for tens of iterations."""
     work = measure_assembly(name)

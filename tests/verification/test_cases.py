@@ -320,7 +320,7 @@ def test_huge_stiffness_of_a_face_changes_neither_the_answer_nor_the_effort() ->
         assert_allclose(step.contacts["base"].force, limit.contacts["base"].force, rtol=5 / k)
         assert step.substeps == limit.substeps == 1
         assert step.iterations <= 1.5 * limit.iterations  # 43 and 33
-    assert limit.iterations < 60  # 32
+    assert limit.iterations < 90  # 69, in all solves that find where points touch
 
 
 @pytest.mark.slow

@@ -177,8 +177,8 @@ def test_numbers_by_partner_and_in_sum_have_names(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"against": []}, r"against: missing"),
-        ({"against": ["left.upper", "left.upper"]}, "against = .*name at least one, and each once"),
+        ({"against": []}, r"against = .*is empty"),
+        ({"against": ["left.upper", "left.upper"]}, "against = .*name each once"),
         ({"against": ["left.upper", "rihgt.upper"]}, r"did you mean right\.upper"),
     ],
 )
