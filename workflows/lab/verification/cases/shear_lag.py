@@ -116,7 +116,7 @@ def scene(
         },
         steps=Steps(end=times[-1], count=len(pulls)),
         # surface-uzawa: u of a slender body is a small difference of what its forces cause, right to 1e-10 or so
-        solver=Solver(method=method, tolerance=1e-10 if method == "surface-uzawa" else 1e-12),
+        solver=Solver(method=method, tolerance=1e-10 if method == "surface-uzawa" else 1e-11),
     )
 
 
