@@ -111,13 +111,13 @@ def ends(task: str) -> Study:
     if task == "dies":
         while True:
             pass
-    raise StepError("no answer", None)
+    raise StepError(1.0, "no answer", (), None)
 
 
 @pytest.mark.slow
 def test_scenes_without_an_answer_are_told() -> None:
     refused, died = studies(ends, ["refused", "dies"], 2, limit=4)
-    assert (refused.problem, refused.failure) == ("refused", "no answer")
+    assert (refused.problem, refused.failure) == ("refused", "t = 1: no answer")
     assert (died.problem, died.failure) == ("dies", "no end after 4 s of the processor's time")
 
 
