@@ -130,6 +130,7 @@ def part_of(surface: Surface, kept: Bools) -> Surface:
         outward=surface.outward[kept],
         depth=None if surface.depth is None else surface.depth[kept],
         parts=None if surface.parts is None else surface.parts[nodes],
+        ends=None if surface.ends is None else surface.ends[nodes],
         faces=None if surface.faces is None else surface.faces[nodes],
     )
 

@@ -215,7 +215,7 @@ def contact_rows(
     faces = {name: split_at_edges(side, mesh.edges.get(name)) for name, side in sides.items()}
     found = with_halves(problem, faces)
     if problem.request.turns:
-        found = {name: with_images(side, constraints, name) for name, side in found.items()}
+        found = {name: with_images(side, constraints) for name, side in found.items()}
     return pair_up(problem, found, constraints, {})
 
 

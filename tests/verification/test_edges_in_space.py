@@ -83,6 +83,23 @@ def test_a_corner_on_a_face_presses_along_its_normal_where_it_is(case: tuple[str
     assert (tip.status > 0).sum() == 1
 
 
+@pytest.mark.parametrize("against", ["floor", *slow("slab.*")])
+def test_a_law_of_compliance_is_felt_round_a_corner_of_a_cube(against: str, tmp_path: Path) -> None:
+    """F = 3/2 c_n d³ on three faces whose normals have a cosine of 1/√3 with the vertical, at a depth d."""
+    (tmp_path / "corner.geo").write_text(CORNER)
+    normal = {"law": "compliance", "c_n": 0.1, "m_n": 1.0}
+    scene: dict[str, Any] = {
+        "model": "3d",
+        "geometry": {"file": "corner.geo"},
+        "bodies": {"cube": STIFF, "slab": STIFF},
+        "contacts": {"tip": {"surface": "cube.low", "against": against, "normal": normal}},
+        "supports": {"bed": HELD, "press": {"boundary": "cube.high", "displacement": [0.0, 0.0, -0.02]}},
+    }
+    if against == "floor":
+        scene["obstacles"] = {"floor": {"shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}}
+    assert_allclose(last(scene, tmp_path).contacts["tip"].normal_force, 1.5 * 0.1 * 0.02**3, rtol=0.02)
+
+
 @pytest.mark.parametrize(
     "case",
     [
