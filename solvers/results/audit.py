@@ -319,8 +319,10 @@ class Auditor:
         size = np.linalg.norm(acts.forces, axis=1)
         pushed = size > 0
         given = rows.normal.ties or pair.contact.gap is not None  # not the gap between the sides as they are meshed
-        if told is None or system.mesh.axisymmetric or given or not pushed.any():
+        if told is None or given or not pushed.any():
             return 0.0
+        if system.mesh.axisymmetric:  # over a full circle there is none about any axis
+            return float(np.linalg.norm(told)) / float(size.sum() * system.extent)
         if pair.obstacle is None:
             apart = rows.relative @ (rows.points + moved)
         else:
