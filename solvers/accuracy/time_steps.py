@@ -131,7 +131,8 @@ class TimeStepErrors:
         half = halved(times, self._stepper.system.problem.timeline)
         finer = len(half) == len(times)
         other = self._results(halves(times) if finer else half)
-        unknown, before = ErrorParts(dear={"time_step": 2.0}, by=OWN_MESH), NOTHING_YET  # times the run: twice its steps
+        unknown = ErrorParts(dear={"time_step": 2.0}, by=OWN_MESH)  # times the run: twice its steps
+        before = NOTHING_YET
         for step in steps:
             if step.time in half:
                 both = next(values for time, values in other if time == step.time), quantities(step)

@@ -23,7 +23,7 @@ def verify(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="hard: of their order and random numbers; random: of scenes")] = 0,
     scenes: Annotated[
-        str, typer.Option("--scenes", metavar="NAME,NAME", help="suites: these scenes (effects) only [all]; random: files")
+        str, typer.Option("--scenes", metavar="NAME,NAME", help="suites: these scenes (effects) only; random: files")
     ] = "",
     budget: Annotated[
         float | None, typer.Option("--budget", help="random: seconds for the errors, in those of all else of a run")
