@@ -108,9 +108,7 @@ def random_accuracy(
     require(budget is None or budget > 0, "--budget", budget, "must be positive")
     given, name = [of_file(path) for path in scenes], "scenes" if scenes else f"seed_{seed}"
     number, began = len(given) or number, clock.monotonic()
-    found = _told(
-        lambda folder: drawn_studies(given or drawn(seed), number, jobs, folder / name, budget), jobs, folder
-    )
+    found = _told(lambda folder: drawn_studies(given or drawn(seed), number, jobs, folder / name, budget), jobs, folder)
     print(f"\n{drawn_tables(found)}\n\n{clock.monotonic() - began:.0f} s")
     if not given:
         _keep(folder, OF_SEED.format(seed), found)
