@@ -68,7 +68,7 @@ def errors_of_step(
     """
     found, alone = dict[Quantity, ErrorParts](), _at_points(problem)
     others = {} if coarser is None else quantities(coarser)
-    meshes = [] if coarser is None or not better.values else [_at_ends(coarser), _at_ends(step), _merged(better.values)]
+    meshes = [] if coarser is None or not better.values else [at_ends(coarser), at_ends(step), _merged(better.values)]
     for key, value in quantities(step).items():
         near = [values[key] for values in better.values if key in values]
         far = others.get(key)
@@ -110,7 +110,7 @@ def _like(value: Value, found: Array) -> Value:
     return found if np.ndim(value) else float(found)
 
 
-def _at_ends(step: StepResult) -> Values:
+def at_ends(step: StepResult) -> Values:
     """Its numbers, those of bodies at corners of cells, where stresses are largest."""
     at_corners = {key: step.corrected[str(key)] for key in quantities(step) if str(key) in step.corrected}
     return quantities(step) | {key: value for key, value in at_corners.items() if key.kind == "bodies"}
