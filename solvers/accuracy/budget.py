@@ -2,8 +2,8 @@
 
 Each estimate has a price in times the run that counts alone tell, by the cost model of `auto`: by the unknowns, steps
 and iterations of what it solves, beside those of the run. So what is left out is said with a price that holds on every
-machine. A budget in seconds pays for as many of them as these prices, times the seconds that the run has taken, allow.
-Rank 0 chooses for all.
+machine. A budget in seconds pays for as many of them as these prices, times the seconds that the run has taken, allow:
+seconds of the processor, which are not more where others use the machine, too. Rank 0 chooses for all.
 """
 
 from __future__ import annotations
@@ -12,7 +12,10 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from stickslip.geometry.errors import StickslipError
+from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.solvers.accuracy.errors import MeshErrors, joined
 from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory, has_coarser
 from stickslip.solvers.accuracy.kept_pairs import KeptPairs
@@ -75,17 +78,22 @@ def better_unknowns(dim: int, order: int) -> float | None:
     return 2.0 ** (dim + 1 - order) if order == 1 or dim == 2 else None
 
 
-def bubbles_follow(output: Output, size: Size, stage: Stage, order: int, meshing: float) -> bool:
+def meshed_again(mesh: Mesh) -> bool:
+    """Whether better cells are not those of a mesh itself, as straight ones of order 2 are."""
+    return bool(mesh.degree > 1 or mesh.bulging)
+
+
+def bubbles_follow(output: Output, size: Size, stage: Stage, mesh: Mesh, meshing: float) -> bool:
     """Whether bubbles follow the steps of a run: they fit its budget by the cost model, and better cells surely do not.
 
     Args:
         meshing: seconds of that.
     """
-    whole, better = predicted(size, stage), better_unknowns(size.dim, order)
+    whole, better = predicted(size, stage), better_unknowns(mesh.dim, mesh.degree)
     budget = budget_of(output, meshing + whole)
     if output.error == "rough" or budget is None:
         return output.error != "rough" and better is None
-    if better is not None and MARGIN * (meshing + predicted(scaled(size, better))) <= budget:
+    if better is not None and MARGIN * (meshed_again(mesh) * meshing + predicted(scaled(size, better))) <= budget:
         return False
     return BUBBLES * (whole - predicted(replace(size, steps=0), stage)) <= budget
 
@@ -139,13 +147,16 @@ class Estimates:
     def choose(self) -> Choice:
         """What is done; collective."""
         system, stage = self._stepper.system, self._stepper.chain.stage
-        own = [self._clock.seconds(phase) for phase in ("mesh", "assemble", "prepare", "iterate")]
-        budget = budget_of(self._output, sum(own))
-        parts = [row for row in self._clock.rows() if row.phase == "error" and row.part != "model"]  # judges the run
-        left = None if budget is None else max(budget - sum(row.seconds for row in parts), 0.0)
-        model = predicted(self._size, stage)
-        solving = min(max(sum(own[1:]) - FIXED, model), MARGIN * model)  # small runs are measured by their counts
-        left, self._seconds = system.mesh.comm.bcast((left, (own[0], solving)))
+        worked, reads = self._clock.worked, ("output", "results")  # as other histories are read
+        meshing, preparing, steps = worked("mesh"), worked("assemble") + worked("prepare"), worked("iterate")
+        budget = budget_of(self._output, meshing + preparing + steps)
+        spent = worked("error") - worked("error", "model")  # which judges the run
+        left = None if budget is None else max(budget - spent, 0.0)
+        least = predicted(replace(self._size, steps=0), stage)
+        of_steps = predicted(self._size, stage) - least
+        solving = float(np.clip(preparing - FIXED, least, MARGIN * least))  # small ones are measured by their counts
+        solving += float(np.clip(steps + worked(*reads), of_steps / MARGIN, MARGIN * of_steps))
+        left, self._seconds = system.mesh.comm.bcast((left, (meshing, solving)))
         for factor in (2.0, 4.0):
             prices, done, paid = self._prices(factor), list[str](), 0.0
             for name, cost in prices.items():
@@ -161,7 +172,8 @@ class Estimates:
 
     def _expected(self, name: str, cost: float, factor: float) -> float:
         """Seconds that an estimate takes: meshing by the number of cells, all else by its price."""
-        cells = {COARSER: factor**-self._stepper.system.mesh.dim, BETTER: 1.0}.get(name, 0.0)
+        mesh = self._stepper.system.mesh
+        cells = {COARSER: factor**-mesh.dim, BETTER: float(meshed_again(mesh))}.get(name, 0.0)
         return cells * self._seconds[0] + cost * self._seconds[1]
 
     def _prices(self, factor: float) -> dict[str, float]:
@@ -201,6 +213,10 @@ class Estimates:
                 with self._clock.phase("error", name):
                     act()
                 self._ended.add(name)
+
+    def price(self) -> None:
+        """Find what costs nothing, and what all else would cost; collective."""
+        self.solve(replace(self.choice, prices=self._prices(self.choice.factor)))
 
     def only(self, name: str) -> tuple[Errors, ...]:
         """Errors that one of the estimates tells, whatever it costs; collective."""

@@ -68,7 +68,7 @@ def errors_of_step(
     """
     found, alone = dict[Quantity, ErrorParts](), _at_points(problem)
     others = {} if coarser is None else quantities(coarser)
-    meshes = [] if coarser is None or not better.values else [_at_ends(coarser), _at_ends(step), _merged(better.values)]
+    meshes = [] if coarser is None or not better.values else [at_ends(coarser), at_ends(step), _merged(better.values)]
     for key, value in quantities(step).items():
         near = [values[key] for values in better.values if key in values]
         far = others.get(key)
@@ -110,7 +110,7 @@ def _like(value: Value, found: Array) -> Value:
     return found if np.ndim(value) else float(found)
 
 
-def _at_ends(step: StepResult) -> Values:
+def at_ends(step: StepResult) -> Values:
     """Its numbers, those of bodies at corners of cells, where stresses are largest."""
     at_corners = {key: step.corrected[str(key)] for key in quantities(step) if str(key) in step.corrected}
     return quantities(step) | {key: value for key, value in at_corners.items() if key.kind == "bodies"}
@@ -148,10 +148,10 @@ def with_ends(contacts: Iterable[ContactRows], step: StepResult, errors: Errors)
     may be another.
     """
     found = dict(errors)
-    for c in contacts:
-        state, near = step.contacts[c.name], c.surface.neighbours()[c.ends]
+    for c in (c for c in contacts if len(c.ends)):
+        state, near = step.contacts[c.name], c.surface.neighbours[c.ends]
         for _ in range(2):
-            near = near + near @ c.surface.neighbours()
+            near = near + near @ c.surface.neighbours
         rings = [row.indices for row in near]
         weights, left = state.weight[c.ends], dict[str, Value]()
         for name, field in {
@@ -159,9 +159,9 @@ def with_ends(contacts: Iterable[ContactRows], step: StepResult, errors: Errors)
             "normal_force": state.pressure[:, None],
             "tangential_force": state.traction,
         }.items():
-            off = weights @ np.array([np.ptp(field[ring], axis=0) for ring in rings]) if rings else 0.0
+            off = weights @ np.array([np.ptp(field[ring], axis=0) for ring in rings])
             left[name] = off if name == "force" else float(np.linalg.norm(off))
         for key, parts in errors.items():
-            if rings and key.kind == "contacts" and key.name == c.name and key.quantity in left:
+            if key.kind == "contacts" and key.name == c.name and key.quantity in left:
                 found[key] = replace(parts, mesh=parts.mesh if parts.mesh is None else parts.mesh + left[key.quantity])
     return found
