@@ -220,7 +220,10 @@ def _points(surface: Surface, obstacle: Obstacle, degree: int, own: On, weights:
     plain = np.bincount(own.facet, minlength=len(full)) == full.shape[1]
     plain &= np.abs(np.bincount(own.facet, weights, len(full)) - full.sum(axis=1)) <= ROUNDING * full.sum(axis=1)
     at, phi = np.flatnonzero(plain[own.facet]), shares(own, surface, weights)
-    values, nodes = surface.dual_basis(degree)[plain].reshape(len(at), -1), surface.facets[own.facet[at]]
+    values, nodes = (
+        surface.dual_basis(degree)[plain].reshape(-1, surface.facets.shape[1]),
+        surface.facets[own.facet[at]],
+    )
     entries = ((values * weights[at, None]).ravel(), (nodes.ravel(), np.repeat(at, nodes.shape[1])))
     psi = sparse.csr_matrix(entries, shape=phi.shape) + phi @ sparse.diags((~plain[own.facet]).astype(float))
     relative = own.basis(surface)
