@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import TINY, Array, Bools, Ints
+from stickslip.geometry.arrays import TINY, Array, Ints
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.mesh.ranks import of_all_ranks
@@ -54,7 +54,8 @@ class Surface:
     positive: bool = False  # phi~ >= 0 everywhere: Bernstein's polynomials if the degree is 2
     images: tuple[Ints, Ints, Array] | None = None  # nodes (k,) of a cyclic sector, those they turn to, turns
     depth: Array | None = None  # (f,) [m] of the middle of the cell behind each facet; None: it does not matter
-    ends: Bools | None = None  # (n,) nodes on cuts of a cyclic sector that are at edges there; None: there are none
+    ends: Ints | None = None  # (n,) 1 at edges to other sides, 2 there of sides that come first; 0 elsewhere
+    beside: Surface | None = None  # where it has ends: it and the sides of its body; None: of cyclic sectors
     faces: Ints | None = None  # (n,) tell nodes apart that faces have at an edge, see `split_at_edges`; None: one face
 
     @property
@@ -72,7 +73,7 @@ class Surface:
         if self.faces is None:
             return np.zeros(len(self.nodes))
         _, each, count = np.unique(self.nodes, return_inverse=True, return_counts=True)
-        return np.asarray((count[each] > 1) | (False if self.ends is None else self.ends), float)
+        return np.asarray((count[each] > 1) | (False if self.ends is None else self.ends > 0), float)
 
     @cached_property
     def shares_at_edges(self) -> Array:
@@ -191,7 +192,7 @@ def joined(surfaces: Sequence[Surface]) -> Surface:
     """Several surfaces with facets of one kind as one, whose nodes and facets follow each other."""
     first, counts = surfaces[0], [len(surface.nodes) for surface in surfaces]
     starts, faces, images = np.cumsum([0, *counts[:-1]]), None, None
-    ends = [np.zeros(len(s.nodes), bool) if s.ends is None else s.ends for s in surfaces]
+    ends = [np.zeros(len(s.nodes), np.int64) if s.ends is None else s.ends for s in surfaces]
     turned = [(k + i[0], k + i[1], i[2]) for k, i in zip(starts, (s.images for s in surfaces), strict=True) if i]
     if turned:
         here, there, turn = (np.concatenate(parts) for parts in zip(*turned, strict=True))

@@ -54,8 +54,8 @@ def with_edges(coupling: Coupling, facing: Facing | None = None, at_quadrature: 
     """
     slave, master = coupling.surface, coupling.master
     if facing is not None and master is not None and (slave.faces is not None or master.faces is not None):
-        reach = facing.reach
-        found = _Points.joined([_tips(slave, master, reach), _turned(_tips(master, slave, reach))])
+        reach, tips = facing.reach, partial(_tips, each_side=at_quadrature)
+        found = _Points.joined([tips(slave, master, reach), _turned(tips(master, slave, reach))])
         if slave.dim == 3:
             found = _Points.joined([found, _elsewhere(_crossings(slave, master, reach), found.at(found.edge), slave)])
         found = _of_other_parts(found, slave, master)
@@ -73,15 +73,21 @@ def _of_other_parts(points: _Points, slave: Surface, master: Surface) -> _Points
     return points.at(~beside & (points.gap >= -slave.depth[points.facet]))
 
 
-def _tips(side: Surface, other: Surface, reach: float) -> _Points:
+def _tips(side: Surface, other: Surface, reach: float, each_side: bool) -> _Points:
     """Corners and nodes of edges that touch faces of the other side, all facets around them rising from these.
 
     Where the other side has an edge they touch each face of it, or if it is not hollow a plane half way.
+
+    Args:
+        each_side: whether sides that meet there have it all, or the first one alone.
     """
-    nodes = np.flatnonzero(side.at_edge)
+    nodes = np.flatnonzero((side.at_edge > 0) & (each_side or side.ends is None or side.ends < 2))
     first = nodes[np.unique(side.nodes[nodes], return_index=True)[1]]
     x, t = side.points[first], len(first)
-    own, away, flat, of, faces = _around(side, _ones(first, len(side.nodes)))
+    whole = side.beside or side
+    number, place_of = np.unique(whole.nodes, return_index=True)
+    at = place_of[np.searchsorted(number, side.nodes[first])]
+    own, away, flat, of, faces = _around(whole, _ones(at, len(whole.nodes)))
     mean = _means(of, faces, t)
     met = pair(x, mean, other, reach)
     there, beyond, _, tip, normals = _around(other, met.weights(other))
@@ -105,7 +111,7 @@ def _tips(side: Surface, other: Surface, reach: float) -> _Points:
     leaning = np.einsum("cd,cd->c", flat[j], along[i]) < np.cos(np.radians(SMOOTH)) * np.linalg.norm(flat[j], axis=1)
     rises = np.einsum("cd,cd->c", away[j], along[i]) < -ROUNDING * np.linalg.norm(away[j], axis=1)
     touches[i[~(leaning & rises)]] = False
-    if side.ends is not None and side.ends[first[tip[touches]]].any():
+    if side.ends is not None and side.beside is None and side.ends[first[tip[touches]]].any():
         raise SceneError("periodic: a corner on a cyclic side touches a face by itself; turn the sector")
     on = on_nodes(side, first[tip])
     every = np.ones(len(tip), bool)

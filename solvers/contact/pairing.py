@@ -64,6 +64,7 @@ def pair_up(
     for name, known in problem.pairs.items():
         sharing.setdefault((known.surfaces[0], known.skins), []).append(name)
     couplings, near = dict[str, tuple[Contact, Coupling]](), dict[str, Bools]()
+    missed, touched = list[tuple[tuple[str, ...], bool, str]](), set[tuple[str, ...]]()
     for (side, skins), names in sharing.items():
         pairs = [problem.pairs[name] for name in names]
         partners = [_partner(problem, known, sides, moved.get(known.name)) for known in pairs]
@@ -93,7 +94,12 @@ def pair_up(
                 nowhere += f"{problem.labels.length}; set search_distance, or exchange the sides"
                 hidden = f"contacts.{known.name}: all of {side} reaches other partners first; leave this one out, set "
                 hidden += "search_distance, or let the contact slide"
-                raise SceneError(hidden if any(touching) else nowhere)
+                flank = any(isinstance(s, Surface) and s.beside is not None for s in (partner.slave, partner.other))
+                missed.append((known.bodies, flank, hidden if any(touching) else nowhere))
+            touched |= {known.bodies, known.bodies[::-1]} if touches else set()
+    for bodies, flank, said in missed:  # a flank may touch nothing where the side beside it does
+        if not (flank and bodies in touched):
+            raise SceneError(said)
     couplings = {name: couplings[name] for name in problem.pairs}
     every = build_rows(couplings, constraints, moved, problem.timeline.end)
     exchanged = {name for name, known in problem.pairs.items() if known.slave != known.contact.surface}
@@ -148,7 +154,7 @@ def with_images(side: Surface, constraints: Constraints) -> Surface:
     faces = np.zeros(n, np.int64) if side.faces is None else side.faces
     faces = faces + (faces.max() + 1) * (ends & (roots != side.nodes))
     images = (here, there, np.tile(turn, (len(here), 1, 1))) if len(here) else None
-    return replace(side, images=images, **({"faces": faces, "ends": ends} if ends.any() else {}))
+    return replace(side, images=images, **({"faces": faces, "ends": ends.astype(int)} if ends.any() else {}))
 
 
 def _partner(problem: Problem, known: Pair, sides: Mapping[str, Surface], moved: Array | None) -> Partner:

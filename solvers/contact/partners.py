@@ -134,17 +134,17 @@ def _finer_at_tips(rigid: Sequence[Partner], whole: Bools | None = None) -> tupl
     Args:
         whole: facets (f,) of which others leave all; None: all.
     """
-    slave = rigid[0].slave
-    corners, same = dx.reference_nodes(slave.shape, 1), np.unique(slave.nodes, return_inverse=True)[1]
-    nodes, middles = slave.facets[:, : len(corners)], slave.points[slave.facets].mean(axis=1)
-    steep = np.sin(np.radians(SMOOTH)) * np.linalg.norm(slave.points[nodes] - middles[:, None], axis=2)
-    tips = np.zeros(nodes.shape, bool)
+    slave, corners = rigid[0].slave, dx.reference_nodes(rigid[0].slave.shape, 1)
+    around = slave.beside or slave
+    nodes, middles = around.facets[:, : len(corners)], around.points[around.facets].mean(axis=1)
+    steep = np.sin(np.radians(SMOOTH)) * np.linalg.norm(around.points[nodes] - middles[:, None], axis=2)
+    tips = np.zeros((len(slave.facets), len(corners)), bool)
     for each in rigid if slave.faces is not None else ():
         assert isinstance(each.other, Obstacle)
-        gap, beyond = (seen_from(each.other, x)[0] for x in (slave.points, middles))
-        lowest = np.ones(same.max() + 1, bool)
-        lowest[same[nodes[beyond[:, None] - gap[nodes] <= steep]]] = False
-        tips |= lowest[same[nodes]] & (slave.at_edge[nodes] > 0)
+        gap, beyond = (seen_from(each.other, x)[0] for x in (around.points, middles))
+        beneath = around.nodes[nodes[beyond[:, None] - gap[nodes] <= steep]]
+        at = slave.facets[:, : len(corners)]
+        tips |= (slave.at_edge[at] > 0) & ~np.isin(slave.nodes[at], beneath)
     tips[~(np.ones(len(tips), bool) if whole is None else whole)] = False
     facet, corner = np.nonzero(tips)
     plain = ~tips.any(axis=1)
