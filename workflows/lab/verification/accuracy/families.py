@@ -135,6 +135,7 @@ def pressed(dice: Dice, model: str, shape: Tables, slave: str, top: str, strain:
     E, knots, name, flat = modulus(dice), history(dice), slave.partition(".")[0], model != "3d"
     moved = {"y" if flat else "z": pressing(knots, -strain)}
     if push:
+        moved |= {} if flat else {"y": 0.0}  # without friction nothing else holds it
         moved |= {
             axis: aside(knots, dice.between(0.15, 0.9) * push * strain)
             for axis in dice.one_of("x", "x" if flat else "xy")
