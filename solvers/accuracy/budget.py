@@ -81,6 +81,11 @@ def better_unknowns(mesh: Mesh) -> float | None:
     return FINER**mesh.dim if has_coarser(mesh) else None
 
 
+def meshed_again(mesh: Mesh) -> bool:
+    """Whether better cells are not those of a mesh itself, as straight ones of order 2 are."""
+    return bool(mesh.degree > 1 or mesh.bulging)
+
+
 def bubbles_follow(output: Output, size: Size, stage: Stage, mesh: Mesh, meshing: float) -> bool:
     """Whether bubbles follow the steps of a run: they fit its budget by the cost model, and better cells surely do not.
 
@@ -91,7 +96,7 @@ def bubbles_follow(output: Output, size: Size, stage: Stage, mesh: Mesh, meshing
     budget = budget_of(output, meshing + whole)
     if output.error == "rough" or budget is None:
         return output.error != "rough" and better is None
-    if better is not None and MARGIN * (meshing + predicted(scaled(size, better))) <= budget:
+    if better is not None and MARGIN * (meshed_again(mesh) * meshing + predicted(scaled(size, better))) <= budget:
         return False
     return BUBBLES * (whole - predicted(replace(size, steps=0), stage)) <= budget
 
@@ -167,7 +172,8 @@ class Estimates:
 
     def _expected(self, name: str, cost: float, factor: float) -> float:
         """Seconds that an estimate takes: meshing by the number of cells, all else by its price."""
-        cells = {COARSER: factor**-self._stepper.system.mesh.dim, BETTER: 1.0}.get(name, 0.0)
+        mesh = self._stepper.system.mesh
+        cells = {COARSER: factor**-mesh.dim, BETTER: float(meshed_again(mesh))}.get(name, 0.0)
         return cells * self._seconds[0] + cost * self._seconds[1]
 
     def _prices(self, factor: float) -> dict[str, float]:
@@ -207,6 +213,10 @@ class Estimates:
                 with self._clock.phase("error", name):
                     act()
                 self._ended.add(name)
+
+    def price(self) -> None:
+        """Find what costs nothing, and what all else would cost; collective."""
+        self.solve(replace(self.choice, prices=self._prices(self.choice.factor)))
 
     def only(self, name: str) -> tuple[Errors, ...]:
         """Errors that one of the estimates tells, whatever it costs; collective."""

@@ -70,7 +70,7 @@ class OtherHistory:
     @classmethod
     def of_order(cls, own: System, order: int, on_iteration: OnIteration = lambda row: None) -> OtherHistory:
         """That of the run's own cells with displacements of another order; arguments and errors as above."""
-        return cls.on(own, own.mesh.shape.of_order(order), on_iteration)
+        return cls(own, own.mesh.of_order(order), on_iteration)
 
     @classmethod
     def coarser(cls, own: System, factor: float, on_iteration: OnIteration = lambda row: None) -> OtherHistory:

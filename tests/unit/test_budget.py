@@ -1,13 +1,20 @@
 """Errors cost what their budget allows, and what is left out is said with its price."""
 
-import pytest
+from pathlib import Path
 
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.histories import Stop
 from stickslip import prepare, read
 from stickslip.solvers.accuracy import budget, model_error
 from stickslip.solvers.accuracy.budget import COARSER, PAIRS, TIME, Estimates
+from stickslip.solvers.accuracy.histories import OtherHistory
 from stickslip.solvers.parallel.counters import Row
-from stickslip.solvers.results.step_result import Quantity
+from stickslip.solvers.results.step_result import Quantity, quantities
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
 
 LOST = Quantity("contacts", "base", "dissipation_total")
 DEAR = Row(phase="iterate", part="", seconds=1000.0, calls=1, volume_solves=0)
@@ -75,3 +82,25 @@ def test_the_model_is_judged_by_a_solution_at_turns_alone(monkeypatch: pytest.Mo
     steps = [*simulation.steps()]
     assert asked == [1.0, 2.0]
     assert [step.time for step in steps if step.errors[str(LOST)].model is not None] == asked
+
+
+def test_a_run_that_is_stopped_says_what_its_errors_would_cost(tmp_path: Path) -> None:
+    sizes = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25", "output.pictures=false"]
+    outcome, result = run(read("block", sizes), tmp_path / "out", Watch(on_step=Stop(1)))
+    told = result["steps"][0]["contacts"]["base"]["error"]["normal_force"]
+    assert (outcome.status, told["mesh"]) == ("interrupted", None)
+    assert told["lacking"]["mesh"] > 0
+    assert told["lacking"]["time_step"] > 0
+
+
+def test_order_2_has_the_cells_of_the_run_as_they_are() -> None:
+    """As if they were meshed again, which takes longer than all else."""
+    sizes = [f"geometry.{key}mesh_size={size}" for key, size in (("", 0.3), ("lower_", 0.4), ("contact_", 0.15))]
+    simulation = prepare(read("two_blocks", [*sizes, "output.error=false", "probes.inside.point=[0.3, 0.2]"]))
+    system, times = simulation.system, simulation.scene.requested_times()
+    raised, again = OtherHistory.of_order(system, 2), OtherHistory.on(system, system.mesh.shape.of_order(2))
+    assert raised.stepper.system.mesh.domain is system.mesh.domain
+    for one, other in zip(raised(times), again(times), strict=True):
+        found = quantities(one)
+        for key, value in quantities(other).items():
+            assert_allclose(found[key], value, rtol=1e-9, atol=1e-12, err_msg=str(key))
