@@ -158,8 +158,9 @@ def with_unresolved(contacts: Sequence[ContactRows], step: StepResult, errors: E
         rubs = not rows.normal.ties and np.abs(state.traction).max(initial=0.0) > EXACT * state.max_pressure
         for name in ("stick_area", "slip_area") if rubs else ():
             key = Quantity("contacts", rows.name, name)
-            if found[key].mesh == 0.0:
-                found[key] = replace(found[key], mesh=float(rows.node_weights.max()))
+            parts = found[key]
+            if parts.mesh is not None and parts.mesh <= EXACT * state.contact_area:
+                found[key] = replace(parts, mesh=float(rows.node_weights.max()))
         for name in AT_NODES if unresolved(rows, state) else ():
             key = Quantity("contacts", rows.name, name)
             parts, size = found[key], abs(float(getattr(state, name)))
