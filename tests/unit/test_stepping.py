@@ -18,12 +18,13 @@ from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.effects.thermal import Thermal
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import OnStep, Solution, Status
+from stickslip.solvers.iteration import OnStep, Solution, Status, Step
 from stickslip.solvers.results.observe import _status as status_of
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
 from stickslip.solvers.scene.settings import Solver
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.solvers.stepping import halving
+from stickslip.solvers.stepping.history import History, count_iterations
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.pairs import PairSearch
 from stickslip.solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
@@ -517,3 +518,11 @@ def test_a_point_slips_at_its_bound_if_it_moves(smooth: bool, sides: int) -> Non
     start.p[0] = 1e3  # a release leaves a rest of the tractions before, and of the motions that they make
     released = status_of(rows, 1e-7 * pressure, multiplier, bound, increment, accepted)  # type: ignore[arg-type]
     assert sides == 2 or set(released.tolist()) == {OPEN}
+
+
+def test_each_solve_with_an_active_set_counts_and_starts_do_not() -> None:
+    history = History()
+    record = history.attempt(1.0, lambda: "condensed-newton", [])
+    for number in (1, 2, 1, 1, 0, 1):  # solved, solved again twice with other gaps, and once by iterations
+        record(Step(number, 0.0, 3))
+    assert count_iterations(history.rows) == 5
