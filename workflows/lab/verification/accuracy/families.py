@@ -133,7 +133,7 @@ def pressed(dice: Dice, model: str, shape: Tables, slave: str, top: str, strain:
         push: largest way aside over that; 0: straight down.
     """
     E, knots, name, flat = modulus(dice), history(dice), slave.partition(".")[0], model != "3d"
-    moved = {"y" if flat else "z": pressing(knots, -strain)}
+    moved: Tables = {"y" if flat else "z": pressing(knots, -strain)}
     if push:
         moved |= {} if flat else {"y": 0.0}  # without friction nothing else holds it
         moved |= {
