@@ -2,8 +2,8 @@
 
 Each estimate has a price in times the run that counts alone tell, by the cost model of `auto`: by the unknowns, steps
 and iterations of what it solves, beside those of the run. So what is left out is said with a price that holds on every
-machine. A budget in seconds pays for as many of them as these prices, times the seconds that the run has taken, allow.
-Rank 0 chooses for all.
+machine. A budget in seconds pays for as many of them as these prices, times the seconds that the run has taken, allow:
+seconds of the processor, which are not more where others use the machine, too. Rank 0 chooses for all.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.mesh.mesh import Mesh
@@ -150,13 +152,16 @@ class Estimates:
     def choose(self) -> Choice:
         """What is done; collective."""
         system, stage = self._stepper.system, self._stepper.chain.stage
-        own = [self._clock.seconds(phase) for phase in ("mesh", "assemble", "prepare", "iterate")]
-        budget = budget_of(self._output, sum(own))
-        parts = [row for row in self._clock.rows() if row.phase == "error" and row.part != "model"]  # judges the run
-        left = None if budget is None else max(budget - sum(row.seconds for row in parts), 0.0)
-        model = predicted(self._size, stage)
-        solving = min(max(sum(own[1:]) - FIXED, model), MARGIN * model)  # small runs are measured by their counts
-        left, self._seconds = system.mesh.comm.bcast((left, (own[0], solving)))
+        worked, reads = self._clock.worked, ("output", "results")  # as other histories are read
+        meshing, preparing, steps = worked("mesh"), worked("assemble") + worked("prepare"), worked("iterate")
+        budget = budget_of(self._output, meshing + preparing + steps)
+        spent = worked("error") - worked("error", "model")  # which judges the run
+        left = None if budget is None else max(budget - spent, 0.0)
+        least = predicted(replace(self._size, steps=0), stage)
+        of_steps = predicted(self._size, stage) - least
+        solving = float(np.clip(preparing - FIXED, least, MARGIN * least))  # small ones are measured by their counts
+        solving += float(np.clip(steps + worked(*reads), of_steps / MARGIN, MARGIN * of_steps))
+        left, self._seconds = system.mesh.comm.bcast((left, (meshing, solving)))
         for factor in (2.0, 4.0):
             prices, done, paid = self._prices(factor), list[str](), 0.0
             for name, cost in prices.items():

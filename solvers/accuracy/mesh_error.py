@@ -13,9 +13,9 @@ their own: what these decide, `AT_NODES`, is stated to be off by all of the diff
 With order 2 the better cells are cut from the run's where contact changes, see `nested_run`. In 3D they are those of a
 fresh mesh with smaller cells, and errors are taken to fall with their area. Where that is too dear, bubbles of order 3
 tell of what contact nodes do not decide. No less is stated than what is left of the difference to cells twice as long
-if the error falls with the third power of their length, of what contact nodes decide with the second: the largest value
-of a plateau lies anywhere. Where nothing else tells, half of the difference: it is the error if that falls with the
-power 1.6, and no order is between the smooth and the singular ones.
+if the error falls with the third power of their length, of stresses and of what contact nodes decide with the second:
+the largest value of a plateau lies anywhere. Where nothing else tells, half of the difference: it is the error if that
+falls with the power 1.6, and no order is between the smooth and the singular ones.
 
 A pressure or a stress grows without end where it does so by no less from order 1 to order 2 as it did when cells were
 halved: as a power of the cells' length does. Where it has a limit, it grows less and less. A notch that is round has
@@ -100,7 +100,8 @@ def _stated(
     if order == 1:
         least = whole / (3 if near else 1)
     else:
-        least = whole / ((3 if key.quantity in AT_NODES else 7) if near else 2)
+        second = key.quantity in AT_NODES or number_of(key).kind == "pressure"
+        least = whole / ((3 if second else 7) if near else 2)
     both = len(near) > 0 and far is not None
     unsure = both and bool(np.any((least > 2 * off) | ((off > 2 * whole) & (order == 1))))
     mesh = np.maximum(off, least)
@@ -164,10 +165,10 @@ def with_ends(contacts: Iterable[ContactRows], step: StepResult, errors: Errors)
     may be another.
     """
     found = dict(errors)
-    for c in contacts:
-        state, near = step.contacts[c.name], c.surface.neighbours()[c.ends]
+    for c in (c for c in contacts if len(c.ends)):
+        state, near = step.contacts[c.name], c.surface.neighbours[c.ends]
         for _ in range(2):
-            near = near + near @ c.surface.neighbours()
+            near = near + near @ c.surface.neighbours
         rings = [row.indices for row in near]
         weights, left = state.weight[c.ends], dict[str, Value]()
         for name, field in {
@@ -175,9 +176,9 @@ def with_ends(contacts: Iterable[ContactRows], step: StepResult, errors: Errors)
             "normal_force": state.pressure[:, None],
             "tangential_force": state.traction,
         }.items():
-            off = weights @ np.array([np.ptp(field[ring], axis=0) for ring in rings]) if rings else 0.0
+            off = weights @ np.array([np.ptp(field[ring], axis=0) for ring in rings])
             left[name] = off if name == "force" else float(np.linalg.norm(off))
         for key, parts in errors.items():
-            if rings and key.kind == "contacts" and key.name == c.name and key.quantity in left:
+            if key.kind == "contacts" and key.name == c.name and key.quantity in left:
                 found[key] = replace(parts, mesh=parts.mesh if parts.mesh is None else parts.mesh + left[key.quantity])
     return found

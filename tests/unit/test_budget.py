@@ -1,5 +1,6 @@
 """Errors cost what their budget allows, and what is left out is said with its price."""
 
+import time
 from pathlib import Path
 
 import pytest
@@ -7,12 +8,14 @@ from numpy.testing import assert_allclose
 
 from shared.histories import Stop
 from stickslip import prepare, read
-from stickslip.solvers.accuracy import budget, model_error
+from stickslip.solvers.accuracy import budget, histories, model_error
 from stickslip.solvers.accuracy.budget import COARSER, PAIRS, TIME, Estimates
-from stickslip.solvers.accuracy.histories import OtherHistory
-from stickslip.solvers.parallel.counters import Row
+from stickslip.solvers.accuracy.histories import LOOSE, OtherHistory
+from stickslip.solvers.interface.prepare import Form
+from stickslip.solvers.parallel.counters import Clock, Row
 from stickslip.solvers.results.step_result import Quantity, quantities
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.choice import Choice, Stage
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 
@@ -104,3 +107,26 @@ def test_order_2_has_the_cells_of_the_run_as_they_are() -> None:
         found = quantities(one)
         for key, value in quantities(other).items():
             assert_allclose(found[key], value, rtol=1e-9, atol=1e-12, err_msg=str(key))
+
+
+def test_a_busy_machine_makes_no_estimate_dearer() -> None:
+    """Seconds that go by while processors work for others count for nothing."""
+    clock = Clock()
+    with clock.phase("iterate"):
+        time.sleep(0.2)
+    assert clock.seconds("iterate") > 0.15
+    assert clock.worked("iterate") < 0.1
+    clock.add([DEAR])
+    assert clock.worked("iterate") >= DEAR.seconds
+
+
+@pytest.mark.parametrize("form", ["condensed", "matrix-free"])
+def test_order_2_is_solved_loosely_where_volume_solves_are_iterative(
+    form: Form, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = prepare(read("cube", ["geometry.mesh_size=0.5", "output.error=false"]))
+    exact = simulation.system.problem.solver.tolerance
+    monkeypatch.setattr(histories, "choose", lambda system: Choice((Stage("surface-uzawa", form),), ""))
+    better, coarser = OtherHistory.of_order(simulation.system, 2), OtherHistory.coarser(simulation.system, 2.0)
+    assert better.stepper.system.problem.solver.tolerance == (LOOSE if form == "matrix-free" else exact)
+    assert coarser.stepper.system.problem.solver.tolerance == exact
