@@ -17,7 +17,7 @@ import numpy as np
 from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.solvers.accuracy.errors import MeshErrors, joined
-from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory, has_coarser
+from stickslip.solvers.accuracy.histories import FINER, OnIteration, OtherHistory, has_coarser
 from stickslip.solvers.accuracy.kept_pairs import KeptPairs
 from stickslip.solvers.accuracy.mesh_error import Values
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
@@ -73,9 +73,14 @@ def scaled(size: Size, unknowns: float) -> Size:
     )
 
 
-def better_unknowns(dim: int, order: int) -> float | None:
-    """Unknowns of better cells for each of a run: of order 2, or cut where contact changes; None: there are none."""
-    return 2.0 ** (dim + 1 - order) if order == 1 or dim == 2 else None
+def better_unknowns(mesh: Mesh) -> float | None:
+    """Unknowns of better cells for each of a run: of order 2, or cut where contact changes, or in 3D all smaller.
+
+    None: a file has no smaller ones; collective.
+    """
+    if mesh.degree == 1 or mesh.dim == 2:
+        return 2.0 ** (mesh.dim + 1 - mesh.degree)
+    return FINER**mesh.dim if has_coarser(mesh) else None
 
 
 def meshed_again(mesh: Mesh) -> bool:
@@ -89,7 +94,7 @@ def bubbles_follow(output: Output, size: Size, stage: Stage, mesh: Mesh, meshing
     Args:
         meshing: seconds of that.
     """
-    whole, better = predicted(size, stage), better_unknowns(mesh.dim, mesh.degree)
+    whole, better = predicted(size, stage), better_unknowns(mesh)
     budget = budget_of(output, meshing + whole)
     if output.error == "rough" or budget is None:
         return output.error != "rough" and better is None
@@ -190,7 +195,7 @@ class Estimates:
             found[COARSER] = price(factor**-mesh.dim, n)
         if solved := TimeStepErrors(self._stepper).solves(self._times, fresh):
             found[TIME] = price(factor**-mesh.dim if fresh else 1.0, solved, prepares=False)
-        better = better_unknowns(mesh.dim, mesh.degree)
+        better = better_unknowns(mesh)
         if self._stepper.companion is None and better is not None:
             found[BETTER] = price(better, n)
         if self._pairs.leaving(self._steps):

@@ -58,7 +58,8 @@ def unbalanced_motion(problem: SurfaceProblem) -> Mechanism | None:
     drift, n = problem.surface.R @ problem.load.resultant, problem.surface.normal_rows
     still = problem.surface.R @ (problem.surface.R.T @ (problem.u_before - problem.load.free))
     w = problem.relative_displacement(problem.load.free + still)
-    if np.all((problem.gap - w)[:n] > problem.scales.no_motion(w)[:n]) and not closes(problem, w, drift):
+    apart = ~programme.pulls & ((problem.gap - w)[:n] > problem.scales.no_motion(w)[:n])
+    if apart.all() and not closes(problem, w, drift):
         return Mechanism(drift / np.abs(drift).max(), 1.0)
     left = 2 * programme.motions
     found = programme.solve(np.concatenate([np.zeros(programme.size - left), np.ones(left)]), left=np.inf)

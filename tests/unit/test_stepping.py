@@ -381,7 +381,7 @@ def test_sides_that_move_apart_end_the_step(
 SLIDING = ["geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.4", "steps.count=2"]
 
 
-@pytest.mark.parametrize(("failing", "ended"), [(range(3, 4), ""), (range(2, 99), "a linear solve failed")])
+@pytest.mark.parametrize(("failing", "ended"), [(range(2, 3), ""), (range(1, 99), "a linear solve failed")])
 def test_pairs_that_no_method_can_be_prepared_for_cut_the_step(
     failing: range, ended: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -394,9 +394,9 @@ def test_pairs_that_no_method_can_be_prepared_for_cut_the_step(
             raise SolverError("the contact rows of a node are nearly the same")
         return whole(*bodies)
 
-    monkeypatch.setattr(MethodChain, "method", unable)
     steps = simulation.steps()
     assert next(steps).substeps == 1
+    monkeypatch.setattr(MethodChain, "method", unable)
     if ended:
         with pytest.raises(StepError, match=rf"t = 1\.00391: no residual in a step of 0\.00391 s .*{ended}"):
             next(steps)
@@ -408,7 +408,7 @@ def test_pairs_that_no_method_can_be_prepared_for_cut_the_step(
 def test_pairs_that_never_settle_are_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = prepare(read("sliding", SLIDING))
     assert not any("pairs" in doubt for doubt in doubts(simulation, [*simulation.steps()]))
-    monkeypatch.setattr("stickslip.solvers.stepping.pairs.pairs_hold", lambda *arguments: False)
+    monkeypatch.setattr("stickslip.solvers.stepping.pairs.slid_since", lambda *arguments: 1.0)
     times = [step.time for step in simulation.steps()]
     said = f"the pairs of a sliding contact change from search to search at t = {times[0]:g} and 1 other times"
     assert any(said in doubt for doubt in doubts(simulation, []))
