@@ -118,7 +118,7 @@ def _stated(
 def difference(value: Value, near: Sequence[Value]) -> Array:
     """Return that to the last of better numbers, no less than half of that to others, which are rounded to nodes."""
     off = [np.abs(each - value) for each in near]
-    return np.max([np.zeros(np.shape(value)), *(each / 2 for each in off[:-1]), *off[-1:]], axis=0)
+    return np.asarray(np.max([np.zeros(np.shape(value)), *(each / 2 for each in off[:-1]), *off[-1:]], axis=0))
 
 
 def _like(value: Value, found: Array) -> Value:
