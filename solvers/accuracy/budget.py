@@ -23,6 +23,7 @@ from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.stepping.choice import Size, Stage
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.stepper import Stepper
+from stickslip.solvers.system.system import System
 
 log = logging.getLogger(__name__)
 BUBBLES = 5  # solutions of contact that those with bubbles add to that of a step, at most
@@ -41,6 +42,12 @@ def budget_of(output: Output, seconds: float) -> float | None:
     return max(seconds, LEAST) if output.error_budget is None else float(output.error_budget)
 
 
+def size_of(system: System, steps: Sequence[StepResult]) -> Size:
+    """The size of a run that is solved, with as many steps as its iterations make; collective."""
+    size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
+    return replace(size, steps=max(len(steps), sum(step.iterations for step in steps) // USUAL))
+
+
 def predicted(size: Size, stage: Stage | None = None) -> float:
     """Seconds that a run of a size takes by the cost model of `auto`, and 10 ms for each problem of contact.
 
@@ -51,6 +58,16 @@ def predicted(size: Size, stage: Stage | None = None) -> float:
     free = size.matrix_free_seconds(method)
     whole = min(condensed, free) if stage is None else condensed if stage.surface == "condensed" else free
     return whole + size.steps / 100
+
+
+def growing(seconds: float, model: float) -> float:
+    """Seconds of solving that grow with its unknowns and steps: small runs are measured by their counts.
+
+    Args:
+        seconds: that were taken.
+        model: what the cost model tells.
+    """
+    return min(max(seconds - FIXED, model), MARGIN * model)
 
 
 def scaled(size: Size, unknowns: float) -> Size:
@@ -131,9 +148,7 @@ class Estimates:
         self._of_mesh: Sequence[Errors] = ()
         self._of_pairs: Sequence[Values | None] = ()
         self._seconds = 0.0, 0.0  # of the run: meshing, and all that grows with its unknowns and steps
-        system, solved = stepper.system, sum(step.iterations for step in steps) // USUAL
-        size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
-        self._size = replace(size, steps=max(len(steps), solved))
+        self._size = size_of(stepper.system, steps)
         self.choice = Choice([output.error, output.error_budget])
 
     def choose(self) -> Choice:
@@ -143,8 +158,7 @@ class Estimates:
         budget = budget_of(self._output, sum(own))
         parts = [row for row in self._clock.rows() if row.phase == "error" and row.part != "model"]  # judges the run
         left = None if budget is None else max(budget - sum(row.seconds for row in parts), 0.0)
-        model = predicted(self._size, stage)
-        solving = min(max(sum(own[1:]) - FIXED, model), MARGIN * model)  # small runs are measured by their counts
+        solving = growing(sum(own[1:]), predicted(self._size, stage))
         left, self._seconds = system.mesh.comm.bcast((left, (own[0], solving)))
         for factor in (2.0, 4.0):
             prices, done, paid = self._prices(factor), list[str](), 0.0
