@@ -147,10 +147,10 @@ class Script:
         """Follow no further step with errors where `output.error_budget` is used up; collective."""
         system, output = self._stepper.system, self._scene.output
         clock = system.counters.clock
-        budget = budget_of(output, sum(map(clock.seconds, ("mesh", "assemble", "prepare", "iterate"))))
+        budget = budget_of(output, sum(map(clock.worked, ("mesh", "assemble", "prepare", "iterate"))))
         if self._stepper.companion is None or budget is None:
             return
-        if system.mesh.comm.bcast(clock.seconds("error") >= budget):
+        if system.mesh.comm.bcast(clock.worked("error") >= budget):
             log.warning("t = %g: no errors of the mesh from here on: output.error_budget is used up", self.time)
             self._stepper.companion = None
 

@@ -17,14 +17,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import EXACT, Array
+from stickslip.geometry.arrays import EXACT, TINY, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.keys import typed
 from stickslip.geometry.memory import available, peak
 from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
-from stickslip.solvers.accuracy.budget import growing, predicted, size_of
+from stickslip.solvers.accuracy.budget import growing, size_of
 from stickslip.solvers.accuracy.mesh_error import AT_NODES
 from stickslip.solvers.results.step_result import OPEN, Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
@@ -337,9 +337,9 @@ class Rounds:
 
 def _growing(simulation: Simulation, steps: Sequence[StepResult]) -> float:
     """Share of the seconds of solving a round that grow with its unknowns and steps; collective."""
-    size, told = size_of(simulation.system, steps), simulation.seconds
-    own = told.assemble + told.prepare + told.iterate
-    share = min(growing(own, predicted(size, simulation.stepper.chain.stage)) / own, 1.0)
+    size, clock = size_of(simulation.system, steps), simulation.clock
+    own = sum(map(clock.worked, ("assemble", "prepare", "iterate")))
+    share = min(growing(clock, size, simulation.stepper.chain.stage) / max(own, TINY), 1.0)
     return float(simulation.mesh.comm.bcast(share))
 
 

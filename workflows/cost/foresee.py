@@ -25,7 +25,7 @@ from stickslip.geometry.arrays import SLIGHT
 from stickslip.geometry.dolfinx_versions import CACHE
 from stickslip.geometry.errors import GeometryError, MachineError, SceneError, SolverError, prefixed
 from stickslip.solvers.accuracy.budget import budget_of
-from stickslip.solvers.parallel.counters import Clock, Counters
+from stickslip.solvers.parallel.counters import processors
 from stickslip.solvers.results.step_result import Errors, Quantity, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
@@ -127,11 +127,6 @@ def foresee(scene: Scene, seconds: float = 10.0, on_coarse: Callable[[Coarse], N
     return rows(found, scene.dim, learnt(found, scene.dim))
 
 
-def processor() -> float:
-    """Seconds of the processor that this process has used, and those that it has started and that have ended [s]."""
-    return sum(os.times()[:4])
-
-
 def learnt(found: Sequence[Coarse], dim: int, file: Path = CACHE / LEARNT) -> float:
     """By how much prices are off for each level that they go beyond what was solved, as a logarithm.
 
@@ -157,9 +152,9 @@ def learnt(found: Sequence[Coarse], dim: int, file: Path = CACHE / LEARNT) -> fl
 
 def coarse_versions(scene: Scene, seconds: float) -> Iterator[Coarse]:
     """Versions from coarse to fine, as long as the next one is expected to be solved in time."""
-    found, began = list[Coarse](), processor()
+    found, began = list[Coarse](), processors()
     for level in range(COARSEST, FINEST + 1):
-        left = seconds - (processor() - began)
+        left = seconds - (processors() - began)
         if left <= 0 or (found and _law(found, lambda one: one.seconds, level, scene.dim) > left):
             return
         with prefixed("geometry"):
@@ -178,15 +173,13 @@ def coarse_versions(scene: Scene, seconds: float) -> Iterator[Coarse]:
 
 
 def _solved(scene: Scene, level: int) -> Coarse:
-    counters = Counters()
-    counters.clock = Clock(now=processor)
-    simulation = prepare(scene, counters=counters)
+    simulation = prepare(scene)
     steps = list(simulation.steps())
     errors = simulation.errors(steps)[-1]
-    told = simulation.seconds
-    setup, each = told.mesh + told.assemble + told.prepare, (told.iterate + told.output) / len(steps)
+    worked = simulation.clock.worked
+    setup, each = sum(map(worked, ("mesh", "assemble", "prepare"))), (worked("iterate") + worked("output")) / len(steps)
     unknowns = simulation.system.constraints.free_total
-    return Coarse(level, unknowns, len(steps), setup, each, dict(_numbers(steps[-1], errors)), told.error)
+    return Coarse(level, unknowns, len(steps), setup, each, dict(_numbers(steps[-1], errors)), worked("error"))
 
 
 def _numbers(step: StepResult, errors: Errors) -> Iterator[tuple[str, Known]]:
