@@ -20,7 +20,7 @@ import numpy as np
 from stickslip.geometry.arrays import EXACT, ROUNDING
 from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory
-from stickslip.solvers.accuracy.mesh_error import Values
+from stickslip.solvers.accuracy.mesh_error import Values, corrected
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, quantities
 from stickslip.solvers.scene.problem import Problem
@@ -116,7 +116,7 @@ class TimeStepErrors:
             times, before = [step.time for step in coarse], NOTHING_YET
             for whole, half in zip(coarse, history.results(halves(times), times), strict=True):
                 both = quantities(half), quantities(whole)
-                yield _errors(both, before, finer=True)
+                yield _errors(both, before, True, (corrected(half), corrected(whole)))
                 before = both
         except StickslipError as error:
             log.info("no error of the time steps from there on: %s", error)
@@ -136,7 +136,7 @@ class TimeStepErrors:
         for step in steps:
             if step.time in half:
                 both = next(values for time, values in other if time == step.time), quantities(step)
-                yield _errors(both, before, finer, OWN_MESH)
+                yield _errors(both, before, finer, by=OWN_MESH)
                 before = both
             else:
                 yield dict.fromkeys(quantities(step), unknown)
@@ -155,17 +155,25 @@ class TimeStepErrors:
                 state = accepted.state
 
 
-def _errors(both: Histories, before: Histories, finer: bool, by: str | None = None) -> Errors:
+def _errors(
+    both: Histories, before: Histories, finer: bool, sharper: Histories = NOTHING_YET, by: str | None = None
+) -> Errors:
     """Errors of the numbers of a step that another history, in steps half or twice as long, has too.
 
     Args:
         both: numbers of the other one, and of the run.
         before: those at the time before that both have, since which dissipation counts.
         finer: whether the other one has half of the steps.
+        sharper: better numbers that both have of it, as areas with edges between nodes; the larger difference counts.
     """
     other, values = (_since(old, now) for old, now in zip(before, both, strict=True))
-    times = 2.0 if finer else 1.0
-    return {key: ErrorParts(time_step=times * np.abs(other[key] - value), by=by) for key, value in values.items()}
+    times, found = 2.0 if finer else 1.0, dict[Quantity, ErrorParts]()
+    for key, value in values.items():
+        off = np.abs(other[key] - value)
+        if key in sharper[0] and key in sharper[1]:
+            off = np.maximum(off, np.abs(sharper[0][key] - sharper[1][key]))
+        found[key] = ErrorParts(time_step=times * off, by=by)
+    return found
 
 
 def _since(before: Values, values: Values) -> Values:

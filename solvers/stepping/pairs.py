@@ -75,7 +75,7 @@ class PairSearch:
                     continue
                 slid = {name: now[name] for name in self._names}
                 far = slid_since(system, {name: searched[name] for name in slid}, slid)
-                if far <= max(first.system.problem.solver.tolerance, ROUNDING):
+                if far <= ROUNDING:
                     return attempt
                 searched = searched | slid
             log.warning("t = %g: pairs still change after %d searches; the last ones are kept", end, SEARCHES)

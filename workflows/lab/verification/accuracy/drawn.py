@@ -20,7 +20,8 @@ from stickslip.workflows.scene_file.read import from_dict, read, to_dict
 FINER = {("2d", 1): 8.0, ("2d", 2): 8.0, ("3d", 1): 3.0, ("3d", 2): 4.0}  # of the truth's cells, by model and order
 DOUBT = 1.5  # times the truth's cells, and half its steps: the run that tells how well it is known
 MORE = 16  # times the steps
-RUN, TRUTH, SECOND = "run", "truth", "second"  # names of the three scene files
+RUN, TRUTH, SECOND = "run", "truth", "second"  # names of the scene files
+FIRST = "first"  # order 2 on the run's cells: what grows from there on has no limit
 
 
 @dataclass(frozen=True)
@@ -42,12 +43,17 @@ class Drawn:
         return DOUBT * fine, fine
 
     def files(self, folder: Path) -> dict[str, Path]:
-        """Write the scene and the two finer ones."""
+        """Write the scene, that of order 2 on its cells, and the two finer ones."""
         own, (second, fine) = self.member.tables, self.cells
         folder.mkdir(parents=True, exist_ok=True)
         if self.member.outline:
             (folder / "shape.geo").write_text(self.member.outline, encoding="utf-8")
-        found = {TRUTH: finer(own, fine, MORE), SECOND: finer(own, second, MORE // 2), RUN: own}
+        found = {
+            TRUTH: finer(own, fine, MORE),
+            SECOND: finer(own, second, MORE // 2),
+            FIRST: finer(own, 1.0, 1),
+            RUN: own,
+        }
         if self.member.meshed:
             scene = from_dict(own)
             write_msh(scene.geometry, scene.request(), folder / f"{RUN}.msh")

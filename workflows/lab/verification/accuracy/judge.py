@@ -14,9 +14,8 @@ import numpy as np
 from stickslip import ErrorParts, Quantity, Scene, Simulation, StepResult, prepare
 from stickslip.geometry.arrays import EXACT, Array
 from stickslip.solvers.accuracy.areas import areas_inside_facets
-from stickslip.solvers.accuracy.errors import corrected
 from stickslip.solvers.accuracy.histories import largest_stresses
-from stickslip.solvers.accuracy.mesh_error import at_ends
+from stickslip.solvers.accuracy.mesh_error import at_ends, corrected
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import Errors, number_of, quantities
 from stickslip.solvers.scene.record import STRESSES, Value

@@ -26,7 +26,7 @@ import numpy as np
 
 from stickslip import Scene, Solver, StepError, StickslipError, read
 from stickslip.workflows.cost.measure import ONE_THREAD
-from stickslip.workflows.lab.verification.accuracy.drawn import MORE, RUN, SECOND, TRUTH, Drawn
+from stickslip.workflows.lab.verification.accuracy.drawn import FIRST, MORE, RUN, SECOND, TRUTH, Drawn
 from stickslip.workflows.lab.verification.accuracy.judge import (
     ITERATION,
     MESH,
@@ -112,8 +112,10 @@ def judged_alone(draft: Draft) -> Study:
     name, order = draft.scene.name, draft.scene.order
     files = draft.scene.files(draft.folder)
     run = solve(read(files[RUN]), budget=draft.budget)
-    truth, second = (solve(read(files[key]), errors=False, sharp=run.times).at(run.times) for key in (TRUTH, SECOND))
-    grow = [*_endless(name, {1.0: run}, (run, second, truth), (1.0, *draft.scene.cells))]
+    truth, second, first = (
+        solve(read(files[key]), errors=False, sharp=run.times).at(run.times) for key in (TRUTH, SECOND, FIRST)
+    )
+    grow = [*_endless(name, {1.0: run}, (first, second, truth), (1.0, *draft.scene.cells))]
     doubt = {key: np.abs(value - second.values[key]) for key, value in truth.values.items()}
     return Study(
         problem=name,
