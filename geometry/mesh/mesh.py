@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +47,7 @@ class Mesh(NamedParts):
     domain: DolfinxMesh
     cell_tags: MeshTags  # of bodies
     facet_tags: MeshTags  # of sides
-    degree: int  # polynomial degree of geometry and displacement
+    degree: int  # polynomial degree of displacement; of geometry, too, but see `of_order`
     axisymmetric: bool
     parts: Ints  # (local,) part of each node of this rank's cells, in the order of `domain.geometry`, numbered from 0
 
@@ -59,6 +59,22 @@ class Mesh(NamedParts):
     def simplicial(self) -> bool:
         """Whether cells are triangles or tetrahedra."""
         return self.domain.topology.cell_type.name in ("triangle", "tetrahedron")
+
+    @property
+    def geometry_degree(self) -> int:
+        """Polynomial degree of the geometry."""
+        return dx.degree_of(self.domain.topology.cell_type.name, dx.cell_nodes(self.domain).shape[1])
+
+    def of_order(self, degree: int) -> Mesh:
+        """The same cells with displacements of another order; collective. Those of curved sides are meshed again.
+
+        Raises:
+            GeometryError: that cannot be done.
+        """
+        shape = self.shape.of_order(degree)
+        if self.bulging:
+            return build_mesh(shape, self.request, self.comm)
+        return replace(self, shape=shape, degree=degree)
 
     @property
     def quadrature(self) -> int | None:

@@ -26,7 +26,7 @@ class Nodes:
 
     @staticmethod
     def of(mesh: Mesh, space: FunctionSpace) -> Nodes:
-        """Nodes of a Lagrange space of the mesh's own degree, or of the next one.
+        """Nodes of a Lagrange space of the degree of the mesh's geometry, or of the next one.
 
         A node that is none of the mesh gets a number beyond those, of a pair of nodes of the mesh around it, see
         `_pair`: the same in all cells that have it.
@@ -40,13 +40,13 @@ class Nodes:
         shape = domain.topology.cell_type.name
         at = dx.reference_nodes(shape, dx.degree(space))
         around = [x[corner] for corner in of_cells.T]
-        for k, weights in enumerate(dx.reference_basis(shape, mesh.degree, at)[0]):
+        for k, weights in enumerate(dx.reference_basis(shape, mesh.geometry_degree, at)[0]):
             same = np.flatnonzero(weights > 1 - ROUNDING)  # of a basis function: less is rounding
             if len(same):
                 number[dofs[:, k]], points[dofs[:, k]] = of_mesh[:, same[0]], x[of_cells[:, same[0]]]
                 continue
             points[dofs[:, k]] = sum(share * x_n for share, x_n in zip(weights, around, strict=True) if share)
-            pair = _pair(shape, mesh.degree, at[k], of_mesh)
+            pair = _pair(shape, mesh.geometry_degree, at[k], of_mesh)
             number[dofs[:, k]] = (total * (1 + pair[:, :, 0]) + pair[:, :, 1]).min(axis=1)
         return Nodes(
             owned=index_map.size_local,

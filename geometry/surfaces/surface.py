@@ -170,6 +170,7 @@ class Surface:
         normals = _normals(self.points[self.facets], dx.reference_basis(self.shape, self.degree, local)[1])
         return normals * self.outward[:, None, None]
 
+    @cached_property
     def neighbours(self) -> Sparse:
         """Adjacency (n, n): 1 for different nodes that share a facet."""
         n, k = len(self.nodes), self.facets.shape[1]

@@ -129,7 +129,7 @@ def _slopes(side: Surface, chosen: Bools, level: Array, nodes: Ints) -> Array:
 
     Zero where there is none.
     """
-    matrix = side.neighbours().tocsr()
+    matrix = side.neighbours.tocsr()
     slope = np.zeros_like(side.points)
     for k in nodes[chosen[nodes]]:
         near = matrix.indices[matrix.indptr[k] : matrix.indptr[k + 1]]

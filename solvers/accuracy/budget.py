@@ -2,8 +2,8 @@
 
 Each estimate has a price in times the run that counts alone tell, by the cost model of `auto`: by the unknowns, steps
 and iterations of what it solves, beside those of the run. So what is left out is said with a price that holds on every
-machine. A budget in seconds pays for as many of them as these prices, times the seconds that the run has taken, allow.
-Rank 0 chooses for all.
+machine. A budget in seconds pays for as many of them as these prices, times the seconds that the run has taken, allow:
+seconds of the processor, which are not more where others use the machine, too. Rank 0 chooses for all.
 """
 
 from __future__ import annotations
@@ -12,12 +12,16 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from stickslip.geometry.errors import StickslipError
+from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.solvers.accuracy.errors import MeshErrors, joined
-from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory, has_coarser
+from stickslip.solvers.accuracy.histories import FINER, OnIteration, OtherHistory, has_coarser
 from stickslip.solvers.accuracy.kept_pairs import KeptPairs
 from stickslip.solvers.accuracy.mesh_error import Values
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
+from stickslip.solvers.accuracy.two_level import STEPS
 from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.stepping.choice import Size, Stage
@@ -25,7 +29,8 @@ from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.stepper import Stepper
 
 log = logging.getLogger(__name__)
-BUBBLES = 5  # solutions of contact that those with bubbles add to that of a step, at most
+# Solutions that bubbles add to a step, by the form of the bodies: they answer twice to each of Jacobi's steps, or once
+BUBBLES = {"condensed": 2 * STEPS, "sparse": 2 * STEPS, "matrix-free": 2}
 LEAST = 10.0  # s that estimates may take, however short the run
 FIXED = 2.0  # s of a run that do not grow with it: libraries, compiled forms
 USUAL = 10  # iterations of a step, as the cost model has them
@@ -70,24 +75,38 @@ def scaled(size: Size, unknowns: float) -> Size:
     )
 
 
-def better_unknowns(dim: int, order: int) -> float | None:
-    """Unknowns of better cells for each of a run: of order 2, or cut where contact changes; None: there are none."""
-    return 2.0 ** (dim + 1 - order) if order == 1 or dim == 2 else None
+def better_unknowns(mesh: Mesh) -> float | None:
+    """Unknowns of better cells for each of a run: of order 2, or cut where contact changes, or in 3D all smaller.
+
+    None: a file has no smaller ones; collective.
+    """
+    if mesh.degree == 1 or mesh.dim == 2:
+        return 2.0 ** (mesh.dim + 1 - mesh.degree)
+    return FINER**mesh.dim if has_coarser(mesh) else None
 
 
-def bubbles_follow(output: Output, size: Size, stage: Stage, order: int, meshing: float) -> bool:
-    """Whether bubbles follow the steps of a run: they fit its budget by the cost model, and better cells surely do not.
+def meshed_again(mesh: Mesh) -> bool:
+    """Whether better cells are not those of a mesh itself, as straight ones of order 2 are."""
+    return bool(mesh.degree > 1 or mesh.bulging)
+
+
+def bubbles_follow(output: Output, size: Size, stage: Stage, mesh: Mesh, meshing: float) -> bool:
+    """Whether bubbles follow the steps of a run by the cost model: they fit its budget, and better cells surely do not.
+
+    Where better cells are the cheaper ones, as in many steps with a factor, bubbles do not follow.
 
     Args:
         meshing: seconds of that.
     """
-    whole, better = predicted(size, stage), better_unknowns(size.dim, order)
+    whole, better = predicted(size, stage), better_unknowns(mesh)
     budget = budget_of(output, meshing + whole)
     if output.error == "rough" or budget is None:
         return output.error != "rough" and better is None
-    if better is not None and MARGIN * (meshing + predicted(scaled(size, better))) <= budget:
-        return False
-    return BUBBLES * (whole - predicted(replace(size, steps=0), stage)) <= budget
+    cost = BUBBLES[stage.surface] * (whole - predicted(replace(size, steps=0), stage))
+    if better is None:
+        return cost <= budget
+    dear = meshed_again(mesh) * meshing + predicted(scaled(size, better))
+    return cost <= min(budget, dear) and MARGIN * dear > budget
 
 
 @dataclass(frozen=True)
@@ -139,13 +158,16 @@ class Estimates:
     def choose(self) -> Choice:
         """What is done; collective."""
         system, stage = self._stepper.system, self._stepper.chain.stage
-        own = [self._clock.seconds(phase) for phase in ("mesh", "assemble", "prepare", "iterate")]
-        budget = budget_of(self._output, sum(own))
-        parts = [row for row in self._clock.rows() if row.phase == "error" and row.part != "model"]  # judges the run
-        left = None if budget is None else max(budget - sum(row.seconds for row in parts), 0.0)
-        model = predicted(self._size, stage)
-        solving = min(max(sum(own[1:]) - FIXED, model), MARGIN * model)  # small runs are measured by their counts
-        left, self._seconds = system.mesh.comm.bcast((left, (own[0], solving)))
+        worked, reads = self._clock.worked, ("output", "results")  # as other histories are read
+        meshing, preparing, steps = worked("mesh"), worked("assemble") + worked("prepare"), worked("iterate")
+        budget = budget_of(self._output, meshing + preparing + steps)
+        spent = worked("error") - worked("error", "model")  # which judges the run
+        left = None if budget is None else max(budget - spent, 0.0)
+        least = predicted(replace(self._size, steps=0), stage)
+        of_steps = predicted(self._size, stage) - least
+        solving = float(np.clip(preparing - FIXED, least, MARGIN * least))  # small ones are measured by their counts
+        solving += float(np.clip(steps + worked(*reads), of_steps / MARGIN, MARGIN * of_steps))
+        left, self._seconds = system.mesh.comm.bcast((left, (meshing, solving)))
         for factor in (2.0, 4.0):
             prices, done, paid = self._prices(factor), list[str](), 0.0
             for name, cost in prices.items():
@@ -161,7 +183,8 @@ class Estimates:
 
     def _expected(self, name: str, cost: float, factor: float) -> float:
         """Seconds that an estimate takes: meshing by the number of cells, all else by its price."""
-        cells = {COARSER: factor**-self._stepper.system.mesh.dim, BETTER: 1.0}.get(name, 0.0)
+        mesh = self._stepper.system.mesh
+        cells = {COARSER: factor**-mesh.dim, BETTER: float(meshed_again(mesh))}.get(name, 0.0)
         return cells * self._seconds[0] + cost * self._seconds[1]
 
     def _prices(self, factor: float) -> dict[str, float]:
@@ -178,7 +201,7 @@ class Estimates:
             found[COARSER] = price(factor**-mesh.dim, n)
         if solved := TimeStepErrors(self._stepper).solves(self._times, fresh):
             found[TIME] = price(factor**-mesh.dim if fresh else 1.0, solved, prepares=False)
-        better = better_unknowns(mesh.dim, mesh.degree)
+        better = better_unknowns(mesh)
         if self._stepper.companion is None and better is not None:
             found[BETTER] = price(better, n)
         if self._pairs.leaving(self._steps):
@@ -201,6 +224,10 @@ class Estimates:
                 with self._clock.phase("error", name):
                     act()
                 self._ended.add(name)
+
+    def price(self) -> None:
+        """Find what costs nothing, and what all else would cost; collective."""
+        self.solve(replace(self.choice, prices=self._prices(self.choice.factor)))
 
     def only(self, name: str) -> tuple[Errors, ...]:
         """Errors that one of the estimates tells, whatever it costs; collective."""

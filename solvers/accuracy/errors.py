@@ -19,12 +19,11 @@ from functools import partial
 
 import numpy as np
 
-from stickslip.geometry.arrays import EPS, Array, Bools
+from stickslip.geometry.arrays import EPS, EXACT, Array, Bools
 from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.accuracy.areas import areas_inside_facets
-from stickslip.solvers.accuracy.histories import OtherHistory, largest_stresses
-from stickslip.solvers.accuracy.mesh_error import AT_NODES, Better, Values, errors_of_step, with_ends
+from stickslip.solvers.accuracy.histories import FINER, OtherHistory, cells_along, largest_stresses
+from stickslip.solvers.accuracy.mesh_error import AT_NODES, Better, Values, corrected, errors_of_step, with_ends
 from stickslip.solvers.accuracy.model_error import model_errors
 from stickslip.solvers.accuracy.nested_run import Corners, NestedRun
 from stickslip.solvers.accuracy.two_level import MeshCorrection
@@ -149,10 +148,19 @@ def unresolved(rows: ContactRows, state: ContactState) -> bool:
 
 
 def with_unresolved(contacts: Sequence[ContactRows], step: StepResult, errors: Errors) -> Errors:
-    """Errors of a step's numbers; those of what nodes of unresolved contacts decide are at least the numbers."""
+    """Errors of a step's numbers; those of what nodes of unresolved contacts decide are at least the numbers.
+
+    Where friction acts and no other mesh tells of an edge between stick and slip, it may lie beside any node.
+    """
     found = dict(errors)
     for rows in contacts:
         state = step.contacts[rows.name]
+        rubs = not rows.normal.ties and np.abs(state.traction).max(initial=0.0) > EXACT * state.max_pressure
+        for name in ("stick_area", "slip_area") if rubs else ():
+            key = Quantity("contacts", rows.name, name)
+            parts = found[key]
+            if parts.mesh is not None and parts.mesh <= EXACT * state.contact_area:
+                found[key] = replace(parts, mesh=float(rows.node_weights.max()))
         for name in AT_NODES if unresolved(rows, state) else ():
             key = Quantity("contacts", rows.name, name)
             parts, size = found[key], abs(float(getattr(state, name)))
@@ -200,32 +208,31 @@ class MeshErrors:
     def _better(self, steps: Sequence[StepResult]) -> Sequence[Better]:
         """Better numbers of the first steps, as many as are found; collective."""
         system, found = self._stepper.system, list[Better]()
+        finer: float | None = None
         try:
             if system.mesh.degree == 1:
                 log.info("the same history with order 2, for the error of the mesh")
                 history: OtherHistory | None = OtherHistory.of_order(system, 2, self._on_iteration)
+            elif system.mesh.dim == 3:
+                log.info("the same history on a finer mesh, for the error of the mesh")
+                history = OtherHistory.coarser(system, 1 / FINER, self._on_iteration)
+                finer = cells_along(history.stepper.system.mesh) / cells_along(system.mesh)
             else:
                 history = NestedRun(self._stepper, self._data, self._on_iteration).history(steps)
             if history is not None:
-                read = partial(better_numbers, history.observe, Corners.of(history.stepper.system))
+                read = partial(better_numbers, history.observe, Corners.of(history.stepper.system), finer)
                 found.extend(history.read([step.time for step in steps], read))
         except StickslipError as error:
             log.info("no better cells for the error of the mesh from there on: %s", error)
         return found
 
 
-def better_numbers(observe: Observer, corners: Corners | None, accepted: Accepted) -> Better:
-    """Numbers of a step with order 2; stresses of bodies at corners of cells, and areas with edges between nodes."""
+def better_numbers(observe: Observer, corners: Corners | None, finer: float | None, accepted: Accepted) -> Better:
+    """Numbers of a step with order 2, see `OtherHistory`."""
     step, system = observe(accepted), accepted.stepper.system
     probes = {name: np.array(probe.point) for name, probe in system.problem.probes.items()}
     smooth = system.mesh.comm.bcast(corners.smooth(step, probes) if corners else frozenset())
-    areas = areas_inside_facets(system.contacts, step)
-    return Better((quantities(step), {**corrected(step), **areas}), smooth)
-
-
-def corrected(step: StepResult) -> Values:
-    """Better numbers that a step itself has."""
-    return {key: step.corrected[str(key)] for key in quantities(step) if str(key) in step.corrected}
+    return Better((quantities(step), corrected(step)), smooth, finer)
 
 
 def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> StepResult:

@@ -16,20 +16,24 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.errors import SceneError, StickslipError
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.shape import Shape
+from stickslip.solvers.accuracy.areas import areas_inside_facets
 from stickslip.solvers.accuracy.bubbles import beyond
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import Quantity, StepResult
 from stickslip.solvers.scene.settings import Solver
+from stickslip.solvers.stepping.choice import choose
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.solvers.stepping.method_chain import MethodChain
+from stickslip.solvers.stepping.method_chain import MethodChain, Reached
 from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
 from stickslip.solvers.system.system import System, assemble
 
 log = logging.getLogger(__name__)
 OnIteration = Callable[[HistoryRow], None]
 T = TypeVar("T")
+FINER = 1.5  # times the cells along a line, where nothing but smaller cells is better: three to four times the unknowns
+LOOSE = 1e-4  # tolerance that moves nine in ten differences of orders 1 and 2 by less than 1 %, for half the iterations
 
 
 class OtherHistory:
@@ -37,15 +41,19 @@ class OtherHistory:
 
     Attributes:
         stepper: of the bodies on the other mesh.
-        observe: makes the results of its steps.
+        observe: makes the results of its steps; `corrected` are areas with edges between nodes, and stresses of bodies
+            at corners of cells.
     """
 
-    def __init__(self, own: System, mesh: Mesh, on_iteration: OnIteration = lambda row: None) -> None:
+    def __init__(
+        self, own: System, mesh: Mesh, on_iteration: OnIteration = lambda row: None, loosest: float = 0.0
+    ) -> None:
         """Prepare the bodies; collective.
 
         Args:
             own: of the run, at whose tolerance steps are solved.
             on_iteration: called after each iteration, on every rank.
+            loosest: another tolerance, where volume solves are iterative and it is the looser one.
 
         Raises:
             StickslipError: they cannot be prepared.
@@ -55,18 +63,26 @@ class OtherHistory:
         solver = replace(Solver.default(), tolerance=own.problem.solver.tolerance)
         finer = beyond(mesh) if mesh.degree > own.mesh.degree else None  # loads narrower than a facet show
         system = assemble(replace(own.problem, shape=mesh.shape, solver=solver), mesh, self._work, finer)
-        self.stepper = Stepper(system, MethodChain(system))
+        choice = choose(system)
+        if choice.stages[0].surface == "matrix-free":
+            solver = replace(solver, tolerance=max(solver.tolerance, loosest))
+            system = replace(system, problem=replace(system.problem, solver=solver))
+        self.stepper = Stepper(system, MethodChain(system, Reached(choice, 0, ())))
         recovered = RecoveredStress(system)
 
-        def at_corners(observe: Observer, accepted: Accepted, step: StepResult) -> StepResult:
-            return replace(step, corrected=largest_stresses(observe, recovered, accepted, step))
+        def sharper(observe: Observer, accepted: Accepted, step: StepResult) -> StepResult:
+            areas = {str(key): area for key, area in areas_inside_facets(system.contacts, step).items()}
+            return replace(step, corrected=largest_stresses(observe, recovered, accepted, step) | areas)
 
-        self.observe = Observer.of(self.stepper, estimate=at_corners)
+        self.observe = Observer.of(self.stepper, estimate=sharper)
 
     @classmethod
     def of_order(cls, own: System, order: int, on_iteration: OnIteration = lambda row: None) -> OtherHistory:
-        """That of the run's own cells with displacements of another order; arguments and errors as above."""
-        return cls.on(own, own.mesh.shape.of_order(order), on_iteration)
+        """That of the run's own cells with displacements of another order; arguments and errors as above.
+
+        Loose volume solves are enough for a difference of two orders.
+        """
+        return cls(own, own.mesh.of_order(order), on_iteration, LOOSE)
 
     @classmethod
     def coarser(cls, own: System, factor: float, on_iteration: OnIteration = lambda row: None) -> OtherHistory:
@@ -143,7 +159,7 @@ def has_coarser(mesh: Mesh) -> bool:
 
 
 def coarser(mesh: Mesh, factor: float) -> Mesh:
-    """A fresh mesh with sizes `factor` times as long; of a file's mesh that was cut, the one before; collective.
+    """A fresh mesh with sizes `factor` times as long, or shorter; of a file's that was cut, the one before; collective.
 
     Raises:
         SceneError: it is the mesh of a file.
@@ -153,10 +169,15 @@ def coarser(mesh: Mesh, factor: float) -> Mesh:
     try:
         shape, sizes = mesh.shape.refined(factor), mesh.request.sizes and mesh.request.sizes.times(factor)
     except SceneError:
-        if not cut:
+        if not cut or factor < 1:
             raise
         shape, sizes = mesh.shape, None
     return build_mesh(shape, replace(mesh.request, sizes=sizes), mesh.comm)
+
+
+def cells_along(mesh: Mesh) -> float:
+    """Number of cells along a line, if all were alike; collective."""
+    return float(mesh.domain.topology.index_map(mesh.dim).size_global ** (1 / mesh.dim))
 
 
 def largest_stresses(

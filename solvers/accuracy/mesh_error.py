@@ -1,19 +1,21 @@
 """Error of the mesh of every number, from its history on better cells and on coarser ones.
 
 Of a run of order 1 the better ones are its own cells with order 2, see `histories`. Stated is BETTER times the
-difference, no less than COARSER of that to cells twice as long, as the difference to order 2 may vanish by chance; a
-mesh that is a file's has no such cells. Curved sides are curved with order 2: the part of the geometry is in that of
-the mesh. One rule holds for every kind of number. Areas, which are multiples of a node's area, are compared with the
-sum over nodes and with that whose edges lie between nodes, see `areas`; the larger difference counts.
+difference, no less than a third of that to cells twice as long, as the difference to order 2 may vanish by chance: it
+is the error if that falls with their area. A mesh that is a file's has no such cells. Curved sides are curved with
+order 2: the part of the geometry is in that of the mesh. One rule holds for every kind of number. Areas, which are
+multiples of a node's area, are compared with the sum over nodes and with that whose edges lie between nodes, see
+`areas`; the larger difference counts.
 
 Where order 2 is too dear, the better numbers are those with bubbles, see `two_level`, which have no contact nodes of
 their own: what these decide, `AT_NODES`, is stated to be off by all of the difference to cells twice as long.
 
-With order 2 the better cells are cut from the run's where contact changes, see `nested_run`, and in 3D bubbles of order
-3 tell of what contact nodes do not decide. No less is stated than what is left of the difference to cells twice as long
-if the error falls with the third power of their length, of what contact nodes decide with the second: the largest value
-of a plateau lies anywhere. Where nothing else tells, half of the difference: it is the error if that falls with the
-power 1.6, and no order is between the smooth and the singular ones.
+With order 2 the better cells are cut from the run's where contact changes, see `nested_run`. In 3D they are those of a
+fresh mesh with smaller cells, and errors are taken to fall with their area. Where that is too dear, bubbles of order 3
+tell of what contact nodes do not decide. No less is stated than what is left of the difference to cells twice as long
+if the error falls with the third power of their length, of stresses and of what contact nodes decide with the second:
+the largest value of a plateau lies anywhere. Where nothing else tells, half of the difference: it is the error if that
+falls with the power 1.6, and no order is between the smooth and the singular ones.
 
 A pressure or a stress grows without end where it does so by no less from order 1 to order 2 as it did when cells were
 halved: as a power of the cells' length does. Where it has a limit, it grows less and less. A notch that is round has
@@ -35,7 +37,6 @@ from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.record import ContactNumbers, Value, numbers_of
 
 BETTER = 1.4  # 1 falls below the error where order 2 errs to the same side
-COARSER = 0.25  # of the difference to cells twice as long; a third is the error if it falls with their area
 GROWS = 0.05  # of a number: what grows by less has a limit
 AREAS = tuple(key for key, number in numbers_of(ContactNumbers).items() if number.kind == "area")
 AT_NODES = (*AREAS, "max_pressure", "max_penetration", "max_slip", "mean_pressure")  # that contact nodes decide
@@ -47,6 +48,7 @@ class Better(NamedTuple):
 
     values: tuple[Values, ...]
     smooth: frozenset[Quantity] = frozenset()  # that have a limit by their place
+    finer: float | None = None  # times as many cells along a line, if that is all that makes them better
 
 
 def errors_of_step(
@@ -68,34 +70,41 @@ def errors_of_step(
     """
     found, alone = dict[Quantity, ErrorParts](), _at_points(problem)
     others = {} if coarser is None else quantities(coarser)
-    meshes = [] if coarser is None or not better.values else [_at_ends(coarser), _at_ends(step), _merged(better.values)]
+    meshes = [] if coarser is None or not better.values else [at_ends(coarser), at_ends(step), _merged(better.values)]
     for key, value in quantities(step).items():
         near = [values[key] for values in better.values if key in values]
         far = others.get(key)
         if f"{key.kind}.{key.name}" in alone or (not near and far is None):
             found[key] = ErrorParts()
-        elif near and meshes and key not in better.smooth and _grows(problem, key, meshes):
+        elif near and meshes and key not in better.smooth and _grows(problem, key, meshes, (factor, better.finer)):
             found[key] = ErrorParts(converges=False)
         else:
-            found[key] = _stated(key, order, value, near, far, by, factor)
+            found[key] = _stated(key, order, value, near, far, by, factor, better.finer)
     return found
 
 
 def _stated(
-    key: Quantity, order: int, value: Value, near: Sequence[Value], far: Value | None, by: str, factor: float
+    key: Quantity,
+    order: int,
+    value: Value,
+    near: Sequence[Value],
+    far: Value | None,
+    by: str,
+    factor: float,
+    finer: float | None,
 ) -> ErrorParts:
     """Error of a number by the difference to better ones, and to that of longer cells: the part that twice have."""
-    off = BETTER * np.max([np.zeros(np.shape(value)), *(np.abs(each - value) for each in near)], axis=0)
+    times = BETTER if finer is None else finer**2 / (finer**2 - 1)
+    off = times * np.max([np.zeros(np.shape(value)), *(np.abs(each - value) for each in near)], axis=0)
     whole = np.zeros(np.shape(value)) if far is None else np.abs(value - far) / (factor - 1)
     if order == 1:
-        least = (COARSER if near else 1.0) * whole
+        least = whole / (3 if near else 1)
     else:
-        least = whole / ((3 if key.quantity in AT_NODES else 7) if near else 2)
+        second = key.quantity in AT_NODES or number_of(key).kind == "pressure"
+        least = whole / ((3 if second else 7) if near else 2)
     both = len(near) > 0 and far is not None
     unsure = both and bool(np.any((least > 2 * off) | ((off > 2 * whole) & (order == 1))))
     mesh = np.maximum(off, least)
-    if number_of(key).shape == "stress":  # a component that happens to be right has a part of the others' error
-        mesh = np.where(mesh > 0, np.maximum(mesh, np.linalg.norm(mesh) / max(np.count_nonzero(mesh), 1)), 0.0)
     return ErrorParts(
         mesh=_like(value, mesh),
         geometry=_like(value, 0.0 * mesh),
@@ -110,19 +119,26 @@ def _like(value: Value, found: Array) -> Value:
     return found if np.ndim(value) else float(found)
 
 
-def _at_ends(step: StepResult) -> Values:
+def corrected(step: StepResult) -> Values:
+    """Better numbers that a step itself has."""
+    return {key: step.corrected[str(key)] for key in quantities(step) if str(key) in step.corrected}
+
+
+def at_ends(step: StepResult) -> Values:
     """Its numbers, those of bodies at corners of cells, where stresses are largest."""
-    at_corners = {key: step.corrected[str(key)] for key in quantities(step) if str(key) in step.corrected}
-    return quantities(step) | {key: value for key, value in at_corners.items() if key.kind == "bodies"}
+    return quantities(step) | {key: value for key, value in corrected(step).items() if key.kind == "bodies"}
 
 
 def _merged(better: Sequence[Values]) -> Values:
     return {key: value for values in better for key, value in values.items()}
 
 
-def _grows(problem: Problem, key: Quantity, meshes: Sequence[Values]) -> bool:
+def _grows(
+    problem: Problem, key: Quantity, meshes: Sequence[Values], finer: tuple[float, float | None] = (2.0, None)
+) -> bool:
     """Whether a number grows without end on ever better meshes; compliance gives pressures a limit.
 
+    Growth counts by the logarithm of how many times `finer` the second mesh and the third are; None: as the second.
     A largest pressure is measured by the mean one: both grow where the part that touches is smaller than a facet.
     """
     pair = problem.pairs.get(key.name) if key.kind == "contacts" else None
@@ -133,7 +149,8 @@ def _grows(problem: Problem, key: Quantity, meshes: Sequence[Values]) -> bool:
         whole = float(values.get(mean, 1.0))
         sizes.append(float(np.linalg.norm(values[key])) / whole if whole else 0.0)
     first, second = np.diff(sizes)
-    return bool(second >= first > GROWS * sizes[1])
+    alike = np.log(finer[0]) / np.log(finer[1] or finer[0])
+    return bool(alike * second >= first > GROWS * sizes[1])
 
 
 def _at_points(problem: Problem) -> set[str]:
@@ -148,10 +165,10 @@ def with_ends(contacts: Iterable[ContactRows], step: StepResult, errors: Errors)
     may be another.
     """
     found = dict(errors)
-    for c in contacts:
-        state, near = step.contacts[c.name], c.surface.neighbours()[c.ends]
+    for c in (c for c in contacts if len(c.ends)):
+        state, near = step.contacts[c.name], c.surface.neighbours[c.ends]
         for _ in range(2):
-            near = near + near @ c.surface.neighbours()
+            near = near + near @ c.surface.neighbours
         rings = [row.indices for row in near]
         weights, left = state.weight[c.ends], dict[str, Value]()
         for name, field in {
@@ -159,9 +176,9 @@ def with_ends(contacts: Iterable[ContactRows], step: StepResult, errors: Errors)
             "normal_force": state.pressure[:, None],
             "tangential_force": state.traction,
         }.items():
-            off = weights @ np.array([np.ptp(field[ring], axis=0) for ring in rings]) if rings else 0.0
+            off = weights @ np.array([np.ptp(field[ring], axis=0) for ring in rings])
             left[name] = off if name == "force" else float(np.linalg.norm(off))
         for key, parts in errors.items():
-            if rings and key.kind == "contacts" and key.name == c.name and key.quantity in left:
+            if key.kind == "contacts" and key.name == c.name and key.quantity in left:
                 found[key] = replace(parts, mesh=parts.mesh if parts.mesh is None else parts.mesh + left[key.quantity])
     return found

@@ -15,7 +15,7 @@ Source of cutting cells nested: Bank, Sherman & Weiser, in Scientific Computing 
 `Places` finds where the error of a run of order 2 in the plane comes from: places at which its mesh is to be cut.
 These are the corners of the bodies and the changes of side where something acts on one of both sides; in every step
 the facets whose nodes differ in status, and those at the largest pressure; and of the other side of a contact the
-facets that they face. Elsewhere displacements are smooth.
+facets that they face; and the cells around probes, whose stress nothing else shows. Elsewhere displacements are smooth.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ class Places:
 
     acted: tuple[str, ...]  # sides that contacts, supports and loads act on
     segments: Mapping[str, Array]  # by side, segments (s, 3, 2) [m]: their ends, and a point between
+    probes: Sequence[Array] = ()  # points (2,) [m] at which stresses are asked for
 
     @classmethod
     def of(cls, problem: Problem, contacts: Sequence[ContactRows], steps: Sequence[StepResult]) -> Places:
@@ -65,6 +66,7 @@ class Places:
         return cls(
             acted_on(problem),
             {side: np.concatenate([np.zeros((0, 3, 2)), *parts]) for side, parts in segments.items()},
+            [np.array(probe.point) for probe in problem.probes.values()],
         )
 
     def nodes(self, mesh: FlatMesh) -> Ints:
@@ -73,6 +75,9 @@ class Places:
         for side, segments in self.segments.items():
             facets = mesh.facets(side)
             found.append(facets[_overlap(mesh.points[facets], segments)][:, :2].ravel())
+        middles = mesh.points[mesh.cells].mean(axis=1)
+        nearest = [int(np.linalg.norm(middles - point, axis=1).argmin()) for point in self.probes]
+        found += [mesh.cells[cell, : len(EDGES[mesh.kind])] for cell in nearest]
         return np.unique(np.concatenate(found))
 
     def contact_nodes(self, mesh: FlatMesh) -> int:

@@ -20,7 +20,7 @@ import numpy as np
 from stickslip.geometry.arrays import EXACT, ROUNDING
 from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory
-from stickslip.solvers.accuracy.mesh_error import Values
+from stickslip.solvers.accuracy.mesh_error import Values, corrected
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, quantities
 from stickslip.solvers.scene.problem import Problem
@@ -29,6 +29,8 @@ from stickslip.solvers.stepping.stepper import Stepper
 
 log = logging.getLogger(__name__)
 OWN_MESH = "time on its own mesh"
+Histories = tuple[Values, Values]  # numbers of a step of two of them
+NOTHING_YET: Histories = {}, {}
 
 
 def remembers(problem: Problem) -> bool:
@@ -111,9 +113,11 @@ class TimeStepErrors:
                 yield from self._on_own_mesh(steps)
                 return
             log.info("the same history in steps half as long, for the error of the time steps")
-            times = [step.time for step in coarse]
+            times, before = [step.time for step in coarse], NOTHING_YET
             for whole, half in zip(coarse, history.results(halves(times), times), strict=True):
-                yield _errors(quantities(half), quantities(whole), finer=True)
+                both = quantities(half), quantities(whole)
+                yield _errors(both, before, True, (corrected(half), corrected(whole)))
+                before = both
         except StickslipError as error:
             log.info("no error of the time steps from there on: %s", error)
 
@@ -128,10 +132,12 @@ class TimeStepErrors:
         finer = len(half) == len(times)
         other = self._results(halves(times) if finer else half)
         unknown = ErrorParts(dear={"time_step": 2.0}, by=OWN_MESH)  # times the run: twice its steps
+        before = NOTHING_YET
         for step in steps:
             if step.time in half:
-                found = next(values for time, values in other if time == step.time)
-                yield _errors(found, quantities(step), finer, OWN_MESH)
+                both = next(values for time, values in other if time == step.time), quantities(step)
+                yield _errors(both, before, finer, by=OWN_MESH)
+                before = both
             else:
                 yield dict.fromkeys(quantities(step), unknown)
 
@@ -149,14 +155,31 @@ class TimeStepErrors:
                 state = accepted.state
 
 
-def _errors(other: Values, values: Values, finer: bool, by: str | None = None) -> Errors:
+def _errors(
+    both: Histories, before: Histories, finer: bool, sharper: Histories = NOTHING_YET, by: str | None = None
+) -> Errors:
     """Errors of the numbers of a step that another history, in steps half or twice as long, has too.
 
     Args:
+        both: numbers of the other one, and of the run.
+        before: those at the time before that both have, since which dissipation counts.
         finer: whether the other one has half of the steps.
+        sharper: better numbers that both have of it, as areas with edges between nodes; the larger difference counts.
     """
-    times = 2.0 if finer else 1.0
-    return {key: ErrorParts(time_step=times * np.abs(other[key] - value), by=by) for key, value in values.items()}
+    other, values = (_since(old, now) for old, now in zip(before, both, strict=True))
+    times, found = 2.0 if finer else 1.0, dict[Quantity, ErrorParts]()
+    for key, value in values.items():
+        off = np.abs(other[key] - value)
+        if key in sharper[0] and key in sharper[1]:
+            off = np.maximum(off, np.abs(sharper[0][key] - sharper[1][key]))
+        found[key] = ErrorParts(time_step=times * off, by=by)
+    return found
+
+
+def _since(before: Values, values: Values) -> Values:
+    """Numbers of a step whose dissipation is that of all steps since another one."""
+    totals = {key: key._replace(quantity="dissipation_total") for key in values if key.quantity == "dissipation"}
+    return {**values, **{key: values[total] - before.get(total, 0.0) for key, total in totals.items()}}
 
 
 def _of_works(step: StepResult) -> Errors:

@@ -347,9 +347,13 @@ class VolumeNewton:
     def _record(self, snes: Any, iteration: int, norm: float) -> None:
         if self.solved:
             return
-        self.iteration += iteration > 0  # the first measure of a level is no iteration: it belongs to the start
-        self.history.append(Step(self.iteration, norm / self.scale, self.problem.volume_solves))
-        self.on_step(self.history[-1])
+        self.iteration += iteration > 0
+        step = Step(self.iteration, norm / self.scale, self.problem.volume_solves)
+        if iteration == 0 and self.history:  # where a level begins is where the one before ended
+            self.history[-1] = step
+            return
+        self.history.append(step)
+        self.on_step(step)
 
 
 class _Recovery:

@@ -180,7 +180,7 @@ def distribute_to_neighbours(surface: Surface, owner: Ints, facing: Bools, count
     own = np.flatnonzero(owner >= 0)
     share: Sparse = sparse.csr_matrix((np.ones(len(own)), (own, owner[own])), shape=(len(owner), count))
     missing = (owner < 0) & facing
-    neighbours = surface.neighbours() if missing.any() else None
+    neighbours = surface.neighbours if missing.any() else None
     while missing.any():
         near = neighbours @ sparse.diags((~missing & facing).astype(float))
         total = np.asarray(near.sum(axis=1)).ravel()

@@ -49,10 +49,18 @@ def unbalanced_motion(problem: SurfaceProblem) -> Mechanism | None:
     """Collapse mechanism: a rigid motion on which the loads do more work than contact and friction can dissipate.
 
     It consists of the multipliers of the programme that minimises the unbalanced load; None if there is no such motion.
+    Bodies that nothing touches, however the load strains them, and that it moves on without closing a gap, have one
+    too: pressures that would hold them have no cause.
     """
     programme = _Programme.of(problem, outer=True)
     if programme is None:
         return None
+    drift, n = problem.surface.R @ problem.load.resultant, problem.surface.normal_rows
+    still = problem.surface.R @ (problem.surface.R.T @ (problem.u_before - problem.load.free))
+    w = problem.relative_displacement(problem.load.free + still)
+    apart = ~programme.pulls & ((problem.gap - w)[:n] > problem.scales.no_motion(w)[:n])
+    if apart.all() and not closes(problem, w, drift):
+        return Mechanism(drift / np.abs(drift).max(), 1.0)
     left = 2 * programme.motions
     found = programme.solve(np.concatenate([np.zeros(programme.size - left), np.ones(left)]), left=np.inf)
     # unbalanced part of the load that counts as zero: ten times the tolerance of the programme
@@ -61,6 +69,20 @@ def unbalanced_motion(problem: SurfaceProblem) -> Mechanism | None:
     along = found.eqlin.marginals
     motion = problem.surface.R @ along
     return Mechanism(motion / np.abs(motion).max(), float(found.fun / (along @ programme.load)))
+
+
+def closes(problem: SurfaceProblem, w: Array, motion: Array) -> float:
+    """Widest gap [m], now or at the start, that a rigid motion closes; 0: all points move apart, or along.
+
+    Args:
+        problem: the contact problem of the step.
+        w: relative displacement (rows,) [m] from which the bodies go on.
+        motion: rigid motion (c,) of the contact dofs.
+    """
+    n = problem.surface.normal_rows
+    approach = (problem.surface.N @ motion)[:n] > CLOSE * np.abs(motion).max(initial=0.0)
+    room = np.maximum(np.abs(problem.gap), problem.gap - w)
+    return float(room[:n][approach].max(initial=0.0))
 
 
 def spent(problem: SurfaceProblem, p: Array, motion: Array) -> bool:

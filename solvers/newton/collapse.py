@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.interface.limit_analysis import Mechanism
+from stickslip.solvers.interface.limit_analysis import Mechanism, closes
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Solution, Status
@@ -32,8 +32,8 @@ def on_softer_springs(
 ) -> Iterator[Start | Mechanism]:
     """A start from the softest springs; or the mechanism of a motion that grows without end.
 
-    A motion counts as one without end if it grows in proportion to the softness of the springs when it is already
-    larger than all gaps: nothing is left that could stop it.
+    A motion counts as one without end if it grows in proportion to the softness of the springs and nothing is left
+    that could stop it: it closes no gap, or is already larger than all that it closes.
 
     Args:
         problem: of floating bodies; nothing is found but on the condensed form of them.
@@ -43,7 +43,6 @@ def on_softer_springs(
     surface, u_c, before, known = problem.surface, problem.u_before, 0.0, np.zeros(problem.surface.R.shape[1])
     if not isinstance(surface, CondensedSurface) or not surface.floating:
         return
-    room = float(np.abs(problem.gap)[: surface.normal_rows].max(initial=0.0))
     for level in np.logspace(-2, -8, 7):  # of the stiffness of a contact dof
         stiffness = level * surface.rho
         held = _on_springs(problem, surface, stiffness)
@@ -52,7 +51,7 @@ def on_softer_springs(
             return
         p, u_c, motion = found.p, found.u_c, surface.R.T @ (found.u_c - problem.u_before)
         far, further, known = float(np.abs(surface.R @ motion).max()), motion - known, motion
-        work = float(further @ problem.load.resultant)
+        work, room = float(further @ problem.load.resultant), closes(problem, found.w, surface.R @ further)
         if before > room and far > 9 * before and work > 0:  # ten times would be in proportion
             along = surface.R @ further
             yield Mechanism(along / np.abs(along).max(), stiffness * float(motion @ further) / work)

@@ -6,6 +6,7 @@ within another one stops that, and gives it back the clock at its end: no second
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -40,8 +41,16 @@ class Row:
     volume_solves: Annotated[int, Key("", "applications of K_B^-1 meanwhile, those for estimates of errors too")]
 
 
+def processors() -> float:
+    """Seconds that processors have worked for this process, and for those that it has waited for."""
+    spent = os.times()
+    return time.process_time() + spent.children_user + spent.children_system
+
+
 class Clock:
     """Wall time and volume solves by phase, of this rank: a collective phase waits for the slowest one.
+
+    Beside them it knows for how long processors have worked, which is no longer where others use the machine, too.
 
     >>> clock = Clock()
     >>> with clock.phase("iterate"), clock.part("tangent"):
@@ -59,7 +68,8 @@ class Clock:
         self._solves, self._now = solves, now
         self._spent: dict[tuple[str, str], tuple[float, int, int]] = {}
         self._on = [(OTHER, "")]
-        self._since, self._before = now(), solves()
+        self._since, self._before, self._worked_before = now(), solves(), processors()
+        self._worked = dict[tuple[str, str], float]()
         self.expected = 0.0  # s that preparing the bodies and solving all steps will take, once it is known
         self.on_phase: Callable[[Clock, str, str], None] = lambda clock, phase, part: None  # told where one begins
 
@@ -98,9 +108,16 @@ class Clock:
         self._stop()
         return sum(seconds for (own, _), (seconds, *_) in self._spent.items() if own == phase)
 
+    def worked(self, phase: str, part: str | None = None) -> float:
+        """Seconds of processors of a phase with all its parts, or of one; of an earlier process its wall time."""
+        self._stop()
+        return sum(s for (own, each), s in self._worked.items() if own == phase and part in (None, each))
+
     def add(self, earlier: Sequence[Row]) -> None:
         """Add what an earlier process has spent."""
         for row in earlier:
+            key = row.phase, row.part
+            self._worked[key] = self._worked.get(key, 0.0) + row.seconds
             seconds, calls, solves = self._spent.get((row.phase, row.part), (0.0, 0, 0))
             spent = seconds + row.seconds, calls + row.calls, solves + row.volume_solves
             self._spent[row.phase, row.part] = spent
@@ -111,10 +128,11 @@ class Clock:
 
     def _stop(self) -> None:
         """Give what was spent since the last stop to the phase that is on."""
-        now, count = self._now(), self._solves()
-        seconds, calls, solves = self._spent.get(self._on[-1], (0.0, 0, 0))
-        self._spent[self._on[-1]] = seconds + now - self._since, calls, solves + count - self._before
-        self._since, self._before = now, count
+        now, count, worked, on = self._now(), self._solves(), processors(), self._on[-1]
+        seconds, calls, solves = self._spent.get(on, (0.0, 0, 0))
+        self._spent[on] = seconds + now - self._since, calls, solves + count - self._before
+        self._worked[on] = self._worked.get(on, 0.0) + worked - self._worked_before
+        self._since, self._before, self._worked_before = now, count, worked
 
 
 @dataclass

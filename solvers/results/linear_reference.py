@@ -99,12 +99,12 @@ def _fixed(system: System) -> tuple[Mat, Vec]:
     """Stiffness and load with the contact dofs fixed; a load that is zero is replaced by one that pulls everywhere."""
     K, time = system.K_B.copy(), system.problem.timeline.times[-1]
     f = system.pull(time, system.load(time), system.prescribed(time))
-    if not f.norm():  # supports that move a body as a whole cause no force
-        f.array[:] = near_nullspace(system)[:, 0]
     low, high = K.getOwnershipRange()
     held = system.interface.dofs[(system.interface.dofs >= low) & (system.interface.dofs < high)]
     K.zeroRowsColumns(held.astype(PETSc.IntType), diag=float(K.getDiagonal().sum() / K.size[0]))
     f.array[held - low] = 0.0
+    if not f.norm():  # supports that move a body as a whole cause no force, nor do loads on what is held
+        f.array[:] = near_nullspace(system)[:, 0]  # also of what is held: there may be nothing else
     return K, f
 
 

@@ -89,10 +89,10 @@ class CellStress:
         self._strain = system.weak.strain_by_cell(self.displacement)
         self._means = system.dilatation.functions()
         count = mesh.domain.topology.index_map(mesh.dim).size_local
-        basis = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))[0]
+        shape, degree = mesh.domain.topology.cell_type.name, mesh.geometry_degree
+        basis, slope = dx.reference_basis(shape, degree, dx.midpoint(mesh.domain))
         corners = mesh.domain.geometry.x[:, : mesh.dim][dx.cell_nodes(mesh.domain)[:count]]
         self._middles = np.einsum("n,cnd->cd", basis[0], corners)
-        slope = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))[1]
         self._volumes = np.abs(np.linalg.det(np.einsum("ak,ckd->cad", slope[:, 0], corners)))
         if mesh.axisymmetric:
             self._volumes *= self._middles[:, 0]
@@ -156,7 +156,7 @@ class CellStress:
         shape, degree, dim = system.mesh.domain.topology.cell_type.name, system.mesh.degree, system.mesh.dim
         local = np.concatenate([basis[None] @ dx.reference_nodes(shape, degree), middle])
         values, slope = dx.reference_basis(shape, degree, local)  # (2, k), (dim, 2, k)
-        points = system.mesh.domain.geometry.x[dx.cell_nodes(system.mesh.domain)[cell], :dim]
+        points = system.nodes.points[dx.cell_dofs(system.space)[cell]]
         moved = self.displacement.x.array.reshape(-1, dim)[dx.cell_dofs(system.space)[cell]]
         change = np.linalg.solve(np.einsum("aqk,ki->qai", slope, points), np.einsum("aqk,ki->qai", slope, moved))
         strain = np.zeros((2, 3, 3))
@@ -481,7 +481,13 @@ def _locate(mesh: Mesh, point: Array, name: str) -> tuple[int, Array] | None:
     best = min(mesh.comm.allgather(mine))
     if best[1] < 0:
         raise SceneError(f"probes.{name}.point = {point.tolist()}: lies outside the bodies")
-    return found if best[1] == mesh.comm.rank else None
+    if found is None or best[1] != mesh.comm.rank:
+        return None
+    (cell, basis), shape = found, mesh.domain.topology.cell_type.name
+    if mesh.degree > mesh.geometry_degree:
+        local = basis[None] @ dx.reference_nodes(shape, mesh.geometry_degree)
+        basis = dx.reference_basis(shape, mesh.degree, local)[0][0]
+    return cell, basis
 
 
 def mesh_data(system: System) -> MeshData:

@@ -127,10 +127,8 @@ class ErrorParts:
 
     def joined(self, other: ErrorParts) -> ErrorParts:
         """The parts of both; where both have one, that of `other`."""
-        theirs = {f.name: getattr(other, f.name) for f in fields(other)}
-        mine = {f.name: getattr(self, f.name) for f in fields(self)}
-        known = {name: part for name, part in theirs.items() if part is not None}
-        return ErrorParts(**mine | known | {"dear": {**(self.dear or {}), **(other.dear or {})} or None})
+        known = {name: part for name, part in vars(other).items() if part is not None}
+        return ErrorParts(**vars(self) | known | {"dear": {**(self.dear or {}), **(other.dear or {})} or None})
 
 
 PARTS = ("mesh", "geometry", "time_step", "law", "iteration", "linear_solver")

@@ -118,16 +118,31 @@ def with_rigid_modes(setup: Setup) -> Problem:
     pairs, bedding = setup.pairs.values(), [*blocks]
     for pair in pairs:
         if pair.contact.normal.at_quadrature:
-            bedding += _touching(setup, replace(pair, contact=replace(pair.contact, friction=None)), motions)
-        blocks += _touching(setup, pair, motions)
-    left = np.asarray(null_space(np.concatenate(blocks), rcond=ROUNDING))
+            normal = replace(pair, contact=replace(pair.contact, friction=None))
+            bedding.append(_reduced(np.concatenate(_touching(setup, normal, motions))))
+        blocks.append(_reduced(np.concatenate(_touching(setup, pair, motions))))
+    left = unresisted(np.concatenate(blocks))
     most = int(np.argmax(np.linalg.norm(left, axis=1))) if left.shape[1] else -1
     return Problem(
         **vars(setup),
-        rigid_modes=np.asarray(null_space(supported, rcond=ROUNDING)),
-        bedded=not null_space(np.concatenate(bedding)[:, : len(motions.bodies) * motions.each], rcond=ROUNDING).size,
+        rigid_modes=unresisted(supported),
+        bedded=not unresisted(np.concatenate(bedding)[:, : len(motions.bodies) * motions.each]).size,
         unheld=motions.kinds[most] if most >= 0 else "",
     )
+
+
+def unresisted(rows: Array) -> Array:
+    """Motions (k, f), orthonormal, that are zero in all rows (m, k)."""
+    return np.asarray(null_space(np.linalg.qr(rows, mode="r"), rcond=ROUNDING))
+
+
+def _reduced(rows: Array) -> Array:
+    """As few rows as the motions that rows (m, k) see, with the same products of motions."""
+    seen = np.flatnonzero(rows.any(axis=0))
+    few = np.linalg.qr(rows[:, seen], mode="r")
+    found = np.zeros((len(few), rows.shape[1]))
+    found[:, seen] = few
+    return found
 
 
 class RigidMotions:

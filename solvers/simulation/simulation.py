@@ -299,7 +299,7 @@ def prepare(
         observer = Observer.of(stepper, data, with_errors) if scene.output.error else Observer.of(stepper)
     follows = scene.output.error and MeshCorrection.works_for(stepper)
     if follows and bubbles_follow(
-        scene.output, size, choice.stages[0], mesh.degree, problem.shape.meshing_time(problem.request)
+        scene.output, size, choice.stages[0], mesh, problem.shape.meshing_time(problem.request)
     ):
         with counters.clock.phase("error", "mesh"):
             stepper.companion = MeshCorrection(stepper)

@@ -58,6 +58,7 @@ class _March:
         self._proved: Attempt | None = None  # at the earliest one that is shown to have no equilibrium
         self._limit: _Limit | None = None  # between the present state and that time
         self._failed: SurfaceProblem | None = None  # from the present state
+        self._jumped: tuple[Attempt, State, float] | None = None  # likewise: solved, though by a jump; end, size [s]
         self._stuck = False  # whether a shorter step would be the same problem again
 
     def __call__(self) -> Attempt:
@@ -74,6 +75,7 @@ class _March:
             attempt = self._inner(self._state, end)
             if attempt.solution.jumps and self._limit is None and not (self._least(size) or self._chain.repeats):
                 self._control = self._control.after_failure(size, self._smallest)  # it may lead on in between
+                self._jumped = (attempt, attempt.state, size) if attempt.state is not None else None
             elif attempt.state is not None:
                 self._good = self._accepted(attempt, attempt.state, size)
             elif (given_up := self._cut(attempt, size, end)) is not None:
@@ -103,7 +105,7 @@ class _March:
         easy = solution.iterations <= 0.5 * self._system.problem.solver.max_iterations
         self._control = self._control.after_success(size, self._step, easy)
         begin, self._state = self._state, replace(attempt.state or new, control=self._control)
-        self._failed, self._stuck = None, False
+        self._failed, self._jumped, self._stuck = None, None, False
         if self._state.searched:
             self._unbalanced = self._proved = None  # for other pairs
             if self._limit is not None and self._limit.found(self._state.time):
@@ -144,6 +146,9 @@ class _March:
             return None
         if self._unbalanced is not None:
             return self._no_equilibrium(self._unbalanced)
+        if self._jumped is not None:  # in between is nothing that could be solved
+            self._good = self._accepted(*self._jumped)
+            return None
         why = explain(problem, solution, system.problem.solver, size)
         why += f"; {self._last}" if attempt.solver.surface.floating else ""
         return replace(attempt, good=self._good, when=end, why=why)

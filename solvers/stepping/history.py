@@ -52,9 +52,8 @@ OnIteration = Callable[[HistoryRow], None]  # called after each iteration of eac
 
 
 def count_iterations(history: Sequence[HistoryRow]) -> int:
-    """Iterations of all attempts together; the first row of an attempt, and of a smoothing level, is its start."""
-    rows = [(row.time, row.method, row.step.iteration) for row in history]
-    return sum(row[2] > 0 and row != before for before, row in zip([None, *rows], rows, strict=False))
+    """Iterations of all attempts together; a row with number 0 is the start of one."""
+    return sum(row.step.iteration > 0 for row in history)
 
 
 class History:

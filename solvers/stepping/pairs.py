@@ -1,5 +1,6 @@
-"""Sliding contacts: a substep takes the pairs of where it starts; if points slide far, those of where it ends.
+"""Sliding contacts: a substep begins with the pairs of where it starts, and ends with those of where it ends.
 
+These are searched until points no longer move between two searches: a fixed point, which does not depend on the start.
 A state is carried over to the contact rows of other pairs.
 """
 
@@ -11,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.pairing import margin
@@ -23,12 +24,12 @@ from stickslip.solvers.stepping.substep import Attempt, Substep, SubstepSolver, 
 from stickslip.solvers.stepping.update import flat_rows
 from stickslip.solvers.system.system import System
 
-SEARCHES = 6  # of the pairs, in one substep
+SEARCHES = 12  # of the pairs, in one substep
 log = logging.getLogger(__name__)
 
 
 class PairSearch:
-    """Solves a substep with the pairs of where it starts, and again with those of where it ends if points slide far.
+    """Solves a substep with the pairs of where it starts, and again with those of where it ends until they stay.
 
     `present` solves with the pairs that are tried; where no contact slides, with those that are known.
     """
@@ -50,7 +51,7 @@ class PairSearch:
             searched = {name: state.searched[name] for name in self._found if name in state.searched}
             searched |= relative_positions(first.system, state, self._names)
             searched |= {key: near for key, near in state.searched.items() if key.endswith(NEAR)}
-            begin = relative_positions(first.system, state, self._found)
+            begin, last = relative_positions(first.system, state, self._found), None
             for _ in range(SEARCHES):
                 try:
                     self.present = self.found(searched) if searched else first
@@ -60,16 +61,21 @@ class PairSearch:
                     return Attempt(solver=first, begin=state, solution=apart)
                 system = self.present.system
                 searched |= _lists(system) if searched else {}
-                attempt = inner(replace(carried_over(state, system), searched=searched) if searched else state, end)
+                start = replace(carried_over(state, system), searched=searched) if searched else state
+                if last is not None:
+                    start = replace(start, guess=carried_over(last, system).p)
+                attempt = inner(start, end)
                 if attempt.state is None:
                     return attempt
+                last = attempt.state
                 now = relative_positions(system, attempt.state, [*self._names, *self._found])
                 nearer = self._nearer(system, searched, begin, now)
                 if nearer:
                     searched = searched | begin | nearer
                     continue
                 slid = {name: now[name] for name in self._names}
-                if pairs_hold(system, {name: searched[name] for name in slid}, slid):
+                far = slid_since(system, {name: searched[name] for name in slid}, slid)
+                if far <= ROUNDING:
                     return attempt
                 searched = searched | slid
             log.warning("t = %g: pairs still change after %d searches; the last ones are kept", end, SEARCHES)
@@ -176,20 +182,19 @@ def carried_over(state: State, system: System) -> State:
     )
 
 
-def pairs_hold(system: System, searched: Mapping[str, Array], now: Mapping[str, Array]) -> bool:
-    """Whether no point has slid far since the pairs were searched.
+def slid_since(system: System, searched: Mapping[str, Array], now: Mapping[str, Array]) -> float:
+    """How far points have slid since the pairs were searched, relative to the smallest facet [-].
 
     Args:
         system: its contact rows are those of the pairs.
         searched: by sliding contact, `relative_positions` (n_all, d) [m] that the pairs were searched at.
         now: the present ones.
     """
+    far = 0.0
     for c in system.contacts:
         if c.name in searched:
             slid = np.linalg.norm(c.node_motion(now[c.name] - searched[c.name])[1][c.node_weights > 0], axis=1)
             corners = c.surface.points[c.surface.facets]
             smallest = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).min())
-            # part of the smallest facet; if a point slides farther, the pairs are searched again
-            if slid.max(initial=0.0) > 0.05 * smallest:
-                return False
-    return True
+            far = max(far, float(slid.max(initial=0.0)) / smallest)
+    return far

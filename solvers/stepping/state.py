@@ -99,6 +99,7 @@ class State:
     searched: Mapping[str, Array]  # (n_all, d) relative motion that the pairs of sliding contacts were searched at [m]
     energy: Energy  # [J]
     previous: Previous | None = None  # None: the initial state, or one whose trend tells nothing of the next step
+    guess: Array | None = None  # (rows,) tractions [Pa] near those of the next substep; None: not known
     control: StepControl = StepControl()
     correction: Correction | None = None  # exact solution of the same steps minus this one; None: zero
     law_error: float = 0.0  # error of the method's approximate contact laws, summed since t = 0 [J^(1/2)]
@@ -117,6 +118,8 @@ class State:
         Args:
             turns: times [s] at which one does.
         """
+        if self.guess is not None:
+            return self.guess
         if self.previous is None:
             return self.p
         far = (time - self.time) / (self.time - self.previous.time)

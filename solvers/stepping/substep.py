@@ -259,7 +259,8 @@ class SubstepSolver:
         Measured: with exact volume solves extrapolation saves a third to two thirds of Newton's iterations and an
         eighth to a quarter of Uzawa's; with iterative ones it costs a fifth more, so there it is off.
         """
-        return state.ahead(end, self.system.course.timeline.turns) if self.surface.exact else state.p
+        known = self.surface.exact or state.guess is not None
+        return state.ahead(end, self.system.course.timeline.turns) if known else state.p
 
     def split(self, p: Array) -> tuple[list[Array], list[Array]]:
         """Flat tractions (rows,) [Pa] as pressures (m_n,) and tangential tractions (m_t, d-1) of each contact."""

@@ -1,13 +1,24 @@
 """Errors cost what their budget allows, and what is left out is said with its price."""
 
-import pytest
+import time
+from pathlib import Path
 
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.histories import Stop
 from stickslip import prepare, read
-from stickslip.solvers.accuracy import budget, model_error
+from stickslip.solvers.accuracy import budget, histories, model_error
 from stickslip.solvers.accuracy.budget import COARSER, PAIRS, TIME, Estimates
-from stickslip.solvers.parallel.counters import Row
-from stickslip.solvers.results.step_result import Quantity
+from stickslip.solvers.accuracy.histories import LOOSE, OtherHistory
+from stickslip.solvers.interface.prepare import Form
+from stickslip.solvers.parallel.counters import Clock, Row
+from stickslip.solvers.results.step_result import Quantity, quantities
+from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.choice import Choice, Size, Stage
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
 
 LOST = Quantity("contacts", "base", "dissipation_total")
 DEAR = Row(phase="iterate", part="", seconds=1000.0, calls=1, volume_solves=0)
@@ -75,3 +86,61 @@ def test_the_model_is_judged_by_a_solution_at_turns_alone(monkeypatch: pytest.Mo
     steps = [*simulation.steps()]
     assert asked == [1.0, 2.0]
     assert [step.time for step in steps if step.errors[str(LOST)].model is not None] == asked
+
+
+def test_a_run_that_is_stopped_says_what_its_errors_would_cost(tmp_path: Path) -> None:
+    sizes = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25", "output.pictures=false"]
+    outcome, result = run(read("block", sizes), tmp_path / "out", Watch(on_step=Stop(1)))
+    told = result["steps"][0]["contacts"]["base"]["error"]["normal_force"]
+    assert (outcome.status, told["mesh"]) == ("interrupted", None)
+    assert told["lacking"]["mesh"] > 0
+    assert told["lacking"]["time_step"] > 0
+
+
+def test_order_2_has_the_cells_of_the_run_as_they_are() -> None:
+    """As if they were meshed again, which takes longer than all else."""
+    sizes = [f"geometry.{key}mesh_size={size}" for key, size in (("", 0.3), ("lower_", 0.4), ("contact_", 0.15))]
+    simulation = prepare(read("two_blocks", [*sizes, "output.error=false", "probes.inside.point=[0.3, 0.2]"]))
+    system, times = simulation.system, simulation.scene.requested_times()
+    raised, again = OtherHistory.of_order(system, 2), OtherHistory.on(system, system.mesh.shape.of_order(2))
+    assert raised.stepper.system.mesh.domain is system.mesh.domain
+    for one, other in zip(raised(times), again(times), strict=True):
+        found = quantities(one)
+        for key, value in quantities(other).items():
+            assert_allclose(found[key], value, rtol=1e-9, atol=1e-12, err_msg=str(key))
+
+
+def test_a_busy_machine_makes_no_estimate_dearer() -> None:
+    """Seconds that go by while processors work for others count for nothing."""
+    clock = Clock()
+    with clock.phase("iterate"):
+        time.sleep(0.2)
+    assert clock.seconds("iterate") > 0.15
+    assert clock.worked("iterate") < 0.1
+    clock.add([DEAR])
+    assert clock.worked("iterate") >= DEAR.seconds
+
+
+@pytest.mark.parametrize("form", ["condensed", "matrix-free"])
+def test_order_2_is_solved_loosely_where_volume_solves_are_iterative(
+    form: Form, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = prepare(read("cube", ["geometry.mesh_size=0.5", "output.error=false"]))
+    exact = simulation.system.problem.solver.tolerance
+    monkeypatch.setattr(histories, "choose", lambda system: Choice((Stage("surface-uzawa", form),), ""))
+    better, coarser = OtherHistory.of_order(simulation.system, 2), OtherHistory.coarser(simulation.system, 2.0)
+    assert better.stepper.system.problem.solver.tolerance == (LOOSE if form == "matrix-free" else exact)
+    assert coarser.stepper.system.problem.solver.tolerance == exact
+
+
+@pytest.mark.parametrize(("dim", "stage", "dofs", "follow"), [
+    (2, Stage("condensed-newton", "condensed"), 47_000, False),  # order 2 takes a third as long
+    (3, Stage("tangent-cg", "matrix-free"), 81_000, True),
+])  # fmt: skip
+def test_bubbles_follow_where_they_are_cheaper_than_better_cells(
+    dim: int, stage: Stage, dofs: int, follow: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = prepare(read("block", ["geometry.mesh_size=0.5", "output.error=false"])).mesh
+    monkeypatch.setattr(budget, "better_unknowns", lambda *mesh: 2.0**dim)
+    size = Size(dim=dim, dofs=dofs, entries=80.0 * dofs, contact_dofs=1000, steps=16 if dim == 2 else 2)
+    assert budget.bubbles_follow(Output(), size, stage, mesh, 1.0) == follow

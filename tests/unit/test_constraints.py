@@ -48,7 +48,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.resolve import resolve, unresisted
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.simulation.simulation import prepare as estimating
 from stickslip.solvers.stepping.choice import choose
@@ -830,3 +830,10 @@ def test_plates_that_carry_a_block_far_and_close_a_little_press_it() -> None:
     (step,) = prepare(scene).steps()
     for contact in step.contacts.values():
         assert contact.normal_force == pytest.approx(E / (1 - nu**2) * near / 2.0 * 4.0, rel=1e-5)
+
+
+def test_motions_that_many_points_leave_free_are_found_in_little_memory() -> None:
+    """A wall of two hundred blocks has 100 000 rows; a square array of that many is 80 GB."""
+    rows = np.zeros((100_000, 3))
+    rows[:, 1] = np.linspace(1.0, 2.0, len(rows))
+    assert_allclose(np.abs(unresisted(rows)).sum(axis=1), [1.0, 0.0, 1.0], atol=1e-12)

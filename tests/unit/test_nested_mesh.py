@@ -208,6 +208,16 @@ def test_probes_and_their_displacement() -> None:
     assert np.linalg.norm(stated[Quantity("probes", "inside", "stress")].mesh) > 0
 
 
+def test_cells_around_a_probe_are_cut() -> None:
+    """Its stress has an error of its own, which is not that of what happens elsewhere."""
+    point = [1.3, 0.7]
+    simulation, steps = solved("block", *COARSE, f"probes.inside.point={point}")
+    mesh = flat_mesh(simulation.system, simulation.data)
+    x = mesh.points[Places.of(simulation.problem, simulation.system.contacts, steps).nodes(mesh)]
+    size = np.sqrt(areas(mesh).max())
+    assert (np.linalg.norm(x - point, axis=1) < 2 * size).sum() >= 3
+
+
 def test_what_is_too_dear_is_cut_once_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation, steps = solved("block", *COARSE)
     run = NestedRun(simulation.stepper, simulation.data, lambda row: None)

@@ -18,12 +18,13 @@ from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.effects.thermal import Thermal
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import OnStep, Solution, Status
+from stickslip.solvers.iteration import OnStep, Solution, Status, Step
 from stickslip.solvers.results.observe import _status as status_of
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
 from stickslip.solvers.scene.settings import Solver
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.solvers.stepping import halving
+from stickslip.solvers.stepping.history import History, count_iterations
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.pairs import PairSearch
 from stickslip.solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
@@ -380,7 +381,7 @@ def test_sides_that_move_apart_end_the_step(
 SLIDING = ["geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.4", "steps.count=2"]
 
 
-@pytest.mark.parametrize(("failing", "ended"), [(range(3, 4), ""), (range(2, 99), "a linear solve failed")])
+@pytest.mark.parametrize(("failing", "ended"), [(range(2, 3), ""), (range(1, 99), "a linear solve failed")])
 def test_pairs_that_no_method_can_be_prepared_for_cut_the_step(
     failing: range, ended: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -393,9 +394,9 @@ def test_pairs_that_no_method_can_be_prepared_for_cut_the_step(
             raise SolverError("the contact rows of a node are nearly the same")
         return whole(*bodies)
 
-    monkeypatch.setattr(MethodChain, "method", unable)
     steps = simulation.steps()
     assert next(steps).substeps == 1
+    monkeypatch.setattr(MethodChain, "method", unable)
     if ended:
         with pytest.raises(StepError, match=rf"t = 1\.00391: no residual in a step of 0\.00391 s .*{ended}"):
             next(steps)
@@ -407,7 +408,7 @@ def test_pairs_that_no_method_can_be_prepared_for_cut_the_step(
 def test_pairs_that_never_settle_are_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = prepare(read("sliding", SLIDING))
     assert not any("pairs" in doubt for doubt in doubts(simulation, [*simulation.steps()]))
-    monkeypatch.setattr("stickslip.solvers.stepping.pairs.pairs_hold", lambda *arguments: False)
+    monkeypatch.setattr("stickslip.solvers.stepping.pairs.slid_since", lambda *arguments: 1.0)
     times = [step.time for step in simulation.steps()]
     said = f"the pairs of a sliding contact change from search to search at t = {times[0]:g} and 1 other times"
     assert any(said in doubt for doubt in doubts(simulation, []))
@@ -517,3 +518,11 @@ def test_a_point_slips_at_its_bound_if_it_moves(smooth: bool, sides: int) -> Non
     start.p[0] = 1e3  # a release leaves a rest of the tractions before, and of the motions that they make
     released = status_of(rows, 1e-7 * pressure, multiplier, bound, increment, accepted)  # type: ignore[arg-type]
     assert sides == 2 or set(released.tolist()) == {OPEN}
+
+
+def test_each_solve_with_an_active_set_counts_and_starts_do_not() -> None:
+    history = History()
+    record = history.attempt(1.0, lambda: "condensed-newton", [])
+    for number in (1, 2, 1, 1, 0, 1):  # solved, solved again twice with other gaps, and once by iterations
+        record(Step(number, 0.0, 3))
+    assert count_iterations(history.rows) == 5

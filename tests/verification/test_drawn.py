@@ -10,12 +10,23 @@ import pytest
 
 from shared.cases import slow
 from stickslip import SceneError, StepError, read
+from stickslip.geometry.mesh.mesh import write_msh
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.workflows.lab.verification.accuracy.drawn import RUN, SECOND, TRUTH, draw, drawn
+from stickslip.workflows.lab.verification.accuracy.drawn import RUN, SECOND, TRUTH, draw, drawn, of_file, written
 from stickslip.workflows.lab.verification.accuracy.families import FAMILIES
-from stickslip.workflows.lab.verification.accuracy.judge import TOTAL, Answer, Case, Share, compare, quantity
+from stickslip.workflows.lab.verification.accuracy.judge import (
+    MESH,
+    TOTAL,
+    Answer,
+    Case,
+    Share,
+    compare,
+    quantity,
+    solve,
+)
 from stickslip.workflows.lab.verification.accuracy.run import drawn_tables, random_accuracy, well_drawn, worst_scene
 from stickslip.workflows.lab.verification.accuracy.suite import Study, studies
+from stickslip.workflows.scene_file.read import READY, to_dict
 
 SEED = 100
 IN_FILES = ("mesh_file", "rounded", "pressed_hub", "hub_3d")  # families whose shapes gmsh reads or meshes
@@ -69,6 +80,25 @@ def test_a_known_number_that_is_said_to_have_no_limit_is_not_stated(doubt: float
 
 def test_names_of_pairs_hold_dots() -> None:
     assert quantity("contacts.any.hub.shaft.force.x") == ("contacts", "any.hub.shaft", "force")
+
+
+def test_files_of_scenes_are_judged_like_drawn_ones(tmp_path: Path) -> None:
+    scene = of_file(READY / "block.toml")
+    files = scene.files(tmp_path)
+    run, truth = (read(files[key]) for key in (RUN, TRUTH))
+    assert (scene.name, scene.order, run.output.error, truth.output.error) == ("block", 1, True, False)
+    assert truth.geometry.mesh_size == pytest.approx(run.geometry.mesh_size / 8)
+    mesh = tmp_path / "fixed.msh"
+    write_msh(run.geometry, run.request(), mesh)
+    (tmp_path / "fixed.toml").write_text(written(to_dict(run) | {"geometry": {"file": str(mesh)}}))
+    with pytest.raises(SceneError, match=r"fixed\.toml: geometry\.mesh_size"):
+        of_file(tmp_path / "fixed.toml")
+
+
+def test_a_budget_is_one_in_seconds_of_the_run() -> None:
+    scene = read("block", ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.25", "steps.count=1"])
+    forces = [solve(scene, budget=budget).stated[MESH]["contacts.base.normal_force"] for budget in (1e-6, 1e6)]
+    assert [np.isnan(force).all() for force in forces] == [True, False]
 
 
 def study(effectivity: float, order: int = 1, number: int = 100, known: bool = True, problem: str = "block") -> Study:
@@ -137,6 +167,8 @@ def test_two_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_options_out_of_range_are_refused(number: int, seed: int, said: str) -> None:
     with pytest.raises(SceneError, match=said):
         random_accuracy(number, seed)
+    with pytest.raises(SceneError, match="--budget"):
+        random_accuracy(1, 1, budget=0.0)
 
 
 def test_orders_are_judged_apart() -> None:

@@ -46,6 +46,34 @@ WEDGE = {  # pressed into a groove that it cannot slide out of, let go, then dra
     "steps": {"end": 3.0, "count": 12},
 }  # fmt: skip
 
+SLOT = {  # a block that nothing touches, drawn along its slot; pressures from both sides would hold it
+    "model": "plane strain",
+    "geometry": {"builder": "block", "length": 1.0, "height": 0.5, "mesh_size": 0.25},
+    "bodies": {"block": {"E": 1e6, "nu": 0.3}},
+    "obstacles": {"floor": {"shape": "plane", "point": [0.0, -0.01], "normal": [0.0, 1.0]},
+                  "roof": {"shape": "plane", "point": [0.0, 0.51], "normal": [0.0, -1.0]}},
+    "contacts": {name: {"surface": f"block.{side}", "against": name, "friction": {"law": "coulomb", "mu": 0.3}}
+                 for name, side in (("floor", "bottom"), ("roof", "top"))},
+    "loads": {"pull": {"boundary": "block.right", "force": {"x": [[1.0, 0.0], [2.0, 10.0]]}}},
+    "steps": {"end": 2.0, "count": 2},
+}  # fmt: skip
+LOOSE = BELT | {  # turned about its shaft, which it does not touch
+    "contacts": {"wrap": BELT["contacts"]["wrap"] | {"gap_offset": 1e-3}},
+    "geometry": BELT["geometry"] | {"angle": 360},
+    "loads": {"torque": {"boundary": "ring.outer", "traction": ["-y*max(t-1,0)", "x*max(t-1,0)"]}},
+}
+SPUN = {  # the ring widens by far more than its gap, and then moves on until it lies on the shaft
+    "model": "plane strain",
+    "geometry": {"builder": "ring", "inner_radius": 1.0, "outer_radius": 1.4, "angle": 360, "mesh_size": 0.08},
+    "bodies": {"ring": {"E": 210e9, "nu": 0.3, "density": 7850.0}},
+    "obstacles": {"shaft": {"shape": "cylinder", "point": [0.0, 0.0], "radius": 1.0}},
+    "contacts": {"fit": {"surface": "ring.inner", "against": "shaft", "friction": {"law": "cohesion", "a": 3e6,
+                                                                                   "mu": 0.12}}},
+    "centrifugal": {"speed": [[1.0, 1000.0]]},
+    "loads": {"pull": {"boundary": "ring.outer", "force": {"x": [[1.0, 0.0], [2.0, 1e8]]}}},
+    "steps": {"end": 2.0, "count": 1},
+}  # fmt: skip
+
 
 def ended(data: dict[str, Any]) -> tuple[list[StepResult], float, int, int]:
     """Steps; the time from which there is no equilibrium; volume solves of a step before, and of all at the limit."""
@@ -77,6 +105,17 @@ def test_a_motion_without_end_is_no_limit_until_friction_is_spent(monkeypatch: p
         with pytest.raises(StepError, match=r"not shown to be spent: .* moves along x; the last equilibrium") as caught:
             list(prepare(from_dict(LAP)).steps())
     assert type(caught.value) is StepError
+
+
+@pytest.mark.parametrize("data", [SLOT, LOOSE], ids=["slot", "loose"])
+def test_bodies_that_nothing_touches_and_nothing_stops_have_no_equilibrium(data: dict[str, Any]) -> None:
+    with pytest.raises(NoEquilibriumError, match=r"t = 1: .* the last equilibrium that was found is at t = 1$"):
+        list(prepare(from_dict(data)).steps())
+
+
+def test_a_body_stops_where_strain_has_widened_its_gap() -> None:
+    fit = list(prepare(from_dict(SPUN)).steps())[-1].contacts["fit"]
+    assert fit.force[0] == pytest.approx(-1e8, rel=1e-8)
 
 
 def test_a_joint_grips_as_bodies_and_bolt_press_it() -> None:

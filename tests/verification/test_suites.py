@@ -311,7 +311,7 @@ def test_small_sibling(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
 def test_total_errors_of_a_block_against_a_finer_mesh_in_more_steps() -> None:
     problem = PROBLEMS["block"]
     run = solve(problem.meshed(1, 2.25))
-    best = solve(in_steps(problem.meshed(2, 0.75), 4), errors=False, sharp=True).at(run.times)
+    best = solve(in_steps(problem.meshed(2, 0.75), 4), errors=False, sharp=run.times).at(run.times)
     share = Share.of(compare("block", 1, 2.25, TOTAL, run, best))
     assert share.counted > 5
     assert share.meets(OF_PROBLEMS)

@@ -15,7 +15,6 @@ from typing import Any
 
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.mesh_sizes import SizeField
-from stickslip.solvers.accuracy.errors import joined
 from stickslip.solvers.parallel.counters import Clock, Counters, Row
 from stickslip.solvers.parallel.serialise import serialise
 from stickslip.solvers.results.linear_reference import LinearReference, linear_reference
@@ -246,8 +245,10 @@ class Run:
             told: warnings of before the first step.
         """
         simulation, audited = self._simulation, Audited()
-        if self._errors is None and simulation.scene.output.error and self.steps:  # of a run that was stopped
-            self._errors = joined(self.steps)
+        if self._errors is None and simulation.scene.output.error and self.steps:  # of a run that ended early
+            estimates = simulation.estimates(self.steps)
+            estimates.price()
+            self._errors = estimates.errors
         simulation.release()  # audit and pictures come when nothing more is solved
         status, sentence = self._unless_stopped(status, sentence)
         if simulation.scene.output.audit and status != "interrupted":

@@ -383,7 +383,7 @@ def _on_shared_facets(rows: ContactRows, states: Sequence[ContactState]) -> Iter
 
 def _few_points(rows: ContactRows, problem: Problem, state: ContactState) -> Iterator[str]:
     """A closed part with an open edge on a curved gap, with too few elements, or with a peak that its mesh makes."""
-    closed, beside, pair = state.status != OPEN, rows.surface.neighbours(), problem.pairs[rows.name]
+    closed, beside, pair = state.status != OPEN, rows.surface.neighbours, problem.pairs[rows.name]
     ring = closed | (beside @ closed > 0)
     gap = rows.node_gap[ring]
     flat = closed.all() or float(np.ptp(gap)) <= ROUNDING * float(np.ptp(rows.surface.points, axis=0).max())

@@ -1,113 +1,156 @@
-"""Newton iterations on assemblies: `python -m stickslip.workflows.lab.benchmarks.assemblies` prints a row each.
+"""A collection of assemblies: `python -m stickslip.workflows.lab.benchmarks.assemblies` writes docs/assemblies.md.
 
-Bodies have room to move, and friction alone keeps some of them from turning: a pin in a clevis, a ball in its socket, a
-wedge, two rings pressed into each other.
+Bodies have room to move, and friction alone keeps some of them from turning: a pin in a clevis, a ball in its socket,
+links of a chain, stones without mortar. One core, one thread, CPU seconds; a price is that of preparation and
+iterations over one linear solve of the same bodies with their contact nodes held.
 """
 
 from __future__ import annotations
 
+import itertools
 import os
-import tempfile
 import time as clock
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from stickslip import Scene, prepare, read
+from stickslip import Counters, Scene, StickslipError, prepare
+from stickslip.solvers.parallel.counters import Clock
+from stickslip.solvers.results.linear_reference import linear_reference
+from stickslip.solvers.results.step_result import Quantity, StepResult, quantities
 from stickslip.workflows.cost.measure import ONE_THREAD
-from stickslip.workflows.lab.benchmarks.own_process import silence
+from stickslip.workflows.lab.benchmarks.own_process import apart
+from stickslip.workflows.scene_file.proposal import assembly, scene_text
+from stickslip.workflows.scene_file.read import from_dict
 
 os.environ.update(ONE_THREAD)  # before the first operation that would start them
 
-FIXED = "displacement = { x = 0.0, y = 0.0, z = 0.0 }\n"
-SHAPES = Path(__file__).parent / "templates" / "assemblies"
+SHAPES = Path(__file__).with_name("assembly_shapes.py")
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "assemblies.md"
+DRAWN = Path("/usr/share/doc/gmsh-doc/doc/gmsh/demos/api/as1-tu-203.stp.gz")  # of Debian's package gmsh-doc
+STORED = Quantity("energy", "", "stored")
+ONCE, AFTER = ((1.0, 1.0), (2.0, 1.2), (3.0, 0.9)), ((1.0, 0.0), (2.0, 1.0), (3.0, 0.8))  # times, and parts of the load
+STEEL = {"E": 210e3, "nu": 0.3}  # [MPa]
+Table = dict[str, Any]
+Side = tuple[str, float] | tuple[float, ...]  # axis that it lies across and where [mm], or a box
+
+
+def box(side: Side, far: float = 1e4) -> Table:
+    """Return what selects a side: a box, that around a plane is thin."""
+    if len(side) > 2:
+        return {"box": side}
+    axis, at = side
+    return {"box": [at + s * 1e-2 if name == axis else s * far for s in (-1, 1) for name in "xyz"]}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Assembly:
-    """A gmsh script, and what is added to it: lines of a scene [mm, N, MPa]."""
+    """What a scene adds to a shape [mm, N, MPa]; forces of plane ones are per mm.
 
-    bodies: tuple[str, ...]
-    held: tuple[str, ...]  # sides
-    loaded: str  # side
-    force: tuple[float, float, float]  # [N]
-    size: float  # of cells [mm]
-    gap: float = 0.0  # [mm] of the exact shapes
+    Attributes:
+        bodies: how many of a name there are.
+        held: side of a body where it is held.
+        guided: side where it cannot move along its normal.
+        loaded: side that the force acts on.
+        force: by component [N].
+        bolts: body, places +-x and +-y, heights of the ends of the shank, tension [N]; the first step tightens them.
+        sizes: of cells [mm], and of cells where bodies are close.
+        plane: whether it is of two dimensions.
+        soft: materials of what is not steel.
+        contact: what the table of contact has more.
+        more: other tables of the scene.
+    """
 
-    def scene(self, name: str, folder: Path, mu: float = 0.2, coarser: float = 1.0, order: int = 1) -> Scene:
-        """The scene, written into a folder.
+    bodies: Mapping[str, int]
+    held: Mapping[str, Side]
+    guided: Mapping[str, Side] = field(default_factory=dict)
+    loaded: Mapping[str, Side] = field(default_factory=dict)
+    force: tuple[float, ...] = ()
+    bolts: Mapping[str, Any] = field(default_factory=dict)
+    sizes: tuple[float, float]
+    plane: bool = False
+    soft: Mapping[str, Table] = field(default_factory=dict)
+    contact: Table = field(default_factory=dict)
+    more: Table = field(default_factory=dict)
 
-        Args:
-            name: of the script.
-            folder: where scene and script are written.
-            mu: coefficient of friction.
-            coarser: factor on the size of cells.
-            order: of the elements.
-        """
-        (folder / f"{name}.geo").write_bytes((SHAPES / f"{name}.geo").read_bytes())
-        steel = "\n".join(f"{body} = {{ E = 210e3, nu = 0.3 }}" for body in self.bodies)
-        held = "".join(f'[supports.side_{k}]\nboundary = "{side}"\n{FIXED}' for k, side in enumerate(self.held))
-        load = ", ".join(f"{axis} = {value!r}" for axis, value in zip("xyz", self.force, strict=True))
-        path = folder / f"{name}.toml"
-        path.write_text(
-            f"""title = "Assembly {name}"
-model = "3d"
-units = "mm-N-MPa"
-[geometry]
-file = "{name}.geo"
-order = {order}
-size = {self.size * coarser!r}
-[bodies]
-{steel}
-[contacts.any]
-between = "all"
-friction = {{ law = "coulomb", mu = {mu!r} }}
-gap = {self.gap!r}
-{held}[loads.force]
-boundary = "{self.loaded}"
-force = {{ {load} }}
-[solver]
-method = "condensed-newton"
-[output]
-pictures = false
-error = false
-""",
-            encoding="utf-8",
-        )
-        return read(path)
+    def table(self, kind: str) -> Table:
+        """Return the scene as data."""
+        bodies = {f"{name}_{k}" if n > 1 else name: name for name, n in self.bodies.items() for k in range(1, n + 1)}
+        sides = {f"{body}.{place}": box(side) for place in PLACES for body, side in getattr(self, place).items()}
+        times = AFTER if self.bolts else ONCE
+        force = [[[time, part * value] for time, part in times] for value in self.force]
+        fixed = {"held": dict.fromkeys("xy" if self.plane else "xyz", 0.0), "guided": {"normal": 0.0}}
+        named = {name.replace(".", "_"): (name, name.split(".")[1]) for name in sides}
+        return {
+            "title": f"Assembly {kind}",
+            "model": "plane strain" if self.plane else "3d",
+            "units": "mm-N-MPa",
+            "geometry": {"file": str(SHAPES), "parameters": {"kind": kind}, "names": sides}
+            | dict(zip(("mesh_size", "contact_mesh_size"), self.sizes, strict=True)),
+            "bodies": {name: self.soft.get(of, STEEL) for name, of in bodies.items()},
+            "contacts": {"any": {"between": "all"} | self.contact},
+            "supports": {
+                key: {"boundary": side, "displacement": fixed[place]}
+                for key, (side, place) in named.items()
+                if place in fixed
+            },
+            "loads": {
+                key: {"boundary": side, "force": force} for key, (side, place) in named.items() if place == "loaded"
+            },
+            "bolts": bolts(**self.bolts) if self.bolts else {},
+            "steps": {"end": times[-1][0], "count": len(times)},
+        } | self.more
 
 
-ASSEMBLIES: Mapping[str, Assembly] = {
-    "clevis": Assembly(
-        bodies=("lug", "clevis", "pin"),
-        held=("clevis.end",),
-        loaded="lug.end",
-        force=(10e3, 0.0, 0.0),
-        size=5.0,
-        gap=0.02,
-    ),
-    "ball": Assembly(
-        bodies=("socket", "ball"),
-        held=("socket.bottom",),
-        loaded="ball.top",
-        force=(150.0, 0.0, -3e3),
-        size=2.2,
-        gap=0.05,
-    ),
-    "wedge": Assembly(
-        bodies=("wedge", "block", "wall"),
-        held=("wall.back", "block.back"),
-        loaded="wedge.top",
-        force=(0.0, -2e3, 0.0),
-        size=4.0,
-    ),
-    "rings": Assembly(
-        bodies=("inner", "outer"), held=("outer.foot",), loaded="inner.top", force=(0.0, 0.0, -1e3), size=4.0, gap=-0.02
-    ),
-}
+def bolts(body: str, places: tuple[float, float], shank: tuple[float, float], force: float) -> Table:
+    """Return the table of four bolts along z, see `Assembly`."""
+    pulled = {"force": [[1.0, force]], "held_from": 1.0}
+    return {
+        f"{body}_{k}": {"body": f"{body}_{k}", "shank": [[*place, z] for z in shank]} | pulled
+        for k, place in enumerate(product(*((-x, x) for x in places)), start=1)
+    }
+
+
+PLACES = ("held", "guided", "loaded")
+WRITTEN = tomllib.loads(SHAPES.with_name("assemblies.toml").read_text(encoding="utf-8"))
+ASSEMBLIES: Mapping[str, Assembly] = {name: Assembly(**table) for name, table in WRITTEN.items()}
+NAMES = (*ASSEMBLIES, "as1")
+
+
+def as1() -> Table:
+    """Return the assembly of 18 solids in Debian's gmsh-doc, as `stickslip new --from` proposes it, and a pull."""
+    proposed = tomllib.loads(scene_text(assembly(DRAWN, "mm", None), DRAWN))
+    pull = {"pull": {"boundary": "l_bracket.front", "force": [[[1.0, 0.0], [2.0, 800.0], [3.0, 640.0]], 0.0, 0.0]}}
+    return proposed | {"loads": pull, "steps": {"end": 3.0, "count": 3}}
+
+
+@dataclass(frozen=True)
+class Case:
+    """An assembly as it is to be solved."""
+
+    name: str
+    mu: float = 0.2  # coefficient of friction
+    coarser: float = 1.0  # factor on the sizes of cells
+    order: int = 1  # of the elements
+    method: str = "auto"
+    error: bool = False  # whether errors are estimated
+
+    def scene(self) -> Scene:
+        """What is solved."""
+        table = as1() if self.name == "as1" else ASSEMBLIES[self.name].table(self.name)
+        for contact in table["contacts"].values():
+            contact["friction"] = {"law": "coulomb", "mu": self.mu}
+        geometry = table["geometry"]
+        for key in {"mesh_size", "contact_mesh_size"} & set(geometry):
+            geometry[key] *= self.coarser
+        geometry["order"] = self.order
+        asked = {"solver": {"method": self.method}, "output": {"pictures": False, "error": self.error}}
+        return from_dict(table | asked, DRAWN.parent)
 
 
 @dataclass(frozen=True)
@@ -115,40 +158,80 @@ class Work:
     """What the steps of one assembly took."""
 
     name: str
-    rows: int
-    iterations: tuple[int, ...]  # of each step
-    seconds: float
+    unknowns: int = 0
+    rows: int = 0
+    iterations: tuple[int, ...] = ()  # of each step
+    seconds: tuple[float, ...] = ()  # CPU [s] of preparation, and of each step
+    unit: float = float("nan")  # CPU [s] of one linear solve
+    error: float | None = None  # stated of the elastic energy, relative to it
+    told: str = ""  # why it ended
+
+    @property
+    def prices(self) -> tuple[float, float]:
+        """Preparation and first step, and the dearest of the others, in linear solves."""
+        prepared, first, *others = self.seconds
+        return (prepared + first) / self.unit, max(others, default=float("nan")) / self.unit
 
     def __str__(self) -> str:
-        return f"{self.name:8} {self.rows:6} {' '.join(map(str, self.iterations)):>12} {self.seconds:8.1f}"
+        first, *others = map(str, self.iterations or ("",))
+        told = self.told if self.error is None else f"{100 * self.error:.2g} %"
+        prices = [f"{price:.1f}" for price in self.prices] if self.iterations else ["", ""]
+        cells = (
+            self.name,
+            self.unknowns,
+            self.rows,
+            first,
+            " ".join(others),
+            *prices,
+            f"{sum(self.seconds):.1f}",
+            told,
+        )
+        return f"| {' | '.join(map(str, cells))} |"
 
 
-def measure(name: str, mu: float = 0.2, coarser: float = 1.0, order: int = 1) -> Work:
-    """Solve one of the assemblies; see `Assembly.scene`."""
-    with tempfile.TemporaryDirectory() as folder:
-        simulation = prepare(ASSEMBLIES[name].scene(name, Path(folder), mu, coarser, order))
-        began = clock.process_time()
-        steps = [(len(step.p), step.iterations) for step in simulation.steps()]
-    return Work(name, steps[-1][0], tuple(count for _, count in steps), clock.process_time() - began)
-
-
-def table(names: list[str], mu: float, coarser: float, order: int) -> Iterator[str]:
-    """The report."""
-    yield f"{'':8} {'rows':>6} {'iterations':>12} {'seconds':>8}"
-    for name in names:
-        yield str(measure(name, mu, coarser, order))
+def measure(case: Case) -> Work:
+    """Solve one of the assemblies; what is refused, and what has no solution, tells so."""
+    counters = Counters()
+    counters.clock = Clock(now=clock.process_time)
+    steps, told, stated = list[StepResult](), "", None
+    try:
+        simulation = prepare(case.scene(), counters=counters)
+        marks = [simulation.seconds.prepare, simulation.seconds.iterate]
+        for step in simulation.steps():
+            steps.append(step)
+            marks.append(simulation.seconds.iterate)
+        if case.error:
+            estimates = simulation.estimates(steps)
+            estimates.solve(estimates.choose())
+            total, value = estimates.errors[-1][STORED].total, quantities(steps[-1])[STORED]
+            stated = None if total is None else float(total / value)
+    except StickslipError as failed:
+        told = f"{type(failed).__name__}: {failed}"
+    if not steps:
+        return Work(case.name, told=told)
+    return Work(
+        name=case.name,
+        unknowns=simulation.system.constraints.free_total,
+        rows=len(steps[-1].p),
+        iterations=tuple(step.iterations for step in steps),
+        seconds=(marks[0], *(after - before for before, after in itertools.pairwise(marks[1:]))),
+        unit=linear_reference(simulation.system, now=clock.process_time).seconds,
+        error=stated,
+        told=told,
+    )
 
 
 def main(
     names: Annotated[list[str] | None, typer.Argument(help="assemblies [all]")] = None,
     mu: Annotated[float, typer.Option(help="coefficient of friction")] = 0.2,
-    coarser: Annotated[float, typer.Option(help="factor on the size of cells")] = 1.0,
+    coarser: Annotated[float, typer.Option(help="factor on the sizes of cells")] = 1.0,
     order: Annotated[int, typer.Option(help="of the elements")] = 1,
+    method: Annotated[str, typer.Option(help="of solution")] = "auto",
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="where the page goes")] = None,
 ) -> None:
-    """Print rows, iterations and seconds of assemblies."""
-    silence()
-    for line in table(names or list(ASSEMBLIES), mu, coarser, order):
-        print(line, flush=True)
+    """Print a row of each assembly; with all of them, write the page."""
+    for name in names or NAMES:
+        print(apart(measure, Case(name, mu, coarser, order, method, output is not None)), flush=True)
 
 
 if __name__ == "__main__":

@@ -23,8 +23,11 @@ def verify(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="hard: of their order and random numbers; random: of scenes")] = 0,
     scenes: Annotated[
-        str, typer.Option("--scenes", metavar="NAME,NAME", help="suites: these scenes (effects) only [all]")
+        str, typer.Option("--scenes", metavar="NAME,NAME", help="suites: these scenes (effects) only; random: files")
     ] = "",
+    budget: Annotated[
+        float | None, typer.Option("--budget", help="random: seconds for the errors, in those of all else of a run")
+    ] = None,
     jobs: Annotated[int, typer.Option("--jobs", help="suites: number of processes")] = 1,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="suites: write NAME.md, .png, .jsonl there")
@@ -45,12 +48,15 @@ def verify(
     for suite in ("hard", "accuracy", "effects"):
         if suite in (names or []) and names != [suite]:
             raise SceneError(f"verify {suite}: takes no other name beside it")
-    if random and (names != ["accuracy"] or only):
-        raise SceneError("--random: goes with `verify accuracy` alone, and without --scenes")
+    if random and names != ["accuracy"]:
+        raise SceneError("--random: goes with `verify accuracy` alone")
+    if budget is not None and not random:
+        raise SceneError("--budget: goes with --random alone")
     if names == ["hard"]:
         passed = hard(only, VARIATIONS if number is None else number, seed, jobs, output, again, resume)
     elif random:
-        passed = random_accuracy(NUMBER if number is None else number, seed, jobs, output)
+        files = [Path(name) for name in only]
+        passed = random_accuracy(NUMBER if number is None else number, seed, jobs, output, budget, files)
     elif names == ["accuracy"]:
         passed = accuracy(only, jobs, output)
     elif names == ["effects"]:

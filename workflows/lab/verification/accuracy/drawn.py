@@ -11,15 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from stickslip.geometry.errors import require
 from stickslip.geometry.mesh.mesh import write_msh
 from stickslip.workflows.lab.verification.accuracy.families import FAMILIES, Dice, Member
 from stickslip.workflows.lab.verification.hard.tables import Tables, sizes, toml
-from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.scene_file.read import from_dict, read, to_dict
 
 FINER = {("2d", 1): 8.0, ("2d", 2): 8.0, ("3d", 1): 3.0, ("3d", 2): 4.0}  # of the truth's cells, by model and order
 DOUBT = 1.5  # times the truth's cells, and half its steps: the run that tells how well it is known
 MORE = 16  # times the steps
-RUN, TRUTH, SECOND = "run", "truth", "second"  # names of the three scene files
+RUN, TRUTH, SECOND = "run", "truth", "second"  # names of the scene files
+FIRST = "first"  # order 2 on the run's cells: what grows from there on has no limit
 
 
 @dataclass(frozen=True)
@@ -41,12 +43,17 @@ class Drawn:
         return DOUBT * fine, fine
 
     def files(self, folder: Path) -> dict[str, Path]:
-        """Write the scene and the two finer ones."""
+        """Write the scene, that of order 2 on its cells, and the two finer ones."""
         own, (second, fine) = self.member.tables, self.cells
         folder.mkdir(parents=True, exist_ok=True)
         if self.member.outline:
             (folder / "shape.geo").write_text(self.member.outline, encoding="utf-8")
-        found = {TRUTH: finer(own, fine, MORE), SECOND: finer(own, second, MORE // 2), RUN: own}
+        found = {
+            TRUTH: finer(own, fine, MORE),
+            SECOND: finer(own, second, MORE // 2),
+            FIRST: finer(own, 1.0, 1),
+            RUN: own,
+        }
         if self.member.meshed:
             scene = from_dict(own)
             write_msh(scene.geometry, scene.request(), folder / f"{RUN}.msh")
@@ -91,6 +98,18 @@ def written(tables: Tables) -> str:
     return "\n".join(
         head + "".join(f"{key} = {toml(value)}\n" for key, value in part.items()) for head, part in parts.items()
     )
+
+
+def of_file(path: Path) -> Drawn:
+    """The scene of a file, which is judged like a drawn one.
+
+    Raises:
+        SceneError: it cannot be read, or has no mesh sizes.
+    """
+    tables = to_dict(read(path))
+    require(bool(sizes(tables)), f"{path}: geometry.mesh_size", None, "is needed, for the truth has smaller cells")
+    tables["output"] |= {"pictures": False, "error": True}
+    return Drawn(path.stem, Member(tables))
 
 
 def drawn(seed: int) -> Iterator[Drawn]:

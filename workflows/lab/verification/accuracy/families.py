@@ -133,8 +133,9 @@ def pressed(dice: Dice, model: str, shape: Tables, slave: str, top: str, strain:
         push: largest way aside over that; 0: straight down.
     """
     E, knots, name, flat = modulus(dice), history(dice), slave.partition(".")[0], model != "3d"
-    moved = {"y" if flat else "z": pressing(knots, -strain)}
+    moved: Tables = {"y" if flat else "z": pressing(knots, -strain)}
     if push:
+        moved |= {} if flat else {"y": 0.0}  # without friction nothing else holds it
         moved |= {
             axis: aside(knots, dice.between(0.15, 0.9) * push * strain)
             for axis in dice.one_of("x", "x" if flat else "xy")

@@ -6,14 +6,17 @@ All numbers of a solved history with their stated errors, component by component
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from stickslip import ErrorParts, Quantity, Scene, Simulation, StepResult, prepare
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import EXACT, Array
 from stickslip.solvers.accuracy.areas import areas_inside_facets
+from stickslip.solvers.accuracy.histories import largest_stresses
+from stickslip.solvers.accuracy.mesh_error import at_ends, corrected
+from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import Errors, number_of, quantities
 from stickslip.solvers.scene.record import STRESSES, Value
 
@@ -37,6 +40,7 @@ class Answer:
     stated: Mapping[str, Column]  # errors by part; nan: none is stated
     endless: Column  # 1 where it is said that the number has no limit on ever finer meshes
     scales: Column  # what an error is measured by; 0: it is not judged
+    ends: Column = field(default_factory=dict)  # the numbers, but stresses of bodies at corners of cells
     unknowns: int
     price: float = np.nan  # seconds of the errors over those of all else
 
@@ -56,33 +60,56 @@ class Answer:
             values={**some(self.values), **sums},
             stated={part: some(columns) for part, columns in self.stated.items()},
             endless=some(self.endless),
+            ends=some(self.ends),
             scales={**some(self.scales), **{name: _worth(values, stored) for name, values in sums.items()}},
         )
 
 
-def solve(scene: Scene, errors: bool = True, sharp: bool = False) -> Answer:
+def solve(
+    scene: Scene, errors: bool = True, sharp: Sequence[float] | Array = (), budget: float | None = None
+) -> Answer:
     """Solve all steps.
 
     Args:
         errors: whether they are estimated.
-        sharp: whether edges of areas lie between nodes: by nodes alone an area on a fine mesh would be known to no
-            better than a fraction of its error on others.
+        sharp: times [s] at which edges of areas lie between nodes, and stresses of bodies are those at corners of
+            cells: by nodes and midpoints alone a number on a fine mesh would be known to no better than a fraction of
+            its error on others.
+        budget: seconds that errors may take, in those of all else, which the run is solved for once more; None: as the
+            scene has it.
     """
-    simulation = prepare(replace(scene, output=replace(scene.output, error=errors)))
-    steps = tuple(simulation.steps())
+    output = replace(scene.output, error=errors)
+    if budget is not None:
+        alone = prepare(replace(scene, output=replace(output, error=False)))
+        tuple(alone.steps())
+        output = replace(output, error_budget=budget * sum(asdict(alone.seconds).values()))
+    simulation = prepare(replace(scene, output=output))
+    steps = tuple(_sharper(simulation, step, sharp) for step in simulation.steps())
     found = simulation.errors(steps) if errors else tuple({key: ErrorParts() for key in quantities(s)} for s in steps)
     seconds = asdict(simulation.seconds)
-    areas = [areas_inside_facets(simulation.system.contacts, step) if sharp else {} for step in steps]
-    values = _columns([dict(_numbers(quantities(s) | found)) for s, found in zip(steps, areas, strict=True)])
+    better = [corrected(step) if len(sharp) else {} for step in steps]
+    values = _columns([dict(_numbers(quantities(s) | found)) for s, found in zip(steps, better, strict=True)])
     return Answer(
         times=np.array([step.time for step in steps]),
         values=values,
         stated={part: _columns([dict(_part(s, e, part)) for s, e in zip(steps, found, strict=True)]) for part in PARTS},
         endless=_columns([dict(_endless(s, e)) for s, e in zip(steps, found, strict=True)]),
         scales=_scales(simulation, steps, values),
+        ends=_columns([dict(_numbers(at_ends(step))) for step in steps]),
         unknowns=simulation.system.T.size[0],
         price=seconds["error"] / (sum(seconds.values()) - seconds["error"]),
     )
+
+
+def _sharper(simulation: Simulation, step: StepResult, sharp: Sequence[float] | Array) -> StepResult:
+    """A step that was just solved, with better numbers at some times, see `solve`."""
+    if not len(sharp) or np.abs(np.array(sharp) - step.time).min() > EXACT * simulation.scene.steps.end:
+        return step
+    assert simulation.reported is not None
+    areas = areas_inside_facets(simulation.system.contacts, step)
+    recovered = RecoveredStress(simulation.system)
+    stresses = largest_stresses(simulation.observer, recovered, simulation.reported, step)
+    return replace(step, corrected=stresses | {str(key): value for key, value in areas.items()})
 
 
 def quantity(name: str) -> Quantity:

@@ -22,7 +22,7 @@ from stickslip.geometry.errors import nearest, require
 from stickslip.geometry.keys import adapter
 from stickslip.workflows.formats.files import disk_errors, make_folder
 from stickslip.workflows.formats.templates import render
-from stickslip.workflows.lab.verification.accuracy.drawn import DOUBT, FINER, MORE
+from stickslip.workflows.lab.verification.accuracy.drawn import DOUBT, FINER, MORE, drawn, of_file
 from stickslip.workflows.lab.verification.accuracy.judge import (
     COUNTS,
     HIGH,
@@ -78,13 +78,22 @@ def accuracy(names: Sequence[str] = (), jobs: int = 1, folder: Path | None = Non
     return passed(found)
 
 
-def random_accuracy(number: int = NUMBER, seed: int = 0, jobs: int = 1, folder: Path | None = None) -> bool:
+def random_accuracy(
+    number: int = NUMBER,
+    seed: int = 0,
+    jobs: int = 1,
+    folder: Path | None = None,
+    budget: float | None = None,
+    scenes: Sequence[Path] = (),
+) -> bool:
     """Judge the stated errors of scenes drawn at random; one line for each, then the tables.
 
     Args:
         number: of scenes.
         seed: of what is drawn.
         jobs: processes, of one core each.
+        budget: seconds that errors may take, in those of all else of a run; None: as is usual.
+        scenes: files that are judged in place of what is drawn, in a folder of their own.
         folder: where the scene files, accuracy.md, accuracy.png and seed_SEED.jsonl are written; None: nowhere.
 
     Returns:
@@ -96,10 +105,13 @@ def random_accuracy(number: int = NUMBER, seed: int = 0, jobs: int = 1, folder: 
     """
     require(number >= 1, "--number", number, "must be at least 1")
     require(seed >= 0, "--seed", seed, "must not be negative")
-    began = clock.monotonic()
-    found = _told(lambda folder: drawn_studies(number, seed, jobs, folder / f"seed_{seed}"), jobs, folder)
+    require(budget is None or budget > 0, "--budget", budget, "must be positive")
+    given, name = [of_file(path) for path in scenes], "scenes" if scenes else f"seed_{seed}"
+    number, began = len(given) or number, clock.monotonic()
+    found = _told(lambda folder: drawn_studies(given or drawn(seed), number, jobs, folder / name, budget), jobs, folder)
     print(f"\n{drawn_tables(found)}\n\n{clock.monotonic() - began:.0f} s")
-    _keep(folder, OF_SEED.format(seed), found)
+    if not given:
+        _keep(folder, OF_SEED.format(seed), found)
     return well_drawn(found)
 
 

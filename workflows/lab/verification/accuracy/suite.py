@@ -26,7 +26,7 @@ import numpy as np
 
 from stickslip import Scene, Solver, StepError, StickslipError, read
 from stickslip.workflows.cost.measure import ONE_THREAD
-from stickslip.workflows.lab.verification.accuracy.drawn import MORE, RUN, SECOND, TRUTH, Drawn, drawn
+from stickslip.workflows.lab.verification.accuracy.drawn import FIRST, MORE, RUN, SECOND, TRUTH, Drawn
 from stickslip.workflows.lab.verification.accuracy.judge import (
     ITERATION,
     MESH,
@@ -101,6 +101,7 @@ class Draft:
 
     scene: Drawn
     folder: Path
+    budget: float | None = None  # see `solve`
 
     def __str__(self) -> str:
         return self.scene.name
@@ -110,9 +111,11 @@ def judged_alone(draft: Draft) -> Study:
     """The study of a drawn scene."""
     name, order = draft.scene.name, draft.scene.order
     files = draft.scene.files(draft.folder)
-    run = solve(read(files[RUN]))
-    truth, second = (solve(read(files[key]), errors=False, sharp=True).at(run.times) for key in (TRUTH, SECOND))
-    grow = [*_endless(name, {1.0: run}, (run, second, truth), (1.0, *draft.scene.cells))]
+    run = solve(read(files[RUN]), budget=draft.budget)
+    truth, second, first = (
+        solve(read(files[key]), errors=False, sharp=run.times).at(run.times) for key in (TRUTH, SECOND, FIRST)
+    )
+    grow = [*_endless(name, {1.0: run}, (first, second, truth), (1.0, *draft.scene.cells))]
     doubt = {key: np.abs(value - second.values[key]) for key, value in truth.values.items()}
     return Study(
         problem=name,
@@ -129,13 +132,17 @@ def limited(cases: Iterable[Case], found: Iterable[Endless]) -> tuple[Case, ...]
     return tuple(case for case in cases if (case.time, case.name) not in growing)
 
 
-def drawn_studies(number: int, seed: int, jobs: int, folder: Path) -> Iterator[Study]:
-    """So many scenes; others are drawn for those that end without an answer, which come too, with why."""
-    left, draws = number, drawn(seed)
-    while left:
-        for study in studies(
-            judged_alone, (Draft(scene, folder / scene.name) for scene in islice(draws, left)), jobs, 3 * 60
-        ):
+def drawn_studies(
+    scenes: Iterable[Drawn], number: int, jobs: int, folder: Path, budget: float | None = None
+) -> Iterator[Study]:
+    """So many scenes; others are taken for those that end without an answer, which come too, with why.
+
+    Args:
+        budget: see `solve`.
+    """
+    left, drafts = number, (Draft(scene, folder / scene.name, budget) for scene in scenes)
+    while some := [*islice(drafts, left)]:
+        for study in studies(judged_alone, some, jobs, 3 * 60):
             left -= not study.failure
             yield study
 
@@ -164,8 +171,8 @@ def solved(problem: Problem) -> Runs:
         own={key: solve(problem.meshed(*key)) for key in keys},
         many={key: solve(in_steps(problem.meshed(*key), MORE), errors=False).at(times) for key in keys},
         loose=loosely,
-        fine=solve(fine, errors=False, sharp=True).at(times),
-        best=solve(in_steps(fine, MORE), errors=False, sharp=True).at(times) if problem.long else None,
+        fine=solve(fine, errors=False, sharp=times).at(times),
+        best=solve(in_steps(fine, MORE), errors=False, sharp=times).at(times) if problem.long else None,
     )
 
 
@@ -222,7 +229,7 @@ def _endless(
         answers: on meshes of these sizes, each finer than the one before.
     """
     for key in (key for key in answers[-1].values if key.endswith((".max_pressure", ".max_von_mises"))):
-        grow = endless([answer.values[key] for answer in answers], sizes)
+        grow = endless([answer.ends[key] for answer in answers], sizes)
         for mesh, run in said_by.items():
             for k, time in enumerate(run.times):
                 said = bool(run.endless[key][k])
