@@ -1,9 +1,9 @@
 """Soft contact, from which Newton's method starts: p = P_C(c (w - gap)), stiffer in stages.
 
-Where friction alone keeps bodies from turning or sliding most active sets leave a motion free. Soft contact, with c
-about the stiffness of a contact point, always holds them, and has nearly the right points closed, slipping the right
-way. With friction bounds frozen it has an energy, whose least value along a Newton step is searched for: w is affine,
-so that this costs no volume solve.
+Where friction alone keeps bodies from turning or sliding most active sets leave a motion free. Soft contact always
+holds them. First it is far softer than a contact point, for bodies that travel much farther than they deform; in the
+end, stiffer than that, it has nearly the right points closed, slipping the right way. With friction bounds frozen it
+has an energy, whose least value along a Newton step is searched for: w is affine, so that this costs no volume solve.
 
 Source: Simo & Laursen, Comput. & Structures 42 (1992), of contact that gives; Haslinger, Hlaváček & Nečas, Handbook of
 Numerical Analysis IV (1996), of frozen bounds.

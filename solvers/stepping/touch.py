@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, ROUNDING, SLIGHT, Array, Bools
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
@@ -50,7 +50,7 @@ class Way:
             found: a solution, and the problem with slip and laws as they are then.
             solve: solves such a problem.
         """
-        (solution, last), touch = found, Touch(self, CLOSE)
+        (solution, last), touch = found, Touch(self)
         while solution.status is Status.CONVERGED and (gap := touch(solution.p, solution.w, last.gap)) is not last.gap:
             solution, last = solve(replace(self.problem, gap=gap), solution.p)
         return solution, last
@@ -142,12 +142,15 @@ class Way:
 
 @dataclass
 class Touch:
-    """Where points touch, found again from each iterate until the places stay, or go to and fro; collective."""
+    """Where points touch, found again from each iterate until the places stay, or go to and fro; collective.
+
+    While the same points are closed the gap is extrapolated through the last two.
+
+    Source: Anderson, J. ACM 12 (1965).
+    """
 
     way: Way
-    slight: float = SLIGHT  # part of what touch changes that is no change [-]
-    tried: set[bytes] = field(default_factory=set)  # which points were closed
-    change: float = np.inf  # of the gap, by the last iterate [m]
+    tried: dict[bytes, tuple[Array, Array]] = field(default_factory=dict)  # the last gap and its change, by what closed
 
     def __call__(self, p: Array, w: Array, before: Array) -> Array:
         """Gap (rows,) [m] with slip counted from touch; that of before if it stays.
@@ -158,11 +161,16 @@ class Touch:
             before: gap (rows,) [m] that it was found with.
         """
         problem, gap = self.way.problem, self.way.touched(p, w)
-        last, self.change = self.change, float(np.abs(gap - before).max(initial=0.0))
-        allowed = self.slight * np.abs(gap - problem.gap).max(initial=0.0)
-        which = (p[: problem.surface.normal_rows] > 0).tobytes()
-        to_and_fro = which in self.tried and self.change > last / 2
-        if to_and_fro or np.all(np.abs(gap - before) <= np.maximum(allowed, problem.scales.no_motion(self.way.w))):
+        change, allowed = gap - before, ROUNDING * np.abs(gap - problem.gap).max(initial=0.0)
+        if np.all(np.abs(change) <= np.maximum(allowed, problem.scales.no_motion(self.way.w))):
             return before
-        self.tried.add(which)
-        return gap
+        if not np.any(before != problem.gap):  # slip has counted from the beginning
+            return gap
+        which = (p[: problem.surface.normal_rows] > 0).tobytes()
+        known, self.tried[which] = self.tried.get(which), (gap, change)
+        if known is None:
+            return gap
+        if np.abs(change).max() > np.abs(known[1]).max() / 2:  # to and fro
+            return before
+        turn = change - known[1]
+        return np.asarray(gap - float(change @ turn) / float(turn @ turn) * (gap - known[0]))
