@@ -237,8 +237,9 @@ class Attempts(Driver):
             gap = self.problem.touch(p, w, self.problem.gap)
             if gap is not self.problem.gap:
                 self.problem = replace(self.problem, gap=gap)
-        problem, gap = self.problem, self.problem.gap if self.problem.touch else None
-        return Iterate(number, max(problem.natural_residual(p, w), problem.imbalance(p)), p, w, u, gap)
+        problem = self.problem
+        residual = max(problem.natural_residual(p, w), problem.imbalance(p))
+        return Iterate(number, residual, p, w, u, problem.gap if problem.touch else None)
 
     def _iterates(self, start: Start, proximal: float, number: int) -> Iterator[Iterate]:
         problem, gamma = self.problem, start.factor * self.problem.gamma
