@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import CHUNK, EXACT, Array, Ints, inverse_and_determinant, inverses
+from stickslip.geometry.arrays import CHUNK, Array, Ints, inverse_and_determinant, inverses
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, Sparse, UflForm, Vec
@@ -224,17 +224,6 @@ class Bubbles:
         found, d = forces.duplicate(), self.system.mesh.dim
         found.array[:] = np.einsum("nij,nj->ni", self._flexibility, forces.array_r.reshape(-1, d)).ravel()
         return found
-
-    def size(self, forces: Vec) -> float:
-        """Energy norm [J^(1/2)] of the displacement that is `relaxed` under forces on the free bubbles; collective."""
-        return float(np.sqrt(max(forces.dot(self.relaxed(forces)), 0.0)))
-
-    def least_squares(self, changes: list[Vec], r: Vec) -> list[float]:
-        """Factors c (k,) for which r + sum of c times the changes is least, measured by `size`; collective."""
-        steps = [self.relaxed(change) for change in changes]
-        products = np.array([[a.dot(b) for b in steps] for a in changes])
-        right = np.array([-step.dot(r) for step in steps])
-        return [float(c) for c in np.linalg.lstsq(products, right, rcond=EXACT)[0]]
 
     @cached_property
     def _copies(self) -> Array:

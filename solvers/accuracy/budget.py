@@ -21,6 +21,7 @@ from stickslip.solvers.accuracy.histories import FINER, OnIteration, OtherHistor
 from stickslip.solvers.accuracy.kept_pairs import KeptPairs
 from stickslip.solvers.accuracy.mesh_error import Values
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
+from stickslip.solvers.accuracy.two_level import STEPS
 from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.stepping.choice import Size, Stage
@@ -28,7 +29,8 @@ from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.stepper import Stepper
 
 log = logging.getLogger(__name__)
-BUBBLES = 5  # solutions of contact that those with bubbles add to that of a step, at most
+# Solutions that bubbles add to a step, by the form of the bodies: they answer twice to each of Jacobi's steps, or once
+BUBBLES = {"condensed": 2 * STEPS, "sparse": 2 * STEPS, "matrix-free": 2}
 LEAST = 10.0  # s that estimates may take, however short the run
 FIXED = 2.0  # s of a run that do not grow with it: libraries, compiled forms
 USUAL = 10  # iterations of a step, as the cost model has them
@@ -89,7 +91,9 @@ def meshed_again(mesh: Mesh) -> bool:
 
 
 def bubbles_follow(output: Output, size: Size, stage: Stage, mesh: Mesh, meshing: float) -> bool:
-    """Whether bubbles follow the steps of a run: they fit its budget by the cost model, and better cells surely do not.
+    """Whether bubbles follow the steps of a run by the cost model: they fit its budget, and better cells surely do not.
+
+    Where better cells are the cheaper ones, as in many steps with a factor, bubbles do not follow.
 
     Args:
         meshing: seconds of that.
@@ -98,9 +102,11 @@ def bubbles_follow(output: Output, size: Size, stage: Stage, mesh: Mesh, meshing
     budget = budget_of(output, meshing + whole)
     if output.error == "rough" or budget is None:
         return output.error != "rough" and better is None
-    if better is not None and MARGIN * (meshed_again(mesh) * meshing + predicted(scaled(size, better))) <= budget:
-        return False
-    return BUBBLES * (whole - predicted(replace(size, steps=0), stage)) <= budget
+    cost = BUBBLES[stage.surface] * (whole - predicted(replace(size, steps=0), stage))
+    if better is None:
+        return cost <= budget
+    dear = meshed_again(mesh) * meshing + predicted(scaled(size, better))
+    return cost <= min(budget, dear) and MARGIN * dear > budget
 
 
 @dataclass(frozen=True)

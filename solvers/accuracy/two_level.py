@@ -255,10 +255,10 @@ class MeshCorrection:
             found = step.answer(x, step.new.p, solve, same_history=True)
         if found is None:
             return None
-        r, directions, changes = step.residual(found), list[Vec](), list[Vec]()
-        first = self._bubbles.size(r)
-        while not self._done(len(directions), self._bubbles.size(r) / first if first else 0.0):
-            z = self._bubbles.relaxed(r)
+        r, motions, changes, relaxed = step.residual(found), list[Vec](), list[Vec](), list[Vec]()
+        z = self._bubbles.relaxed(r)
+        first = left = self._size(r, z)
+        while not self._done(len(motions), left / first if first else 0.0):
             moved = self._bubbles.displacement(z)
             if exact:
                 tried = step.answer(x + moved, found.solution.p, solve, same_history=True)
@@ -267,16 +267,22 @@ class MeshCorrection:
                 changes.append(step.residual(tried) - r)
             else:
                 changes.append(step.own_change(moved))
-            directions.append(z)
-            factors = self._bubbles.least_squares(changes, r)
-            x, r = x.copy(), r.copy()
-            for factor, direction, change in zip(factors, directions, changes, strict=True):
-                x.axpy(factor, self._bubbles.displacement(direction))
-                r.axpy(factor, change)
-        if self._bubbles.size(r) > SLOW * first:
+            motions.append(moved)
+            relaxed.append(self._bubbles.relaxed(changes[-1]))
+            factors = _least_squares(changes, relaxed, r)
+            x, r, z = x.copy(), r.copy(), z.copy()
+            for factor, *each in zip(factors, motions, changes, relaxed, strict=True):
+                for sum_of, one in zip((x, r, z), each, strict=True):
+                    sum_of.axpy(factor, one)
+            left = self._size(r, z)
+        if left > SLOW * first:
             log.warning("t = %g: the error of the mesh is not found: its cells are too flat", step.new.time)
             return None
         return step.answer(x, found.solution.p, solve)
+
+    def _size(self, forces: Vec, relaxed: Vec) -> float:
+        """Energy norm [J^(1/2)] of the displacement that is `relaxed` under forces on the free bubbles; collective."""
+        return float(np.sqrt(max(forces.dot(relaxed), 0.0)))
 
     def _done(self, steps: int, left: float) -> bool:
         """Whether Jacobi's iteration ends after so many steps that leave a part of the first residual."""
@@ -287,6 +293,13 @@ class MeshCorrection:
         if self._known is None or self._known[0] is not system:
             self._known = system, BubbleRows(system, self._bubbles, self._sides)
         return self._known[1]
+
+
+def _least_squares(changes: list[Vec], relaxed: list[Vec], r: Vec) -> list[float]:
+    """Factors c (k,) for which r + sum of c times the changes is least, measured by `_size`; collective."""
+    products = np.array([[a.dot(b) for b in relaxed] for a in changes])
+    right = np.array([-each.dot(r) for each in relaxed])
+    return [float(c) for c in np.linalg.lstsq(products, right, rcond=EXACT)[0]]
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ from stickslip.solvers.accuracy.histories import LOOSE, OtherHistory
 from stickslip.solvers.interface.prepare import Form
 from stickslip.solvers.parallel.counters import Clock, Row
 from stickslip.solvers.results.step_result import Quantity, quantities
+from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.solvers.stepping.choice import Choice, Stage
+from stickslip.solvers.stepping.choice import Choice, Size, Stage
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 
@@ -130,3 +131,16 @@ def test_order_2_is_solved_loosely_where_volume_solves_are_iterative(
     better, coarser = OtherHistory.of_order(simulation.system, 2), OtherHistory.coarser(simulation.system, 2.0)
     assert better.stepper.system.problem.solver.tolerance == (LOOSE if form == "matrix-free" else exact)
     assert coarser.stepper.system.problem.solver.tolerance == exact
+
+
+@pytest.mark.parametrize(("dim", "stage", "dofs", "follow"), [
+    (2, Stage("condensed-newton", "condensed"), 47_000, False),  # order 2 takes a third as long
+    (3, Stage("tangent-cg", "matrix-free"), 81_000, True),
+])  # fmt: skip
+def test_bubbles_follow_where_they_are_cheaper_than_better_cells(
+    dim: int, stage: Stage, dofs: int, follow: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = prepare(read("block", ["geometry.mesh_size=0.5", "output.error=false"])).mesh
+    monkeypatch.setattr(budget, "better_unknowns", lambda *mesh: 2.0**dim)
+    size = Size(dim=dim, dofs=dofs, entries=80.0 * dofs, contact_dofs=1000, steps=16 if dim == 2 else 2)
+    assert budget.bubbles_follow(Output(), size, stage, mesh, 1.0) == follow
