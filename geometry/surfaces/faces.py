@@ -6,6 +6,7 @@ bases and multipliers are then those of a face, and whatever takes a surface kno
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from scipy.spatial import cKDTree
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.curved_facets import SMOOTH, angles, sharp, unit
 from stickslip.geometry.surfaces.search import pair
-from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.surfaces.surface import Surface, joined
 
 RIDGES = {  # nodes of a facet on each of its ends (2D) or edges (3D): corners first, then of order 2 the one between
     "interval": ((0,), (1,)),
@@ -72,6 +73,34 @@ def split_at_edges(surface: Surface, edges: Ints | None = None) -> Surface:
         parts=None if surface.parts is None else surface.parts[old],
         faces=of_face + (face.max() + 1) * again,
     )
+
+
+def with_sides_beside(sides: Mapping[str, Surface]) -> dict[str, Surface]:
+    """Sides by name, each knowing where it meets another one of its body at an edge, see `Surface.ends`."""
+    found = dict(sides)
+    for body in dict.fromkeys(name.partition(".")[0] for name in sides):
+        names = [name for name in sides if name.partition(".")[0] == body]
+        every = joined([sides[name] for name in names])
+        numbers, first, same = np.unique(every.nodes, return_index=True, return_inverse=True)
+        facets = same[every.facets]
+        once = np.sort(np.unique(np.sort(facets, axis=1), axis=0, return_index=True)[1])
+        whole = replace(every, nodes=numbers, input=every.input[first], points=every.points[first])
+        whole = replace(whole, parts=every.part[first], facets=facets[once], outward=every.outward[once], faces=None)
+        whole = split_at_edges(whole)
+        of_side = np.repeat(np.arange(len(names)), [len(sides[name].facets) for name in names])[once]
+        corners, owner = whole.facets.ravel(), np.repeat(of_side, whole.facets.shape[1])
+        meet = np.unique(np.column_stack([whole.nodes[corners], corners, owner]), axis=0)
+        for k, name in enumerate(names):
+            own = meet[meet[:, 2] == k]
+            shared = np.intersect1d(own[:, 0], meet[meet[:, 2] != k][:, 0])
+            smooth = np.intersect1d(own[:, 1], meet[meet[:, 2] != k][:, 1])
+            ends = np.setdiff1d(shared, whole.nodes[smooth])
+            if len(ends):
+                side, later = sides[name], np.isin(sides[name].nodes, meet[meet[:, 2] < k][:, 0])
+                at = np.isin(side.nodes, ends)
+                faces = np.zeros(len(at), np.int64) if side.faces is None else side.faces
+                found[name] = replace(side, ends=at * (1 + later), faces=faces, beside=whole)
+    return found
 
 
 def facets_near(surface: Surface, other: Surface, reach: float) -> Bools:
@@ -130,6 +159,7 @@ def part_of(surface: Surface, kept: Bools) -> Surface:
         outward=surface.outward[kept],
         depth=None if surface.depth is None else surface.depth[kept],
         parts=None if surface.parts is None else surface.parts[nodes],
+        ends=None if surface.ends is None else surface.ends[nodes],
         faces=None if surface.faces is None else surface.faces[nodes],
     )
 

@@ -14,33 +14,11 @@ from scipy.sparse.csgraph import connected_components
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, Rows
+from stickslip.geometry.surfaces.cells import Cells
 from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.overlay import segments, triangles
 from stickslip.geometry.surfaces.search import through_body
 from stickslip.geometry.surfaces.surface import Surface
-
-
-@dataclass(frozen=True)
-class Cells:
-    """c intervals or triangles, each on one slave facet and facing one master facet."""
-
-    slave_facet: Ints  # (c,)
-    master_facet: Ints  # (c,)
-    corners: Array  # (c, d, d-1) in slave reference coordinates
-    directions: Array | None = None  # (c, d) of projection; None: the slave's interpolated normals
-
-    def __getitem__(self, rows: Ints | Bools) -> Cells:
-        along = None if self.directions is None else self.directions[rows]
-        return Cells(self.slave_facet[rows], self.master_facet[rows], self.corners[rows], along)
-
-    def at(self, points: Array) -> Array:
-        """Map points (g, d-1) of the reference interval or triangle to slave reference coordinates (c, g, d-1)."""
-        return np.asarray(self.corners[:, :1] + points @ (self.corners[:, 1:] - self.corners[:, :1]))
-
-    @property
-    def areas(self) -> Array:
-        """Areas (c,) in reference coordinates, relative to the reference interval or triangle."""
-        return np.asarray(np.abs(np.linalg.det(self.corners[:, 1:] - self.corners[:, :1])))
 
 
 def nearest_cells(cells: Cells, master: Surface, gap: Callable[[Cells, Array], Array]) -> Bools:
@@ -135,8 +113,8 @@ class Overlap(Rows):
     normals: Array  # (q, d) unit slave normals used there: nodal averaged normals, interpolated, normalised
 
 
-def overlap(slave: Surface, master: Surface, reach: float | Array, degree: int) -> Overlap:
-    """Quadrature points on the slave, each with the master point that it faces.
+def faced(slave: Surface, master: Surface, reach: float | Array) -> Cells:
+    """The parts of a slave's facets that face the master's, ordered by slave facet.
 
     A master facet counts where it faces the slave (their normals are opposed) at a distance of at most `reach`; of
     several facets the nearest one counts. Both are decided for a cell as a whole, at its centre. A slave point is
@@ -144,8 +122,6 @@ def overlap(slave: Surface, master: Surface, reach: float | Array, degree: int) 
 
     Args:
         reach: of each master facet (g,), or of all [m].
-        degree: of the quadrature on a cell: the total degree of the integrand in reference coordinates, Jacobian
-            included; 4 times the order for products of two basis functions on quadrilaterals, else 2 times.
     """
     normals, farthest = slave.node_normals(), float(np.max(reach))
     reach = np.broadcast_to(reach, len(master.facets))
@@ -166,11 +142,25 @@ def overlap(slave: Surface, master: Surface, reach: float | Array, degree: int) 
         near &= middle.gap >= -slave.depth[cells.slave_facet]
     cells = cells[near]
     cells = cells[nearest_cells(cells, master, gap)]
-    cells = cells[np.argsort(cells.slave_facet, kind="stable")]
+    return cells[np.argsort(cells.slave_facet, kind="stable")]
+
+
+def overlap(slave: Surface, master: Surface, reach: float | Array, degree: int) -> Overlap:
+    """The quadrature points of the parts that face each other, see `faced` and `over`."""
+    return over(faced(slave, master, reach), slave, master, degree)
+
+
+def over(cells: Cells, slave: Surface, master: Surface, degree: int) -> Overlap:
+    """Quadrature points on cells of the slave, each with the master point that it faces.
+
+    Args:
+        degree: of the quadrature on a cell: the total degree of the integrand in reference coordinates, Jacobian
+            included; 4 times the order for products of two basis functions on quadrilaterals, else 2 times.
+    """
     points, weights = dx.reference_rule("interval" if slave.dim == 2 else "triangle", degree)
     each = cells[np.repeat(np.arange(len(cells.areas)), len(weights))]
     local = cells.at(points).reshape(-1, slave.dim - 1)
-    found = _project(slave, master, normals, each, local, np.outer(cells.areas, weights).ravel())
+    found = _project(slave, master, slave.node_normals(), each, local, np.outer(cells.areas, weights).ravel())
     met = np.isfinite(found.gap).reshape(-1, len(weights)).all(axis=1)  # a line may miss a curved facet
     rows = np.repeat(met, len(weights))
     return found.at(rows)

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, Array, Bools, Ints
 from stickslip.geometry.curved_facets import SHARP
 from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.surface import Surface
@@ -219,7 +219,7 @@ def triangles(slave: Surface, master: Surface, normals: Array, reach: float) -> 
         i, j = i[row], j[row]
         if len(halves) == 2:
             polygons = _on_quadrilateral(slave, corners, i, polygons, along[i])
-        row, parts = _fan(polygons)
+        row, parts = fan(polygons)
         found.append((i[row] // len(halves), j[row], parts))
     i, j, parts = (np.concatenate(rows) for rows in zip(*found, strict=True))
     piece = pieces[i % len(pieces)]
@@ -292,22 +292,31 @@ def _clip(polygons: Array) -> tuple[Ints, Array]:
     """
     rows = np.arange(len(polygons))
     for normal, constant in CUTS:
-        depth = polygons @ np.array(normal) + constant
-        met, corners = (depth > 0).any(axis=1), polygons.shape[1]
-        rows, polygons, depth = rows[met], polygons[met], depth[met]
-        after, depth_after = np.roll(polygons, -1, axis=1), np.roll(depth, -1, axis=1)
-        crosses = depth * depth_after < 0
-        part = depth / np.where(crosses, depth - depth_after, 1.0)
-        points = np.stack([polygons, polygons + part[:, :, None] * (after - polygons)], axis=2)
-        kept = np.stack([depth >= 0, crosses], axis=2).reshape(len(rows), 2 * corners)
-        order = np.argsort(~kept, axis=1, kind="stable")
-        last = np.minimum(np.arange(corners + 1), kept.sum(axis=1, keepdims=True) - 1)
-        take = np.take_along_axis(order, last, axis=1)
-        polygons = np.take_along_axis(points.reshape(len(rows), 2 * corners, 2), take[:, :, None], axis=1)
+        met, polygons = half_of(polygons, polygons @ np.array(normal) + constant)
+        rows = rows[met]
     return rows, polygons
 
 
-def _fan(polygons: Array) -> tuple[Ints, Array]:
+def half_of(polygons: Array, depth: Array) -> tuple[Bools, Array]:
+    """Cut convex polygons (p, v, 2) where a linear function, given at their corners (p, v), is zero.
+
+    Returns:
+        Which of them have a part where it is positive (p,), and these parts (l, v + 1, 2), see `_clip`.
+    """
+    met, corners = (depth > 0).any(axis=1), polygons.shape[1]
+    polygons, depth = polygons[met], depth[met]
+    after, depth_after = np.roll(polygons, -1, axis=1), np.roll(depth, -1, axis=1)
+    crosses = depth * depth_after < 0
+    part = depth / np.where(crosses, depth - depth_after, 1.0)
+    points = np.stack([polygons, polygons + part[:, :, None] * (after - polygons)], axis=2)
+    kept = np.stack([depth >= 0, crosses], axis=2).reshape(len(polygons), 2 * corners)
+    order = np.argsort(~kept, axis=1, kind="stable")
+    last = np.minimum(np.arange(corners + 1), kept.sum(axis=1, keepdims=True) - 1)
+    take = np.take_along_axis(order, last, axis=1)
+    return met, np.take_along_axis(points.reshape(len(polygons), 2 * corners, 2), take[:, :, None], axis=1)
+
+
+def fan(polygons: Array) -> tuple[Ints, Array]:
     """Cut convex polygons (p, v, 2) into triangles that share one corner.
 
     That corner is the farthest one along the direction GENERIC, not the first: which corner comes first depends on

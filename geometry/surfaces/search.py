@@ -62,7 +62,9 @@ def intersect(
             left = left[size > EXACT]
     inside = into_reference_facet(master.shape, np.where(found[:, None], local, middle))
     # a facet is enlarged by this much, in reference coordinates: no line passes between two neighbours
-    met = found & (np.abs(local - inside).max(axis=1) <= ROUNDING) & (determinant * master.outward[facet] < 0)
+    area = np.ptp(away, axis=1).max(axis=1) ** (away.shape[2] - 1)  # a facet that lies along the line is not met
+    faces = determinant * master.outward[facet] < -ROUNDING * area
+    met = found & (np.abs(local - inside).max(axis=1) <= ROUNDING) & faces
     basis = dx.reference_basis(master.shape, master.degree, inside)[0]
     return met, inside, np.einsum("cd,cd->c", directions, np.einsum("ck,ckd->cd", basis, away))
 

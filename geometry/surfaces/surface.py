@@ -54,6 +54,8 @@ class Surface:
     positive: bool = False  # phi~ >= 0 everywhere: Bernstein's polynomials if the degree is 2
     images: tuple[Ints, Ints, Array] | None = None  # nodes (k,) of a cyclic sector, those they turn to, turns
     depth: Array | None = None  # (f,) [m] of the middle of the cell behind each facet; None: it does not matter
+    ends: Ints | None = None  # (n,) 1 at edges to other sides, 2 there of sides that come first; 0 elsewhere
+    beside: Surface | None = None  # where it has ends: it and the sides of its body; None: of cyclic sectors
     faces: Ints | None = None  # (n,) tell nodes apart that faces have at an edge, see `split_at_edges`; None: one face
 
     @property
@@ -71,7 +73,7 @@ class Surface:
         if self.faces is None:
             return np.zeros(len(self.nodes))
         _, each, count = np.unique(self.nodes, return_inverse=True, return_counts=True)
-        return np.asarray(count[each] > 1, float)
+        return np.asarray((count[each] > 1) | (False if self.ends is None else self.ends > 0), float)
 
     @cached_property
     def shares_at_edges(self) -> Array:
@@ -189,7 +191,12 @@ class Surface:
 def joined(surfaces: Sequence[Surface]) -> Surface:
     """Several surfaces with facets of one kind as one, whose nodes and facets follow each other."""
     first, counts = surfaces[0], [len(surface.nodes) for surface in surfaces]
-    starts, faces = np.cumsum([0, *counts[:-1]]), None
+    starts, faces, images = np.cumsum([0, *counts[:-1]]), None, None
+    ends = [np.zeros(len(s.nodes), np.int64) if s.ends is None else s.ends for s in surfaces]
+    turned = [(k + i[0], k + i[1], i[2]) for k, i in zip(starts, (s.images for s in surfaces), strict=True) if i]
+    if turned:
+        here, there, turn = (np.concatenate(parts) for parts in zip(*turned, strict=True))
+        images = here, there, turn
     if any(surface.faces is not None for surface in surfaces):
         of_each = [np.zeros(n, np.int64) if s.faces is None else s.faces for s, n in zip(surfaces, counts, strict=True)]
         after = np.cumsum([0, *(own.max() + 1 for own in of_each[:-1])])
@@ -202,6 +209,8 @@ def joined(surfaces: Sequence[Surface]) -> Surface:
         facets=np.concatenate([surface.facets + k for surface, k in zip(surfaces, starts, strict=True)]),
         outward=np.concatenate([surface.outward for surface in surfaces]),
         parts=np.concatenate([surface.part for surface in surfaces]),
+        images=images,
+        ends=np.concatenate(ends) if any(each.any() for each in ends) else None,
         depth=None,
         faces=faces,
     )

@@ -91,9 +91,7 @@ def meshed_again(mesh: Mesh) -> bool:
 
 
 def bubbles_follow(output: Output, size: Size, stage: Stage, mesh: Mesh, meshing: float) -> bool:
-    """Whether bubbles follow the steps of a run by the cost model: they fit its budget, and better cells surely do not.
-
-    Where better cells are the cheaper ones, as in many steps with a factor, bubbles do not follow.
+    """Whether bubbles follow the steps of a run: they fit its budget; better cells cost more, and surely do not fit.
 
     Args:
         meshing: seconds of that.

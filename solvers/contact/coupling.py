@@ -13,15 +13,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import CLOSE, Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools, Ints, Rows
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.cells import Cells
 from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.overlay import steepest, upright
@@ -32,7 +34,7 @@ DIGITS = 9  # to which components are rounded, so that among equal ones the firs
 
 
 @dataclass(frozen=True)
-class On:
+class On(Rows):
     """Places of q points on a surface."""
 
     facet: Ints  # (q,) row of its facets
@@ -158,9 +160,16 @@ def midway_normals(own: Array, other: Array, gap: Array, at_edge: Array, other_a
     return normals, gap * np.einsum("md,md->m", own, normals)
 
 
-def rigid_coupling(surface: Surface, obstacle: Obstacle) -> Coupling:
-    """Coupling of a surface with a shape that is given by a formula and has no mesh."""
+def rigid_coupling(
+    surface: Surface, obstacle: Obstacle, points: Callable[[int], tuple[On, Array]] | None = None
+) -> Coupling:
+    """Coupling of a surface with a shape that is given by a formula and has no mesh.
+
+    Args:
+        points: integration points by degree, see `of_facets`; None: those of whole facets.
+    """
     gap, normals = seen_from(obstacle, surface.points)
+    of_side = points or partial(of_facets, surface, np.ones(len(surface.facets), bool), None)
     return Coupling(
         surface=surface,
         master=None,
@@ -169,7 +178,7 @@ def rigid_coupling(surface: Surface, obstacle: Obstacle) -> Coupling:
         gap=surface.transform @ gap,
         normals=-normals,
         carries=np.ones(len(surface.points), bool),
-        points=lambda degree: _points(surface, obstacle, degree),
+        points=lambda degree: _points(surface, obstacle, degree, *of_side(degree)),
     )
 
 
@@ -194,26 +203,33 @@ def seen_from(obstacle: Obstacle, points: Array) -> tuple[Array, Array]:
     return gap, normals
 
 
-def _points(surface: Surface, obstacle: Obstacle, degree: int) -> Points:
-    """The quadrature points of the facets: with them the rows give exactly the form j_n."""
-    weights = surface.quadrature(degree)[0]
-    dual = surface.dual_basis(degree)
-    (f, q), k, n = weights.shape, surface.facets.shape[1], len(surface.points)
-    row = np.repeat(np.arange(f * q), k)
-    node = np.repeat(surface.facets[:, None, :], q, axis=1).ravel()
-    own = On(np.repeat(np.arange(f), q), np.tile(dx.reference_rule(surface.shape, degree)[0], (f, 1)))
+def of_facets(surface: Surface, whole: Bools, cut: Cells | None, degree: int) -> tuple[On, Array]:
+    """Integration points of whole facets (f,), then of cells of others: their places and weights (q,) [m^(d-1)]."""
+    weights, facets = surface.quadrature(degree)[0][whole], np.flatnonzero(whole)
+    local = np.tile(dx.reference_rule(surface.shape, degree)[0], (len(facets), 1))
+    own = On(np.repeat(facets, weights.shape[1]), local)
+    if cut is None:
+        return own, weights.ravel()
+    facet, local, more = cut.rule(surface, degree)
+    return On.joined([own, On(facet, local)]), np.concatenate([weights.ravel(), more])
+
+
+def _points(surface: Surface, obstacle: Obstacle, degree: int, own: On, weights: Array) -> Points:
+    """The points that face an obstacle: with those of whole facets the rows give exactly the form j_n."""
+    full = surface.quadrature(degree)[0]
+    plain = np.bincount(own.facet, minlength=len(full)) == full.shape[1]
+    plain &= np.abs(np.bincount(own.facet, weights, len(full)) - full.sum(axis=1)) <= ROUNDING * full.sum(axis=1)
+    at, phi = np.flatnonzero(plain[own.facet]), shares(own, surface, weights)
+    values, nodes = (
+        surface.dual_basis(degree)[plain].reshape(-1, surface.facets.shape[1]),
+        surface.facets[own.facet[at]],
+    )
+    entries = ((values * weights[at, None]).ravel(), (nodes.ravel(), np.repeat(at, nodes.shape[1])))
+    psi = sparse.csr_matrix(entries, shape=phi.shape) + phi @ sparse.diags((~plain[own.facet]).astype(float))
     relative = own.basis(surface)
-    psi = sparse.csr_matrix(((dual * weights[:, :, None]).ravel(), (node, row)), shape=(n, f * q))
     gap, normals = seen_from(obstacle, relative @ surface.points)
     return Points(
-        weights=weights.ravel(),
-        relative=relative,
-        gap=gap,
-        normals=-normals,
-        psi=psi,
-        phi=shares(own, surface, weights.ravel()),
-        own=own,
-        other=None,
+        weights=weights, relative=relative, gap=gap, normals=-normals, psi=psi.tocsr(), phi=phi, own=own, other=None
     )
 
 

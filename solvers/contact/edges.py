@@ -8,6 +8,7 @@ that of a node of the slave beside it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy import sparse
@@ -16,12 +17,14 @@ from scipy.spatial import cKDTree
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import CLOSE, ROUNDING, TINY, Array, Bools, Ints, Rows
 from stickslip.geometry.curved_facets import SHARP, SMOOTH
+from stickslip.geometry.errors import SceneError
 from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.cells import graded
 from stickslip.geometry.surfaces.faces import RIDGES, edges_of
 from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.search import pair, through_body
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On, on_nodes, relative_to
+from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On, Points, on_nodes, relative_to
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class _Points(Rows):
     halfway: Bools  # (q,) whether both do, along each other: the normal is a choice, half way between their faces
 
 
-def with_edges(coupling: Coupling, facing: Facing | None = None) -> Coupling:
+def with_edges(coupling: Coupling, facing: Facing | None = None, at_quadrature: bool = False) -> Coupling:
     """The same coupling with rows for the edges of both sides; it is the same where there are none.
 
     Of the nodes that faces have at an edge, one carries what presses on one face of the other side: that of the edge
@@ -47,16 +50,17 @@ def with_edges(coupling: Coupling, facing: Facing | None = None) -> Coupling:
 
     Args:
         facing: where the sides of two bodies face each other.
+        at_quadrature: whether the normal law acts at integration points, see `_felt`.
     """
     slave, master = coupling.surface, coupling.master
     if facing is not None and master is not None and (slave.faces is not None or master.faces is not None):
-        reach = facing.reach
-        found = _Points.joined([_tips(slave, master, reach), _turned(_tips(master, slave, reach))])
+        reach, tips = facing.reach, partial(_tips, each_side=at_quadrature)
+        found = _Points.joined([tips(slave, master, reach), _turned(tips(master, slave, reach))])
         if slave.dim == 3:
             found = _Points.joined([found, _elsewhere(_crossings(slave, master, reach), found.at(found.edge), slave)])
         found = _of_other_parts(found, slave, master)
         first = facing.first(On(found.facet, found.local), found.normals, found.gap)
-        coupling = _with_rows(coupling, found.at(first))
+        coupling = _with_rows(coupling, found.at(first), reach if at_quadrature else None)
     return _once(coupling)
 
 
@@ -69,15 +73,21 @@ def _of_other_parts(points: _Points, slave: Surface, master: Surface) -> _Points
     return points.at(~beside & (points.gap >= -slave.depth[points.facet]))
 
 
-def _tips(side: Surface, other: Surface, reach: float) -> _Points:
+def _tips(side: Surface, other: Surface, reach: float, each_side: bool) -> _Points:
     """Corners and nodes of edges that touch faces of the other side, all facets around them rising from these.
 
     Where the other side has an edge they touch each face of it, or if it is not hollow a plane half way.
+
+    Args:
+        each_side: whether sides that meet there have it all, or the first one alone.
     """
-    nodes = np.flatnonzero(side.at_edge)
+    nodes = np.flatnonzero((side.at_edge > 0) & (each_side or side.ends is None or side.ends < 2))
     first = nodes[np.unique(side.nodes[nodes], return_index=True)[1]]
     x, t = side.points[first], len(first)
-    own, away, flat, of, faces = _around(side, _ones(first, len(side.nodes)))
+    whole = side.beside or side
+    number, place_of = np.unique(whole.nodes, return_index=True)
+    at = place_of[np.searchsorted(number, side.nodes[first])]
+    own, away, flat, of, faces = _around(whole, _ones(at, len(whole.nodes)))
     mean = _means(of, faces, t)
     met = pair(x, mean, other, reach)
     there, beyond, _, tip, normals = _around(other, met.weights(other))
@@ -101,6 +111,8 @@ def _tips(side: Surface, other: Surface, reach: float) -> _Points:
     leaning = np.einsum("cd,cd->c", flat[j], along[i]) < np.cos(np.radians(SMOOTH)) * np.linalg.norm(flat[j], axis=1)
     rises = np.einsum("cd,cd->c", away[j], along[i]) < -ROUNDING * np.linalg.norm(away[j], axis=1)
     touches[i[~(leaning & rises)]] = False
+    if side.ends is not None and side.beside is None and side.ends[first[tip[touches]]].any():
+        raise SceneError("periodic: a corner on a cyclic side touches a face by itself; turn the sector")
     on = on_nodes(side, first[tip])
     every = np.ones(len(tip), bool)
     choice = halfway & (np.count_nonzero(axes.any(axis=1), axis=1) > 1)
@@ -126,15 +138,11 @@ def _spans(rows: Ints, normals: Array, count: int) -> Array:
     return np.asarray(np.linalg.pinv(total, rcond=CLOSE, hermitian=True) @ total)
 
 
-def _around(side: Surface, share: Sparse) -> tuple[Ints, Array, Array, Ints, Array]:
-    """Facets and faces of a side around places on it.
+def _facets_around(side: Surface, share: Sparse) -> tuple[Ints, Ints, Array]:
+    """Of each facet around places on a side its place (p,), its number (p,), and values of its basis there (p, k).
 
     Args:
         share: (t, n) values of the nodes' basis functions at the places.
-
-    Returns:
-        Of each facet there its place (p,), the way to its middle (p, d) [m], and its normal there (p, d), as long as
-        its Jacobian; of each face there its place (r,) and its unit normal (r, d).
     """
     _, same = np.unique(side.nodes, return_inverse=True)
     (f, k), n = side.facets.shape, same.max() + 1
@@ -145,8 +153,21 @@ def _around(side: Surface, share: Sparse) -> tuple[Ints, Array, Array, Ints, Arr
     shared = ((merged != 0).astype(float) @ has.T).tocoo()
     whole = shared.data == np.diff(merged.indptr)[shared.row]
     row, facet = shared.row[whole].astype(np.int64), shared.col[whole]
+    return row, facet, merged[row[:, None], same[side.facets[facet]]].toarray()
+
+
+def _around(side: Surface, share: Sparse) -> tuple[Ints, Array, Array, Ints, Array]:
+    """Facets and faces of a side around places on it.
+
+    Args:
+        share: (t, n) values of the nodes' basis functions at the places.
+
+    Returns:
+        Of each facet there its place (p,), the way to its middle (p, d) [m], and its normal there (p, d), as long as
+        its Jacobian; of each face there its place (r,) and its unit normal (r, d).
+    """
+    row, facet, part = _facets_around(side, share)
     nodes = side.facets[facet]
-    part = merged[row[:, None], same[nodes]].toarray()
     normals = np.einsum("pk,pkd->pd", part, side.node_normals()[nodes])
     away = side.points[nodes].mean(axis=1) - np.einsum("pk,pkd->pd", part, side.points[nodes])
     flat = np.einsum("pk,pkd->pd", part, side.facet_normals()[facet])
@@ -224,10 +245,13 @@ def _crossings(slave: Surface, master: Surface, reach: float) -> _Points:
     return _Points(*found, own=np.ones(len(gap), bool), edge=met, halfway=np.zeros(len(gap), bool)).at(met)
 
 
-def _with_rows(coupling: Coupling, points: _Points) -> Coupling:
+def _with_rows(coupling: Coupling, points: _Points, reach: float | None) -> Coupling:
     """Each point in the row of the node of the slave that is nearest to it; of several that with the least gap.
 
     Of the nodes that faces have at an edge those with the largest weights take the points there, one each.
+
+    Args:
+        reach: for laws that act at integration points, see `_felt`; else None.
     """
     slave, master = coupling.surface, coupling.master
     assert master is not None
@@ -256,8 +280,68 @@ def _with_rows(coupling: Coupling, points: _Points) -> Coupling:
     carries = (coupling.carries & (weights != 0)) | (at > 0)
     tips = at.copy()
     tips[node[points.halfway]] = 2.0
-    changed = replace(coupling, gap=gap, normals=normals, weights=weights, relative=relative, turning=None)
+    felt = coupling.points if reach is None or not len(node) else partial(_felt, coupling, points, node, reach)
+    changed = replace(coupling, points=felt, gap=gap, normals=normals, weights=weights, relative=relative, turning=None)
     return replace(changed, carries=carries, tips=tips)
+
+
+def _felt(coupling: Coupling, tips: _Points, rows: Ints, reach: float, degree: int) -> Points:
+    """Integration points of a law of compliance, with others on the facets around corners and edges that touch.
+
+    These are finer towards what touches, and face the other side along its normal; their areas are those of the edge's
+    own side, whichever it is. What the facets were paired with before is left out.
+
+    Args:
+        rows: (q,) nodes of the slave in whose rows they are.
+    """
+    slave, master, found = coupling.surface, coupling.master, coupling.points(degree)
+    assert master is not None
+    assert found.other is not None
+    own, left = tips.own, np.ones(len(found.weights))  # parts of the areas of points that stay
+    at_node = found.own.basis(slave).max(axis=1).toarray().ravel() > 1 - ROUNDING  # of node operators
+    parts, areas, tip = list[_Points](), list[Array](), list[Ints]()
+    for side, other, paired, at in (
+        (slave, master, found.own, np.flatnonzero(own)),
+        (master, slave, found.other, np.flatnonzero(~own)),
+    ):
+        each = (tips if side is slave else _turned(tips)).at(at)
+        here = On(each.facet, each.local).basis(side)
+        _, around, part = _facets_around(side, here)
+        gone = np.isin(np.arange(len(side.facets)), around)
+        part_gone = gone[paired.facet].astype(float)
+        if side is slave:
+            part_gone = np.where(at_node, found.own.basis(slave) @ _part_of_nodes(slave, gone), part_gone)
+        left -= part_gone
+        cells = graded(side, around, part @ dx.reference_nodes(side.shape, side.degree))
+        facet, local, weights = cells.rule(side, max(degree, 2 * (side.dim - 1)))
+        x = On(facet, local).basis(side) @ side.points
+        nearest = cKDTree(here @ side.points).query(x)[1] if len(at) else at
+        met, of = pair(x, each.normals[nearest], other, reach), each.at(nearest)
+        points = replace(of, facet=facet, local=local, other=met.facet, other_local=met.local, gap=met.gap)
+        parts.append((points if side is slave else _turned(points)).at(met.facet >= 0))
+        areas.append(weights[met.facet >= 0])
+        tip.append(at[nearest][met.facet >= 0])
+    points, weights, at = _Points.joined(parts), np.concatenate(areas), np.concatenate(tip)
+    kept, left = left > ROUNDING, sparse.diags(np.maximum(left, 0.0)).tocsc()
+    row = sparse.csr_matrix((weights, (rows[at], np.arange(len(at)))), (len(slave.nodes), len(at)))
+    there = On(points.facet, points.local), On(points.other, points.other_local)
+    return Points(
+        weights=np.concatenate([(left @ found.weights)[kept], weights]),
+        relative=sparse.vstack([found.relative[kept], relative_to(there[0], slave, there[1], master)], format="csr"),
+        gap=np.concatenate([found.gap[kept], points.gap]),
+        normals=np.concatenate([found.normals[kept], points.normals]),
+        psi=sparse.hstack([(found.psi @ left)[:, kept], row], format="csr"),
+        phi=sparse.hstack([(found.phi @ left)[:, kept], row], format="csr"),
+        own=On.joined([found.own.at(kept), there[0]]),
+        other=On.joined([found.other.at(kept), there[1]]),
+    )
+
+
+def _part_of_nodes(side: Surface, chosen: Bools) -> Array:
+    """Parts (n,) of the nodes' weights that chosen facets (f,) have."""
+    weights, basis = side.quadrature(2 * side.degree + side.axisymmetric)
+    own = weights @ basis @ side.change.T
+    return side.scatter(own * chosen[:, None]) / side.scatter(own)
 
 
 def _once(coupling: Coupling) -> Coupling:
@@ -288,6 +372,12 @@ def _once(coupling: Coupling) -> Coupling:
     weights = np.asarray(share.sum(axis=1)).ravel()
     each = np.where(kept & (weights != coupling.weights), 1 / np.where(weights > 0, weights, 1.0), 0.0)  # that changes
     mean = sparse.diags(each) @ share + sparse.diags((each == 0).astype(float))
+    whole = _ones(better, n).T.tocsr()
+
+    def points(degree: int) -> Points:
+        found = coupling.points(degree)
+        return replace(found, psi=(whole @ found.psi).tocsr(), phi=(whole @ found.phi).tocsr())
+
     return replace(
         coupling,
         weights=weights,
@@ -295,4 +385,5 @@ def _once(coupling: Coupling) -> Coupling:
         turning=None if coupling.turning is None else (mean @ coupling.turning).tocsr(),
         gap=mean @ coupling.gap,
         carries=coupling.carries & kept,
+        points=points,
     )

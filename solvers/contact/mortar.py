@@ -115,7 +115,7 @@ FAR = 10.0  # ∫ |psi_j| / ∫ psi_j: below 5 on whole facets, far more where a
 def mortar_coupling(facing: Facing) -> Coupling:
     """Coupling with dual (biorthogonal) multipliers at the slave's nodes; nodes that face nothing carry none."""
     slave, master = facing.slave, facing.master
-    degree = _degree(slave, master) + slave.degree * slave.borrows  # of psi_j n phi_k
+    degree = product_degree(slave, master) + slave.degree * slave.borrows  # of psi_j n phi_k
     found = facing.points(degree)
     weights, P, gap, psi = mortar_integrals(slave, master, found)
     faces = weights != 0
@@ -143,7 +143,7 @@ def mortar_coupling(facing: Facing) -> Coupling:
         gap=mean @ gap,
         normals=normals,
         carries=total > 0,
-        points=lambda degree: _points(facing, max(degree, _degree(slave, master)), share),
+        points=lambda degree: _points(facing, max(degree, product_degree(slave, master)), share),
     )
 
 
@@ -192,7 +192,7 @@ def _least(slave: Surface, values: Array) -> Bools:
     return np.asarray(np.isfinite(values) & (places == least))
 
 
-def _degree(slave: Surface, master: Surface) -> int:
+def product_degree(slave: Surface, master: Surface) -> int:
     """Quadrature degree for psi_j phi_k; the map of a quadrilateral doubles it, the radius in axisymmetry adds one."""
     product = slave.degree + max(slave.degree, master.degree)
     return product * (1 + (slave.shape == "quadrilateral")) + slave.axisymmetric

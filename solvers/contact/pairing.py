@@ -9,7 +9,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, Array, Bools
 from stickslip.geometry.errors import SceneError
-from stickslip.geometry.surfaces.faces import halves
+from stickslip.geometry.surfaces.faces import halves, split_at_edges
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.geometry.user_files.touching import WITHIN
 from stickslip.solvers.contact.build import build_rows
@@ -64,6 +64,7 @@ def pair_up(
     for name, known in problem.pairs.items():
         sharing.setdefault((known.surfaces[0], known.skins), []).append(name)
     couplings, near = dict[str, tuple[Contact, Coupling]](), dict[str, Bools]()
+    missed, touched = list[tuple[tuple[str, ...], bool, str]](), set[tuple[str, ...]]()
     for (side, skins), names in sharing.items():
         pairs = [problem.pairs[name] for name in names]
         partners = [_partner(problem, known, sides, moved.get(known.name)) for known in pairs]
@@ -84,7 +85,7 @@ def pair_up(
             if not any(pair.contact.sliding for pair in pairs):
                 partners = within_reach(partners)
             facing = among_partners(partners) if len(partners) > 1 else [alone(partners[0])]
-            found = [with_edges(coupling, faces) for coupling, faces in facing]
+            found = [with_edges(*each, p.at_quadrature) for each, p in zip(facing, partners, strict=True)]
         touching = [bool(np.any(coupling.weights > 0)) for coupling in found]
         for known, partner, coupling, touches in zip(pairs, partners, found, touching, strict=True):
             couplings[known.name] = known.contact, coupling
@@ -93,7 +94,12 @@ def pair_up(
                 nowhere += f"{problem.labels.length}; set search_distance, or exchange the sides"
                 hidden = f"contacts.{known.name}: all of {side} reaches other partners first; leave this one out, set "
                 hidden += "search_distance, or let the contact slide"
-                raise SceneError(hidden if any(touching) else nowhere)
+                flank = any(isinstance(s, Surface) and s.beside is not None for s in (partner.slave, partner.other))
+                missed.append((known.bodies, flank, hidden if any(touching) else nowhere))
+            touched |= {known.bodies, known.bodies[::-1]} if touches else set()
+    for bodies, flank, said in missed:  # a flank may touch nothing where the side beside it does
+        if not (flank and bodies in touched):
+            raise SceneError(said)
     couplings = {name: couplings[name] for name in problem.pairs}
     every = build_rows(couplings, constraints, moved, problem.timeline.end)
     exchanged = {name for name, known in problem.pairs.items() if known.slave != known.contact.surface}
@@ -113,20 +119,42 @@ def margin(problem: Problem, name: str) -> float:
     return problem.pairs[name].contact.search_distance or WITHIN * diagonal
 
 
-def with_images(side: Surface, constraints: Constraints, name: str) -> Surface:
+def with_images(side: Surface, constraints: Constraints) -> Surface:
     """A side of a cyclic sector, whose nodes at one end are those at the other, turned.
 
-    Raises:
-        SceneError: it has an edge there.
+    Where it bends between two sectors as at an edge, its nodes at both ends are those of different faces.
     """
-    roots, turn = constraints.roots(side.nodes), constraints.turns(side.nodes)
-    there = np.flatnonzero((turn != np.eye(side.dim)).any(axis=(1, 2)) & np.isin(roots, side.nodes))
-    known, count = np.unique(side.nodes, return_counts=True)
-    if (count[np.searchsorted(known, np.concatenate([roots[there], side.nodes[there]]))] > 1).any():
-        raise SceneError(f"{name}: has an edge on a cyclic side; turn the sector so that it has none there")
-    order = np.argsort(side.nodes)
-    here = order[np.searchsorted(side.nodes, roots[there], sorter=order)]
-    return replace(side, images=(here, there, turn[there])) if len(there) else side
+    turns, roots = constraints.turns(side.nodes), constraints.roots(side.nodes)
+    there = np.flatnonzero((turns != np.eye(side.dim)).any(axis=(1, 2)) & np.isin(roots, side.nodes))
+    if not len(there):
+        return side
+    turn = turns[there[0]]
+    at = np.flatnonzero(side.nodes == roots[there[0]])[0]
+    moved = (side.points - side.points[at]) @ turn.T + side.points[there[0]]
+    of_place = dict(zip(roots[there].tolist(), side.nodes[there].tolist(), strict=True))
+    again = np.array([of_place.get(node, -1 - node) for node in side.nodes.tolist()])  # as the next sector's are
+    numbers, first, same = np.unique(np.append(side.nodes, again), return_index=True, return_inverse=True)
+    n = len(side.nodes)
+    both = replace(
+        side,
+        nodes=numbers,
+        input=numbers,
+        points=np.concatenate([side.points, moved])[first],
+        facets=same[np.concatenate([side.facets, side.facets + n])],
+        outward=np.tile(side.outward, 2),
+        depth=None,
+        parts=None,
+        faces=None,
+    )
+    sector, following = np.split(split_at_edges(both).facets.ravel(), 2)
+    _, goes_on, begins = np.intersect1d(sector, following, return_indices=True)
+    ends = np.isin(roots, roots[there])
+    there, here = side.facets.ravel()[goes_on], side.facets.ravel()[begins]
+    ends[there] = ends[here] = False
+    faces = np.zeros(n, np.int64) if side.faces is None else side.faces
+    faces = faces + (faces.max() + 1) * (ends & (roots != side.nodes))
+    images = (here, there, np.tile(turn, (len(here), 1, 1))) if len(here) else None
+    return replace(side, images=images, **({"faces": faces, "ends": ends.astype(int)} if ends.any() else {}))
 
 
 def _partner(problem: Problem, known: Pair, sides: Mapping[str, Surface], moved: Array | None) -> Partner:

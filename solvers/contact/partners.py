@@ -14,10 +14,13 @@ from functools import cache, partial
 import numpy as np
 from scipy import sparse
 
+from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
+from stickslip.geometry.curved_facets import SMOOTH
 from stickslip.geometry.obstacles import Obstacle
+from stickslip.geometry.surfaces.cells import Cells, graded, uncovered
 from stickslip.geometry.surfaces.faces import facets_near, part_of
-from stickslip.geometry.surfaces.overlap import Overlap, overlap
+from stickslip.geometry.surfaces.overlap import Overlap, faced, over
 from stickslip.geometry.surfaces.search import Pairing, pair
 from stickslip.geometry.surfaces.surface import Surface, joined
 from stickslip.solvers.contact.coupling import (
@@ -25,12 +28,13 @@ from stickslip.solvers.contact.coupling import (
     Facing,
     On,
     Points,
+    of_facets,
     on_nodes,
     rigid_coupling,
     seen_from,
     shares,
 )
-from stickslip.solvers.contact.mortar import LITTLE, mortar_coupling, positive_shares
+from stickslip.solvers.contact.mortar import LITTLE, mortar_coupling, positive_shares, product_degree
 
 Operator = Callable[[Facing], Coupling]
 
@@ -113,10 +117,38 @@ def within_reach(partners: Sequence[Partner]) -> list[Partner]:
 
 def alone(partner: Partner) -> tuple[Coupling, Facing | None]:
     """Coupling of a side with its only partner, and where it faces it if that is a body."""
-    if isinstance(partner.other, Obstacle):
-        return rigid_coupling(partner.slave, partner.other), None
-    facing = Facing(partner.slave, partner.other, partner.reach)
-    return partner.operator(facing), facing
+    slave, other = partner.slave, partner.other
+    if isinstance(other, Surface):
+        facing = Facing(slave, other, partner.reach)
+        return partner.operator(facing), facing
+    if not partner.at_quadrature or slave.faces is None:
+        return rigid_coupling(slave, other), None
+    return rigid_coupling(slave, other, partial(of_facets, slave, *_finer_at_tips([partner]))), None
+
+
+def _finer_at_tips(rigid: Sequence[Partner], whole: Bools | None = None) -> tuple[Bools, Cells]:
+    """Which facets (f,) have no corner or edge that touches an obstacle, and cells of the others.
+
+    All facets around such a place rise from the obstacle.
+
+    Args:
+        whole: facets (f,) of which others leave all; None: all.
+    """
+    slave, corners = rigid[0].slave, dx.reference_nodes(rigid[0].slave.shape, 1)
+    around = slave.beside or slave
+    nodes, middles = around.facets[:, : len(corners)], around.points[around.facets].mean(axis=1)
+    steep = np.sin(np.radians(SMOOTH)) * np.linalg.norm(around.points[nodes] - middles[:, None], axis=2)
+    tips = np.zeros((len(slave.facets), len(corners)), bool)
+    for each in rigid if slave.faces is not None else ():
+        assert isinstance(each.other, Obstacle)
+        gap, beyond = (seen_from(each.other, x)[0] for x in (around.points, middles))
+        beneath = around.nodes[nodes[beyond[:, None] - gap[nodes] <= steep]]
+        at = slave.facets[:, : len(corners)]
+        tips |= (slave.at_edge[at] > 0) & ~np.isin(slave.nodes[at], beneath)
+    tips[~(np.ones(len(tips), bool) if whole is None else whole)] = False
+    facet, corner = np.nonzero(tips)
+    plain = ~tips.any(axis=1)
+    return plain if whole is None else plain & whole, graded(slave, facet, corners[corner])
 
 
 def among_partners(partners: Sequence[Partner]) -> list[tuple[Coupling, Facing | None]]:
@@ -132,36 +164,56 @@ def among_partners(partners: Sequence[Partner]) -> list[tuple[Coupling, Facing |
     slave = (bodies or rigid)[0].slave
     reach = np.concatenate([[0.0], *(np.full(len(f.master.facets), f.reach) for f in plain)])[1:]
 
+    masters = joined([facing.master for facing in plain]) if plain else slave
+    faces = (
+        faced(slave, masters, reach)
+        if plain
+        else Cells.of(np.zeros(0, np.int64), np.zeros((0, slave.dim, slave.dim - 1)))
+    )
+
     @cache
     def every(degree: int) -> Overlap:
-        return overlap(slave, joined([facing.master for facing in plain]), reach, degree)
+        return over(faces, slave, masters, degree)
 
     full, left, found = slave.node_weights(), np.ones(len(slave.nodes)), dict[int, tuple[Coupling, Facing | None]]()
-    areas = slave.quadrature(2 * slave.degree)[0].sum(axis=1)
-    bare = np.ones(len(areas))  # part of each facet that no body faces
     for k, (partner, own) in enumerate(zip(bodies, plain, strict=True)):
         facing = AmongPartners(own.slave, own.master, own.reach, plain[:k], plain[k + 1 :], every, nearest)
         coupling = partner.operator(facing)
-        taken, faced = coupling.weights, (coupling.weights / full)[slave.facets].mean(axis=1)
+        taken = coupling.weights
         if partner.operator is mortar_coupling:
             points = coupling.points(0)
             taken = np.asarray(shares(points.own, slave, points.weights).sum(axis=1)).ravel()
-            faced = np.bincount(points.own.facet, points.weights, len(areas)) / areas
-        left, bare = left - taken / full, np.maximum(bare - faced, 0.0)
+        left = left - taken / full
         found[id(partner)] = coupling, facing
     left[np.abs(left) <= ROUNDING] = 0.0
     normals = slave.node_normals()
 
-    def owned(k: int, on: On, along: Array) -> Array:
-        distances = np.array([each.distance(on, along) for each in rigid])
-        return np.asarray(distances.argmin(axis=0) == k, float)
+    @cache
+    def bare(degree: int) -> tuple[On, Array]:
+        """Integration points of what bodies leave: mortar parts of facets, and of each point what nodes leave of it."""
+        if bodies and bodies[0].operator is not mortar_coupling:
+            on, weights = of_facets(slave, *_finer_at_tips(rigid), degree)
+            size = shares(on, slave, weights).T @ left
+            return on.at(size > ROUNDING * weights), size[size > ROUNDING * weights]
+        rest, cut = uncovered(slave, faces)
+        rest, fine = _finer_at_tips(rigid, rest)
+        on, weights = of_facets(slave, rest, Cells.joined([cut, fine]), degree)
+        nearer = every(max([degree, *(product_degree(slave, facing.master) for facing in plain)]))
+        nearer = nearer.at(np.abs(nearer.gap) > np.abs(nearest(_places(nearer), nearer.normals)))
+        return On.joined([on, _places(nearer)]), np.concatenate([weights, nearer.weights])
 
-    def at_points(k: int, on: On) -> Array:
-        return owned(k, on, on.basis(slave) @ normals) * bare[on.facet]
+    def owned(k: int, on: On) -> Bools:
+        along = on.basis(slave) @ normals
+        return np.asarray(np.argmin([each.distance(on, along) for each in rigid], axis=0) == k)
 
+    def own_points(k: int, degree: int) -> tuple[On, Array]:
+        on, weights = bare(degree)
+        own = owned(k, on)
+        return on.at(own), weights[own]
+
+    at_nodes = on_nodes(slave, np.ones(len(left), bool))
     for k, partner in enumerate(rigid):
-        parts = left * owned(k, on_nodes(slave, np.ones(len(left), bool)), normals)
-        found[id(partner)] = _part(partner, parts, partial(at_points, k)), None
+        found[id(partner)] = _part(partner, left * owned(k, at_nodes), partial(own_points, k)), None
     return [found[id(partner)] for partner in partners]
 
 
@@ -169,49 +221,32 @@ def _places(found: Overlap) -> On:
     return On(found.slave_facet, found.slave_local)
 
 
-def _part(partner: Partner, parts: Array, at_points: Callable[[On], Array]) -> Coupling:
+def _part(partner: Partner, parts: Array, points: Callable[[int], tuple[On, Array]]) -> Coupling:
     """Coupling with an obstacle of a part of a side; where it is less than a little of a node's, it goes to neighbours.
 
     Args:
         parts: of the nodes' areas (n,).
-        at_points: takes integration points, and returns the parts of theirs (q,).
+        points: integration points of the part by degree, for laws that act there.
     """
     assert isinstance(partner.other, Obstacle)
-    coupling, surface, at_quadrature = (
-        rigid_coupling(partner.slave, partner.other),
-        partner.slave,
-        partner.at_quadrature,
-    )
-    full = coupling.weights
+    surface, at_quadrature = partner.slave, partner.at_quadrature
+    coupling = rigid_coupling(surface, partner.other, points if at_quadrature else None)
+    full, taken = coupling.weights, sparse.diags(np.ones(len(parts)) if at_quadrature else parts)
     weights = parts * full
     if at_quadrature:
-        points = coupling.points(2 * surface.degree * (1 + (surface.shape == "quadrilateral")) + surface.axisymmetric)
-        weights = points.phi @ at_points(points.own)
+        degree = 2 * surface.degree * (1 + (surface.shape == "quadrilateral")) + surface.axisymmetric
+        weights = np.asarray(coupling.points(degree).phi.sum(axis=1)).ravel()
         weights[weights <= ROUNDING * full] = 0.0
     share = positive_shares(surface, weights, weights > LITTLE * full)
     total = np.asarray(share @ weights)
     each = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
     elsewhere = sparse.diags((total == 0).astype(float))  # nodes of other partners keep their distance and motion
     mean = (sparse.diags(each) @ share @ sparse.diags(weights) + elsewhere).tocsr()
+    own = (share @ taken).tocsr()
 
     def of_part(degree: int) -> Points:
-        points = coupling.points(degree)
-        if not at_quadrature:
-            own = (share @ sparse.diags(parts)).tocsr()
-            return replace(points, psi=(own @ points.psi).tocsr(), phi=(own @ points.phi).tocsr())
-        size = at_points(points.own)
-        kept = np.flatnonzero(size > ROUNDING)
-        scale = sparse.diags(size).tocsc()[:, kept]
-        return Points(
-            weights=points.weights[kept] * size[kept],
-            relative=points.relative[kept],
-            gap=points.gap[kept],
-            normals=points.normals[kept],
-            psi=(share @ points.psi @ scale).tocsr(),
-            phi=(share @ points.phi @ scale).tocsr(),
-            own=On(points.own.facet[kept], points.own.local[kept]),
-            other=None,
-        )
+        found = coupling.points(degree)
+        return replace(found, psi=(own @ found.psi).tocsr(), phi=(own @ found.phi).tocsr())
 
     return replace(
         coupling,

@@ -102,7 +102,7 @@ def among_skins(
         parts.append(replace(partners[name], slave=here, other=there, reach=reach))
     couplings = among_partners(parts) if len(parts) > 1 else [alone(parts[0])]
     for name, (coupling, facing) in zip(meeting, couplings, strict=True):
-        found[name] = _on_skins(with_edges(coupling, facing), slave, masters[name])
+        found[name] = _on_skins(with_edges(coupling, facing, partners[name].at_quadrature), slave, masters[name])
     return found
 
 

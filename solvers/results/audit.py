@@ -229,10 +229,8 @@ class Auditor:
         nodal = nodal + np.einsum("nd,nd->n", rows.frames[:, 0], side.transform @ moved)
         if not rows.normal.at_quadrature:
             return np.asarray(rows.psi.T @ nodal / rows.W_n), nodal
-        if self.system.problem.shares(rows.name):  # its points are some of the side's
-            return rows.gap, nodal
-        basis = side.quadrature(pair.contact.degree(side.degree))[1]
-        x = np.einsum("qk,fkd->fqd", basis, at[side.facets]).reshape(-1, side.dim)
+        assert rows.quadrature is not None
+        x = rows.quadrature(rows.degree).own.basis(side) @ at
         return np.asarray(gap(obstacle, x)) + offset + rows.N_n @ moved.ravel(), nodal
 
     def _scales(self, record: Record, inner: Vec) -> Scales:
@@ -321,8 +319,10 @@ class Auditor:
         size = np.linalg.norm(acts.forces, axis=1)
         pushed = size > 0
         given = rows.normal.ties or pair.contact.gap is not None  # not the gap between the sides as they are meshed
-        if told is None or system.mesh.axisymmetric or given or not pushed.any():
+        if told is None or given or not pushed.any():
             return 0.0
+        if system.mesh.axisymmetric:  # over a full circle there is none about any axis
+            return float(np.linalg.norm(told)) / float(size.sum() * system.extent)
         if pair.obstacle is None:
             apart = rows.relative @ (rows.points + moved)
         else:
@@ -541,13 +541,15 @@ class Auditor:
     def _contact_force(self, place: ContactBlock, u: Vec, record: Record, scales: Scales) -> Vec:
         """Nodal forces B^T p of one contact over all displacement dofs [N]; with compliance p_n is that of u.
 
-        Against a rigid obstacle those of multipliers come from forms. Between bodies, on a part of a side, and on
-        that of a cyclic sector, no form over one mesh has them: there they are the rows' own, N^T W p.
+        Against a rigid obstacle those of multipliers come from forms. Between bodies, on a part of a side, round its
+        corners, and on that of a cyclic sector, no form over one mesh has them: there they are the rows' own, N^T W p.
         """
         system, rows = self.system, place.rows
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         compliant = isinstance(rows.normal, Compliance)
-        if rows.master is not None or system.problem.shares(rows.name) or rows.surface.images is not None:
+        side = rows.surface
+        parts = system.problem.shares(rows.name) or side.images is not None or (compliant and side.faces is not None)
+        if rows.master is not None or parts:
             return system.interface.force_of(rows, self._pressure_of_law(rows, record) if compliant else p_n, t)
         force = self._compliant_force(rows, u, record) if compliant else system.vector()
         if compliant and rows.friction is None:
@@ -567,7 +569,6 @@ class Auditor:
         assert isinstance(law, Compliance)
         pair = system.problem.pairs[rows.name]
         formula = pair.obstacle is not None and system.problem.obstacles[pair.obstacle].written_in_operators
-        formula = formula and not system.problem.shares(rows.name)
         if rows.name in record.searched or not formula or not isinstance(pair.contact.gap_offset, float | int):
             p_n = self._pressure_of_law(rows, record)
             return system.interface.force_of(rows, p_n, np.zeros(rows.free.shape))

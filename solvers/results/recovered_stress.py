@@ -133,14 +133,16 @@ class RecoveredStress:
         """
         at, found = dx.reference_nodes(self._shape, 1), list[float]()
         given = np.array([reported[:, i, j] for i, j in STRESSES.values()])
+        linear = cells.shape[1] == u.shape[1] + 1 and not self._axisymmetric  # the stress of a cell is one
         for body, members in zip(self._bodies, self._members, strict=True):
             total = np.zeros((7, len(self._points)))  # and the weights
             for own in members:
-                ends, middle = (self._of(body, own, x, u, cells) for x in (at, at.mean(axis=0, keepdims=True)))
+                middle, volume = self._of(body, own, at.mean(axis=0, keepdims=True), u, cells)
+                change = 0.0 * middle if linear else self._of(body, own, at, u, cells)[0] - middle
                 nodes = self._cells[own, : len(at)].T
-                weight = np.broadcast_to(middle[1].sum(axis=0), nodes.shape)
-                stress = given[:, None, own] + ends[0] - middle[0]
-                for sums, component in zip(total, (*(weight * stress), weight), strict=True):
+                weight = np.broadcast_to(volume.sum(axis=0), nodes.shape)
+                stress = weight * (given[:, None, own] + change)
+                for sums, component in zip(total, (*stress, weight), strict=True):
                     sums += np.bincount(nodes.ravel(), component.ravel(), len(sums))
             total = dx.sums_at_nodes(self._space, total)
             six = total[:6] / np.maximum(total[6], TINY)

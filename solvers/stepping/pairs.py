@@ -65,8 +65,8 @@ class PairSearch:
                 if last is not None:
                     start = replace(start, guess=carried_over(last, system).p)
                 attempt = inner(start, end)
-                if attempt.state is None:
-                    return attempt
+                if attempt.state is None or (attempt.solution.jumps and first.chain.cut_first):
+                    return attempt  # a shorter substep follows
                 known, last = last, attempt.state
                 now = relative_positions(system, attempt.state, [*self._names, *self._found])
                 nearer = self._nearer(system, searched, begin, now)

@@ -16,7 +16,7 @@ from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Sparse, UflExpr, UflForm, Vec
-from stickslip.geometry.surfaces.faces import split_at_edges
+from stickslip.geometry.surfaces.faces import split_at_edges, with_sides_beside
 from stickslip.geometry.surfaces.surface import Surface, gather_surface, own_nodes
 from stickslip.solvers.contact.pairing import pair_up, with_halves, with_images
 from stickslip.solvers.contact.rows import ContactRows
@@ -213,9 +213,9 @@ def contact_rows(
     """Rows of all contacts of the problem, their surfaces gathered on every rank; collective."""
     sides = {name: gather_surface(mesh, space, nodes, name) for name in problem.request.contact_sides}
     faces = {name: split_at_edges(side, mesh.edges.get(name)) for name, side in sides.items()}
-    found = with_halves(problem, faces)
+    found = with_halves(problem, with_sides_beside(faces))
     if problem.request.turns:
-        found = {name: with_images(side, constraints, name) for name, side in found.items()}
+        found = {name: with_images(side, constraints) for name, side in found.items()}
     return pair_up(problem, found, constraints, {})
 
 

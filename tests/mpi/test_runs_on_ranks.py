@@ -139,6 +139,27 @@ for step in simulation.steps():
     found.append([float(step.contacts[name].normal_force) for name in simulation.scene.pairs])
 found.append([simulation.counters.added_dofs, simulation.counters.factorisations])
 """
+# a side on three rollers as it slides, and a pair found there; with a law at points between nodes too
+PARTNERS = """
+from stickslip.workflows.scene_file.read import from_dict
+rollers = {f"at_{x}": {"shape": "cylinder", "point": [x, -1.0], "radius": 1.0} for x in (2, 5, 8)}
+floor = {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
+for normal, given in (({"law": "unilateral"}, rollers), ({"law": "compliance", "c_n": 1e4}, floor | rollers)):
+    scene = {
+        "model": "plane strain",
+        "geometry": {"builder": "block", "length": 10.0, "height": 1.0, "mesh_size": 0.5},
+        "bodies": {"block": {"E": 1e4, "nu": 0.3}},
+        "obstacles": given,
+        "contacts": {"bed": {"surface": "block.bottom", "against": [*given], "sliding": True, "normal": normal,
+                             "friction": {"law": "coulomb", "mu": 0.1}}},
+        "supports": {"top": {"boundary": "block.top", "displacement": {"x": [[0, 0], [1, 0], [2, 0.7]], "y": -0.01}}},
+        "steps": {"end": 2.0, "count": 2},
+        "solver": {"tolerance": 1e-11},
+    }
+    for step in stickslip.prepare(from_dict(scene)).steps():
+        for contact in (*step.contacts.values(), *step.sums.values()):
+            found.append([float(x) for x in (*contact.force, contact.normal_force, contact.contact_area)])
+"""
 SIZE = "0.2"  # MUMPS divides the last front among ranks, where it may
 SCRIPTS = {
     "audit": AUDIT,
@@ -150,6 +171,7 @@ SCRIPTS = {
     "multigrid": MULTIGRID,
     "lowered": LOWERED,
     "meeting": MEETING,
+    "partners": PARTNERS,
 }
 Both = dict[str, tuple[Any, Any]]
 
@@ -215,6 +237,11 @@ def test_ranks_find_pairs_as_bodies_come_near(both: Both) -> None:
     alone, one = both["meeting"]
     assert_allclose(np.concatenate(one), np.concatenate(alone), rtol=1e-9, atol=1e-12)
     assert alone[2][0] > 0.07
+
+
+def test_ranks_share_a_side_among_the_same_partners(both: Both) -> None:
+    alone, one = both["partners"]
+    assert_allclose(one, alone, rtol=1e-8, atol=1e-8 * np.max(np.abs(alone[0])))
 
 
 def test_ranks_halve_the_same_mesh_sizes(both: Both) -> None:

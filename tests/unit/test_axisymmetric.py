@@ -93,6 +93,18 @@ def test_friction_works_around_the_full_circle() -> None:
     assert_allclose(step.energy.dissipated, base.dissipation, rtol=1e-12)
 
 
+def test_the_full_circle_has_axial_forces_alone_and_no_moment() -> None:
+    support = {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}}
+    simulation = prepare(scene_of(base={}, model="axisymmetric", supports=support))
+    (step,) = simulation.steps()
+    for acting in (step.contacts["base"], step.supports["top"], *step.obstacles.values()):
+        assert_allclose([acting.force[0], *acting.moment], 0.0, atol=1e-15)
+    judge, record = Auditor(simulation.problem, simulation.mesh), replace(record_of(step), stored=stored_by(step))
+    assert judge(record).moment == 0
+    told = {"base": step.contacts["base"].force[1:]}
+    assert judge(replace(record, stored=replace(record.stored, moments=told))).moment > 1e-2
+
+
 RING = """
 SetFactory("OpenCASCADE");
 Rectangle(1) = {FAR, 0, 0, 1, 0.5};

@@ -138,10 +138,15 @@ If (n < 4)
 EndIf
 """
 PIE = """
-SetFactory("OpenCASCADE"); DefineConstant[ angle = 90 ];
+SetFactory("OpenCASCADE"); DefineConstant[ angle = 90 ]; DefineConstant[ rim = 0 ];
 Cylinder(1) = {0, 0, 0, 0, 0, 0.5, 1, angle * Pi / 180}; Physical Volume("disc") = {1};
 t() = Surface In BoundingBox {-2, -2, 0.49, 2, 2, 0.51}; Physical Surface("disc.top") = {t()};
-b() = Surface In BoundingBox {-2, -2, -0.01, 2, 2, 0.01}; Physical Surface("disc.bottom") = {b()};
+b() = Surface In BoundingBox {-2, -2, -0.01, 2, 2, 0.01};
+If (rim)
+  Physical Surface("disc.bottom") = {b(), 1};
+Else
+  Physical Surface("disc.bottom") = {b()};
+EndIf
 If (angle < 360)
   f() = Surface In BoundingBox {-0.01, -0.01, -0.01, 1.01, 0.01, 0.51}; Physical Surface("disc.first") = {f()};
   g() = Surface In BoundingBox {-0.01, -0.01, -0.01, 0.01, 1.01, 0.51}; Physical Surface("disc.second") = {g()};
@@ -149,14 +154,14 @@ EndIf
 """
 
 
-def turned_on_its_axis(folder: Path, dim: int, angle: int) -> tuple[Simulation, StepResult]:
+def turned_on_its_axis(folder: Path, dim: int, angle: int, rim: int = 0) -> tuple[Simulation, StepResult]:
     """A disc that is dragged round in a ring that is too small, or in 3D by a floor that turns beneath it."""
     (folder / "disc.geo").write_text(PIE if dim == 3 else DISC)
     ring = {"shape": "cylinder", "point": [0.0, 0.0], "radius": 0.999, "inside": True}
     floor = {"shape": "plane", "point": [0.0] * 3, "normal": [0.0, 0.0, 1.0]}
     drive = {"point": [0.0] * 3, "axis": [0.0, 0.0, 1.0], "angle": [[0, 0], [1, 0], [2, 0.02]]}
     press = {"x": 0.0, "y": 0.0, "z": "-0.01*(1+x**2+y**2)*min(t,1)"}
-    size = {"mesh_size": 0.25} if dim == 3 else {}
+    size = {"mesh_size": 0.25, "rim": rim} if dim == 3 else {}
     tables = {
         "model": "3d" if dim == 3 else "plane strain", "geometry": {"file": "disc.geo", "angle": angle} | size,
         "bodies": {"disc": {"E": 1.0, "nu": 0.3}},
@@ -185,6 +190,89 @@ def test_meshes_that_do_not_match_are_close_and_either_side_may_follow() -> None
     same(sector, whole, 4, 0.02)
     other = cut("inner", "outer", first="x_axis", second="y_axis", angle=-90.0)
     same(last_of(press_fit(90, 1, RIGID, 0.25) | {"periodic": other})[1], last_of(press_fit(360, 1, RIGID, 0.25))[1], 4)
+
+
+SOCKET = """
+DefineConstant[ angle = 90 ]; n = angle / 90; m = 8;
+Point(1) = {0, 0, 0};
+For k In {0:3}
+  c = Cos(k * Pi / 2); s = Sin(k * Pi / 2);
+  For j In {1:4}
+    r = (j == 1 ? 0.4 : (j == 4 ? 2 : 1));
+    Point(10 * j + k) = {r * c, r * s, 0};
+  EndFor
+EndFor
+For k In {0:3}
+  Line(100 + k) = {10 + k, 20 + k}; Line(110 + k) = {30 + k, 40 + k};
+EndFor
+For k In {0:n - 1}
+  e = (k + 1) % 4;
+  Circle(200 + k) = {10 + k, 1, 10 + e}; Line(210 + k) = {20 + k, 20 + e};
+  Line(220 + k) = {30 + k, 30 + e}; Circle(230 + k) = {40 + k, 1, 40 + e};
+  Curve Loop(1 + k) = {100 + k, 210 + k, -(100 + e), -(200 + k)}; Plane Surface(1 + k) = {1 + k};
+  Curve Loop(11 + k) = {110 + k, 230 + k, -(110 + e), -(220 + k)}; Plane Surface(11 + k) = {11 + k};
+EndFor
+Transfinite Curve{100:103} = 5; Transfinite Curve{110:113} = 6;
+Transfinite Curve{200:200+n-1, 210:210+n-1} = m + 1; Transfinite Curve{220:220+n-1, 230:230+n-1} = m + 3;
+Transfinite Surface{:};
+Physical Surface("bar") = {1:n}; Physical Surface("ring") = {11:10+n};
+Physical Curve("bar.bore") = {200:199+n}; Physical Curve("bar.face") = {210:209+n};
+Physical Curve("ring.face") = {220:219+n}; Physical Curve("ring.rim") = {230:229+n};
+If (n < 4)
+  Physical Curve("bar.first") = {100}; Physical Curve("bar.second") = {101};
+  Physical Curve("ring.first") = {110}; Physical Curve("ring.second") = {111};
+EndIf
+"""
+
+
+def socket(folder: Path, angle: int, order: int, contact: Tables) -> tuple[Simulation, StepResult]:
+    """A square bar pressed into a square hole whose rim turns; a quarter is cut along the corners of both."""
+    (folder / "socket.geo").write_text(SOCKET)
+    fit = {
+        "surface": "bar.face",
+        "against": "ring.face",
+        "gap_offset": -1e-3,
+        "friction": {"law": "coulomb", "mu": 0.3},
+    }
+    tables: Tables = {
+        "model": "plane strain",
+        "geometry": {"file": "socket.geo", "angle": angle, "order": order},
+        "bodies": {"bar": {"E": 1.0, "nu": 0.3}, "ring": {"E": 2.0, "nu": 0.2}},
+        "contacts": {"fit": fit | contact},
+        "supports": {
+            "rim": {"boundary": "ring.rim", "displacement": {"x": "-1e-3*y*max(t-1,0)", "y": "1e-3*x*max(t-1,0)"}}
+        },
+        "elastic_support": {"bed": {"boundary": "bar.bore", "tangential": 1.0, "normal": 0.1}},
+        "steps": {"end": 2.0, "count": 2},
+    }
+    sector = {"periodic": cut("bar", "ring", first="second", second="first")}
+    return last_of(tables | (sector if angle == 90 else {}), folder)
+
+
+@pytest.mark.parametrize(
+    ("order", "contact"),
+    [
+        (1, {}),
+        (1, {"sliding": True}),
+        (1, {"operator": "node-to-segment"}),
+        (1, {"normal": {"law": "compliance", "c_n": 10.0}}),
+        (2, {"surface": "ring.face", "against": "bar.face"}),
+    ],
+)
+def test_sides_may_have_their_corners_where_the_sector_is_cut(order: int, contact: Tables, tmp_path: Path) -> None:
+    _, whole = socket(tmp_path, 360, order, contact)
+    simulation, sector = socket(tmp_path, 90, order, contact)
+    assert 0 < sector.contacts["fit"].slip_area < sector.contacts["fit"].contact_area
+    same(sector, whole, 4)
+    assert max(audit(simulation, sector).values()) < 1e-7
+
+
+def test_an_edge_may_run_from_cut_to_cut_in_3d(tmp_path: Path) -> None:
+    """A side that is bottom and rim of a quarter of a disc, on a floor that turns: as the bottom alone."""
+    _, bottom = turned_on_its_axis(tmp_path, 3, 90)
+    _, both = turned_on_its_axis(tmp_path, 3, 90, rim=1)
+    for key in ("normal_force", "contact_area", "slip_area", "dissipation_total"):
+        assert getattr(both.contacts["c"], key) == pytest.approx(getattr(bottom.contacts["c"], key), rel=1e-8)
 
 
 SECTOR = """

@@ -266,8 +266,8 @@ Physical Curve("block.skin")={11,13,14,12}; Physical Curve("block.top")={15};
 """
 
 
-def pointed(folder: Path, geometry: dict[str, Any], contact: dict[str, Any]) -> Any:
-    """A square that stands on its corner, on a slab or a plane, pressed down by 1 µm."""
+def pointed(folder: Path, geometry: dict[str, Any], contact: dict[str, Any], down: float = 0.001) -> Any:
+    """A square that stands on its corner, on a slab or a plane, pressed down."""
     (folder / "pointed.geo").write_text(POINTED)
     scene: dict[str, Any] = {
         "model": "plane strain",
@@ -277,7 +277,7 @@ def pointed(folder: Path, geometry: dict[str, Any], contact: dict[str, Any]) -> 
         "contacts": {"c": contact},
         "supports": {
             "slab": {"boundary": "slab.bottom", "displacement": [0.0, 0.0]},
-            "block": {"boundary": "block.top", "displacement": {"x": 0.0, "y": -0.001}},
+            "block": {"boundary": "block.top", "displacement": {"x": 0.0, "y": -down}},
         },
     }
     if contact["against"] == "floor":
@@ -364,11 +364,25 @@ def test_a_corner_on_a_corner_presses_half_way_between_both(
     assert_allclose(forces, forces[0], rtol=1e-9)
 
 
-def test_a_corner_that_a_compliance_between_nodes_does_not_feel_is_said(tmp_path: Path) -> None:
-    soft = {"surface": "up.skin", "against": "low.skin", "normal": {"law": "compliance", "c_n": 1e6, "m_n": 1.0}}
-    found, said = roofs(tmp_path, 0.02, 0.012, soft)
-    assert not found.force.any()
-    assert [line for line in said if "does not feel it" in line and "at (0.02, 0)" in line]
+@pytest.mark.parametrize(("order", "m_n", "down"), [(1, 1.0, 0.01), (1, 2.0, 0.3), (2, 1.0, 0.01), (2, 1.5, 0.1)])
+def test_a_law_of_compliance_is_felt_however_little_a_corner_presses_in(
+    tmp_path: Path, order: int, m_n: float, down: float
+) -> None:
+    """On both flanks of a corner of 90 degrees p = c_n (d - s / sqrt 2)^m_n at the length s from it."""
+    soft = {"normal": {"law": "compliance", "c_n": 100.0, "m_n": m_n}, "friction": {"law": "coulomb", "mu": 0.3}}
+    for tip in (0.0, 0.1):
+        for way in WAYS:
+            contact = pointed(tmp_path, {"order": order, "tip": tip}, way | soft, down)
+            force = 100.0 * 2 * np.sqrt(2) * down ** (m_n + 1) / (m_n + 1)
+            assert_allclose(contact.normal_force, force, rtol=0.02)
+            assert_allclose(contact.weight @ contact.pressure, contact.normal_force, rtol=1e-9)
+            assert_allclose(contact.weight @ contact.bound, 0.3 * contact.normal_force, rtol=1e-9)
+
+
+def test_a_corner_has_no_area_for_a_tangential_stiffness(tmp_path: Path) -> None:
+    soft = {"surface": "up.skin", "against": "low.skin", "friction": {"law": "coulomb", "mu": 0.3, "k_T": 1e6}}
+    _, said = roofs(tmp_path, 0.02, 0.04, soft)
+    assert [line for line in said if "has no area for friction.k_T" in line and "at (0.02, 0)" in line]
 
 
 BEAMS = """

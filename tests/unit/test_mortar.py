@@ -386,8 +386,8 @@ AGAIN = POLYGON[[0, 1, 1, 2, 3, 4]]  # as clipping leaves a corner that lies on 
 
 @pytest.mark.parametrize("first", range(6))
 def test_triangles_do_not_depend_on_the_first_corner(first: int) -> None:
-    _, parts = overlay._fan(np.roll(AGAIN, -first, axis=0)[None])
-    _, expected = overlay._fan(POLYGON[None])
+    _, parts = overlay.fan(np.roll(AGAIN, -first, axis=0)[None])
+    _, expected = overlay.fan(POLYGON[None])
     found = sorted(np.sort(part, axis=0).tolist() for part in parts)
     assert found == sorted(np.sort(part, axis=0).tolist() for part in expected)
     assert len(found) == 3

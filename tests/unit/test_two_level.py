@@ -174,7 +174,6 @@ def test_probes_have_the_error_of_their_stress() -> None:
         parts, corrected = step.errors[f"probes.p{k}.stress"], step.corrected[f"probes.p{k}.stress"]
         stated = parts.mesh + parts.geometry
         assert (stated[4:] == 0).all()  # shear out of the plane is zero
-        assert stated[:4].min() > 0.1 * stated.max()  # whatever single components happen to be
         assert np.linalg.norm(corrected - exact) < 0.6 * np.linalg.norm(true)
         ratios += [np.linalg.norm(stated) / np.linalg.norm(true)]
     assert min(ratios) > 0.7

@@ -83,6 +83,23 @@ def test_a_corner_on_a_face_presses_along_its_normal_where_it_is(case: tuple[str
     assert (tip.status > 0).sum() == 1
 
 
+@pytest.mark.parametrize("against", ["floor", *slow("slab.*")])
+def test_a_law_of_compliance_is_felt_round_a_corner_of_a_cube(against: str, tmp_path: Path) -> None:
+    """F = 3/2 c_n d³ on three faces whose normals have a cosine of 1/√3 with the vertical, at a depth d."""
+    (tmp_path / "corner.geo").write_text(CORNER)
+    normal = {"law": "compliance", "c_n": 0.1, "m_n": 1.0}
+    scene: dict[str, Any] = {
+        "model": "3d",
+        "geometry": {"file": "corner.geo"},
+        "bodies": {"cube": STIFF, "slab": STIFF},
+        "contacts": {"tip": {"surface": "cube.low", "against": against, "normal": normal}},
+        "supports": {"bed": HELD, "press": {"boundary": "cube.high", "displacement": [0.0, 0.0, -0.02]}},
+    }
+    if against == "floor":
+        scene["obstacles"] = {"floor": {"shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}}
+    assert_allclose(last(scene, tmp_path).contacts["tip"].normal_force, 1.5 * 0.1 * 0.02**3, rtol=0.02)
+
+
 @pytest.mark.parametrize(
     "case",
     [
@@ -108,6 +125,60 @@ def test_whole_skins_press_on_the_face_between_their_edges(case: tuple[str, floa
     assert_allclose(c.force, [0.0, 0.0, force], atol=1e-7)
     assert_allclose(c.moment, [force, 0.0, 0.0], atol=1e-3)
     assert_allclose(c.contact_area, 4.0, rtol=1e-9)
+
+
+FLANKS = """
+l() = Surface In BoundingBox{-1.9, -1, -0.01, -0.9, 3, 1.6}; Physical Surface("block.left") = {l()};
+u() = Surface In BoundingBox{-1.01, -1, -0.01, 1.01, 3, 0.01}; Physical Surface("block.under") = {u()};
+s() = Surface In BoundingBox{-3.1, -1, -0.01, 3.1, 3, 0.01}; s() -= u(); Physical Surface("slab.upper") = {s()};
+"""
+
+
+@pytest.mark.parametrize(
+    ("lean", "contacts"),
+    [
+        (0.3, {"c": {"surface": "slab.upper", "against": ["block.under", "block.left"]}}),
+        (0.3, {name: {"surface": f"block.{name}", "against": "slab.upper"} for name in ("under", "left")}),
+        (0.0, {name: {"surface": f"block.{name}", "against": "slab.upper"} for name in ("left", "under")}),
+        (0.3, {name: {"surface": f"block.{name}", "against": "floor"} for name in ("under", "left")}),
+    ],
+)
+def test_a_flank_that_is_named_beside_the_bottom_carries_nothing(
+    lean: float, contacts: dict[str, Any], tmp_path: Path
+) -> None:
+    (tmp_path / "punch.geo").write_text(PUNCH + FLANKS)
+    scene: dict[str, Any] = {
+        "model": "3d",
+        "geometry": {"file": "punch.geo", "h": 1.0, "lean": lean},
+        "bodies": {"block": STIFF, "slab": STIFF},
+        "contacts": contacts,
+        "supports": {"bed": HELD, "block": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}},
+        "loads": {"press": {"boundary": "block.top", "pressure": 1.0}},
+    }
+    if "floor" in str(contacts):
+        scene["obstacles"] = {"floor": {"shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}}
+    found = last(scene, tmp_path).contacts
+    for name, c in found.items():
+        force = 4 * (1 + lean) * ("under" in name)
+        assert_allclose(np.abs(c.force), [0.0, 0.0, force], atol=1e-9)
+
+
+@pytest.mark.parametrize("normal", [{"law": "unilateral"}, {"law": "compliance", "c_n": 0.1}])
+def test_faces_of_a_cube_on_its_corner_may_be_sides_of_their_own(normal: dict[str, Any], tmp_path: Path) -> None:
+    low = 'Physical Surface("cube.low") = {a()};'
+    named = 'Physical Surface("cube.one") = {a(0)}; Physical Surface("cube.two") = {a(1), a(2)};'
+    found = []
+    for text, sides in ((CORNER, ["low"]), (CORNER.replace(low, named), ["one", "two"])):
+        (tmp_path / "corner.geo").write_text(text)
+        scene: dict[str, Any] = {
+            "model": "3d",
+            "geometry": {"file": "corner.geo"},
+            "bodies": {"cube": STIFF, "slab": STIFF},
+            "contacts": {side: {"surface": f"cube.{side}", "against": "slab.*", "normal": normal} for side in sides},
+            "supports": {"bed": HELD, "press": {"boundary": "cube.high", "displacement": [0.0, 0.0, -0.01]}},
+        }
+        found.append(sum(contact.force for contact in last(scene, tmp_path).contacts.values()))
+    assert_allclose(found[1], found[0], atol=1e-2 * found[0][2])
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.2])

@@ -202,8 +202,7 @@ def doubts(
             continue
         if not problem.pairs[rows.name].contact.sliding:
             yield from _slid_far(rows, problem, states)
-        yield from _at_corners(rows, problem, states)
-        yield from _on_shared_facets(rows, states)
+        yield from _at_corners(rows, states)
         peak = max(states, key=lambda state: state.max_pressure)
         if (peak.status != OPEN).any() and peak.max_pressure > 0:
             yield from _few_points(rows, problem, peak)
@@ -346,39 +345,19 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
         )
 
 
-def _at_corners(rows: ContactRows, problem: Problem, states: Sequence[ContactState]) -> Iterator[str]:
-    """Corners that press on corners, and those that a compliance law between nodes does not feel."""
-    side, tips = rows.surface, np.zeros(len(rows.surface.nodes)) if rows.tips is None else rows.tips
-    if not (side.at_edge.any() or tips.any()):
-        return
-    scale = ROUNDING * float(np.ptp(side.points, axis=0).max())
-    for state in states:
-        unfelt = ~np.isin(side.nodes, side.nodes[state.pressure > 0]) & (state.weight > 0) & (state.gap < -scale)
-        unfelt &= rows.normal.at_quadrature & ((tips > 0) | (side.at_edge > 0))
-        depth = f"{-state.gap[unfelt].min(initial=0.0):.2g} {problem.labels.length} deep"
-        for places, said in (
-            ((tips > 1) & (state.pressure > 0), "presses on one along it, half way between faces, which is a choice"),
-            (unfelt, f"lies {depth}, and a law of compliance, at points between nodes, does not feel it: refine"),
-        ):
-            if places.any():
-                place = ", ".join(f"{x:.4g}" for x in side.points[places][0])
-                yield f"contacts.{rows.name}: the corner or edge at ({place}) {said}"
-                return
-
-
-def _on_shared_facets(rows: ContactRows, states: Sequence[ContactState]) -> Iterator[str]:
-    """Facets that a body leaves in part to an obstacle, whose law at points between nodes is spread all over them."""
-    if rows.master is not None or not rows.normal.at_quadrature:
-        return
-    part = rows.node_weights / rows.surface.node_weights()
-    cut = (part * (1 - part))[rows.surface.facets].min(axis=1) > LARGE
-    nodes = np.unique(rows.surface.facets[cut])
-    force = max(float(state.weight[nodes] @ state.pressure[nodes]) for state in states)
-    if force > LARGE * max(float(state.normal_force) for state in states):
-        yield (
-            f"contacts.{rows.name}: facets are shared with a body, and the law acts evenly all over them: its moment "
-            "is off by a part of a facet's length; refine contact_mesh_size, or let a node lie where the body ends"
-        )
+def _at_corners(rows: ContactRows, states: Sequence[ContactState]) -> Iterator[str]:
+    """Corners that press on corners, and those that a tangential stiffness by area holds."""
+    tips = np.zeros(len(rows.surface.nodes)) if rows.tips is None else rows.tips
+    soft = rows.friction is not None and rows.friction.k_T is not None
+    for least, said in (
+        (1, "presses on one along it, half way between faces, which is a choice"),
+        (0 if soft else np.inf, "has no area for friction.k_T: what it gives is that of the mesh"),
+    ):
+        places = (tips > least) & np.any([state.pressure > 0 for state in states], axis=0)
+        if places.any():
+            place = ", ".join(f"{x:.4g}" for x in rows.surface.points[places][0])
+            yield f"contacts.{rows.name}: the corner or edge at ({place}) {said}"
+            return
 
 
 def _few_points(rows: ContactRows, problem: Problem, state: ContactState) -> Iterator[str]:
