@@ -362,9 +362,12 @@ def _line(problem: Any, path: Sequence[str], node: Any, known: set[str], beside:
         wanted = [name.strip(" '") for name in context["expected_tags"].split(",")]
         named = str(context["tag"])
         return f"{inner}{tag} = {shortened(json.dumps(named))}: not one of these; {nearest(named, wanted)}"
+    words = [name for e in beside if e["type"] == "literal_error" for name in _words(e)]
     if what == "literal_error":
-        wanted = [name.strip(" '") for name in context["expected"].replace(" or ", ",").split(",")]
-        return f"{key} = {found}: not one of these; {nearest(str(node), wanted)}"
+        return f"{key} = {found}: not one of these; {nearest(str(node), words)}"
+    if what in EXPECTED and words:
+        quoted = [f'"{word}"' for word in words]
+        return f"{key} = {found}: {EXPECTED[what]}{f' in {unit}' if unit else ''}, or {' or '.join(quoted)}"
     if what == "float_type" and "float" in problem["loc"]:  # one branch of a value in time
         texts = any(e["type"] == "string_type" for e in beside)
         more = ", or an expression in quotes" if texts else ""
@@ -374,6 +377,11 @@ def _line(problem: Any, path: Sequence[str], node: Any, known: set[str], beside:
         return f"{key} = {found}: expected a {context['class_name']}"
     said = EXPECTED.get(what, problem["msg"][0].lower() + problem["msg"][1:])
     return f"{key} = {found}: {said}{f', in {unit}' if unit else ''}"
+
+
+def _words(problem: Any) -> list[str]:
+    """The texts that a key may have."""
+    return [name.strip(" '") for name in problem["ctx"]["expected"].replace(" or ", ",").split(",")]
 
 
 def _unit_at(kind: Any, data: Any, path: Sequence[str]) -> str:

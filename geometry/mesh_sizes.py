@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -151,14 +152,59 @@ class SizeField:
         """Make it the only rule for sizes in the current gmsh model, in its unit; grids become free meshes."""
         gmsh.model.mesh.removeConstraints()
         _only_by_field(gmsh)
-        corners = np.zeros((*self.cells.shape, 3))
-        corners[:, :, : self.points.shape[1]] = self.points[self.cells]
-        data = np.concatenate([corners.transpose(0, 2, 1).reshape(len(corners), -1), self.sizes[self.cells]], axis=1)
+        points, sizes, cells = self._with_layer()
+        corners = np.zeros((*cells.shape, 3))
+        corners[:, :, : points.shape[1]] = points[cells]
+        data = np.concatenate([corners.transpose(0, 2, 1).reshape(len(corners), -1), sizes[cells]], axis=1)
         view = gmsh.view.add("sizes")
         gmsh.view.addListData(view, LIST[self.cells.shape[1]], len(data), data.ravel().tolist())
         field = gmsh.model.mesh.field.add("PostView")
         gmsh.model.mesh.field.setNumber(field, "ViewTag", view)
         gmsh.model.mesh.field.setAsBackgroundMesh(field)
+
+    def _with_layer(self) -> tuple[Array, Array, Ints]:
+        """Points, sizes and cells with a layer of more outside, as high as curved sides bulge beyond straight facets.
+
+        gmsh knows no size outside of all cells: there it takes the largest of all.
+        """
+        d = self.points.shape[1]
+        facets = np.concatenate([np.delete(self.cells, k, axis=1) for k in range(d + 1)])
+        _, first, count = np.unique(np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True)
+        first = first[count == 1]
+        facets, inner = np.sort(facets[first], axis=1), self.cells.T.ravel()[first]
+        edges = self.points[facets[:, 1:]] - self.points[facets[:, :1]]
+        normal = edges[:, 0, ::-1] * [1, -1] if d == 2 else np.cross(edges[:, 0], edges[:, 1])
+        inwards = np.einsum("fd,fd->f", normal, self.points[inner] - self.points[facets[:, 0]])
+        normal *= -(np.sign(inwards) / np.linalg.norm(normal, axis=1))[:, None]
+        length = np.linalg.norm(edges, axis=2).max(axis=1)
+        mean, height = np.zeros_like(self.points), np.zeros(len(self.points))
+        np.add.at(mean, facets, normal[:, None])
+        mean /= np.maximum(np.linalg.norm(mean, axis=1), TINY)[:, None]
+        turned = np.linalg.norm(mean[facets] - normal[:, None], axis=2)  # half of that from facet to facet
+        np.maximum.at(height, facets, length[:, None] * turned / 2)  # twice the height of an arc over its chord
+        outer = facets + len(self.points)
+        layer = np.concatenate([np.concatenate([facets[:, k:], outer[:, : k + 1]], axis=1) for k in range(d)])
+        points = np.concatenate([self.points, self.points + height[:, None] * mean])
+        thick = volumes(points, layer) > EXACT * np.tile(length, d) ** d
+        return points, np.tile(self.sizes, 2), np.concatenate([self.cells, layer[thick]])
+
+    def smooth(self) -> SizeField:
+        """The largest sizes below these that grow by no more than GROWTH per distance.
+
+        Where bodies touch in a single node, its neighbours are as far from there as the old cells are long: the next
+        contact lies between them.
+        """
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import dijkstra
+
+        n, corners = len(self.points), range(self.cells.shape[1])
+        a, b = np.concatenate([self.cells[:, pair] for pair in itertools.combinations(corners, 2)]).T
+        grown = GROWTH * np.linalg.norm(self.points[a] - self.points[b], axis=1)
+        start, away = np.concatenate([a, np.full(n, n)]), np.concatenate([b, np.arange(n)])
+        _, first = np.unique(np.sort([start, away], axis=0), axis=1, return_index=True)  # entries twice would add up
+        lengths = np.concatenate([grown, self.sizes])
+        edges = coo_array((lengths[first], (start[first], away[first])), shape=(n + 1, n + 1))
+        return replace(self, sizes=dijkstra(edges.tocsr(), directed=False, indices=n)[:n])
 
     def cell_count(self) -> float:
         """About how many cells the mesh will have."""

@@ -22,11 +22,13 @@ from stickslip.solvers.accuracy.kept_pairs import KeptPairs
 from stickslip.solvers.accuracy.mesh_error import Values
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.accuracy.two_level import STEPS
+from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.stepping.choice import Size, Stage
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.stepper import Stepper
+from stickslip.solvers.system.system import System
 
 log = logging.getLogger(__name__)
 # Solutions that bubbles add to a step, by the form of the bodies: they answer twice to each of Jacobi's steps, or once
@@ -46,6 +48,12 @@ def budget_of(output: Output, seconds: float) -> float | None:
     return max(seconds, LEAST) if output.error_budget is None else float(output.error_budget)
 
 
+def size_of(system: System, steps: Sequence[StepResult]) -> Size:
+    """The size of a run that is solved, with as many steps as its iterations make; collective."""
+    size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
+    return replace(size, steps=max(len(steps), sum(step.iterations for step in steps) // USUAL))
+
+
 def predicted(size: Size, stage: Stage | None = None) -> float:
     """Seconds that a run of a size takes by the cost model of `auto`, and 10 ms for each problem of contact.
 
@@ -56,6 +64,21 @@ def predicted(size: Size, stage: Stage | None = None) -> float:
     free = size.matrix_free_seconds(method)
     whole = min(condensed, free) if stage is None else condensed if stage.surface == "condensed" else free
     return whole + size.steps / 100
+
+
+def growing(clock: Clock, size: Size, stage: Stage) -> float:
+    """Seconds of solving a run that grow with its unknowns and steps: small ones are measured by their counts.
+
+    Args:
+        clock: of the run.
+        size: see `size_of`.
+        stage: of the run.
+    """
+    worked, reads = clock.worked, ("output", "results")  # as other histories are read
+    least = predicted(replace(size, steps=0), stage)
+    of_steps = predicted(size, stage) - least
+    solving = float(np.clip(worked("assemble") + worked("prepare") - FIXED, least, MARGIN * least))
+    return solving + float(np.clip(worked("iterate") + worked(*reads), of_steps / MARGIN, MARGIN * of_steps))
 
 
 def scaled(size: Size, unknowns: float) -> Size:
@@ -148,24 +171,18 @@ class Estimates:
         self._of_mesh: Sequence[Errors] = ()
         self._of_pairs: Sequence[Values | None] = ()
         self._seconds = 0.0, 0.0  # of the run: meshing, and all that grows with its unknowns and steps
-        system, solved = stepper.system, sum(step.iterations for step in steps) // USUAL
-        size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
-        self._size = replace(size, steps=max(len(steps), solved))
+        self._size = size_of(stepper.system, steps)
         self.choice = Choice([output.error, output.error_budget])
 
     def choose(self) -> Choice:
         """What is done; collective."""
         system, stage = self._stepper.system, self._stepper.chain.stage
-        worked, reads = self._clock.worked, ("output", "results")  # as other histories are read
-        meshing, preparing, steps = worked("mesh"), worked("assemble") + worked("prepare"), worked("iterate")
-        budget = budget_of(self._output, meshing + preparing + steps)
+        worked = self._clock.worked
+        meshing = worked("mesh")
+        budget = budget_of(self._output, meshing + sum(map(worked, ("assemble", "prepare", "iterate"))))
         spent = worked("error") - worked("error", "model")  # which judges the run
         left = None if budget is None else max(budget - spent, 0.0)
-        least = predicted(replace(self._size, steps=0), stage)
-        of_steps = predicted(self._size, stage) - least
-        solving = float(np.clip(preparing - FIXED, least, MARGIN * least))  # small ones are measured by their counts
-        solving += float(np.clip(steps + worked(*reads), of_steps / MARGIN, MARGIN * of_steps))
-        left, self._seconds = system.mesh.comm.bcast((left, (meshing, solving)))
+        left, self._seconds = system.mesh.comm.bcast((left, (meshing, growing(self._clock, self._size, stage))))
         for factor in (2.0, 4.0):
             prices, done, paid = self._prices(factor), list[str](), 0.0
             for name, cost in prices.items():

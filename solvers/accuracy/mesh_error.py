@@ -4,8 +4,8 @@ Of a run of order 1 the better ones are its own cells with order 2, see `histori
 difference, no less than a third of that to cells twice as long, as the difference to order 2 may vanish by chance: it
 is the error if that falls with their area. A mesh that is a file's has no such cells. Curved sides are curved with
 order 2: the part of the geometry is in that of the mesh. One rule holds for every kind of number. Areas, which are
-multiples of a node's area, are compared with the sum over nodes and with that whose edges lie between nodes, see
-`areas`; the larger difference counts.
+multiples of a node's area, are compared with that whose edges lie between nodes, see `areas`, and with the sum over
+nodes, of which half of the difference counts, as of all that is rounded; the larger one is stated.
 
 Where order 2 is too dear, the better numbers are those with bubbles, see `two_level`, which have no contact nodes of
 their own: what these decide, `AT_NODES`, is stated to be off by all of the difference to cells twice as long.
@@ -44,7 +44,7 @@ Values = dict[Quantity, Value]
 
 
 class Better(NamedTuple):
-    """Numbers that are nearer to the exact ones; the largest difference counts, and the last is the nearest."""
+    """Numbers that are nearer to the exact ones, the nearest last."""
 
     values: tuple[Values, ...]
     smooth: frozenset[Quantity] = frozenset()  # that have a limit by their place
@@ -95,7 +95,7 @@ def _stated(
 ) -> ErrorParts:
     """Error of a number by the difference to better ones, and to that of longer cells: the part that twice have."""
     times = BETTER if finer is None else finer**2 / (finer**2 - 1)
-    off = times * np.max([np.zeros(np.shape(value)), *(np.abs(each - value) for each in near)], axis=0)
+    off = times * difference(value, near)
     whole = np.zeros(np.shape(value)) if far is None else np.abs(value - far) / (factor - 1)
     if order == 1:
         least = whole / (3 if near else 1)
@@ -113,6 +113,12 @@ def _stated(
         by=by if near else "rough",
         unsure=(unsure and bool(np.linalg.norm(mesh) > EXACT * np.linalg.norm(value))) or None,  # else it is rounding
     )
+
+
+def difference(value: Value, near: Sequence[Value]) -> Array:
+    """Return that to the last of better numbers, no less than half of that to others, which are rounded to nodes."""
+    off = [np.abs(each - value) for each in near]
+    return np.asarray(np.max([np.zeros(np.shape(value)), *(each / 2 for each in off[:-1]), *off[-1:]], axis=0))
 
 
 def _like(value: Value, found: Array) -> Value:

@@ -20,7 +20,7 @@ import numpy as np
 from stickslip.geometry.arrays import EXACT, ROUNDING
 from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory
-from stickslip.solvers.accuracy.mesh_error import Values, corrected
+from stickslip.solvers.accuracy.mesh_error import Values, corrected, difference
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, quantities
 from stickslip.solvers.scene.problem import Problem
@@ -164,14 +164,14 @@ def _errors(
         both: numbers of the other one, and of the run.
         before: those at the time before that both have, since which dissipation counts.
         finer: whether the other one has half of the steps.
-        sharper: better numbers that both have of it, as areas with edges between nodes; the larger difference counts.
+        sharper: better numbers that both have of it, as areas with edges between nodes.
     """
     other, values = (_since(old, now) for old, now in zip(before, both, strict=True))
     times, found = 2.0 if finer else 1.0, dict[Quantity, ErrorParts]()
     for key, value in values.items():
-        off = np.abs(other[key] - value)
-        if key in sharper[0] and key in sharper[1]:
-            off = np.maximum(off, np.abs(sharper[0][key] - sharper[1][key]))
+        own = np.abs(other[key] - value)
+        both_sharper = key in sharper[0] and key in sharper[1]
+        off = difference(0.0 * own, [own, sharper[0][key] - sharper[1][key]] if both_sharper else [own])
         found[key] = ErrorParts(time_step=times * off, by=by)
     return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -16,6 +17,7 @@ from stickslip.geometry.amplitude import Amplitude, value_at
 from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.errors import SceneError, nearest, prefixed, require
 from stickslip.geometry.field import Field, HeightMap
+from stickslip.solvers.accuracy.budget import budget_of
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.method_registry import method_of
 from stickslip.solvers.results.observe import Observer
@@ -27,6 +29,7 @@ from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, NoEquilibriumError, Stepper
 
+log = logging.getLogger(__name__)
 Parts = Mapping[str, float | Mapping[str, float]]  # by component, or by key and component
 Values = Mapping[str, Parts]  # by name
 Table = Values | Parts  # one that has no names, as gravity
@@ -130,13 +133,26 @@ class Script:
         laws, of_contacts, altered = self._of_contacts(contacts)
         tables = {"supports": supports, "loads": loads, "obstacles": obstacles, "contacts": of_contacts, **effects}
         wanted = self._places(laws, tables)
-        scene, times, stepper, accepted = self._reached(to, wanted, laws, on_iteration)
+        self._keep_to_budget()
+        with self._stepper.system.counters.clock.phase("iterate"):
+            scene, times, stepper, accepted = self._reached(to, wanted, laws, on_iteration)
         with stepper.system.course.following(scene.timeline()):
             result = self._observer(accepted)
         self._stepper, self._altered = stepper, self._altered or altered
         self._scene, self._named = scene, self._named | wanted.keys()
         self._state, self._times = accepted.state, (*self._times, *times)
         return result
+
+    def _keep_to_budget(self) -> None:
+        """Follow no further step with errors where `output.error_budget` is used up; collective."""
+        system, output = self._stepper.system, self._scene.output
+        clock = system.counters.clock
+        budget = budget_of(output, sum(map(clock.worked, ("mesh", "assemble", "prepare", "iterate"))))
+        if self._stepper.companion is None or budget is None:
+            return
+        if system.mesh.comm.bcast(clock.worked("error") >= budget):
+            log.warning("t = %g: no errors of the mesh from here on: output.error_budget is used up", self.time)
+            self._stepper.companion = None
 
     def limit(self, load: str) -> Limit:
         """Find the largest value of a load that has an equilibrium, from the present state on; collective.

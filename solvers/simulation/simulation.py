@@ -237,10 +237,12 @@ class Simulation:
     def script(self) -> Script:
         """A history whose steps are decided one by one, from rest at t = 0; nothing is prepared again.
 
-        Each script has a history of its own, apart from that of `steps`.
+        Each script has a history of its own, apart from that of `steps`. Errors of the mesh come from bubbles that
+        follow each step, as long as `output.error_budget` pays for them; those of other meshes and of the time steps
+        come when a history is over: `run` the `scene` of the script.
         """
         stepper = Stepper(self.system, self.stepper.chain)
-        if self.scene.output.error and MeshCorrection.works_for(stepper):
+        if self.scene.output.error not in (False, "rough") and MeshCorrection.works_for(stepper):
             stepper.companion = self.stepper.companion or MeshCorrection(stepper)
         return Script(self.scene, stepper, replace(self.observer, stepper=stepper))
 

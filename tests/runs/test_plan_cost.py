@@ -42,11 +42,16 @@ def test_prices_are_told(call: Call) -> None:
 
 def test_days_are_not_counted(capsys: pytest.CaptureFixture[str]) -> None:
     prices = tuple(
-        Price(asked, seconds, 1.0, 1, far=True) for asked, seconds in zip(ASKED, (60.0, 8e4, 9e4), strict=True)
+        Price(asked, seconds, 1.0, 1, (seconds / 3, 3 * seconds))
+        for asked, seconds in zip(ASKED, (60.0, 8e4, 9e4), strict=True)
     )
     print_prices([Row("base.normal_force", 1.0, 0.1, prices)])
     row = next(line for line in capsys.readouterr().out.splitlines() if "normal_force" in line)
-    assert [cell.strip() for cell in row.split("│")[4:-1]] == ["60 s*", "22 h*", "more than a day*"]
+    assert [cell.strip() for cell in row.split("│")[4:-1]] == [
+        "60 s (20 s to 180 s)",
+        "22 h (7 h to 3 days)",
+        "more than a day",
+    ]
 
 
 def test_ranks_are_refused(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -700,3 +700,22 @@ def test_what_is_wrong_is_refused_and_changes_nothing(wrong: dict[str, Any], sai
     with pytest.raises(stickslip.SceneError, match=said):
         script.step(to=1.0, contacts=wrong)
     assert script.time == 0
+
+
+@pytest.mark.parametrize(
+    ("output", "told"),
+    [
+        ("output.error_budget='inf'", (True, True)),
+        ("output.error='full'", (True, True)),
+        ("output.error_budget=0.0", (False, False)),
+        ("output.error='rough'", (False, False)),
+        ("output.error=false", (False, False)),
+    ],
+)
+def test_errors_of_the_mesh_follow_a_script_as_far_as_the_scene_pays_for_them(
+    output: str, told: tuple[bool, bool]
+) -> None:
+    script = prepared("output.error=true", output).script()
+    errors = [script.step(to=time).errors for time in (1.0, 2.0)]
+    parts = [found.get("contacts.base.normal_force") for found in errors]
+    assert tuple(one is not None and one.mesh is not None for one in parts) == told

@@ -94,6 +94,8 @@ WRONG: list[tuple[str, ...]] = [
     ("title=3", "title = 3: expected a text"),
     ("bodies.block=3", "bodies.block = 3: expected a table"),
     ("output.pictures='yes'", 'output.pictures = "yes": expected true or false'),
+    ("output.error='maybe'", 'output.error = "maybe": expected true or false, or "full" or "rough"'),
+    ("output.error_budget='x'", 'output.error_budget = "x": expected a number in s, or "inf"'),
     ("supports.top.displacement.y='fast'", 'top.displacement.y = "fast": column 1: fast is not known'),
     ("supports.top.displacement.y=[0,1]", "displacement.y = [0, 1]: .* or a table"),
     ("bodies.block.E=nan", "bodies.block.E = nan: must be a finite number"),

@@ -11,14 +11,25 @@ from numpy.testing import assert_allclose
 
 from shared.cases import every_nth
 from stickslip.geometry.errors import SceneError
-from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
+from stickslip.geometry.mesh_sizes import GROWTH, SizeField, adapted, volumes
 from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, names_of
 from stickslip.solvers.scene.record import STRESSES
 from stickslip.solvers.simulation.simulation import Seconds, prepare
 from stickslip.workflows.accuracy.goals import Standing, standings
 from stickslip.workflows.accuracy.level import AIM, ALIKE, FINEST, GAIN, Level, Move, Round, next_move
 from stickslip.workflows.accuracy.rounds import Rounds, _in_vain, _lowered, aiming, parsed
-from stickslip.workflows.cost.foresee import ASKED, Coarse, Known, coarse_versions, foresee, mesh_error, price, rows
+from stickslip.workflows.cost.foresee import (
+    ASKED,
+    Coarse,
+    Known,
+    coarse_versions,
+    foresee,
+    learnt,
+    price,
+    rows,
+    seconds_of,
+    trend,
+)
 from stickslip.workflows.cost.run_record import RATIO
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
@@ -47,6 +58,33 @@ def test_sizes_are_small_where_the_error_is_large() -> None:
     found = adapted(points, cells, np.exp(-5 * np.linalg.norm(middle, axis=1)), 0.5).sizes
     far = np.linalg.norm(points, axis=1)
     assert found[np.argmin(far)] < 0.5 * found[np.argmax(far)]
+
+
+def test_sizes_grow_no_faster_than_cells_can() -> None:
+    points, cells = grid(8)
+    sizes = np.ones(len(points))
+    sizes[0] = 0.01
+    found = SizeField(points, cells, sizes).smooth().sizes
+    assert_allclose(found[:9], 0.01 + GROWTH * points[:9, 0], rtol=1e-12)
+    assert (found <= sizes).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "sets"),
+    [
+        ("half_disc", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5"]),
+        ("half_ball", ["geometry.mesh_size=0.4", "geometry.contact_mesh_size=0.4"]),
+    ],
+)
+def test_curved_sides_have_the_sizes_beside_them(name: str, sets: list[str]) -> None:
+    """They bulge beyond the straight facets of the mesh before, where it has no cells."""
+    scene = read(name, [*sets, "geometry.order=1", "output.error=false"])
+    mesh = prepare(scene).data
+    away = np.linalg.norm(mesh.points, axis=1)  # from the pole
+    again = prepare(scene, sizes=SizeField(mesh.points, mesh.cells, 0.03 + GROWTH * away)).system.contacts[0].surface
+    middles = again.points[again.facets].mean(axis=1)
+    edges = np.linalg.norm(again.points[again.facets[:, 1]] - again.points[again.facets[:, 0]], axis=1)
+    assert (edges < 2 * (0.03 + GROWTH * np.linalg.norm(middles, axis=1))).all()
 
 
 @pytest.mark.parametrize("name", ["block", "two_blocks", "cylinders", "half_ball"])
@@ -79,6 +117,32 @@ def test_the_next_round_refines_what_is_off() -> None:
     assert (steps.finer, steps.splits, steps.enough) == (1.0, 4, True)
     both = next_move([goal(0.02, 0.0), goal(0.0, 0.02)], 2, 2)
     assert both.finer < 1 < both.splits
+
+
+def test_what_does_not_fit_gives_way_to_a_smaller_move() -> None:
+    goals = [goal(0.05, 0.0)]
+    best = next_move(goals, 2, 2)
+    assert best.enough
+    smaller = next_move(goals, 2, 2, fits=lambda move: move.cells(2) < best.cells(2) / 2)
+    assert 1 < smaller.cells(2) < best.cells(2) / 2
+    assert not smaller.enough
+    assert next_move(goals, 2, 2, fits=lambda move: False) is None
+    assert next_move(goals, 2, 2, fits=lambda move: move.cells(2) < 1.1) is None  # hardly better
+
+
+def test_a_smaller_tolerance_is_a_move() -> None:
+    loose = replace(goal(1e-3, 0.0), rest=0.02)
+    move = next_move([loose], 2, 2)
+    assert (move.finer, move.splits, move.enough) == (1.0, 1, True)
+    assert next_move([replace(loose, rest=0.0, law=0.02)], 2, 2) is None  # of the contact law nothing lowers it
+
+
+def test_the_price_has_a_part_that_does_not_grow() -> None:
+    """A second of libraries and compiled forms is no second of a finer mesh."""
+    seconds = Seconds(assemble=1.0, prepare=1.0, iterate=0.1)
+    fine = Move(0.25, 1)
+    assert fine.price(seconds, 2) > 10 * fine.price(seconds, 2, grows=0.05)
+    assert fine.price(seconds, 2, grows=0.05) > sum(vars(seconds).values())
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -213,6 +277,12 @@ def test_standings_take_the_parts_relative_to_the_number() -> None:
     assert vector.mesh == pytest.approx(errors[Quantity("supports", "top", "force")].mesh[0] / vector.value)
     with pytest.raises(SceneError, match="grows without end"):
         standings({"base.max_pressure": 0.1}, steps[-1], errors)
+    (grows,) = standings({"base.max_pressure": 0.1}, steps[-1], errors, coarse=True)
+    assert not grows.met
+    assert "grows so far" in str(grows)
+    dear = {key: replace(parts, time_step=None, dear={"time_step": 3.0}) for key, parts in errors.items()}
+    (lacks,) = standings({"base.normal_force": 0.1}, steps[-1], dear)
+    assert (lacks.met, lacks.lacks, lacks.price) == (False, "the time steps", 3.0)
     unknown = {key: ErrorParts() for key in errors}
     with pytest.raises(SceneError, match="by the mesh, the time steps"):
         standings({"base.normal_force": 0.1}, steps[-1], unknown)
@@ -277,19 +347,20 @@ def made_up(level: int, mesh: float, time_step: float = 0.0, setup: float | None
 
 def test_errors_follow_the_observed_power_and_seconds_the_cells() -> None:
     found = [made_up(level, 0.1 * RATIO ** (-1.3 * level)) for level in range(-4, 3)]
-    assert mesh_error(found, NAME, 6) == pytest.approx(0.1 * RATIO ** (-1.3 * 6))
+    assert trend(found, NAME)(6) == pytest.approx(0.1 * RATIO ** (-1.3 * 6))
     one = price(found, NAME, 0.01, dim=2)
     level = np.log(10) / (1.3 * np.log(RATIO))  # a tenth of the error at level 0
     assert one.factor == pytest.approx(RATIO**-level, rel=0.2)
     assert one.seconds == pytest.approx(1.2 / one.factor**2, rel=0.3)
-    assert (one.splits, one.far) == (1, False)
+    assert one.splits == 1
+    assert one.between[0] < one.seconds < one.between[1]
 
 
 def test_an_error_that_changes_its_sign_is_no_luck() -> None:
     errors = {-4: 0.1, -3: 0.08, -2: 1e-5, -1: 0.05, 0: 0.04}
     lucky = [made_up(level, error) for level, error in errors.items()]
     plain = [made_up(level, error if error > 1e-3 else 0.05) for level, error in errors.items()]
-    assert mesh_error(lucky, NAME, 4) == mesh_error(plain, NAME, 4)
+    assert trend(lucky, NAME)(4) == trend(plain, NAME)(4)
 
 
 def test_steps_are_split_where_they_are_what_is_wrong() -> None:
@@ -298,13 +369,40 @@ def test_steps_are_split_where_they_are_what_is_wrong() -> None:
     assert (one.splits, one.factor) == (2, RATIO**4)
 
 
-def test_what_is_far_or_beyond_all_is_said() -> None:
+def test_what_is_unsure_or_beyond_all_is_said() -> None:
     found = [made_up(level, 0.02 * RATIO ** (-1.0 * level)) for level in (-4, -3, -2)]
     (row,) = rows(found, dim=2)
-    assert [each is not None and each.far for each in row.prices] == [False, False, True]
+    wide = [each.between[1] / each.between[0] for each in row.prices if each]
+    assert wide[0] < wide[1] < wide[2]
+    assert wide[0] < 10
+    (surer,) = rows(found, 2, off=0.01)
+    assert surer.prices[2].between[1] < row.prices[2].between[1]
     endless = [replace(one, numbers={NAME: Known(1.0, why_not="grows")}) for one in found]
     assert rows(endless, 2)[0].prices == (None,) * len(ASKED)
     assert price([made_up(-4, 1e-9, time_step=1e9)], NAME, 0.1, 2) is None
+
+
+def test_errors_cost_no_more_than_their_budget_pays_for() -> None:
+    """Of small runs ten seconds, of large ones as many as the run takes."""
+    coarse = [replace(made_up(level, 0.1), error=5.0 * RATIO ** (2 * level)) for level in range(-4, 1)]
+    found = {level: seconds_of(coarse, level, 1, 2) for level in (0, 2, 8)}
+    runs = {level: seconds_of([replace(one, error=0.0) for one in coarse], level, 1, 2) for level in found}
+    assert [found[level] - runs[level] for level in found] == pytest.approx([5.0, 10.0, runs[8]], rel=0.1)
+
+
+@pytest.mark.parametrize("content", [None, "", "{", "[]", '{"2d": 3}', '{"2d": [NaN, "x", null, 0.2]}'])
+def test_what_was_learnt_may_be_lost(content: str | None, tmp_path: Path) -> None:
+    file = tmp_path / "prices.json"
+    if content is not None:
+        file.write_text(content)
+    found = [made_up(level, 0.1) for level in range(-4, 1)]
+    alone = learnt(found, 2, file)
+    worse = [*found[:-1], replace(found[-1], setup=4 * found[-1].setup)]  # the last one took longer than was foretold
+    assert learnt(worse, 2, file) > alone
+    assert learnt(found, 2, file) > alone
+    assert learnt(found[:1], 3, file) < alone + 0.1  # of other dimensions nothing is known
+    assert [path.name for path in tmp_path.iterdir()] == ["prices.json"]
+    assert learnt(found, 2, tmp_path / "nowhere" / "prices.json") == pytest.approx(alone, rel=0.3)
 
 
 def test_the_block_is_as_accurate_as_was_foreseen() -> None:

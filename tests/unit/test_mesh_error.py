@@ -37,7 +37,7 @@ def test_stated_is_the_larger_of_two_differences() -> None:
             continue  # stresses: at corners of cells
         off = np.abs(value - quantities(fine)[key])
         if key in areas:
-            off = max(off, abs(value - areas[key]))
+            off = max(off / 2, abs(value - areas[key]))
         expected = np.maximum(1.4 * off, np.abs(value - quantities(rough)[key]) / 3)
         assert_allclose(errors[key].mesh, expected, rtol=1e-9, atol=1e-14, err_msg=str(key))
         assert errors[key].by == "order 2"

@@ -325,7 +325,7 @@ def test_loads_narrower_than_a_facet_have_the_error_of_their_quadrature(width: f
     off = abs(step.contacts["base"].normal_force - true)
     stated, corrected = step.errors["contacts.base.normal_force"].mesh, step.corrected["contacts.base.normal_force"]
     assert off > 0.005 * true
-    assert least < stated / off < 3
+    assert least < stated / off < 4  # cells twice as long, of whose difference a third counts, hardly see the bell
     assert abs(corrected - true) < 0.1 * off
 
 

@@ -12,29 +12,41 @@ from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results import step_result
 from stickslip.solvers.scene.record import Value
 
+WORDS = {"mesh": "the mesh", "time_step": "the time steps", "law": "the contact law", "iteration": "the iteration"}
+
 
 @dataclass(frozen=True)
 class Standing:
-    """One goal after a round; errors are relative to the number."""
+    """One goal after a round; errors are relative to the number, a part that is not known is as large as that."""
 
     name: str
     asked: float
     value: float
     mesh: float  # geometry included
     time_step: float
-    rest: float  # law, iteration, linear solver
+    rest: float  # iteration, linear solver
+    law: float = 0.0
+    grows: bool = False  # as the mesh is refined; on a coarse one that shows little
+    lacks: str = ""  # parts that were left out for their price
+    price: float = 0.0  # of these, times the run
 
     @property
     def reached(self) -> float:
         """The whole error."""
-        return self.mesh + self.time_step + self.rest
+        return self.mesh + self.time_step + self.rest + self.law
 
     @property
     def met(self) -> bool:
-        return self.reached <= self.asked
+        return self.reached <= self.asked and self.known
+
+    @property
+    def known(self) -> bool:
+        """Whether all parts are."""
+        return not (self.grows or self.lacks)
 
     def __str__(self) -> str:
-        return f"{self.name} {self.value:.5g} ± {percent(self.reached)} (asked {percent(self.asked)})"
+        off = "grows so far" if self.grows else f"± {percent(self.reached)}" if self.known else "± not known"
+        return f"{self.name} {self.value:.5g} {off} (asked {percent(self.asked)})"
 
 
 def percent(share: float) -> str:
@@ -46,8 +58,13 @@ def percent(share: float) -> str:
     return f"{100 * share:.2g} %"
 
 
-def standings(goals: Mapping[str, float], step: step_result.StepResult, errors: step_result.Errors) -> list[Standing]:
+def standings(
+    goals: Mapping[str, float], step: step_result.StepResult, errors: step_result.Errors, coarse: bool = False
+) -> list[Standing]:
     """All goals at a step.
+
+    Args:
+        coarse: whether the mesh may be too coarse to tell that a number grows without end.
 
     Raises:
         SceneError: the error of one is not known, or it has none, or it is 0 or next to nothing.
@@ -61,21 +78,36 @@ def standings(goals: Mapping[str, float], step: step_result.StepResult, errors: 
             raise SceneError(f"accuracy.goals.{name}: its error is not estimated; name another number")
         key, axis = flat[name]
         parts, value = errors[key], numbers[name]
-        if parts.converges is False:
+        grows = parts.converges is False
+        if grows and not coarse:
             raise SceneError(
                 f"accuracy.goals.{name}: grows without end as the mesh is refined, at a corner or the end of a punch; "
                 "name another number"
             )
-        missing = _missing(parts)
-        if missing:
+        unknown = [part for part in WORDS if getattr(parts, part) is None and not (grows and part == "mesh")]
+        missing = ", ".join(WORDS[part] for part in unknown)
+        if not set(unknown) <= (parts.dear or {}).keys():
             raise SceneError(f"accuracy.goals.{name}: its error by {missing} is not known for this scene")
         least = _least(key, known)
         if abs(value) <= least:
             near = f" ({value:.2g}; up to {least:.2g} counts as that)" if value else ""
             raise SceneError(f"accuracy.goals.{name}: is 0 at the end{near}, so a relative error says nothing of it")
         share = {part: _at(getattr(parts, part), axis) / abs(value) for part in step_result.PARTS}
-        rest = share["law"] + share["iteration"] + share["linear_solver"]
-        found.append(Standing(name, asked, value, share["mesh"] + share["geometry"], share["time_step"], rest))
+        share |= dict.fromkeys((*unknown, *["mesh"] * grows), 1.0)
+        found.append(
+            Standing(
+                name=name,
+                asked=asked,
+                value=value,
+                mesh=share["mesh"] + share["geometry"],
+                time_step=share["time_step"],
+                rest=share["iteration"] + share["linear_solver"],
+                law=share["law"],
+                grows=grows,
+                lacks=missing,
+                price=sum((parts.dear or {}).get(part, 0.0) for part in unknown),
+            )
+        )
     return found
 
 
@@ -94,12 +126,6 @@ def _least(key: step_result.Quantity, known: Mapping[step_result.Quantity, Value
     # of its vector: a smaller component is not what a relative error is asked of, it may as well be 0
     # of the largest number of its kind: a smaller one is 0
     return max(ROUNDING * largest, SLIGHT * float(np.linalg.norm(whole)) if cancels else 0.0)
-
-
-def _missing(parts: step_result.ErrorParts) -> str:
-    """Parts that are not computed, in words."""
-    words = {"mesh": "the mesh", "time_step": "the time steps", "law": "the contact law", "iteration": "the iteration"}
-    return ", ".join(word for part, word in words.items() if getattr(parts, part) is None)
 
 
 def _at(part: Value | None, axis: int | None) -> float:

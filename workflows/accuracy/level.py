@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any, Literal
@@ -27,6 +27,7 @@ UNKNOWNS = {2: 4, 3: 7}  # of order 2 for each of order 1 on the same mesh, by d
 GAIN = 7.0  # factor by which order 2 has smaller errors on the same mesh: 7 (`raous`), 11 (`cattaneo`), 24 (`punch`)
 ALIKE = 1.3  # times the least error that a move can lead to: others up to there are as good, if they are cheaper
 ITERATION = 0.1  # of what is asked: more needs a smaller tolerance
+TIGHTER = 100  # times smaller
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class Level:
     sizes: SizeField | None = None  # instead of them; on rank 0
     splits: int = 1  # time steps for each of the scene
     tolerance: float | None = None  # None: that of the scene
+    pays: bool = False  # for its errors as much as the rounds have left; else as a run does
 
     def scene(self, scene: Scene) -> Scene:
         """The scene of the round."""
@@ -92,7 +94,8 @@ class Move:
     def error(self, goal: Standing) -> float:
         """Return the error of a goal that it is expected to leave: of the mesh with the square of the energy norm's."""
         gain = GAIN if self.raises else 1.0
-        return float(goal.mesh / gain * self.finer**2 + goal.time_step / self.splits + goal.rest)
+        rest = goal.rest / TIGHTER if is_loose(goal) else goal.rest
+        return float(goal.mesh / gain * self.finer**2 + goal.time_step / self.splits + rest + goal.law)
 
     def cells(self, dim: int) -> float:
         """Factor of the number of cells; of unknowns, where the order changes."""
@@ -108,19 +111,39 @@ class Move:
         """
         return float(self.cells(dim) ** SOLVING * (2 + steps * self.splits))
 
-    def price(self, seconds: Seconds, dim: int) -> float:
-        """About how long it takes [s], after what the last round took."""
+    def price(self, seconds: Seconds, dim: int, grows: float = 1.0) -> float:
+        """About how long it takes [s], after what the last round took.
+
+        Args:
+            grows: share of the seconds of solving that grow with the unknowns and the steps.
+        """
         cells = self.cells(dim)
-        solving = seconds.assemble + seconds.prepare + (seconds.iterate + seconds.error) * self.splits
-        return float(seconds.mesh * cells + solving * cells**SOLVING)
+        once, each = seconds.assemble + seconds.prepare, seconds.iterate + seconds.error
+        solving = (once + each * self.splits) * cells**SOLVING
+        return float(seconds.mesh * cells + (1 - grows) * (once + each) + grows * solving)
 
 
-def next_move(goals: Sequence[Standing], steps: int, dim: int, orders: Sequence[Literal[1, 2]] = (1,)) -> Move:
+def is_loose(goal: Standing) -> bool:
+    """Whether a goal needs a smaller tolerance."""
+    return goal.rest > ITERATION * goal.asked
+
+
+def next_move(
+    goals: Sequence[Standing],
+    steps: int,
+    dim: int,
+    orders: Sequence[Literal[1, 2]] = (1,),
+    fits: Callable[[Move], bool] = lambda move: True,
+) -> Move | None:
     """The cheapest move that is expected to reach all goals; if none is, the cheapest of those that lower errors most.
 
     Args:
         steps: of the last round.
         orders: of the last round, and those above it that the next one may have.
+        fits: whether there are time and memory for a move.
+
+    Returns:
+        None: none that fits lowers the errors.
     """
 
     def off(move: Move) -> float:
@@ -129,21 +152,28 @@ def next_move(goals: Sequence[Standing], steps: int, dim: int, orders: Sequence[
     factors = FINEST[dim] ** (np.arange(12) / 11)
     options = product(orders, factors, SPLITS)
     moves = [Move(float(f), splits, order=order, raises=order > orders[0]) for order, f, splits in options]
-    moves = [move for move in moves if move.finer < 1 or move.splits > 1 or move.raises]
-    least = max(AIM, ALIKE * min(map(off, moves)))
-    chosen = min((move for move in moves if off(move) <= least), key=lambda move: move.work(steps, dim))
+    loose = any(map(is_loose, goals))
+    moves = [move for move in moves if (move.finer < 1 or move.splits > 1 or move.raises or loose) and fits(move)]
+    least = max(AIM, ALIKE * min(map(off, moves), default=0.0))
+    chosen = min((move for move in moves if off(move) <= least), key=lambda move: move.work(steps, dim), default=None)
+    if chosen is None or ALIKE * off(chosen) > max(goal.reached / goal.asked for goal in goals):
+        return None
     return replace(chosen, enough=off(chosen) <= AIM)
 
 
 def nearness(simulation: Simulation, steps: Sequence[StepResult], points: Array) -> Array:
-    """Weight (p,) of points (p, d): 1 where bodies touch, less with the square of distance by the contact's size."""
+    """Weight (p,) of points (p, d): 1 where bodies touch, less with the square of distance by the contact's size.
+
+    A contact is as large as the facets that touch: of one node it has the size of cells.
+    """
     weight = np.zeros(len(points))
     for c in simulation.system.contacts:
         touched = _touched(c, steps)
         if touched.any():
-            size = float(np.ptp(c.surface.points[touched], axis=0).max()) / 2
+            facets = c.surface.facets[touched[c.surface.facets].any(axis=1)]
+            size = float(np.ptp(c.surface.points[facets.ravel()], axis=0).max()) / 2
             far = cKDTree(c.surface.points[touched]).query(points)[0]
-            weight = np.maximum(weight, (size / (size + far)) ** 2 if size else 1.0)
+            weight = np.maximum(weight, (size / (size + far)) ** 2)
     return weight if weight.any() else np.ones(len(points))
 
 

@@ -17,20 +17,21 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import EXACT, Array
+from stickslip.geometry.arrays import EXACT, TINY, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.keys import typed
 from stickslip.geometry.memory import available, peak
 from stickslip.geometry.mesh_sizes import SizeField, adapted, volumes
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.solvers.accuracy.budget import growing, size_of
 from stickslip.solvers.accuracy.mesh_error import AT_NODES
 from stickslip.solvers.results.step_result import OPEN, Errors, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy
 from stickslip.solvers.simulation.simulation import Bodies, Simulation
 from stickslip.workflows.accuracy.goals import Standing, percent, standings
-from stickslip.workflows.accuracy.level import ITERATION, Level, Move, Round, finer_sides, nearness, next_move
+from stickslip.workflows.accuracy.level import TIGHTER, Level, Move, Round, finer_sides, is_loose, nearness, next_move
 from stickslip.workflows.accuracy.saved_rounds import SavedRounds
 from stickslip.workflows.formats.files import read_json
 from stickslip.workflows.formats.marker import certify, is_certified
@@ -98,7 +99,7 @@ class Rounds:
             self._level, self._next = self._next, None
             self._error, count = np.zeros(0), len(self.done)
             seen = replace(watch, on_step=self._seeing(watch.on_step), on_resume=self._reading(folder, watch.on_resume))
-            scene = self._level.scene(self.scene)
+            scene = self._paying(self._level.scene(self.scene), comm)
             outcome, content = once.run(scene, folder, seen, going_on, keep=self._judge, sizes=self._level.sizes)
             if going_on and len(self.done) == count and outcome.status in FINISHED:
                 self._next = self._level  # a crash came between its end and the verdict on it
@@ -123,10 +124,22 @@ class Rounds:
             self._forget(comm)
         return outcome, content
 
+    def _paying(self, scene: Scene, comm: Comm) -> Scene:
+        """The scene of the round, whose errors may take all that is left where its level says so; collective."""
+        left = comm.bcast(self.scene.accuracy.budget - (clock.perf_counter() - self._began))
+        if not self._level.pays or scene.output.error_budget is not None:
+            return scene
+        return replace(scene, output=replace(scene.output, error_budget=max(left, 0.0)))
+
     def _missed(self, last: Round) -> str:
         """Say which goals are not reached."""
-        missed = max(last.goals, key=lambda goal: goal.reached / goal.asked)
+        missed = max(last.goals, key=lambda goal: (not goal.known, goal.reached / goal.asked))
         said = f"reached {percent(missed.reached)} of {missed.name}"
+        if missed.grows:
+            said = f"{missed.name} grows so far as the mesh is refined"
+        elif missed.lacks:
+            times = f"about {missed.price:.2g} times the round, which took {last.seconds:.0f} s"
+            return f"{missed.name}: its error by {missed.lacks} would take {times}; --resume with a larger --budget"
         if self._stuck:
             return f"{said}; {self._stuck}"
         longer = "longer than can be told" if last.price is None else f"about {last.price:.0f} s"
@@ -185,9 +198,9 @@ class Rounds:
     def _judge(self, simulation: Simulation, steps: Sequence[StepResult], errors: Sequence[Errors]) -> bool:
         """Whether the results of this round are kept; if not, `_next` is the level of the next one; collective."""
         comm = simulation.mesh.comm
-        spent = comm.bcast(clock.perf_counter() - self._began)
+        spent, coarse = comm.bcast(clock.perf_counter() - self._began), len(self.done) < RESOLVING
         try:
-            goals = standings(self.scene.accuracy.goals, steps[-1], errors[-1])
+            goals = standings(self.scene.accuracy.goals, steps[-1], errors[-1], coarse)
         except SceneError:
             if self._level.order == 2:
                 self._next = _lowered(self._level, comm)
@@ -199,16 +212,10 @@ class Rounds:
         self.done.append(here)
         if comm.rank == 0:
             self._say(f"round {len(self.done)}: {here}")
-        met, near = here.met, any(goal.name.endswith(AT_NODES) and not goal.met for goal in goals)
-        if met and (len(self.done) > RESOLVING or _resolved(simulation, steps)):
+        if here.met and (not coarse or _resolved(simulation, steps)):
             return True
-        orders = self._orders(simulation)
-        move = replace(COARSE, order=orders[0]) if met else next_move(goals, len(steps), self.scene.dim, orders)
-        price = comm.bcast(move.price(simulation.seconds, self.scene.dim))
-        ends = len(self.done) >= MOST or spent + price > self.scene.accuracy.budget
-        here.price = price if ends and move.enough else None
         try:
-            level = self._refined(simulation, steps, move, goals, met or near)
+            level, ends = self._after(simulation, steps, here, spent)
             if _in_vain(self.done):
                 level = _lowered(level, comm)
         except SceneError as error:
@@ -226,6 +233,40 @@ class Rounds:
         self._next = None if ends else level
         return ends
 
+    def _after(
+        self, simulation: Simulation, steps: Sequence[StepResult], here: Round, spent: float
+    ) -> tuple[Level, bool]:
+        """The level after a round, and whether the rounds end before it; collective.
+
+        Args:
+            spent: seconds of all rounds.
+
+        Raises:
+            SceneError: the mesh cannot be refined, or no further round lowers the errors.
+        """
+        comm, dim, budget = simulation.mesh.comm, self.scene.dim, self.scene.accuracy.budget
+        last, dear = len(self.done) >= MOST, max(goal.price for goal in here.goals)
+        if dear:  # the same once more, with all its errors
+            price = here.seconds * (1 + dear)
+            return replace(self._level, pays=True), last or self._level.pays or spent + price > budget
+        grows = _growing(simulation, steps)
+        told, room = comm.bcast((simulation.seconds, self._room(comm)))
+
+        def fits(move: Move) -> bool:
+            return spent + move.price(told, dim, grows) <= budget and move.cells(dim) <= room
+
+        orders = self._orders(simulation)
+        move = replace(COARSE, order=orders[0])
+        if not here.met and all(goal.known for goal in here.goals):
+            best = next_move(here.goals, len(steps), dim, orders)
+            if best is None:
+                raise SceneError("neither a finer mesh nor more steps would lower it much")
+            here.price = best.price(told, dim, grows) if best.enough else None
+            smaller = None if fits(best) else next_move(here.goals, len(steps), dim, orders, fits)
+            move = smaller or best
+        near = here.met or any(goal.name.endswith(AT_NODES) and not goal.met for goal in here.goals)
+        return self._refined(simulation, steps, move, here.goals, near), last or not fits(move)
+
     def _refined(
         self, simulation: Simulation, steps: Sequence[StepResult], move: Move, goals: Sequence[Standing], near: bool
     ) -> Level:
@@ -239,8 +280,8 @@ class Rounds:
         """
         self._refuse_too_large(simulation.mesh.comm, move)
         level, tolerance = self._level, self._level.tolerance or self.scene.solver.tolerance
-        if any(goal.rest > ITERATION * goal.asked for goal in goals):
-            tolerance = max(tolerance / 100, EXACT)
+        if any(map(is_loose, goals)):
+            tolerance = max(tolerance / TIGHTER, EXACT)
         level = replace(level, order=move.order, splits=level.splits * move.splits, tolerance=tolerance)
         if move.finer == 1 and not move.raises:
             return level
@@ -251,10 +292,20 @@ class Rounds:
         self.scene.geometry.refuse_sizes(self.scene.request())
         return replace(level, sizes=self._sizes(simulation, steps, move, near))
 
-    def _refuse_too_large(self, comm: Comm, move: Move) -> None:
-        """Refuse a move to more unknowns than there is memory for, by what the rounds have taken; collective."""
+    def _room(self, comm: Comm) -> float:
+        """How many times the unknowns of a round there is memory for, by what the rounds have taken; collective."""
+        taken, free = self._memory(comm)
+        return free / taken if taken else np.inf
+
+    def _memory(self, comm: Comm) -> tuple[float, float]:
+        """Bytes that the rounds have taken, and that the next one may take; collective."""
         taken = float(comm.allreduce(max(peak() - self._before - LIBRARIES, 0.0)))
-        needed, free = taken * move.cells(self.scene.dim), taken + comm.bcast(available())
+        return taken, taken + comm.bcast(available())
+
+    def _refuse_too_large(self, comm: Comm, move: Move) -> None:
+        """Refuse a move to more unknowns than there is memory for; collective."""
+        taken, free = self._memory(comm)
+        needed = taken * move.cells(self.scene.dim)
         if needed > free:
             raise SceneError(f"the next round would take about {needed / 1e9:.1f} GB of memory, of {free / 1e9:.1f} GB")
 
@@ -274,7 +325,7 @@ class Rounds:
             error = error * nearness(simulation, steps, middle)
         used, place = np.unique(cells, return_inverse=True)
         wanted = adapted(mesh.points[used], place.reshape(cells.shape), error, move.finer, move.order)
-        return finer_sides(wanted, simulation, steps, move.finer) if move.order == 2 else wanted
+        return (finer_sides(wanted, simulation, steps, move.finer) if move.order == 2 else wanted).smooth()
 
     def _orders(self, simulation: Simulation) -> Sequence[Literal[1, 2]]:
         """The order of this round, and 2 where the next one may have it: where its errors are known too."""
@@ -282,6 +333,14 @@ class Rounds:
         straight = isinstance(shape, UserFile) and shape.own_mesh  # cells are cut without their curved sides
         may = level.highest == 2 and simulation.stepper.chain.exact_laws
         return (level.order, 2) if level.order == 1 and may and not straight else (level.order,)
+
+
+def _growing(simulation: Simulation, steps: Sequence[StepResult]) -> float:
+    """Share of the seconds of solving a round that grow with its unknowns and steps; collective."""
+    size, clock = size_of(simulation.system, steps), simulation.clock
+    own = sum(map(clock.worked, ("assemble", "prepare", "iterate")))
+    share = min(growing(clock, size, simulation.stepper.chain.stage) / max(own, TINY), 1.0)
+    return float(simulation.mesh.comm.bcast(share))
 
 
 def _in_vain(done: Sequence[Round]) -> bool:

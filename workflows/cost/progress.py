@@ -78,19 +78,21 @@ def print_prices(rows: Sequence[Row]) -> None:
         if row.why_not:
             out.print(f"{row.name}: {row.why_not}", soft_wrap=True)
     told = "On this machine, order 1, all cells refined alike and steps split, by the trend of coarse versions."
-    if any(each is not None and each.far for row in rows for each in row.prices):
-        told += " *: an extrapolation of more than two decades."
     out.print(f"{told} run --accuracy refines where errors are large.", soft_wrap=True)
     columns = "about: the number of the finest coarse version; ±, coarse: its error there; "
-    columns += f"{', '.join(f'{100 * asked:g} %' for asked in ASKED)}: the time to an error so small (-: out of reach)"
+    columns += f"{', '.join(f'{100 * asked:g} %' for asked in ASKED)}: the time to an error so small "
+    columns += "(-: out of reach), of the processor and without pictures, and between what it may lie"
     out.print(columns, soft_wrap=True)
 
 
 def _price(found: Price | None) -> str:
-    """Of an accuracy; an extrapolation over days tells no number."""
+    """Of an accuracy, and between what it is likely to lie; an extrapolation over days tells no number."""
     if found is None:
         return "-"
-    return f"{duration(found.seconds) if found.seconds < 86400.0 else 'more than a day'}{'*' if found.far else ''}"
+    if found.seconds >= 86400.0:
+        return "more than a day"
+    low, high = (duration(each) for each in found.between)
+    return f"{duration(found.seconds)} ({low} to {high})"
 
 
 def _work(run: Run | None) -> tuple[str, str]:
