@@ -66,6 +66,13 @@ class Request:
         return dimensions(self.model)
 
 
+def apart(one: Array, other: Array) -> float:
+    """Distance [m] of two bodies at least, whose boxes are those of `Shape.boxes`."""
+    a, b = one[:, None], other[None]
+    between = np.maximum(np.maximum(a[:, :, 0] - b[:, :, 1], b[:, :, 0] - a[:, :, 1]), 0.0)
+    return float(np.linalg.norm(between, axis=2).min())
+
+
 class Shape:
     """A geometry, in the scene's unit of length. `dim` (2 or 3) is that of the model; shapes may differ in 2D and 3D.
 
@@ -114,12 +121,6 @@ class Shape:
         """Lower and upper corners (b, 2, d) [m] of the boxes of all that a body's skin is made of."""
         samples = [self.sample(f"{body}.{side}", dim)[0] for side in self.bodies(dim)[body]]
         return np.array([[points.min(axis=0), points.max(axis=0)] for points in samples])
-
-    def apart(self, one: str, other: str, dim: int) -> float:
-        """Distance [m] that two bodies have at least."""
-        a, b = self.boxes(one, dim)[:, None], self.boxes(other, dim)[None]
-        between = np.maximum(np.maximum(a[:, :, 0] - b[:, :, 1], b[:, :, 0] - a[:, :, 1]), 0.0)
-        return float(np.linalg.norm(between, axis=2).min())
 
     def shared(self, dim: int) -> Mapping[tuple[str, str], Array]:
         """Points (n, d) [m] where two bodies have the same nodes and hold each other, by the names of the two."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, reduce
+from functools import cache, cached_property, reduce
 from itertools import combinations, permutations
 from operator import or_
 from typing import Annotated, Any, ClassVar, get_origin
@@ -28,7 +28,7 @@ from stickslip.geometry.errors import (
 from stickslip.geometry.expression import CONSTANTS, RATE, Expression, Varying
 from stickslip.geometry.keys import Key, Keys, Noun, completed, numbers_in
 from stickslip.geometry.obstacles import Obstacle
-from stickslip.geometry.shape import SKIN, Model, Request, Turn, dimensions
+from stickslip.geometry.shape import SKIN, Model, Request, Turn, apart, dimensions
 from stickslip.geometry.units import Units
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import REACH, Contact, table_of
@@ -187,16 +187,16 @@ class Scene(Noun):
         Two bodies are one where they are near enough to be paired some time, however the scene moves them.
         """
         found = {name: c.each(name, tuple(self.bodies)) for name, c in self.contacts.items()}
+        boxes = cache(lambda body: self.geometry.boxes(body, self.dim))
         for name, each in found.items():
             if self.contacts[name].between is not None:
-                found[name] = {pair: contact for pair, contact in each.items() if self._may_meet(contact)}
+                found[name] = {pair: contact for pair, contact in each.items() if self._may_meet(contact, boxes)}
         return {pair: contact for each in found.values() for pair, contact in each.items()}
 
-    def _may_meet(self, contact: Contact) -> bool:
-        one, other = (side.split(".")[0] for side in (contact.surface, *contact.partners))
-        sizes = [np.linalg.norm(np.ptp(self.geometry.boxes(body, self.dim), axis=(0, 1))) for body in (one, other)]
-        reach = max(contact.search_distance or 0.0, REACH * float(min(sizes))) + self._travel
-        return self.geometry.apart(one, other, self.dim) <= reach
+    def _may_meet(self, contact: Contact, boxes: Callable[[str], Array]) -> bool:
+        one, other = (boxes(side.split(".")[0]) for side in (contact.surface, *contact.partners))
+        size = min(float(np.linalg.norm(np.ptp(each, axis=(0, 1)))) for each in (one, other))
+        return apart(one, other) <= max(contact.search_distance or 0.0, REACH * size) + self._travel
 
     @cached_property
     def _travel(self) -> float:

@@ -122,7 +122,7 @@ class _Way:
         held = motions[self.p != 0]
         motion = motion - np.linalg.lstsq(held, held @ motion, rcond=None)[0]
         along[own] = motions[own] @ motion
-        return along if np.abs(along).max() > CLOSE * np.abs(pushed).max() else np.zeros_like(p)
+        return along if np.abs(along).max() > CLOSE * np.abs(pushed).max(initial=0.0) else np.zeros_like(p)
 
     def _freed(self, p: Array, closes: list[Bools]) -> Array:
         """Relative displacement (rows,) [m] that the tractions of points that close have taken; collective.

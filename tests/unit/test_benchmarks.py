@@ -548,5 +548,17 @@ def test_figures_repeat_and_a_difference_is_noticed(
 def test_assemblies_take_a_dozen_iterations(name: str, most: int) -> None:
     """Friction alone keeps the pin from turning; plain Newton hops about for tens of iterations."""
     work = assemblies.measure(assemblies.Case(name, method="condensed-newton"))
-    assert work.iterations[0] <= most
-    assert str(work).split()[1:6:4] == [name, str(work.rows)]
+    assert work["iterations"][0] <= most
+
+
+COARSE = {"arch": 2, "ball": 22, "blade": 78, "clevis": 57, "drum": 16, "gears": 8, "rings": 8, "wedge": 6}
+
+
+@pytest.mark.parametrize(("name", "most"), COARSE.items())
+def test_coarse_copies_of_assemblies_have_answers(name: str, most: int) -> None:
+    """So few points touch that which stick decides nearly all; some pairs of skins have no point at all."""
+    case = next(case for case in assemblies.copies([name]) if case.mu == 0.5)
+    found = assemblies.measure(case)
+    assert found["told"] == ""
+    assert len(found["iterations"]) == 3
+    assert found["iterations"][0] <= most

@@ -7,13 +7,13 @@ iterations over one linear solve of the same bodies with their contact nodes hel
 
 from __future__ import annotations
 
-import itertools
 import os
 import time as clock
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from itertools import product
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass, field
+from functools import partial
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,7 +24,9 @@ from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.results.step_result import Quantity, StepResult, quantities
 from stickslip.workflows.cost.measure import ONE_THREAD
-from stickslip.workflows.lab.benchmarks.own_process import apart
+from stickslip.workflows.formats.files import write_aside
+from stickslip.workflows.formats.templates import render
+from stickslip.workflows.lab.benchmarks.own_process import apart, kept
 from stickslip.workflows.scene_file.proposal import assembly, scene_text
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -33,6 +35,7 @@ os.environ.update(ONE_THREAD)  # before the first operation that would start the
 SHAPES = Path(__file__).with_name("assembly_shapes.py")
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "assemblies.md"
 DRAWN = Path("/usr/share/doc/gmsh-doc/doc/gmsh/demos/api/as1-tu-203.stp.gz")  # of Debian's package gmsh-doc
+KEPT = Path("results/assemblies")
 STORED = Quantity("energy", "", "stored")
 ONCE, AFTER = ((1.0, 1.0), (2.0, 1.2), (3.0, 0.9)), ((1.0, 0.0), (2.0, 1.0), (3.0, 0.8))  # times, and parts of the load
 STEEL = {"E": 210e3, "nu": 0.3}  # [MPa]
@@ -60,6 +63,7 @@ class Assembly:
         force: by component [N].
         bolts: body, places +-x and +-y, heights of the ends of the shank, tension [N]; the first step tightens them.
         sizes: of cells [mm], and of cells where bodies are close.
+        coarse: factor on the sizes of coarse copies.
         plane: whether it is of two dimensions.
         soft: materials of what is not steel.
         contact: what the table of contact has more.
@@ -73,6 +77,7 @@ class Assembly:
     force: tuple[float, ...] = ()
     bolts: Mapping[str, Any] = field(default_factory=dict)
     sizes: tuple[float, float]
+    coarse: float
     plane: bool = False
     soft: Mapping[str, Table] = field(default_factory=dict)
     contact: Table = field(default_factory=dict)
@@ -153,50 +158,43 @@ class Case:
         return from_dict(table | asked, DRAWN.parent)
 
 
+def copies(names: Sequence[str]) -> Iterator[Case]:
+    """Yield the coarse copies of assemblies, of both orders and with three coefficients of friction."""
+    for name, order, mu in product(names, (1, 2), (0.0, 0.1, 0.5)):
+        yield Case(name, mu, ASSEMBLIES[name].coarse if name in ASSEMBLIES else 4.0, order)
+
+
 @dataclass(frozen=True)
 class Work:
-    """What the steps of one assembly took."""
+    """What the steps of one assembly took; empty where there is none."""
 
-    name: str
     unknowns: int = 0
     rows: int = 0
-    iterations: tuple[int, ...] = ()  # of each step
-    seconds: tuple[float, ...] = ()  # CPU [s] of preparation, and of each step
-    unit: float = float("nan")  # CPU [s] of one linear solve
+    iterations: Sequence[int] = ()  # of each step
+    seconds: Sequence[float] = ()  # CPU [s] of preparation, and of each step
+    unit: float = 0.0  # CPU [s] of one linear solve; 0: shorter than the clock tells
     error: float | None = None  # stated of the elastic energy, relative to it
     told: str = ""  # why it ended
 
     @property
-    def prices(self) -> tuple[float, float]:
-        """Preparation and first step, and the dearest of the others, in linear solves."""
-        prepared, first, *others = self.seconds
-        return (prepared + first) / self.unit, max(others, default=float("nan")) / self.unit
-
-    def __str__(self) -> str:
+    def cells(self) -> list[str]:
+        """Those of a row in words."""
         first, *others = map(str, self.iterations or ("",))
-        told = self.told if self.error is None else f"{100 * self.error:.2g} %"
-        prices = [f"{price:.1f}" for price in self.prices] if self.iterations else ["", ""]
-        cells = (
-            self.name,
-            self.unknowns,
-            self.rows,
-            first,
-            " ".join(others),
-            *prices,
-            f"{sum(self.seconds):.1f}",
-            told,
-        )
-        return f"| {' | '.join(map(str, cells))} |"
+        costs = (sum(self.seconds[:2]), max(self.seconds[2:], default=0.0)) if self.unit else ()
+        prices = [f"{seconds / self.unit:.1f}" for seconds in costs] or ["", ""]
+        ended = self.told.replace("|", "/") or ("" if self.error is None else f"{100 * self.error:.2g} %")
+        sizes = [str(self.unknowns), str(self.rows)]
+        return [*sizes, first, " ".join(others), *prices, f"{sum(self.seconds):.1f}", ended]
 
 
-def measure(case: Case) -> Work:
+def measure(case: Case) -> Table:
     """Solve one of the assemblies; what is refused, and what has no solution, tells so."""
     counters = Counters()
     counters.clock = Clock(now=clock.process_time)
     steps, told, stated = list[StepResult](), "", None
     try:
         simulation = prepare(case.scene(), counters=counters)
-        marks = [simulation.seconds.prepare, simulation.seconds.iterate]
+        marks = [simulation.seconds.iterate]
         for step in simulation.steps():
             steps.append(step)
             marks.append(simulation.seconds.iterate)
@@ -208,30 +206,36 @@ def measure(case: Case) -> Work:
     except StickslipError as failed:
         told = f"{type(failed).__name__}: {failed}"
     if not steps:
-        return Work(case.name, told=told)
-    return Work(
-        name=case.name,
+        return asdict(Work(told=told))
+    found = Work(
         unknowns=simulation.system.constraints.free_total,
         rows=len(steps[-1].p),
-        iterations=tuple(step.iterations for step in steps),
-        seconds=(marks[0], *(after - before for before, after in itertools.pairwise(marks[1:]))),
+        iterations=[step.iterations for step in steps],
+        seconds=[simulation.seconds.prepare, *(after - before for before, after in pairwise(marks))],
         unit=linear_reference(simulation.system, now=clock.process_time).seconds,
         error=stated,
         told=told,
     )
+    return asdict(found)
 
 
 def main(
     names: Annotated[list[str] | None, typer.Argument(help="assemblies [all]")] = None,
-    mu: Annotated[float, typer.Option(help="coefficient of friction")] = 0.2,
-    coarser: Annotated[float, typer.Option(help="factor on the sizes of cells")] = 1.0,
-    order: Annotated[int, typer.Option(help="of the elements")] = 1,
+    coarse: Annotated[bool, typer.Option(help="coarse copies, of both orders, with mu 0, .1 and .5; no page")] = False,
     method: Annotated[str, typer.Option(help="of solution")] = "auto",
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="where the page goes")] = None,
+    mu: Annotated[float, typer.Option(help="coefficient of friction")] = 0.2,
+    folder: Annotated[Path, typer.Option("-o", "--output", help="where measurements are kept")] = KEPT,
 ) -> None:
-    """Print a row of each assembly; with all of them, write the page."""
-    for name in names or NAMES:
-        print(apart(measure, Case(name, mu, coarser, order, method, output is not None)), flush=True)
+    """Measure what is missing, print a row each, and write the page if it is of all assemblies."""
+    rows, chosen = list[str](), names or NAMES
+    for case in copies(chosen) if coarse else (Case(name, mu, method=method, error=True) for name in chosen):
+        name = f"{case.name}, order {case.order}, mu {case.mu:g}" if coarse else case.name
+        path = folder / f"{'_'.join(map(str, astuple(case)))}.json"
+        found = kept(path, partial(apart, measure, case))
+        rows.append(f"| {' | '.join([name, *Work(**found).cells])} |")
+        print(rows[-1], flush=True)
+    if not (coarse or names):
+        write_aside(PAGE, render("lab/benchmarks/templates/assemblies.md", rows=rows, mu=mu).encode())
 
 
 if __name__ == "__main__":
