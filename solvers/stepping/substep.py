@@ -30,7 +30,7 @@ from stickslip.solvers.stepping.choice import Stage
 from stickslip.solvers.stepping.law_memory import LawMemory, Solving, with_memory
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.state import Previous, State
-from stickslip.solvers.stepping.touch import from_touch
+from stickslip.solvers.stepping.touch import Touch, Way
 from stickslip.solvers.stepping.update import displacement, new_state, relative_displacement, split
 from stickslip.solvers.system.system import System
 
@@ -47,6 +47,7 @@ class Attempt:
     problem: SurfaceProblem | None = None  # of its last substep; None: it could not be posed
     state: State | None = None  # at its end; None: it was not solved
     linear_error: float = 0.0  # of its last substep [-], see `DelassusOperator`
+    unsettled: float = 0.0  # energy norm [J^(1/2)] of what a further search of sliding pairs would change
     substeps: int = 1
     rows: int = 0  # iterations in the history of the step so far
     volume_solves: int = 0  # of the run so far
@@ -209,9 +210,14 @@ class SubstepSolver:
         if at_once:
             return at_once
         memory = self.memory(state, problem.cone.time)
-        solve = memory.around(lambda problem, p: (method(problem, p, on_step), problem))
-        found = solve(problem, p)
-        found = from_touch(problem, state.p, state.w, found, solve, self.system.problem.solver.tolerance)
+
+        def once(problem: SurfaceProblem, p: Array) -> tuple[Solution, SurfaceProblem]:
+            found = method(problem, p, on_step)
+            return found, problem if found.gap is None else replace(problem, gap=found.gap, touch=None)
+
+        solve = memory.around(once)
+        way = Way(problem, state.p, state.w, self.system.problem.solver.tolerance * problem.u_ref)
+        found = way.from_touch(solve(replace(problem, touch=Touch(way)) if way.any else problem, p), solve)
         return self._continued(state, found, solve)
 
     def _continued(
