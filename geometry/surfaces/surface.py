@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import TINY, Array, Ints
+from stickslip.geometry.arrays import TINY, Array, Bools, Ints
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.mesh.ranks import of_all_ranks
@@ -133,11 +133,11 @@ class Surface:
         found: Sparse = sparse.csr_matrix((values[values != 0][first], (at // n, at % n)), shape=(n, n))
         return found
 
-    def node_weights(self) -> Array:
-        """Integrals ∫ phi~_j ds (n,) [m^(d-1)], the lumped weights; all positive."""
+    def node_weights(self, part: Bools | None = None) -> Array:
+        """Integrals ∫ phi~_j ds (n,) [m^(d-1)] over all facets, all positive; or over some of them (f,)."""
         weights, basis = self.quadrature(2 * self.degree + self.axisymmetric)
-        total = self.scatter(weights @ basis @ self.change.T)
-        assert np.all(total > 0)
+        total = self.scatter((weights if part is None else weights * part[:, None]) @ basis @ self.change.T)
+        assert part is not None or np.all(total > 0)
         return total
 
     def dual_basis(self, degree: int) -> Array:

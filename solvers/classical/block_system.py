@@ -182,7 +182,7 @@ class InnerProblem:
         system, law = self.system, place.rows.normal
         assert isinstance(law, Compliance)
         contact, form = system.problem.pairs[place.rows.name].contact, None
-        if place.rows.master is None and place.rows.surface.faces is None and not contact.sliding:
+        if place.rows.master is None and place.rows.of_facets and not contact.sliding:
             forms = ComplianceForms(system.weak, contact, law)
             work, tangent = system.weak.compile(forms.work), system.weak.compile(forms.tangent)
             form = FormOfPart(forms.relative, system.T, system.vector(), work, tangent)

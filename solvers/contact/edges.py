@@ -310,7 +310,9 @@ def _felt(coupling: Coupling, tips: _Points, rows: Ints, reach: float, degree: i
         gone = np.isin(np.arange(len(side.facets)), around)
         part_gone = gone[paired.facet].astype(float)
         if side is slave:
-            part_gone = np.where(at_node, found.own.basis(slave) @ _part_of_nodes(slave, gone), part_gone)
+            part_gone = np.where(
+                at_node, found.own.basis(slave) @ (slave.node_weights(gone) / slave.node_weights()), part_gone
+            )
         left -= part_gone
         cells = graded(side, around, part @ dx.reference_nodes(side.shape, side.degree))
         facet, local, weights = cells.rule(side, max(degree, 2 * (side.dim - 1)))
@@ -335,13 +337,6 @@ def _felt(coupling: Coupling, tips: _Points, rows: Ints, reach: float, degree: i
         own=On.joined([found.own.at(kept), there[0]]),
         other=On.joined([found.other.at(kept), there[1]]),
     )
-
-
-def _part_of_nodes(side: Surface, chosen: Bools) -> Array:
-    """Parts (n,) of the nodes' weights that chosen facets (f,) have."""
-    weights, basis = side.quadrature(2 * side.degree + side.axisymmetric)
-    own = weights @ basis @ side.change.T
-    return side.scatter(own * chosen[:, None]) / side.scatter(own)
 
 
 def _once(coupling: Coupling) -> Coupling:

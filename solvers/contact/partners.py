@@ -121,34 +121,31 @@ def alone(partner: Partner) -> tuple[Coupling, Facing | None]:
     if isinstance(other, Surface):
         facing = Facing(slave, other, partner.reach)
         return partner.operator(facing), facing
-    if not partner.at_quadrature or slave.faces is None:
+    if not partner.at_quadrature:
         return rigid_coupling(slave, other), None
-    return rigid_coupling(slave, other, partial(of_facets, slave, *_finer_at_tips([partner]))), None
+    whole, cut = _finer_at_tips([partner], np.ones(len(slave.facets), bool))
+    return rigid_coupling(slave, other, partial(of_facets, slave, whole, cut)), None
 
 
-def _finer_at_tips(rigid: Sequence[Partner], whole: Bools | None = None) -> tuple[Bools, Cells]:
-    """Which facets (f,) have no corner or edge that touches an obstacle, and cells of the others.
+def _finer_at_tips(rigid: Sequence[Partner], whole: Bools) -> tuple[Bools, Cells]:
+    """Which of the whole facets (f,) have no corner or edge that touches an obstacle, and cells of the others.
 
-    All facets around such a place rise from the obstacle.
-
-    Args:
-        whole: facets (f,) of which others leave all; None: all.
+    All facets around such a place rise from the obstacle. In 2D it may be an end of the side.
     """
     slave, corners = rigid[0].slave, dx.reference_nodes(rigid[0].slave.shape, 1)
     around = slave.beside or slave
     nodes, middles = around.facets[:, : len(corners)], around.points[around.facets].mean(axis=1)
     steep = np.sin(np.radians(SMOOTH)) * np.linalg.norm(around.points[nodes] - middles[:, None], axis=2)
-    tips = np.zeros((len(slave.facets), len(corners)), bool)
-    for each in rigid if slave.faces is not None else ():
+    tips, at = np.zeros((len(slave.facets), len(corners)), bool), slave.facets[:, : len(corners)]
+    number, count = np.unique(around.nodes[nodes], return_counts=True)
+    sharp = (slave.at_edge > 0) | ((slave.dim == 2) & np.isin(slave.nodes, number[count == 1]))
+    for each in rigid if sharp.any() else ():
         assert isinstance(each.other, Obstacle)
         gap, beyond = (seen_from(each.other, x)[0] for x in (around.points, middles))
         beneath = around.nodes[nodes[beyond[:, None] - gap[nodes] <= steep]]
-        at = slave.facets[:, : len(corners)]
-        tips |= (slave.at_edge[at] > 0) & ~np.isin(slave.nodes[at], beneath)
-    tips[~(np.ones(len(tips), bool) if whole is None else whole)] = False
-    facet, corner = np.nonzero(tips)
-    plain = ~tips.any(axis=1)
-    return plain if whole is None else plain & whole, graded(slave, facet, corners[corner])
+        tips |= sharp[at] & ~np.isin(slave.nodes[at], beneath)
+    facet, corner = np.nonzero(tips & whole[:, None])
+    return whole & ~tips.any(axis=1), graded(slave, facet, corners[corner])
 
 
 def among_partners(partners: Sequence[Partner]) -> list[tuple[Coupling, Facing | None]]:
@@ -162,18 +159,18 @@ def among_partners(partners: Sequence[Partner]) -> list[tuple[Coupling, Facing |
     bodies = [partner for partner in partners if isinstance(partner.other, Surface)]
     plain = [Facing(p.slave, p.other, p.reach) for p in bodies if isinstance(p.other, Surface)]
     slave = (bodies or rigid)[0].slave
-    reach = np.concatenate([[0.0], *(np.full(len(f.master.facets), f.reach) for f in plain)])[1:]
-
     masters = joined([facing.master for facing in plain]) if plain else slave
-    faces = (
-        faced(slave, masters, reach)
-        if plain
-        else Cells.of(np.zeros(0, np.int64), np.zeros((0, slave.dim, slave.dim - 1)))
-    )
+
+    @cache
+    def faces() -> Cells:
+        """The parts that bodies face."""
+        if not plain:
+            return Cells.of(np.zeros(0, np.int64), np.zeros((0, slave.dim, slave.dim - 1)))
+        return faced(slave, masters, np.concatenate([np.full(len(f.master.facets), f.reach) for f in plain]))
 
     @cache
     def every(degree: int) -> Overlap:
-        return over(faces, slave, masters, degree)
+        return over(faces(), slave, masters, degree)
 
     full, left, found = slave.node_weights(), np.ones(len(slave.nodes)), dict[int, tuple[Coupling, Facing | None]]()
     for k, (partner, own) in enumerate(zip(bodies, plain, strict=True)):
@@ -186,16 +183,16 @@ def among_partners(partners: Sequence[Partner]) -> list[tuple[Coupling, Facing |
         left = left - taken / full
         found[id(partner)] = coupling, facing
     left[np.abs(left) <= ROUNDING] = 0.0
-    normals = slave.node_normals()
+    normals, whole = slave.node_normals(), np.ones(len(slave.facets), bool)
 
     @cache
     def bare(degree: int) -> tuple[On, Array]:
         """Integration points of what bodies leave: mortar parts of facets, and of each point what nodes leave of it."""
         if bodies and bodies[0].operator is not mortar_coupling:
-            on, weights = of_facets(slave, *_finer_at_tips(rigid), degree)
+            on, weights = of_facets(slave, *_finer_at_tips(rigid, whole), degree)
             size = shares(on, slave, weights).T @ left
             return on.at(size > ROUNDING * weights), size[size > ROUNDING * weights]
-        rest, cut = uncovered(slave, faces)
+        rest, cut = uncovered(slave, faces())
         rest, fine = _finer_at_tips(rigid, rest)
         on, weights = of_facets(slave, rest, Cells.joined([cut, fine]), degree)
         nearer = every(max([degree, *(product_degree(slave, facing.master) for facing in plain)]))
@@ -252,7 +249,6 @@ def _part(partner: Partner, parts: Array, points: Callable[[int], tuple[On, Arra
         coupling,
         weights=total,
         relative=(mean @ coupling.relative).tocsr(),
-        turning=None if coupling.turning is None else (mean @ coupling.turning).tocsr(),
         gap=mean @ coupling.gap,
         carries=total > 0,
         points=of_part,

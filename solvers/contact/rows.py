@@ -111,6 +111,11 @@ class ContactRows:
         return np.concatenate([self.surface.nodes, self.master.nodes]) if self.master else self.surface.nodes
 
     @cached_property
+    def of_facets(self) -> bool:
+        """Whether its normal points are those of whole facets, as a form over the side has them."""
+        return len(self.W_n) == self.surface.quadrature(self.degree)[0].size
+
+    @cached_property
     def near_nodes(self) -> Ints:
         """Those of `nodes` that may touch."""
         return self.nodes if self.near is None else self.nodes[self.near]

@@ -548,7 +548,7 @@ class Auditor:
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         compliant = isinstance(rows.normal, Compliance)
         side = rows.surface
-        parts = system.problem.shares(rows.name) or side.images is not None or (compliant and side.faces is not None)
+        parts = system.problem.shares(rows.name) or side.images is not None or (compliant and not rows.of_facets)
         if rows.master is not None or parts:
             return system.interface.force_of(rows, self._pressure_of_law(rows, record) if compliant else p_n, t)
         force = self._compliant_force(rows, u, record) if compliant else system.vector()

@@ -66,7 +66,7 @@ def _correction(attempt: Attempt, new: State) -> Correction:
         ahead = {name: known - new.memory[name] for name, known in exact.items()}
         left = Correction(nearer.p - found.p, nearer.w - found.w, size, ahead)
     # of an error, what pairs that are searched elsewhere add to the next step; measured: .02 to .15
-    return replace(left, size=left.size + 0.5 * before.size) if new.searched else left
+    return replace(left, size=left.size + 0.5 * before.size + attempt.unsettled) if new.searched else left
 
 
 def _exact(solver: SubstepSolver, problem: SurfaceProblem, found: Solution) -> tuple[Solution, float]:

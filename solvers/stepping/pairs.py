@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import ROUNDING, Array
+from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array
 from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.pairing import margin
@@ -51,7 +51,7 @@ class PairSearch:
             searched = {name: state.searched[name] for name in self._found if name in state.searched}
             searched |= relative_positions(first.system, state, self._names)
             searched |= {key: near for key, near in state.searched.items() if key.endswith(NEAR)}
-            begin, last = relative_positions(first.system, state, self._found), None
+            begin, last, far = relative_positions(first.system, state, self._found), None, np.inf
             for _ in range(SEARCHES):
                 try:
                     self.present = self.found(searched) if searched else first
@@ -65,19 +65,24 @@ class PairSearch:
                 if last is not None:
                     start = replace(start, guess=carried_over(last, system).p)
                 attempt = inner(start, end)
-                if attempt.state is None:
-                    return attempt
-                last = attempt.state
+                if attempt.state is None or (attempt.solution.jumps and first.chain.cut_first):
+                    return attempt  # a shorter substep follows
+                known, last = last, attempt.state
                 now = relative_positions(system, attempt.state, [*self._names, *self._found])
                 nearer = self._nearer(system, searched, begin, now)
                 if nearer:
                     searched = searched | begin | nearer
                     continue
                 slid = {name: now[name] for name in self._names}
-                far = slid_since(system, {name: searched[name] for name in slid}, slid)
-                if far <= ROUNDING:
+                before, far = far, slid_since(system, {name: searched[name] for name in slid}, slid)
+                if known is not None:  # as much smaller is what a further search would change
+                    attempt = replace(attempt, unsettled=min(far / before, 1.0) * _apart(system, known, last))
+                # what an iteration leaves in the places keeps them from settling
+                if far <= ROUNDING or before <= far <= system.problem.solver.tolerance:
                     return attempt
                 searched = searched | slid
+            if far <= SLIGHT:
+                return attempt
             log.warning("t = %g: pairs still change after %d searches; the last ones are kept", end, SEARCHES)
             first.chain.unsettled.append(end)
             return attempt
@@ -125,6 +130,12 @@ class PairSearch:
         other.surface.adopt(self._solver.surface)
         self._solver.latest = {**searched, **_lists(system)}, other
         return other
+
+
+def _apart(system: System, one: State, other: State) -> float:
+    """Energy norm [J^(1/2)] of the difference of two displacements; collective."""
+    off = one.u - other.u
+    return float(np.sqrt(max((system.K * off).dot(off), 0.0)))
 
 
 def _lists(system: System) -> dict[str, Array]:

@@ -47,6 +47,7 @@ class Attempt:
     problem: SurfaceProblem | None = None  # of its last substep; None: it could not be posed
     state: State | None = None  # at its end; None: it was not solved
     linear_error: float = 0.0  # of its last substep [-], see `DelassusOperator`
+    unsettled: float = 0.0  # energy norm [J^(1/2)] of what a further search of sliding pairs would change
     substeps: int = 1
     rows: int = 0  # iterations in the history of the step so far
     volume_solves: int = 0  # of the run so far

@@ -216,6 +216,11 @@ def contact_rows(
     found = with_halves(problem, with_sides_beside(faces))
     if problem.request.turns:
         found = {name: with_images(side, constraints) for name, side in found.items()}
+        for name, pair in problem.pairs.items():
+            one, two = pair.surfaces
+            if pair.contact.sliding and two is not None and found[one].images is not None:
+                why = "points slide past the cut of a cyclic sector, beyond which no body is meshed"
+                raise SceneError(f"contacts.{name}.sliding = true: {why}; leave it out, or mesh the whole")
     return pair_up(problem, found, constraints, {})
 
 

@@ -3,6 +3,7 @@
 import logging
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.run.terminal import Reporter
 
 
 class Hands:
@@ -166,6 +168,7 @@ def test_ranks_give_their_memory_back(tmp_path: Path) -> None:
 
 ENDS = """
 import sys
+import time
 
 from petsc4py import PETSc
 
@@ -281,3 +284,18 @@ def test_what_makes_no_sense_is_refused_in_one_line_before_anything_is_solved(ke
     with pytest.raises(SceneError, match=words) as refused:
         make_plan(replace(made, solver=replace(made.solver, **keys)))
     assert "\n" not in str(refused.value)
+
+
+def test_a_long_phase_is_spoken_of_while_it_lasts(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("stickslip.workflows.run.terminal.ANNOUNCED", 0.05)
+    clock = Clock()
+    with Reporter(quiet=False, verbose=False) as reporter:
+        clock.on_phase = reporter.watch().on_phase
+        with clock.phase("output", "pictures"):
+            time.sleep(0.4)
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == "meshing and preparing ..."
+    assert 2 <= len(said[1:]) <= 4  # each when it has lasted twice as long
+    assert all(line.startswith("drawing: ") and line.endswith(" s so far") for line in said[1:])

@@ -84,13 +84,12 @@ def test_a_quarter_of_a_press_fit_that_turns_is_a_quarter_of_the_whole(order: in
 @pytest.mark.parametrize(
     ("contact", "solver"),
     [
-        ({"sliding": True}, {}),
         ({"operator": "node-to-segment"}, {}),
         ({}, {"method": "tangent-cg"}),
         ({}, {"method": "surface-uzawa", "surface": "matrix-free"}),
     ],
 )
-def test_it_is_so_for_pairs_that_slide_and_for_other_operators_and_methods(contact: Tables, solver: Tables) -> None:
+def test_it_is_so_for_other_operators_and_methods(contact: Tables, solver: Tables) -> None:
     fits = [press_fit(angle, 1, RIGID, 0.25) | {"solver": solver | {"tolerance": 1e-11}} for angle in (360, 90)]
     for fit in fits:
         fit["contacts"]["fit"] |= contact
@@ -98,6 +97,13 @@ def test_it_is_so_for_pairs_that_slide_and_for_other_operators_and_methods(conta
     (_, whole), (simulation, sector) = map(last_of, fits)
     same(sector, whole, 4)
     assert max(audit(simulation, sector).values()) < 1e-7
+
+
+def test_points_that_would_slide_past_a_cut_are_refused() -> None:
+    fit = press_fit(90, 1, RIGID, 0.25) | {"periodic": cut("inner", "outer")}
+    fit["contacts"]["fit"]["sliding"] = True
+    with pytest.raises(SceneError, match="slide past the cut of a cyclic sector"):
+        last_of(fit)
 
 
 @pytest.mark.parametrize("sliding", [False, True])

@@ -43,7 +43,7 @@ from stickslip.workflows.formats.contact_line import walk
 from stickslip.workflows.formats.steps import write_step
 from stickslip.workflows.pictures.animation import animate, close_up, frames, palette, survey
 from stickslip.workflows.pictures.body_picture import BodyPictures, PlaneBodies, cells_at_pixels, displacement_scale
-from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
+from stickslip.workflows.pictures.contact_maps import draw_surface, dual_cells, view_of
 from stickslip.workflows.pictures.draw import _said, draw, draw_course
 from stickslip.workflows.pictures.force_displacement import (
     Panel,
@@ -209,6 +209,21 @@ def test_words_of_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         assert len(labels) == bars
         assert labels[0] == f"von Mises stress [Pa], largest {step.von_mises.max():.3g}"
         assert any("contact base of the modelled quarter" in caption for caption in said)
+
+
+def test_a_curved_surface_lies_on_the_obstacle_that_it_touches(tmp_path: Path) -> None:
+    mesh = block("hexahedron", n=3)
+    points, facets, shape = mesh.surfaces["base"]
+    bent = points + np.outer(points[:, 0] ** 2 / 2, np.eye(3)[2])
+    contact = pressed(mesh).contacts["base"]
+    floor = Rigid(Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)), np.zeros(3), 0.0)
+    greys = []
+    for k, obstacles in enumerate(((), (floor,))):
+        (tmp_path / str(k)).mkdir()
+        drawn = draw_surface(tmp_path / str(k), "base", (bent, facets, shape), contact, "t\nt\nt", obstacles=obstacles)
+        picture = imread(drawn)[..., :3]
+        greys.append(np.sum((np.ptp(picture, axis=2) == 0) & (picture[..., 0] < 0.98) & (picture[..., 0] > 0.8)))
+    assert greys[1] > 2 * greys[0]
 
 
 @pytest.mark.parametrize("bound", [*slow(0.3), np.inf])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, ContactState
 from stickslip.workflows.formats.mesh_file import corner_cells
 from stickslip.workflows.pictures.render import SHADED, grid_of, render
+from stickslip.workflows.pictures.rigid import Rigid, stand, surfaces
 from stickslip.workflows.pictures.sheet import COLOURS, DPI, LINE, STATUS_COLOURS, Sheet, show_image, span
 from stickslip.workflows.pictures.view import FEW_CELLS, View, focus
 
@@ -23,11 +25,23 @@ Surface = tuple[Array, Facets, str]  # nodes, facets, their shape
 
 
 def draw_surface(
-    folder: Path, name: str, surface: Surface, contact: ContactState, head: str, units: Units = SI
+    folder: Path,
+    name: str,
+    surface: Surface,
+    contact: ContactState,
+    head: str,
+    units: Units = SI,
+    obstacles: Sequence[Rigid] = (),
 ) -> Path:
-    """Draw the pressure with arrows of tangential traction, and next to it the status: open, slip or stick."""
+    """Draw the pressure with arrows of tangential traction, and next to it the status: open, slip or stick.
+
+    A curved surface, seen from above, lies on the obstacles as all was before it moved.
+    """
     (points, facets, shape), contact = _closer(surface, contact)
     view, labels = view_of(points)
+    beside = [] if labels else [one for one in surfaces(points, obstacles, 0.0) if one.n_points]
+    if beside:
+        view = View.isometric(np.vstack([points, *(one.points for one in beside)]))
     norm = span(contact.pressure)
     grid = grid_of(points, facets, shape)
     grid.point_data["pressure"] = contact.pressure
@@ -41,6 +55,8 @@ def draw_surface(
     edges = grid.extract_all_edges() if len(facets) <= FEW_CELLS // 2 else None
 
     def add_edges(stage: Any) -> None:
+        for one in beside:
+            stand(stage, one)
         if edges is not None:
             stage.add_mesh(edges, color="#333333", line_width=1.0, opacity=0.25, lighting=False)
 

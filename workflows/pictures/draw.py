@@ -73,7 +73,7 @@ def draw(
         if mesh.points.shape[1] == 3:
             from stickslip.workflows.pictures.contact_maps import draw_surface  # with VTK
 
-            drawn.append(draw_surface(folder, name, surface, contact, head, units))
+            drawn.append(draw_surface(folder, name, surface, contact, head, units, obstacles))
         else:
             drawn.append(draw_line(folder, name, mesh, contact, head, bodies, units))
     return drawn

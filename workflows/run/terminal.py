@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-import time as clock
 from collections.abc import Container, Iterable
+from threading import Event, Thread
+from time import monotonic
 from typing import Any, Self
 
 import numpy as np
@@ -82,13 +83,31 @@ class Reporter(Speaker):
     def __init__(self, quiet: bool, verbose: bool) -> None:
         super().__init__(quiet, MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn())
         self.verbose, self.task = verbose, self.progress.add_task("meshing and preparing", total=None)
-        self.began, self.done, self.count = clock.monotonic(), 0, 0  # of solving; steps of this process; of them all
+        self.began, self.done, self.count = monotonic(), 0, 0  # of solving; steps of this process; of them all
         self.told = np.inf  # when the last line on estimates was said
+        self.since = self.spoke = monotonic()  # when what is done now began, and was last spoken of
+        self.over = Event()
 
     def __enter__(self) -> Self:
         if not self.console.is_terminal:
             self.line("meshing and preparing ...")
+            Thread(target=self._keep_speaking, daemon=True).start()
         return super().__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        self.over.set()
+        super().__exit__(*error)
+
+    def line(self, *lines: str) -> None:
+        self.spoke = monotonic()
+        super().line(*lines)
+
+    def _keep_speaking(self) -> None:
+        """Say after `ANNOUNCED` seconds of silence what is done, then each time when it has lasted twice as long."""
+        while not self.over.wait(ANNOUNCED / 5):
+            now = monotonic()
+            if now - max(self.spoke, self.since) >= max(ANNOUNCED, self.spoke - self.since):
+                self.line(f"{self.progress.tasks[0].description}: {now - self.since:.0f} s so far")
 
     def watch(self) -> Watch:
         """Callbacks for the run."""
@@ -110,7 +129,7 @@ class Reporter(Speaker):
 
     def _prepared(self, simulation: Simulation) -> None:
         times = simulation.scene.requested_times()
-        self.began, self.count = clock.monotonic(), len(times)
+        self.began, self.count = monotonic(), len(times)
         self.progress.update(self.task, total=len(times), description="solving")
         free, points = simulation.system.constraints.free_total, simulation.stepper.cone.size
         self.line(f"{free} unknown displacements, {points} contact unknowns, {len(times)} steps")
@@ -126,19 +145,20 @@ class Reporter(Speaker):
         self.progress.advance(self.task)
         self.done += 1
         if not self.console.is_terminal or self.verbose:
-            took = (clock.monotonic() - self.began) / self.done
+            took = (monotonic() - self.began) / self.done
             left = time_left(took * (self.count - self.done))
             self.line(f"t = {step.time:g}: {step.iterations} iterations, residual {step.residual:.1e}{left}")
 
     def _estimate(self, line: str) -> None:
         self.progress.update(self.task, description=line)
-        self.told = min(self.told, now := clock.monotonic())
+        self.told = min(self.told, now := monotonic())
         if not self.console.is_terminal and now - self.told > ANNOUNCED:
             self.told = now
             self.line(line)
 
     def _phase(self, clock: Clock, phase: str, part: str) -> None:
         """Say what begins: on a terminal always, else if it will take longer than others take to answer."""
+        self.since = monotonic()
         text = LONG.get((phase, part))
         if text is None or (phase == "prepare" and not clock.expected):
             return
