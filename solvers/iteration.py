@@ -155,6 +155,7 @@ class Solution:
     weakening: float = 0.0  # how much faster than bodies unload friction weakens by slip [-]; above 1 slip jumps
     lacking: float = 1.0  # see `Mechanism`, with NO_EQUILIBRIUM, GIVES_WAY
     slack: float = CLOSE  # part of the friction bound by which the traction of a slipping point may be smaller
+    gap: Array | None = None  # (rows,) [m] with slip counted from where points touch; None: that of the problem
 
     @property
     def iterations(self) -> int:
@@ -179,6 +180,7 @@ class Iterate:
     p: Array = field(default_factory=lambda: np.zeros(0))  # as in `Solution`, like the next two; a method that
     w: Array = field(default_factory=lambda: np.zeros(0))  # knows them only at its end leaves them out
     u_c: Array = field(default_factory=lambda: np.zeros(0))
+    gap: Array | None = None
     enough: bool | None = None  # whether the method takes it for the solution; None: where `residual` is small enough
     known: bool = True  # False: the residual says nothing yet, for w is not the displacement under p
 
@@ -244,7 +246,7 @@ class Driver:
                 status = Status.SLOW
             if status is None and x.number >= self.max_it:
                 status = Status.MAX_IT
-            self._keep(Solution(x.p, x.w, x.u_c, status or Status.STALLED, x.residual, ()))
+            self._keep(Solution(x.p, x.w, x.u_c, status or Status.STALLED, x.residual, (), gap=x.gap))
             if status is not None:
                 break
         else:

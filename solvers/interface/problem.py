@@ -5,6 +5,7 @@ It is all that a method sees of the scene.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -36,6 +37,7 @@ class SurfaceProblem:
     weight: Array  # (rows,) E / extent of the bodies [Pa/m], likewise in the residual
     force: float  # applied force, sum of magnitudes [N]
     stiffness: float  # E / L [Pa/m], L the extent of the bodies
+    touch: Callable[[Array, Array, Array], Array] | None = None  # the gap by p and w, see `stepping/touch`
 
     @cached_property
     def scales(self) -> Scales:

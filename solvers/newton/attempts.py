@@ -159,7 +159,8 @@ def closed(problem: SurfaceProblem) -> Array:
 
 def again(problem: SurfaceProblem, best: Solution) -> Start:
     """Start from the best iterate so far."""
-    return Start(p=best.p, u_c=best.u_c, p_hat=best.p + problem.gamma * (best.w - problem.gap))
+    gap = problem.gap if best.gap is None else best.gap
+    return Start(p=best.p, u_c=best.u_c, p_hat=best.p + problem.gamma * (best.w - gap))
 
 
 FIRM = (1e-3, 1e-5)  # weights of the proximal term of damped attempts [-]
@@ -197,6 +198,7 @@ class Attempts(Driver):
     ) -> None:
         super().__init__(problem.surface.counters, rtol, max_it, on_step)
         self.problem, self.bodies = problem, bodies
+        self.follows = False  # whether `SurfaceProblem.touch` is asked after each solve
         self.collapse: Mechanism | None = None  # that is met on the way
 
     def follow(self, chain: Iterator[tuple[Start, float | None]]) -> Solution:
@@ -229,6 +231,16 @@ class Attempts(Driver):
             w = self.bodies.relative(start.p, start.u_c)
             self.best = Solution(start.p, w, start.u_c, Status.NO_HOLD, np.inf, ())
 
+    def judged(self, number: int, p: Array, w: Array, u: Array) -> Iterate:
+        """The iterate of that number at a state; while it `follows`, slip counts from where points touch on the way."""
+        if self.follows and self.problem.touch:
+            gap = self.problem.touch(p, w, self.problem.gap)
+            if gap is not self.problem.gap:
+                self.problem = replace(self.problem, gap=gap)
+        problem = self.problem
+        residual = max(problem.natural_residual(p, w), problem.imbalance(p))
+        return Iterate(number, residual, p, w, u, problem.gap if problem.touch else None)
+
     def _iterates(self, start: Start, proximal: float, number: int) -> Iterator[Iterate]:
         problem, gamma = self.problem, start.factor * self.problem.gamma
         p, u, p_hat, known = start.p, start.u_c, start.p_hat, start.in_equilibrium
@@ -237,10 +249,14 @@ class Attempts(Driver):
         for k in range(number, number + ATTEMPT):
             weight = 0.0
             if known:
-                residual = max(problem.natural_residual(p, w), problem.imbalance(p))
-                yield Iterate(k, residual, p, w, u)
-                rises, least = rises or residual > least, residual
-                weight = min(1.0, residual) * proximal * rises
+                yield (x := self.judged(k, p, w, u))
+                if self.problem is not problem:
+                    problem, least = self.problem, np.inf
+                    search = LineSearch(problem, gamma)
+                if k > number:
+                    p_hat = p + gamma * (w - problem.gap)
+                rises, least = rises or x.residual > least, x.residual
+                weight = min(1.0, x.residual) * proximal * rises
             solved = self._solve(p_hat, held, gamma, (p, u), weight)
             if solved is None:
                 return
@@ -250,7 +266,6 @@ class Attempts(Driver):
             if t < 1.0:
                 p_new, u_new, w_new = p + t * (p_new - p), u + t * (u_new - u), w + t * (w_new - w)
             p, u, w, known = p_new, u_new, w_new, True
-            p_hat = p + gamma * (w - problem.gap)
 
     def _solve(
         self, p_hat: Array, held: Array, gamma: Array, at: tuple[Array, Array], weight: float

@@ -64,6 +64,7 @@ class SemismoothNewton:
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         attempt = Attempts(problem, _Exact(problem, self.linear), self.rtol, self.max_it, on_step)
+        attempt.follows = True
         return attempt.follow(self._chain(problem, p, attempt))
 
     def _on_springs(self, problem: SurfaceProblem, start: Start) -> Solution:
@@ -86,6 +87,7 @@ class SemismoothNewton:
             yield start, FIRM[0]
         if attempts.over:
             return
+        attempts.problem, attempts.follows = problem, False
         for found in on_softer_springs(problem, p, self._on_springs):
             if not isinstance(found, Mechanism):
                 yield found, None

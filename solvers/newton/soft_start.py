@@ -1,9 +1,9 @@
 """Soft contact, from which Newton's method starts: p = P_C(c (w - gap)), stiffer in stages.
 
-Where friction alone keeps bodies from turning or sliding most active sets leave a motion free. Soft contact, with c
-about the stiffness of a contact point, always holds them, and has nearly the right points closed, slipping the right
-way. With friction bounds frozen it has an energy, whose least value along a Newton step is searched for: w is affine,
-so that this costs no volume solve.
+Where friction alone keeps bodies from turning or sliding most active sets leave a motion free. Soft contact always
+holds them. First it is far softer than a contact point, for bodies that travel much farther than they deform; in the
+end, stiffer than that, it has nearly the right points closed, slipping the right way. With friction bounds frozen it
+has an energy, whose least value along a Newton step is searched for: w is affine, so that this costs no volume solve.
 
 Source: Simo & Laursen, Comput. & Structures 42 (1992), of contact that gives; Haslinger, Hlaváček & Nečas, Handbook of
 Numerical Analysis IV (1996), of frozen bounds.
@@ -25,9 +25,8 @@ from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.attempts import Attempts, Start, closed
 
-STAGES = ((3.0, 100.0), (10.0,))  # c times the flexibility of a point, of the first start and the second [-]
-STIFF = 10.0  # gamma times the flexibility of a point, from where they lead on [-]
-ENOUGH = 0.3  # change of tractions, relative to the largest, at which a stage ends
+STAGES = (0.03, 0.3, 3.0, 30.0)  # c times the flexibility of a point [-]
+ENOUGH = 0.6  # change of tractions, relative to the largest, at which a stage ends
 SHORT = 0.1  # share of a step below which bounds are frozen
 SOLVES = 15  # of a stage, at most
 
@@ -44,25 +43,22 @@ class Frozen(FrictionLaw):
 
 def soft_starts(attempts: Attempts) -> Iterator[Start]:
     """Where soft contact leads; none where the flexibility of the rows is not known, or no motion is held."""
-    problem, give = attempts.problem, attempts.problem.give
-    if give is None or problem.p_ref == 0:
+    give = attempts.problem.give
+    if give is None or attempts.problem.p_ref == 0:
         return
-    for stages in STAGES:
-        found = attempts.run(softened(attempts, give, stages))
-        if attempts.over:
-            return
-        if np.isfinite(found.residual):
-            start = Start.at(problem, found.p, found.u_c, STIFF / (give * problem.gamma))
-            yield replace(start, in_equilibrium=False, near=True)
+    found = attempts.run(softened(attempts, give))
+    if not attempts.over and np.isfinite(found.residual):
+        problem = attempts.problem
+        start = Start.at(problem, found.p, found.u_c, 1 / (give * problem.gamma))
+        yield replace(start, in_equilibrium=False, near=True)
 
 
-def softened(attempts: Attempts, give: Array, stages: tuple[float, ...]) -> Iterator[Iterate]:
+def softened(attempts: Attempts, give: Array) -> Iterator[Iterate]:
     """Iterates of soft contact, from all points closed and sticking, with positive gaps left out.
 
     Args:
         attempts: those so far, at a problem of the bodies.
         give: see `SurfaceProblem.give`.
-        stages: values of c `give` [-].
     """
     problem, bodies, zero = attempts.problem, attempts.bodies, np.zeros_like(give)
     n, solves = problem.surface.normal_rows, attempts.history[-1].iteration if attempts.history else 0
@@ -72,21 +68,19 @@ def softened(attempts: Attempts, give: Array, stages: tuple[float, ...]) -> Iter
         solves += 1
         laws = linearise(posed, trial, stiffness).proximal(zero, 1.0, stiffness, HALF_DIGITS)
         p, u = bodies.solve(laws, zero, u)
-        return judged(p, bodies.relative(p, u), u)
+        return Iterate(solves, np.inf, p, bodies.relative(p, u), u)
 
-    def judged(p: Array, w: Array, u: Array) -> Iterate:
-        return Iterate(solves, max(problem.natural_residual(p, w), problem.imbalance(p)), p, w, u)
-
-    stiffness, gap = stages[0] / give, problem.gap.copy()
+    stiffness, gap = STAGES[0] / give, problem.gap.copy()
     gap[:n] = np.minimum(gap, problem.relative_displacement(problem.u_before))[:n]
     try:
         x = solve(replace(problem, gap=gap), closed(problem), problem.u_before)
-        yield x
-        x = solve(problem, x.p, x.u_c)
-        yield x
-        for stage in stages:
+        yield (x := attempts.judged(x.number, x.p, x.w, x.u_c))
+        x = solve(attempts.problem, x.p, x.u_c)
+        yield (x := attempts.judged(x.number, x.p, x.w, x.u_c))
+        for stage in STAGES:
             stiffness = stage / give
             for _ in range(SOLVES):
+                problem = attempts.problem
                 trial = stiffness * (x.w - problem.gap)
                 change = x.p - problem.project(trial, stiffness)
                 if np.abs(change).max(initial=0.0) < ENOUGH * np.abs(x.p).max(initial=0.0):
@@ -98,8 +92,7 @@ def softened(attempts: Attempts, give: Array, stages: tuple[float, ...]) -> Iter
                     share, to = max((share, to), (least_energy(tresca, stiffness, x, other), other), key=lambda a: a[0])
                 share = share or 1.0
                 p, w, u = (a + share * (b - a) for a, b in ((x.p, to.p), (x.w, to.w), (x.u_c, to.u_c)))
-                x = judged(p, w, u)
-                yield x
+                yield (x := attempts.judged(solves, p, w, u))
     except np.linalg.LinAlgError:
         return
 

@@ -30,7 +30,7 @@ from stickslip.solvers.stepping.choice import Stage
 from stickslip.solvers.stepping.law_memory import LawMemory, Solving, with_memory
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.state import Previous, State
-from stickslip.solvers.stepping.touch import from_touch
+from stickslip.solvers.stepping.touch import Touch, Way
 from stickslip.solvers.stepping.update import displacement, new_state, relative_displacement, split
 from stickslip.solvers.system.system import System
 
@@ -210,9 +210,14 @@ class SubstepSolver:
         if at_once:
             return at_once
         memory = self.memory(state, problem.cone.time)
-        solve = memory.around(lambda problem, p: (method(problem, p, on_step), problem))
-        found = solve(problem, p)
-        found = from_touch(problem, state.p, state.w, found, solve, self.system.problem.solver.tolerance)
+
+        def once(problem: SurfaceProblem, p: Array) -> tuple[Solution, SurfaceProblem]:
+            found = method(problem, p, on_step)
+            return found, problem if found.gap is None else replace(problem, gap=found.gap, touch=None)
+
+        solve = memory.around(once)
+        way = Way(problem, state.p, state.w, self.system.problem.solver.tolerance * problem.u_ref)
+        found = way.from_touch(solve(replace(problem, touch=Touch(way)) if way.any else problem, p), solve)
         return self._continued(state, found, solve)
 
     def _continued(

@@ -15,12 +15,12 @@ what stops a point along a side and what stops it across are alike.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, ROUNDING, SLIGHT, Array, Bools
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
@@ -29,48 +29,31 @@ from stickslip.solvers.laws.law import touching
 Solve = Callable[[SurfaceProblem, Array], tuple[Solution, SurfaceProblem]]  # from tractions (rows,) [Pa]
 
 
-def from_touch(
-    problem: SurfaceProblem,
-    p: Array,
-    w: Array,
-    found: tuple[Solution, SurfaceProblem],
-    solve: Solve,
-    tolerance: float,
-) -> tuple[Solution, SurfaceProblem]:
-    """The solution of a substep with the slip of points that close in it counted from their touch; collective.
-
-    Args:
-        problem: of the substep, slip counted from its beginning.
-        p: tractions (rows,) [Pa] there.
-        w: relative displacement (rows,) [m] there.
-        found: its solution, and the problem with the laws as they are then.
-        solve: solves such a problem.
-        tolerance: of a motion, relative to the largest of the substep [-].
-    """
-    way, (solution, last), tried = _Way(problem, p, w, tolerance * problem.u_ref), found, set[bytes]()
-    change = np.inf
-    while solution.status is Status.CONVERGED:
-        closes = [way.closing(place, solution.p) for place in problem.cone.with_friction()]
-        gap, which = way.touched(solution, closes), np.concatenate([np.zeros(0, bool), *closes]).tobytes()
-        before, change = change, float(np.abs(gap - last.gap).max(initial=0.0))
-        slight = SLIGHT * np.abs(gap - problem.gap).max(initial=0.0)
-        if np.all(np.abs(gap - last.gap) <= np.maximum(slight, problem.scales.no_motion(w))):
-            break
-        if which in tried and change > before / 2:  # it goes to and fro
-            break
-        tried.add(which)
-        solution, last = solve(replace(problem, gap=gap), solution.p)
-    return solution, last
-
-
 @dataclass(frozen=True)
-class _Way:
+class Way:
     """The way of points within a substep."""
 
     problem: SurfaceProblem  # slip is counted from its beginning
     p: Array  # tractions (rows,) [Pa] there
     w: Array  # relative displacement (rows,) [m] there
     error: float  # allowed in a displacement [m]
+
+    @property
+    def any(self) -> bool:
+        """Whether a point with friction has room to close."""
+        return any((place.average @ self.room[place.normal]).any() for place in self.problem.cone.with_friction())
+
+    def from_touch(self, found: tuple[Solution, SurfaceProblem], solve: Solve) -> tuple[Solution, SurfaceProblem]:
+        """The solution of the substep with the slip of points that close in it counted from their touch; collective.
+
+        Args:
+            found: a solution, and the problem with slip and laws as they are then.
+            solve: solves such a problem.
+        """
+        (solution, last), touch = found, Touch(self)
+        while solution.status is Status.CONVERGED and (gap := touch(solution.p, solution.w, last.gap)) is not last.gap:
+            solution, last = solve(replace(self.problem, gap=gap), solution.p)
+        return solution, last
 
     @cached_property
     def room(self) -> Array:
@@ -85,17 +68,23 @@ class _Way:
         closed = touching(self.p[n], average, law)
         return np.asarray(touching(p[n], average, law) & ~closed & (average @ self.room[n] > 0))
 
-    def touched(self, solution: Solution, closes: list[Bools]) -> Array:
-        """Gap (rows,) [m] with slip counted from where points touch that close, by contact; collective."""
+    def touched(self, p: Array, w: Array) -> Array:
+        """Gap (rows,) [m] with slip counted from where points touch that close; collective.
+
+        Args:
+            p: tractions (rows,) [Pa] at the end.
+            w: relative displacement (rows,) [m] at the end.
+        """
         problem, gap = self.problem, self.problem.gap.copy()
+        closes = [self.closing(place, p) for place in problem.cone.with_friction()]
         rooms = [place.average @ self.room[place.normal] for place in problem.cone.with_friction()]
         if not any(which.any() for which in closes):
             return gap
-        freed = self._freed(solution.p, closes)
-        beyond = solution.w - problem.gap - problem.cone.softness * solution.p + freed
+        freed = self._freed(p, closes)
+        beyond = w - problem.gap - problem.cone.softness * p + freed
         for place, which, ahead in zip(problem.cone.with_friction(), closes, rooms, strict=True):
             n, t = place.normal, place.tangential
-            along, pushed = self._adrift(place, solution.p), problem.surface.W[n] * solution.p[n] * (self.room[n] > 0)
+            along, pushed = self._adrift(place, p), problem.surface.W[n] * p[n] * (self.room[n] > 0)
             way, whole, free = beyond, ahead + np.maximum(place.average @ beyond[n], 0.0), float(pushed @ along[n])
             if free > 0:
                 way = along * (pushed @ (self.room[n] + beyond[n]) / free)
@@ -149,3 +138,39 @@ class _Way:
             bodies = np.asarray(surface.N @ surface.R)[:, : surface.R.shape[1] - surface.driven]
             freed = freed + bodies @ np.linalg.lstsq(bodies[closed], (wanted - freed)[closed], rcond=None)[0]
         return np.asarray(freed)
+
+
+@dataclass
+class Touch:
+    """Where points touch, found again from each iterate until the places stay, or go to and fro; collective.
+
+    While the same points are closed the gap is extrapolated through the last two.
+
+    Source: Anderson, J. ACM 12 (1965).
+    """
+
+    way: Way
+    tried: dict[bytes, tuple[Array, Array]] = field(default_factory=dict)  # the last gap and its change, by what closed
+
+    def __call__(self, p: Array, w: Array, before: Array) -> Array:
+        """Gap (rows,) [m] with slip counted from touch; that of before if it stays.
+
+        Args:
+            p: tractions (rows,) [Pa] of an iterate.
+            w: its relative displacement (rows,) [m].
+            before: gap (rows,) [m] that it was found with.
+        """
+        problem, gap = self.way.problem, self.way.touched(p, w)
+        change, allowed = gap - before, ROUNDING * np.abs(gap - problem.gap).max(initial=0.0)
+        if np.all(np.abs(change) <= np.maximum(allowed, problem.scales.no_motion(self.way.w))):
+            return before
+        if not np.any(before != problem.gap):  # slip has counted from the beginning
+            return gap
+        which = (p[: problem.surface.normal_rows] > 0).tobytes()
+        known, self.tried[which] = self.tried.get(which), (gap, change)
+        if known is None:
+            return gap
+        if np.abs(change).max() > np.abs(known[1]).max() / 2:  # to and fro
+            return before
+        turn = change - known[1]
+        return np.asarray(gap - float(change @ turn) / float(turn @ turn) * (gap - known[0]))

@@ -544,14 +544,18 @@ def test_figures_repeat_and_a_difference_is_noticed(
     assert "largest difference from first: nan" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("name", "most"), [("clevis", 18), ("wedge", 8), ("rings", 14)])
-def test_assemblies_take_a_dozen_iterations(name: str, most: int) -> None:
-    """Friction alone keeps the pin from turning; plain Newton hops about for tens of iterations."""
-    work = assemblies.measure(assemblies.Case(name, method="condensed-newton"))
+@pytest.mark.parametrize(
+    ("name", "mu", "coarser", "order", "most"),
+    [("clevis", 0.2, 1.0, 1, 15), ("clevis", 0.1, 2.0, 1, 25), ("ball", 0.1, 1.0, 1, 22),
+     ("wedge", 0.2, 1.0, 1, 8), ("rings", 0.2, 1.0, 1, 14)],
+)  # fmt: skip
+def test_assemblies_take_a_dozen_iterations(name: str, mu: float, coarser: float, order: int, most: int) -> None:
+    """Friction alone keeps pins and balls from turning, which travel far on ten points; plain Newton hops about."""
+    work = assemblies.measure(assemblies.Case(name, mu, coarser, order, method="condensed-newton"))
     assert work["iterations"][0] <= most
 
 
-COARSE = {"arch": 2, "ball": 22, "blade": 78, "clevis": 57, "drum": 16, "gears": 8, "rings": 8, "wedge": 6}
+COARSE = {"arch": 2, "ball": 22, "blade": 78, "clevis": 57, "drum": 16, "gears": 9, "rings": 8, "wedge": 6}
 
 
 @pytest.mark.parametrize(("name", "most"), COARSE.items())
