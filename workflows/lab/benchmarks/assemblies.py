@@ -7,6 +7,7 @@ iterations over one linear solve of the same bodies with their contact nodes hel
 
 from __future__ import annotations
 
+import json
 import os
 import time as clock
 import tomllib
@@ -145,6 +146,16 @@ class Case:
     method: str = "auto"
     error: bool = False  # whether errors are estimated
 
+    def path(self, folder: Path) -> Path:
+        """Where its measurement is kept."""
+        return folder / f"{'_'.join(map(str, astuple(self)))}.json"
+
+    def row(self, folder: Path) -> str:
+        """A row of the table, from what is kept."""
+        found = Work(**json.loads(self.path(folder).read_text(encoding="utf-8")))
+        name = self.name if self.coarser == 1 else f"{self.name}, order {self.order}, mu {self.mu:g}"
+        return f"| {' | '.join([name, *found.cells])} |"
+
     def scene(self) -> Scene:
         """What is solved."""
         table = as1() if self.name == "as1" else ASSEMBLIES[self.name].table(self.name)
@@ -226,15 +237,14 @@ def main(
     mu: Annotated[float, typer.Option(help="coefficient of friction")] = 0.2,
     folder: Annotated[Path, typer.Option("-o", "--output", help="where measurements are kept")] = KEPT,
 ) -> None:
-    """Measure what is missing, print a row each, and write the page if it is of all assemblies."""
-    rows, chosen = list[str](), names or NAMES
-    for case in copies(chosen) if coarse else (Case(name, mu, method=method, error=True) for name in chosen):
-        name = f"{case.name}, order {case.order}, mu {case.mu:g}" if coarse else case.name
-        path = folder / f"{'_'.join(map(str, astuple(case)))}.json"
-        found = kept(path, partial(apart, measure, case))
-        rows.append(f"| {' | '.join([name, *Work(**found).cells])} |")
-        print(rows[-1], flush=True)
-    if not (coarse or names):
+    """Measure what is missing, print a row each, and write the page of all that is kept."""
+    folder.mkdir(parents=True, exist_ok=True)
+    chosen, kind = names or NAMES, partial(Case, mu=mu, method=method, error=True)
+    for case in copies(chosen) if coarse else map(kind, chosen):
+        kept(case.path(folder), partial(apart, measure, case))
+        print(case.row(folder), flush=True)
+    if not coarse:
+        rows = [case.row(folder) for case in map(kind, NAMES) if case.path(folder).exists()]
         write_aside(PAGE, render("lab/benchmarks/templates/assemblies.md", rows=rows, mu=mu).encode())
 
 
