@@ -135,8 +135,22 @@ def by_tractions(
     own, carried = of_springs.T @ Z, R.T @ f - of_springs.T @ u_0
     if springs is not None and rest is not None:
         own, carried = own + springs, carried + springs @ (R.T @ rest)
-    system = np.block([[(A_p @ E).toarray() - coupling, A_u @ Z], [balance, own]])
-    found = np.linalg.solve(system, np.concatenate([right - A_u @ u_0, carried]))
-    moved_by = Y @ found[: len(x)] if spring.any() else surface.flexibility @ (B @ found[: len(x)])
-    u_c = u_0 - moved_by + Z @ found[len(x) :]
-    return p_0 + k * (N @ u_c) + E @ found[: len(x)], u_c
+    held = (A_p @ E).toarray() - coupling
+    tractions, b = saddle_point(held, A_u @ Z, balance, own, right - A_u @ u_0, carried)
+    moved_by = Y @ tractions if spring.any() else surface.flexibility @ (B @ tractions)
+    u_c = u_0 - moved_by + Z @ b
+    return p_0 + k * (N @ u_c) + E @ tractions, u_c
+
+
+def saddle_point(A: Array, B: Array, C: Array, D: Array, f: Array, g: Array) -> tuple[Array, Array]:
+    """Solve A x + B y = f, C x + D y = g.
+
+    Blocks are scaled to one size first: else the pivots depend on what is called a metre, and so does the rounding.
+
+    Returns:
+        x (m,) and y (r,).
+    """
+    size = np.abs(A).max(initial=0.0) or 1.0
+    of, by = (size / (np.abs(block).max(initial=0.0) or size) for block in (B, C))
+    found = np.linalg.solve(np.block([[A, of * B], [by * C, by * of * D]]), np.concatenate([f, by * g]))
+    return found[: len(A)], of * found[len(A) :]

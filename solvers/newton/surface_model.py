@@ -23,6 +23,7 @@ from stickslip.solvers.iteration import Status
 from stickslip.solvers.metrics import Secants, SurfaceMetric
 from stickslip.solvers.newton.active_set import ActiveSet
 from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again
+from stickslip.solvers.newton.condensed_system import saddle_point
 
 
 def gmres(
@@ -176,9 +177,9 @@ class SurfaceSystem:
         return full, found[m:]
 
     def _dense(self) -> Array:
-        nothing = np.zeros((len(self.H), len(self.H)))
+        m, nothing = len(self.rows), np.zeros((len(self.H), len(self.H)))
         inner = self.A_p.toarray() - self.A_w @ self.flexibility.matrix[:, self.rows]
-        return np.asarray(np.linalg.solve(np.block([[inner, self.C], [self.H, nothing]]), self.right))
+        return np.concatenate(saddle_point(inner, self.C, self.H, nothing, self.right[:m], self.right[m:]))
 
     def _iterate(self, x: Array, leave: float) -> Array:
         m = len(self.rows)

@@ -36,7 +36,7 @@ from stickslip.solvers.newton.attempts import (
     first_starts,
     other_starts,
 )
-from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, solve
+from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, saddle_point, solve
 from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict, read
@@ -150,6 +150,17 @@ def test_it_is_solved_with_floating_bodies_too(normal: str, friction: str, dim: 
         assert_allclose(balance, 0.0, atol=1e-10 * surface.total * np.abs(u_c).max())
         resultant = surface.R.T @ (problem.load.f_c - surface.forces(p))
         assert_allclose(resultant, 0.0, atol=1e-10 * np.abs(surface.forces(p)).sum())
+
+
+def test_a_saddle_point_is_solved_alike_whatever_is_called_a_metre() -> None:
+    rng, metre = np.random.default_rng(5), 2.0**40
+    A, B, C, D = (rng.normal(size=size) for size in ((8, 8), (8, 3), (3, 8), (3, 3)))
+    f, g = rng.normal(size=8), rng.normal(size=3)
+    x, y = saddle_point(A, B, C, D, f, g)
+    assert_allclose(np.concatenate([A @ x + B @ y, C @ x + D @ y]), np.concatenate([f, g]), atol=1e-12)
+    longer, farther = saddle_point(A, B / metre, C * metre, D, f, g * metre)
+    assert_array_equal(longer, x)
+    assert_array_equal(farther, y * metre)
 
 
 def test_rows_that_slip_are_known() -> None:
