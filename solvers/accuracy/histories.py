@@ -2,7 +2,7 @@
 
 Cells of another order are the run's own: gmsh makes the same mesh again, and puts the nodes between corners on the
 curved surfaces. Coarser cells are those of a fresh mesh with all sizes larger; where the run's own mesh was cut from
-that of a file, that of the file. Meshes that are cut from the run's are passed as they are, see `nested_run`.
+that of a file, the file's is cut less. Meshes that are cut from the run's are passed as they are, see `nested_run`.
 """
 
 from __future__ import annotations
@@ -159,19 +159,18 @@ def has_coarser(mesh: Mesh) -> bool:
 
 
 def coarser(mesh: Mesh, factor: float) -> Mesh:
-    """A fresh mesh with sizes `factor` times as long, or shorter; of a file's that was cut, the one before; collective.
+    """A fresh mesh with sizes `factor` times as long, or shorter; of a file's that was cut, cut to these; collective.
 
     Raises:
         SceneError: it is the mesh of a file.
         GeometryError: it cannot be made.
     """
-    cut = mesh.comm.bcast(mesh.request.sizes is not None)  # sizes are on rank 0
+    shape, sizes = mesh.shape, mesh.request.sizes and mesh.request.sizes.times(factor)
     try:
-        shape, sizes = mesh.shape.refined(factor), mesh.request.sizes and mesh.request.sizes.times(factor)
+        shape = shape.refined(factor)
     except SceneError:
-        if not cut or factor < 1:
+        if not mesh.comm.bcast(mesh.request.sizes is not None) or factor < 1:  # sizes are on rank 0
             raise
-        shape, sizes = mesh.shape, None
     return build_mesh(shape, replace(mesh.request, sizes=sizes), mesh.comm)
 
 

@@ -83,10 +83,12 @@ def _tips(side: Surface, other: Surface, reach: float, each_side: bool) -> _Poin
     """
     nodes = np.flatnonzero((side.at_edge > 0) & (each_side or side.ends is None or side.ends < 2))
     first = nodes[np.unique(side.nodes[nodes], return_index=True)[1]]
-    x, t = side.points[first], len(first)
     whole = side.beside or side
     number, place_of = np.unique(whole.nodes, return_index=True)
     at = place_of[np.searchsorted(number, side.nodes[first])]
+    _, _, _, of, faces = _around(whole, _ones(at, len(whole.nodes)))
+    leads = _means(of, faces, len(first)).any(axis=1)  # the end of a crack, whose sides face each other, leads nowhere
+    x, t, first, at = side.points[first[leads]], np.count_nonzero(leads), first[leads], at[leads]
     own, away, flat, of, faces = _around(whole, _ones(at, len(whole.nodes)))
     mean = _means(of, faces, t)
     met = pair(x, mean, other, reach)
@@ -128,7 +130,8 @@ def _means(rows: Ints, normals: Array, count: int) -> Array:
     """Unit vectors (count, d) along the sums of unit normals (r, d) of each row; zero where there is none."""
     total = np.zeros((count, normals.shape[1]))
     np.add.at(total, rows, normals)
-    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), TINY))
+    size = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.where(size > CLOSE, total / np.maximum(size, TINY), 0.0)  # opposite ones leave rounding
 
 
 def _spans(rows: Ints, normals: Array, count: int) -> Array:

@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
+from stickslip.geometry.arrays import CLOSE, ROUNDING, SLIGHT, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
@@ -161,7 +161,8 @@ class Touch:
             before: gap (rows,) [m] that it was found with.
         """
         problem, gap = self.way.problem, self.way.touched(p, w)
-        change, allowed = gap - before, ROUNDING * np.abs(gap - problem.gap).max(initial=0.0)
+        change, turned = gap - before, np.abs(gap - problem.gap).max(initial=0.0)
+        allowed = max(ROUNDING * turned, SLIGHT * self.way.error)  # what is left is far below what the method leaves
         if np.all(np.abs(change) <= np.maximum(allowed, problem.scales.no_motion(self.way.w))):
             return before
         if not np.any(before != problem.gap):  # slip has counted from the beginning
@@ -170,7 +171,7 @@ class Touch:
         known, self.tried[which] = self.tried.get(which), (gap, change)
         if known is None:
             return gap
-        if np.abs(change).max() > np.abs(known[1]).max() / 2:  # to and fro
+        if np.abs(change).max() >= np.abs(known[1]).max():  # to and fro
             return before
         turn = change - known[1]
         return np.asarray(gap - float(change @ turn) / float(turn @ turn) * (gap - known[0]))
