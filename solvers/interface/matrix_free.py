@@ -184,7 +184,8 @@ class MatrixFreeSurface(DelassusOperator):
             free = np.zeros(self.size)
             free[: self.size - self.driven] = self.guess(f_q)
             # coarse nodes may lie on both sides of a crack: these then move as one, which is no scale
-            if np.abs(self.N @ free).max(initial=0.0) > EXACT * np.abs(free).max(initial=0.0):
+            size = np.abs(free).max(initial=0.0)
+            if size == 0 or np.abs(self.N @ free).max(initial=0.0) > EXACT * size:
                 rough = Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free)
                 return replace(rough, rough=True)
         deformation = f_q.duplicate()

@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, ROUNDING, SLIGHT, Array, Bools
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
@@ -161,8 +161,7 @@ class Touch:
             before: gap (rows,) [m] that it was found with.
         """
         problem, gap = self.way.problem, self.way.touched(p, w)
-        change, turned = gap - before, np.abs(gap - problem.gap).max(initial=0.0)
-        allowed = max(ROUNDING * turned, SLIGHT * self.way.error)  # what is left is far below what the method leaves
+        change, allowed = gap - before, ROUNDING * np.abs(gap - problem.gap).max(initial=0.0)
         if np.all(np.abs(change) <= np.maximum(allowed, problem.scales.no_motion(self.way.w))):
             return before
         if not np.any(before != problem.gap):  # slip has counted from the beginning
