@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import SLIGHT
+from stickslip.geometry.arrays import SLIGHT, Array
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Correction, Solution
+from stickslip.solvers.iteration import Correction, Solution, Status
 from stickslip.solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
 from stickslip.solvers.newton.uniqueness import proved
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.substep import Attempt, SubstepSolver
+from stickslip.solvers.stepping.touch import Way
 
 log = logging.getLogger(__name__)
 
@@ -63,10 +64,38 @@ def _correction(attempt: Attempt, new: State) -> Correction:
         nearer, size, exact = replace(memory, start=start).exact(
             exact_problem(problem, before), found, lambda problem, found: _exact(solver, problem, found)
         )
+        nearer, size = _from_touch(attempt, before, nearer, size)
         ahead = {name: known - new.memory[name] for name, known in exact.items()}
         left = Correction(nearer.p - found.p, nearer.w - found.w, size, ahead)
     # of an error, what pairs that are searched elsewhere add to the next step; measured: .02 to .15
     return replace(left, size=left.size + 0.5 * before.size + attempt.unsettled) if new.searched else left
+
+
+def _from_touch(attempt: Attempt, before: Correction, at: Solution, size: float) -> tuple[Solution, float]:
+    """The exact solution with slip from where its own points touch, and the distance to it [J^(1/2)]; collective.
+
+    Args:
+        attempt: an accepted substep.
+        before: correction of the state that it begins with.
+        at: the exact solution with slip from where points touch in what the method found.
+        size: the distance to that [J^(1/2)].
+    """
+    problem, old, n = attempt.problem, attempt.begin, attempt.solver.surface.normal_rows
+    assert problem is not None
+    began = np.concatenate([problem.gap[:n], (old.w - problem.cone.give(old.p))[n:]])
+    whole = exact_problem(replace(problem, gap=began), before)
+    way = Way(whole, old.p + before.p, old.w + before.w, attempt.solver.system.problem.solver.tolerance * problem.u_ref)
+
+    def solve(turned: SurfaceProblem, p: Array) -> tuple[Solution, SurfaceProblem]:
+        nonlocal at, size
+        at, farther = _exact(attempt.solver, turned, at)
+        size += farther
+        return replace(at, status=at.status if np.isfinite(farther) else Status.BROKEN), turned
+
+    if way.any and np.isfinite(size):
+        with attempt.solver.system.counters.for_error():
+            way.from_touch((at, exact_problem(problem, before)), solve)
+    return at, size
 
 
 def _exact(solver: SubstepSolver, problem: SurfaceProblem, found: Solution) -> tuple[Solution, float]:
