@@ -102,16 +102,16 @@ def _stated(
     else:
         second = key.quantity in AT_NODES or number_of(key).kind == "pressure"
         least = whole / ((3 if second else 7) if near else 2)
-    both = len(near) > 0 and far is not None
-    unsure = both and bool(np.any((least > 2 * off) | ((off > 2 * whole) & (order == 1))))
-    mesh = np.maximum(off, least)
+    both, mesh = len(near) > 0 and far is not None, np.maximum(off, least)
+    apart = (least > 2 * off) | ((off > 2 * whole) & (order == 1))
+    unsure = both and bool(np.any(apart & (mesh > EXACT * np.linalg.norm(value))))  # else it is rounding
     return ErrorParts(
         mesh=_like(value, mesh),
         geometry=_like(value, 0.0 * mesh),
         converges=True if both or number_of(key).kind != "pressure" else None,
         corrected=near[-1] if near else value,
         by=by if near else "rough",
-        unsure=(unsure and bool(np.linalg.norm(mesh) > EXACT * np.linalg.norm(value))) or None,  # else it is rounding
+        unsure=unsure or None,
     )
 
 

@@ -217,7 +217,9 @@ class SubstepSolver:
 
         solve = memory.around(once)
         way = Way(problem, state.p, state.w, self.system.problem.solver.tolerance * problem.u_ref)
-        found = way.from_touch(solve(replace(problem, touch=Touch(way)) if way.any else problem, p), solve)
+        found = way.from_touch(
+            solve(replace(problem, touch=Touch(way, on_the_way=True)) if way.any else problem, p), solve
+        )
         return self._continued(state, found, solve)
 
     def _continued(

@@ -144,13 +144,15 @@ class Way:
 class Touch:
     """Where points touch, found again from each iterate until the places stay, or go to and fro; collective.
 
-    While the same points are closed the gap is extrapolated through the last two.
+    While the same points are closed the gap is extrapolated through those before, on the way through the last two.
 
     Source: Anderson, J. ACM 12 (1965).
     """
 
     way: Way
-    tried: dict[bytes, tuple[Array, Array]] = field(default_factory=dict)  # the last gap and its change, by what closed
+    on_the_way: bool = False  # whether it is asked of iterates that are no solutions yet
+    sizes: list[float] = field(default_factory=list)  # of all changes [m]
+    tried: dict[bytes, list[tuple[Array, Array]]] = field(default_factory=dict)  # gaps, changes
 
     def __call__(self, p: Array, w: Array, before: Array) -> Array:
         """Gap (rows,) [m] with slip counted from touch; that of before if it stays.
@@ -161,16 +163,25 @@ class Touch:
             before: gap (rows,) [m] that it was found with.
         """
         problem, gap = self.way.problem, self.way.touched(p, w)
-        change, allowed = gap - before, ROUNDING * np.abs(gap - problem.gap).max(initial=0.0)
+        change, error = gap - before, 0.0 if problem.surface.exact else self.way.error
+        allowed = max(ROUNDING * np.abs(gap - problem.gap).max(initial=0.0), error)
         if np.all(np.abs(change) <= np.maximum(allowed, problem.scales.no_motion(self.way.w))):
             return before
         if not np.any(before != problem.gap):  # slip has counted from the beginning
             return gap
         which = (p[: problem.surface.normal_rows] > 0).tobytes()
-        known, self.tried[which] = self.tried.get(which), (gap, change)
-        if known is None:
-            return gap
-        if np.abs(change).max() >= np.abs(known[1]).max():  # to and fro
+        known = self.tried.setdefault(which, [])
+        known.append((gap, change))
+        if self.on_the_way:  # the iterate moves too: what is older tells nothing of touch
+            del known[:-2]
+        gaps, changes = (np.array(each) for each in zip(*known, strict=True))
+        sizes = np.abs(changes).max(axis=1)
+        self.sizes.append(float(sizes[-1]))
+        if self.on_the_way:
+            falls = len(known) == 1 or sizes[-1] <= sizes[-2] / 2
+        else:
+            falls = len(self.sizes) < 3 or sizes[-1] < self.sizes[-3]
+        if not falls:  # to and fro
             return before
-        turn = change - known[1]
-        return np.asarray(gap - float(change @ turn) / float(turn @ turn) * (gap - known[0]))
+        turns = np.linalg.lstsq(np.diff(changes, axis=0).T, change, rcond=None)[0]  # Anderson's acceleration
+        return np.asarray(gap - turns @ np.diff(gaps, axis=0))

@@ -142,7 +142,7 @@ def test_few_iterations_force_substeps_which_are_counted(scene_of: SceneOf, simu
         )
         return list(simulation_of(scene).steps())
 
-    limit = 5
+    limit = 3
     expected, found = steps(100), steps(limit)
     assert [step.substeps for step in expected] == [1, 1]
     assert expected[1].iterations > limit
