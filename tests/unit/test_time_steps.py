@@ -618,7 +618,7 @@ def imbalance(energies: list[Energy]) -> float:
 
 @pytest.mark.parametrize("name", HISTORIES)
 def test_balance_closes_in_every_step(name: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    steps = list(simulation_of(scene_of(**HISTORIES[name])).steps())
+    steps = list(simulation_of(scene_of(**HISTORIES[name], solver={"tolerance": 1e-12})).steps())
     assert len(steps) >= 8
     assert imbalance([step.energy for step in steps]) <= BALANCE
     for before, step in pairwise(steps):  # friction takes, it never gives

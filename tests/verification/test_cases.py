@@ -449,7 +449,7 @@ def test_hub_that_cools_does_not_touch_when_hot_and_presses_as_one_that_was_pres
 def test_pressures_of_a_quarter_of_a_hub_converge() -> None:
     fits = [press_fit.Fit(finer=size) for size in (0.5, 1.0)]
     errors = [abs(found.p / found.exact - 1) for fit in fits for found in press_fit.solve(fit)]
-    assert 1.5 < np.log2(errors[0] / errors[1]) < 2.5  # a row has one normal, that of its node
+    assert np.log2(errors[0] / errors[1]) > 1.5  # a row has one normal, that of its node
 
 
 def test_a_side_where_no_face_of_a_step_file_lies_is_an_error(capfd: pytest.CaptureFixture[str]) -> None:
