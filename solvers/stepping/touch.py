@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools
+from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
@@ -164,8 +164,7 @@ class Touch:
         """
         problem, gap = self.way.problem, self.way.touched(p, w)
         change, error = gap - before, 0.0 if problem.surface.exact else self.way.error
-        slight = ROUNDING if self.on_the_way else EXACT
-        allowed = max(slight * np.abs(gap - problem.gap).max(initial=0.0), error)
+        allowed = max(ROUNDING * np.abs(gap - problem.gap).max(initial=0.0), error)
         if np.all(np.abs(change) <= np.maximum(allowed, problem.scales.no_motion(self.way.w))):
             return before
         if not np.any(before != problem.gap):  # slip has counted from the beginning

@@ -285,8 +285,8 @@ def test_a_factor_counts_once_where_F_is_linear() -> None:
     steps = list(simulation.steps())
     counters = simulation.counters
     assert counters.factorisations == 1  # of K_B
-    # for the displacement without contact, for the start, then one an iteration; where points close nine more
-    assert [step.volume_solves - step.iterations for step in steps] == [11, 2]
+    # for the displacement without contact, for the start, then one an iteration; where points close seven more
+    assert [step.volume_solves - step.iterations for step in steps] == [9, 2]
     assert counters.lanczos_applications > 0
 
 
