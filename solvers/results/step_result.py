@@ -131,6 +131,26 @@ class ErrorParts:
         return ErrorParts(**vars(self) | known | {"dear": {**(self.dear or {}), **(other.dear or {})} or None})
 
 
+@dataclass(frozen=True)
+class Slope:
+    """Derivative of a number by a number of the scene: one value, or two where points are at their bound; None: none."""
+
+    value: Value | None = None
+    below: Value | None = None  # by a smaller one
+    above: Value | None = None  # by a larger one
+
+    @classmethod
+    def of(cls, below: Value, above: Value, parted: bool) -> Slope:
+        """Of both one-sided differences; the error of second order cancels in their mean."""
+        return cls(below=below, above=above) if parted else cls((below + above) / 2)
+
+    @property
+    def plain(self) -> Plain:
+        """A number, a vector, a table of both sides, or null."""
+        sides = {"below": _plain(self.below), "above": _plain(self.above)}
+        return sides if self.below is not None else _plain(self.value)
+
+
 PARTS = ("mesh", "geometry", "time_step", "law", "iteration", "linear_solver")
 Errors = Mapping[Quantity, ErrorParts]  # of one step
 
@@ -264,6 +284,7 @@ class StepResult(Numbers):
     jump: float | None = None  # energy [J] set free where no solution goes on from the step before; None: one does
     corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
     errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
+    sensitivity: Mapping[str, Mapping[str, Slope]] = field(default_factory=dict)  # by `Quantity`, and by scene's number
     bodies: Mapping[str, BodyState] = field(default_factory=dict)
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 

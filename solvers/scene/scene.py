@@ -34,6 +34,7 @@ from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import REACH, Contact, table_of
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
 from stickslip.solvers.scene.material import Elastic
+from stickslip.solvers.scene.parameters import Sensitivity, chosen, deviations
 from stickslip.solvers.scene.record import RECORDS, RecordType, names
 from stickslip.solvers.scene.settings import LARGEST, SMALLEST, Accuracy, Exact, Output, Probe, Solver, Steps
 from stickslip.solvers.scene.timeline import Place, Timeline
@@ -117,6 +118,13 @@ class Scene(Noun):
     output: Output = Output()
     exact: Exact = Exact()
     accuracy: Accuracy = Accuracy()
+    sensitivity: Sensitivity = Sensitivity()
+    uncertainty: Annotated[
+        Mapping[str, float | str],
+        Key(
+            "-", 'one standard deviation of numbers of the scene, "bodies.hub.E" = "3 %", or in the unit of the number'
+        ),
+    ] = field(default_factory=dict)
     sections: Mapping[str, EffectTable | Mapping[str, EffectTable]] = field(default_factory=dict)
 
     @classmethod
@@ -397,6 +405,9 @@ class Scene(Noun):
         for key, table in self._tables_by_key().items():
             with mistakes:
                 table.check(self, key)
+        with mistakes:
+            chosen(self)
+            deviations(self)
         mistakes.report()  # effects know the quantities
         known = self.quantities()
         for key, asked in (("exact.values", self.exact.values), ("accuracy.goals", self.accuracy.goals)):

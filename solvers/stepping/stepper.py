@@ -18,6 +18,7 @@ from stickslip.solvers.stepping.halving import Halving
 from stickslip.solvers.stepping.history import History, HistoryRow, OnIteration, count_iterations
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.pairs import PairSearch
+from stickslip.solvers.stepping.sensitivity import Neighbours
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.substep import Attempt, Loop, Methods, Substep, SubstepSolver
 from stickslip.solvers.stepping.tightening import BoltsAndSprings
@@ -107,11 +108,13 @@ class Stepper(SubstepSolver):
         super().__init__(system, chain or MethodChain(system))
         self.companion: Companion | None = None  # follows each substep, see `State.refined`
         self.bolts: BoltsAndSprings = BoltsAndSprings(system)
+        self.neighbours: Neighbours | None = None  # derivatives follow each substep, see `State.neighbours`
         self.follow()
 
     def start(self) -> State:
         """The initial state: at rest at t = 0, without load, displacement or traction; collective."""
-        return at_rest(self.system, self.cone)
+        found = at_rest(self.system, self.cone)
+        return replace(found, neighbours=self.neighbours.start()) if self.neighbours else found
 
     def reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:
         """Solve one step; collective.
@@ -127,7 +130,9 @@ class Stepper(SubstepSolver):
         """
         history = self.chain.history = History(on_iteration)
         solves, pairs = self.system.counters.volume_solves, PairSearch(self)
-        halving = Halving(self.system, self.chain, (certified, with_others, self._accompanied))
+        halving = Halving(
+            self.system, self.chain, (certified, with_others, self._accompanied, *filter(None, [self.neighbours]))
+        )
         loops: tuple[Loop, ...] = (Methods(self.chain), pairs, halving, self.bolts)  # inside out
 
         def innermost(state: State, end: float) -> Attempt:

@@ -1,0 +1,297 @@
+"""Derivatives of a history by numbers of its scene: neighbours of the history, in which one number is a little different.
+
+With a number of the scene changed, an equilibrium moves to x + dx with F(x + dx) = 0, F the residual of the changed
+scene: nothing is formulated by hand, for contact rows, laws, loads and stiffness are those of that scene, assembled on
+the same cells. F is solved by the chord method with the laws linearised at the solution, once for all neighbours, and
+the bodies as they are prepared; inner forces K u of the changed bodies are taken at the solution's u, which leaves an
+error of second order, alike for a larger and a smaller number: it cancels in their difference. Each neighbour starts a
+substep from its own state, so histories are chained through slip and friction's memory.
+
+Where a neighbour's points stick, slip or open otherwise than those of the solution, its laws are linearised anew until
+they settle: that is the linearised complementarity problem of all points at their bound together. The derivative then
+has two sides, and the neighbours have parted.
+
+Source: Kikuchi & Oden, Contact Problems in Elasticity (1988), of directional derivatives; Mignot, J. Funct. Anal. 22
+(1976); of the step Press et al., Numerical Recipes (2007), section 5.7.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import lu_factor, lu_solve
+
+from stickslip.geometry.arrays import EPS, EXACT, SLIGHT, Array
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.newton import condensed_system
+from stickslip.solvers.newton.active_set import ActiveSet, linearise
+from stickslip.solvers.stepping.law_memory import LawMemory, with_memory
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.substep import Attempt, SubstepSolver
+from stickslip.solvers.stepping.touch import Way
+from stickslip.solvers.stepping.update import at_rest, displacement, new_state
+from stickslip.solvers.system.system import System
+
+log = logging.getLogger(__name__)
+STEP = EPS ** (1 / 3)  # change of a number, relative: what differences leave and what rounding leaves are then alike
+MAX_IT = 100  # of the chord method; one that moves where points touch, or what friction remembers, takes a dozen
+
+
+class Tangent:
+    """The contact laws linearised at a solution, with the condensed bodies: one factor for all neighbours.
+
+    Unknowns are the tractions of the rows whose law involves a motion, and the rigid motions b of floating bodies.
+    """
+
+    def __init__(self, laws: ActiveSet) -> None:
+        """Factorise the laws at a solution."""
+        surface = laws.problem.surface
+        assert isinstance(surface, CondensedSurface)
+        self.laws, self.surface = laws, surface
+        rows, x = len(laws.rhs), np.flatnonzero(~laws.given)
+        eye, W = sparse.eye(rows, format="csr"), sparse.diags(surface.W)
+        self._x, self._follow = x, sparse.diags(laws.given.astype(float)) @ (eye - laws.A_p)
+        self._E = (self._follow + eye)[:, x]
+        self._A_p, self._A_w, R = laws.A_p[x], laws.A_w[x], surface.R
+        held = (self._A_p @ self._E).toarray() - surface.coupling(self._A_w, W @ self._E)
+        moved, balance = self._A_w @ (surface.N @ R), R.T @ (surface.N.T @ (W @ self._E))
+        unfelt = condensed_system.unfelt(laws, surface)
+        size = np.abs(held).max(initial=0.0) or 1.0
+        of, by = (size / (np.abs(block).max(initial=0.0) or size) for block in (moved, balance))
+        self._of, self._by = of, by  # blocks are scaled to one size, see `saddle_point`
+        own = by * of * surface.rho * unfelt if unfelt.any() else np.zeros((R.shape[1], R.shape[1]))
+        matrix = np.block([[held, of * moved], [by * balance, own]])
+        self._factor = lu_factor(matrix, check_finite=False) if len(matrix) else None
+
+    def same(self, laws: ActiveSet) -> bool:
+        """Whether other laws have the same rows held, on springs, and slipping."""
+        return same_sets(self.laws, laws)
+
+    def __call__(self, left: Array, unbalanced: Array) -> tuple[Array, Array]:
+        """Changes of tractions (rows,) [Pa] and of b (r,) [m].
+
+        Args:
+            left: residual of the laws (rows,) [Pa].
+            unbalanced: forces on the rigid motions (r,) [N].
+        """
+        surface, given = self.surface, np.where(self.laws.given, left, 0.0)
+        given = given + self._follow @ given
+        forces = surface.forces(given)
+        moved = self._A_w @ (surface.N @ (surface.flexibility @ forces))
+        right = [left[self._x] - self._A_p @ given + moved, self._by * (unbalanced - surface.R.T @ forces)]
+        if self._factor is None:
+            return given, np.zeros(0)
+        found = lu_solve(self._factor, np.concatenate(right), check_finite=False)
+        return given + self._E @ found[: len(self._x)], self._of * found[len(self._x) :]
+
+
+def same_sets(one: ActiveSet, other: ActiveSet) -> bool:
+    """Whether two linearised laws have the same rows held, on springs, and slipping."""
+    pairs = ((one.held, other.held), (one.slip, other.slip), (one.k > 0, other.k > 0))
+    return all(np.array_equal(mine, its) for mine, its in pairs)
+
+
+@dataclass(frozen=True)
+class Near:
+    """The equilibrium of a neighbour at the end of a substep."""
+
+    solver: SubstepSolver
+    old: State
+    prescribed: Vec  # u_s over all displacements [m]
+    load: Vec  # external forces [N]
+    problem: SurfaceProblem
+    p: Array  # (rows,) [Pa]
+    u_c: Array  # (c,) [m]
+    laws: ActiveSet
+
+    def alike(self, other: Near) -> bool:
+        """Whether the same rows are held, on springs, and slip."""
+        return same_sets(self.laws, other.laws)
+
+    def q(self) -> Vec:
+        """The free displacements [m]; one volume solve."""
+        return self.problem.surface.recover(self.problem.load, self.p, self.u_c)
+
+    def half_way(self, other: Near) -> Vec | None:
+        """Half of the way of the free displacements to those of another one [m]; None: they have other rows."""
+        one, two = self.problem, other.problem
+        if one.surface.N.shape != two.surface.N.shape or abs(one.surface.N - two.surface.N).sum():
+            return None
+        load = replace(one.load, f_q=(two.load.f_q - one.load.f_q) * 0.5)
+        return one.surface.recover(load, (other.p - self.p) / 2, (other.u_c - self.u_c) / 2)
+
+    def state(self, q: Vec, parted: bool) -> State:
+        """The state, of free displacements q [m]."""
+        system, time = self.solver.system, self.problem.cone.time
+        u, u_strained = displacement(system, time, q, self.prescribed)
+        found = new_state(
+            system=system,
+            old=self.old,
+            problem=self.problem,
+            u=u,
+            u_strained=u_strained,
+            u_s=self.prescribed,
+            load=self.load,
+            p=self.p,
+            driven=self.u_c[len(self.u_c) - self.problem.surface.driven :],
+        )
+        return replace(found, parted=parted or self.old.parted)
+
+
+class Neighbours:
+    """The solution of each substep once more, to rounding, and its neighbours with one number smaller and larger."""
+
+    def __init__(self, base: SubstepSolver, pairs: Mapping[str, tuple[SubstepSolver, SubstepSolver]]):
+        """Take over the neighbours' solvers.
+
+        Args:
+            base: that solves the history.
+            pairs: by number of the scene, see `beside`, with a smaller and with a larger value.
+        """
+        self.keys, self.base, self.solvers = (
+            tuple(pairs),
+            base,
+            (base, *(each for pair in pairs.values() for each in pair)),
+        )
+
+    def start(self) -> tuple[State, ...]:
+        """The neighbours of the state at rest; collective."""
+        return tuple(at_rest(solver.system, solver.cone) for solver in self.solvers)
+
+    def __call__(self, attempt: Attempt) -> Attempt:
+        """An accepted substep with the neighbours of its state; collective."""
+        counters = self.base.system.counters
+        with counters.clock.part("sensitivity"), counters.for_error():
+            found = _found(self.solvers, attempt)
+        assert attempt.state is not None
+        return replace(attempt, state=replace(attempt.state, neighbours=found))
+
+
+def beside(base: SubstepSolver, system: System) -> SubstepSolver:
+    """A solver of a changed scene; the bodies stay those of the solution.
+
+    Raises:
+        SceneError: it has other contact rows.
+    """
+    found = SubstepSolver(system, base.chain)
+    if found.surface.N.shape != base.surface.N.shape:
+        raise SceneError("another value gives a contact other points")
+    found.surface.adopt(base.surface)
+    return found
+
+
+def _found(solvers: Sequence[SubstepSolver], attempt: Attempt) -> tuple[State, ...]:
+    """The states of the neighbours; collective."""
+    new, problem, (base, *_) = attempt.state, attempt.problem, solvers
+    assert new is not None
+    assert problem is not None
+    p = attempt.solution.p
+    tangent = Tangent(linearise(problem, p + problem.gamma * (new.w - problem.gap), problem.gamma))
+    solution = _Solution(p, attempt.solution.u_c, base.system.free_part(new.u, new.time), base, tangent)
+    own, *nears = [solution.near(*each, new.time) for each in zip(solvers, attempt.begin.neighbours, strict=True)]
+    if np.abs(own.p - p).max(initial=0.0) > SLIGHT * problem.scales.of_tractions(p):
+        log.warning("t = %g: derivatives are those of another solution", new.time)
+    middle = own.q()
+    states = [own.state(middle, False)]
+    for below, above in zip(nears[::2], nears[1::2], strict=True):
+        parted = not (own.alike(below) and own.alike(above))
+        half = None if parted else below.half_way(above)
+        ends = (below.q(), above.q()) if half is None else (middle - half, middle + half)
+        states += [near.state(at, parted) for near, at in zip((below, above), ends, strict=True)]
+    return tuple(states)
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """The solution of a substep, from which its neighbours are found."""
+
+    p: Array  # tractions (rows,) [Pa]
+    u_c: Array  # displacement of the contact dofs (c,) [m]
+    q: Vec  # free displacements [m]
+    base: SubstepSolver
+    tangent: Tangent
+
+    def near(self, solver: SubstepSolver, old: State, time: float) -> Near:
+        """The equilibrium of one neighbour; collective.
+
+        Args:
+            old: its state at the beginning.
+            time: at the end [s].
+        """
+        problem, u_s, load = solver.posed(old, time)
+        surface, softer = problem.surface, solver.system.assembled is not self.base.system.assembled
+        if softer:  # inner forces of the changed bodies, at the solution
+            problem = replace(problem, load=surface.with_more(problem.load, self._lacking(solver, self.q), False))
+        way = Way(problem, old.p, old.w, 0.0)
+        if softer and way.any:
+            holding = way.holding(self.p)
+            nothing = replace(problem.load, f_q=problem.load.f_q * 0.0)
+            held = surface.recover(nothing, -holding, surface.displacement(surface.forces(holding)))
+            way = replace(way, added=surface.with_more(nothing, self._lacking(solver, held)).f_c - problem.load.f_c)
+        found = self._equilibrium(old, way, LawMemory(solver.cone.at(time), old.memory, time - old.time))
+        return Near(solver, old, u_s, load, *found)
+
+    def _lacking(self, solver: SubstepSolver, q: Vec) -> Vec:
+        """Inner forces of displacements q [m] in the bodies of the solution less those in the neighbour's [N]."""
+        K, changed = (each.system.assembled().product for each in (self.base, solver))
+        return K * q - changed * q
+
+    def _equilibrium(self, old: State, way: Way, memory: LawMemory) -> tuple[SurfaceProblem, Array, Array, ActiveSet]:
+        """The problem with laws as they are then, tractions (rows,) [Pa], displacement (c,) [m], laws linearised there.
+
+        After a step of the chord method from the solution what is left is of second order.
+        """
+        problem, p, b = way.problem, self.p, way.problem.surface.R.T @ self.u_c
+        surface, scale = problem.surface, problem.scales.of_tractions(p)
+        turns, size = way.any or bool(memory.start), np.inf
+        for tries in range(MAX_IT):
+            u_c = self._displacement(problem, p, b)
+            w = problem.relative_displacement(u_c)
+            if way.any:
+                problem = replace(problem, gap=way.touched(p, w))
+            if memory.start:
+                known = memory.after(problem, p, w)
+                problem = replace(problem, cone=with_memory(memory.cone, known, memory.step))
+            laws = linearise(problem, p + problem.gamma * (w - problem.gap), problem.gamma)
+            same = self.tangent.same(laws)
+            if size <= EXACT * scale or (tries and same and not turns):
+                return problem, p, u_c, laws
+            before = p
+            if same:
+                left = laws.rhs - laws.A_p @ p - laws.A_w @ w
+                more, moved = self.tangent(left, problem.load.resultant - surface.R.T @ surface.forces(p))
+                p, b = p + more, b + moved
+            else:
+                p, u_c = condensed_system.solve(laws, u_c)
+                b, turns = surface.R.T @ u_c, True
+            size = float(np.abs(p - before).max(initial=0.0))
+        log.warning("t = %g: a derivative is not found to rounding", problem.cone.time)
+        return problem, p, u_c, laws
+
+    @staticmethod
+    def _displacement(problem: SurfaceProblem, p: Array, b: Array) -> Array:
+        """Displacement of the contact dofs (c,) [m] under tractions p (rows,) [Pa], with rigid motions b (r,) [m]."""
+        surface = problem.surface
+        assert isinstance(surface, CondensedSurface)
+        return np.asarray(surface.flexibility @ (problem.load.f_c - surface.forces(p)) + surface.R @ b)
+
+
+def refuse(base: SubstepSolver) -> None:
+    """Refuse what has no derivative that is built, with the reason."""
+    system, surface = base.system, base.surface
+    why = ""
+    if system.mesh.comm.size > 1:
+        why = "is built for one rank; leave mpirun out"
+    elif not isinstance(surface, CondensedSurface):
+        why = 'needs the condensed form of the bodies; set solver.surface = "condensed"'
+    elif any(pair.contact.sliding or pair.skins for pair in system.problem.pairs.values()):
+        why = "is not built for contacts that slide, whose pairs are searched anew"
+    if why:
+        raise SceneError(f"sensitivity: {why}")
