@@ -13,12 +13,13 @@ from dataclasses import replace
 import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import ROUNDING
 from stickslip.geometry.errors import SceneError, StickslipError
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.solvers.accuracy.areas import areas_inside_facets
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.observe import CellStress, Observer
-from stickslip.solvers.results.step_result import Quantity, Slope, quantities
+from stickslip.solvers.results.step_result import Quantity, Slope, number_of, quantities
 from stickslip.solvers.scene.parameters import chosen, parameters, scaled
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.record import Value
@@ -110,16 +111,18 @@ class Slopes:
 
     def __call__(self, accepted: Accepted) -> dict[str, dict[str, Slope]]:
         """By `Quantity`, and by number of the scene."""
-        found = [self._numbers(at, observer, accepted) for at, observer in enumerate(self._observers)]
-        states, slopes = accepted.state.neighbours, dict[str, dict[str, Slope]]()
-        own = found[0]
-        for place, (key, by) in enumerate(self.by.items()):
-            low, high = 2 * place + 1, 2 * place + 2
+        own, *others = (self._numbers(at, observer, accepted) for at, observer in enumerate(self._observers))
+        sizes, slopes = dict[str, float](), dict[str, dict[str, Slope]]()
+        for quantity, value in own.items():
+            unit = number_of(quantity).unit
+            sizes[unit] = max(sizes.get(unit, 0.0), float(np.abs(value).max()))
+        for (key, by), below, above in zip(self.by.items(), others[::2], others[1::2], strict=True):
             for quantity, value in own.items():
-                one, two = found[low][quantity], found[high][quantity]
-                slope = Slope.of((value - one) / by, (two - value) / by, states[low].parted)
-                seen = quantity.quantity not in AREAS or (np.any(one != value) and np.any(two != value))
-                slopes.setdefault(str(quantity), {})[key] = slope if seen else Slope()
+                one, two = value - below[quantity], above[quantity] - value
+                rounding = ROUNDING * sizes[number_of(quantity).unit] / abs(by)
+                seen = quantity.quantity not in AREAS or (one != 0 and two != 0)
+                slope = Slope.of(one / by, two / by, rounding) if seen else Slope()
+                slopes.setdefault(str(quantity), {})[key] = slope
         return slopes
 
     def _numbers(self, at: int, observer: Observer, accepted: Accepted) -> dict[Quantity, Value]:

@@ -1,4 +1,4 @@
-"""Derivatives of a history by numbers of its scene: neighbours of the history, in which one number is a little different.
+"""Derivatives of a history by numbers of its scene: neighbours of the history, each with one number a little different.
 
 With a number of the scene changed, an equilibrium moves to x + dx with F(x + dx) = 0, F the residual of the changed
 scene: nothing is formulated by hand, for contact rows, laws, loads and stiffness are those of that scene, assembled on
@@ -8,8 +8,8 @@ error of second order, alike for a larger and a smaller number: it cancels in th
 substep from its own state, so histories are chained through slip and friction's memory.
 
 Where a neighbour's points stick, slip or open otherwise than those of the solution, its laws are linearised anew until
-they settle: that is the linearised complementarity problem of all points at their bound together. The derivative then
-has two sides, and the neighbours have parted.
+they settle: that is the linearised complementarity problem of all points at their bound together. The derivative by a
+larger number is then another one than that by a smaller one.
 
 Source: Kikuchi & Oden, Contact Problems in Elasticity (1988), of directional derivatives; Mignot, J. Funct. Anal. 22
 (1976); of the step Press et al., Numerical Recipes (2007), section 5.7.
@@ -18,8 +18,9 @@ Source: Kikuchi & Oden, Contact Problems in Elasticity (1988), of directional de
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy import sparse
@@ -40,6 +41,7 @@ from stickslip.solvers.stepping.update import at_rest, displacement, new_state
 from stickslip.solvers.system.system import System
 
 log = logging.getLogger(__name__)
+T = TypeVar("T")
 STEP = EPS ** (1 / 3)  # change of a number, relative: what differences leave and what rounding leaves are then alike
 MAX_IT = 100  # of the chord method; one that moves where points touch, or what friction remembers, takes a dozen
 
@@ -127,11 +129,11 @@ class Near:
         load = replace(one.load, f_q=(two.load.f_q - one.load.f_q) * 0.5)
         return one.surface.recover(load, (other.p - self.p) / 2, (other.u_c - self.u_c) / 2)
 
-    def state(self, q: Vec, parted: bool) -> State:
+    def state(self, q: Vec) -> State:
         """The state, of free displacements q [m]."""
         system, time = self.solver.system, self.problem.cone.time
         u, u_strained = displacement(system, time, q, self.prescribed)
-        found = new_state(
+        return new_state(
             system=system,
             old=self.old,
             problem=self.problem,
@@ -142,7 +144,6 @@ class Near:
             p=self.p,
             driven=self.u_c[len(self.u_c) - self.problem.surface.driven :],
         )
-        return replace(found, parted=parted or self.old.parted)
 
 
 class Neighbours:
@@ -184,6 +185,7 @@ def beside(base: SubstepSolver, system: System) -> SubstepSolver:
     if found.surface.N.shape != base.surface.N.shape:
         raise SceneError("another value gives a contact other points")
     found.surface.adopt(base.surface)
+    found.surface.R = base.surface.R  # whose stiffness resists none of these motions
     return found
 
 
@@ -194,18 +196,46 @@ def _found(solvers: Sequence[SubstepSolver], attempt: Attempt) -> tuple[State, .
     assert problem is not None
     p = attempt.solution.p
     tangent = Tangent(linearise(problem, p + problem.gamma * (new.w - problem.gap), problem.gamma))
-    solution = _Solution(p, attempt.solution.u_c, base.system.free_part(new.u, new.time), base, tangent)
-    own, *nears = [solution.near(*each, new.time) for each in zip(solvers, attempt.begin.neighbours, strict=True)]
+    solution = _Solution(p, attempt.solution.u_c, base.system.free_part(new.u, new.time), tangent)
+    (first, *olds), time = attempt.begin.neighbours, new.time
+    own = solution.near(base, first, time)
     if np.abs(own.p - p).max(initial=0.0) > SLIGHT * problem.scales.of_tractions(p):
-        log.warning("t = %g: derivatives are those of another solution", new.time)
+        log.warning("t = %g: derivatives are those of another solution", time)
     middle = own.q()
-    states = [own.state(middle, False)]
-    for below, above in zip(nears[::2], nears[1::2], strict=True):
-        parted = not (own.alike(below) and own.alike(above))
-        half = None if parted else below.half_way(above)
+    states = [own.state(middle)]
+    for pair, old in zip(_pairs(solvers[1:]), _pairs(olds), strict=True):
+        softer = _Softer.of(base, *pair)
+        below, above = (solution.near(*each, time, softer) for each in zip(pair, old, strict=True))
+        half = below.half_way(above) if own.alike(below) and own.alike(above) else None
         ends = (below.q(), above.q()) if half is None else (middle - half, middle + half)
-        states += [near.state(at, parted) for near, at in zip((below, above), ends, strict=True)]
+        states += [near.state(at) for near, at in zip((below, above), ends, strict=True)]
     return tuple(states)
+
+
+def _pairs(items: Sequence[T]) -> Iterator[tuple[T, T]]:
+    return zip(items[::2], items[1::2], strict=True)
+
+
+@dataclass(frozen=True)
+class _Softer:
+    """Inner forces that a small change of a number takes from bodies which stay as they are displaced.
+
+    They are those of both neighbours together, which have them with opposite signs.
+    """
+
+    below: System
+    above: System
+
+    @classmethod
+    def of(cls, base: SubstepSolver, below: SubstepSolver, above: SubstepSolver) -> _Softer | None:
+        """Of two neighbours; None: their stiffness is that of the solution."""
+        same = base.system.assembled is below.system.assembled
+        return None if same else cls(below.system, above.system)
+
+    def __call__(self, system: System, q: Vec) -> Vec:
+        """Forces [N] that the bodies of one of both lack at free displacements q [m]."""
+        sign = 0.5 if system is self.above else -0.5
+        return (self.below.assembled().product * q - self.above.assembled().product * q) * sign
 
 
 @dataclass(frozen=True)
@@ -215,44 +245,42 @@ class _Solution:
     p: Array  # tractions (rows,) [Pa]
     u_c: Array  # displacement of the contact dofs (c,) [m]
     q: Vec  # free displacements [m]
-    base: SubstepSolver
     tangent: Tangent
 
-    def near(self, solver: SubstepSolver, old: State, time: float) -> Near:
+    def near(self, solver: SubstepSolver, old: State, time: float, softer: _Softer | None = None) -> Near:
         """The equilibrium of one neighbour; collective.
 
         Args:
             old: its state at the beginning.
             time: at the end [s].
+            softer: of bodies that are not those of the solution.
         """
         problem, u_s, load = solver.posed(old, time)
-        surface, softer = problem.surface, solver.system.assembled is not self.base.system.assembled
-        if softer:  # inner forces of the changed bodies, at the solution
-            problem = replace(problem, load=surface.with_more(problem.load, self._lacking(solver, self.q), False))
-        way = Way(problem, old.p, old.w, 0.0)
-        if softer and way.any:
-            holding = way.holding(self.p)
-            nothing = replace(problem.load, f_q=problem.load.f_q * 0.0)
-            held = surface.recover(nothing, -holding, surface.displacement(surface.forces(holding)))
-            way = replace(way, added=surface.with_more(nothing, self._lacking(solver, held)).f_c - problem.load.f_c)
+        surface, way = problem.surface, Way(problem, old.p, old.w, 0.0)
+        if softer is not None:
+            more = surface.with_more(problem.load, softer(solver.system, self.q), False)
+            added = 0.0 if not way.any else self._held_back(way, lambda q: softer(solver.system, q))
+            problem = replace(problem, load=more)
+            way = Way(problem, old.p, old.w, 0.0, added)
         found = self._equilibrium(old, way, LawMemory(solver.cone.at(time), old.memory, time - old.time))
         return Near(solver, old, u_s, load, *found)
 
-    def _lacking(self, solver: SubstepSolver, q: Vec) -> Vec:
-        """Inner forces of displacements q [m] in the bodies of the solution less those in the neighbour's [N]."""
-        K, changed = (each.system.assembled().product for each in (self.base, solver))
-        return K * q - changed * q
+    def _held_back(self, way: Way, lacking: Callable[[Vec], Vec]) -> Array:
+        """Forces (c,) [N] that bodies lack where points that close hold them back."""
+        surface, holding = way.problem.surface, way.holding(self.p)
+        nothing = replace(way.problem.load, f_q=way.problem.load.f_q * 0.0)
+        held = surface.recover(nothing, -holding, surface.displacement(surface.forces(holding)))
+        return surface.with_more(nothing, lacking(held)).f_c - nothing.f_c
 
     def _equilibrium(self, old: State, way: Way, memory: LawMemory) -> tuple[SurfaceProblem, Array, Array, ActiveSet]:
         """The problem with laws as they are then, tractions (rows,) [Pa], displacement (c,) [m], laws linearised there.
 
         After a step of the chord method from the solution what is left is of second order.
         """
-        problem, p, b = way.problem, self.p, way.problem.surface.R.T @ self.u_c
+        problem, p, u_c, b = way.problem, self.p, self.u_c, way.problem.surface.R.T @ self.u_c
         surface, scale = problem.surface, problem.scales.of_tractions(p)
         turns, size = way.any or bool(memory.start), np.inf
         for tries in range(MAX_IT):
-            u_c = self._displacement(problem, p, b)
             w = problem.relative_displacement(u_c)
             if way.any:
                 problem = replace(problem, gap=way.touched(p, w))
@@ -265,9 +293,11 @@ class _Solution:
                 return problem, p, u_c, laws
             before = p
             if same:
-                left = laws.rhs - laws.A_p @ p - laws.A_w @ w
+                under = problem.relative_displacement(self._displacement(problem, p, b))  # of these tractions
+                left = laws.rhs - laws.A_p @ p - laws.A_w @ under
                 more, moved = self.tangent(left, problem.load.resultant - surface.R.T @ surface.forces(p))
                 p, b = p + more, b + moved
+                u_c = self._displacement(problem, p, b)
             else:
                 p, u_c = condensed_system.solve(laws, u_c)
                 b, turns = surface.R.T @ u_c, True

@@ -113,7 +113,6 @@ class State:
     neighbours: tuple[
         State, ...
     ] = ()  # with other numbers in the scene, see `sensitivity`; empty: nobody asks for them
-    parted: bool = False  # of such a one: whether other points stick, slip or open, now or before
     peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded
 
     def ahead(self, time: float, turns: Iterable[float]) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.results.step_result import ContactState, Errors, StepResult, total_errors, values
+from stickslip.solvers.results.step_result import ContactState, Errors, StepResult, slope_columns, total_errors, values
 from stickslip.solvers.scene.record import CONTACT_NUMBERS, ContactNumbers, ProbeValue, flat_names, numbers_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.history import HistoryTuple
@@ -187,7 +187,7 @@ def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
     for name, whole in step.sums.items():
         found |= _columns(name, {"force": whole.force, "moment": whole.moment})
     effort = {key: getattr(step, key) for key in numbers_of(StepResult) if key != "time"}
-    every = found | dict(step.columns) | numbers | effort
+    every = found | dict(step.columns) | numbers | effort | slope_columns(step)
     return {name: float(n) if isinstance(n, float) else int(n) for name, n in every.items()}
 
 
