@@ -118,10 +118,10 @@ class Slopes:
             sizes[unit] = max(sizes.get(unit, 0.0), float(np.abs(value).max()))
         for (key, by), below, above in zip(self.by.items(), others[::2], others[1::2], strict=True):
             for quantity, value in own.items():
-                one, two = value - below[quantity], above[quantity] - value
-                rounding = ROUNDING * sizes[number_of(quantity).unit] / abs(by)
-                seen = quantity.quantity not in AREAS or (one != 0 and two != 0)
-                slope = Slope.of(one / by, two / by, rounding) if seen else Slope()
+                one, two = (value - below[quantity]) / by, (above[quantity] - value) / by
+                slope = Slope.of(one, two, ROUNDING * sizes[number_of(quantity).unit] / abs(by))
+                if quantity.quantity in AREAS:  # one whose nodes change jumps
+                    slope = Slope((one + two) / 2 if np.abs(one - two) < np.abs(one + two) / 2 else None)
                 slopes.setdefault(str(quantity), {})[key] = slope
         return slopes
 
@@ -133,9 +133,8 @@ class Slopes:
             **{of: _neighbour(getattr(accepted, of), at) for of in ("state", "start", "substep_start")},
         )
         numbers = observer.numbers(near)
-        return (
-            quantities(numbers) | areas_inside_facets(near.stepper.system.contacts, numbers) | observer.at_probes(near)
-        )
+        found = quantities(numbers) | areas_inside_facets(near.stepper.system.contacts, numbers)
+        return found | observer.at_probes(near)
 
 
 def _neighbour(state: State, at: int) -> State:

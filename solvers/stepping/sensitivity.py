@@ -18,7 +18,7 @@ Source: Kikuchi & Oden, Contact Problems in Elasticity (1988), of directional de
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -104,11 +104,8 @@ def same_sets(one: ActiveSet, other: ActiveSet) -> bool:
 class Near:
     """The equilibrium of a neighbour at the end of a substep."""
 
-    solver: SubstepSolver
-    old: State
-    prescribed: Vec  # u_s over all displacements [m]
-    load: Vec  # external forces [N]
-    problem: SurfaceProblem
+    posed: Posed
+    problem: SurfaceProblem  # with gap and laws as they are at the end
     p: Array  # (rows,) [Pa]
     u_c: Array  # (c,) [m]
     laws: ActiveSet
@@ -117,33 +114,64 @@ class Near:
         """Whether the same rows are held, on springs, and slip."""
         return same_sets(self.laws, other.laws)
 
-    def q(self) -> Vec:
-        """The free displacements [m]; one volume solve."""
-        return self.problem.surface.recover(self.problem.load, self.p, self.u_c)
+    def below(self) -> tuple[Vec, Array]:
+        """Forces and motion of the contact dofs, from which the free displacements follow."""
+        return self.posed.surface.below(self.problem.load.f_q, self.p, self.u_c)
 
-    def half_way(self, other: Near) -> Vec | None:
-        """Half of the way of the free displacements to those of another one [m]; None: they have other rows."""
-        one, two = self.problem, other.problem
-        if one.surface.N.shape != two.surface.N.shape or abs(one.surface.N - two.surface.N).sum():
-            return None
-        load = replace(one.load, f_q=(two.load.f_q - one.load.f_q) * 0.5)
-        return one.surface.recover(load, (other.p - self.p) / 2, (other.u_c - self.u_c) / 2)
+    def half_way(self, other: Near) -> tuple[Vec, Array]:
+        """Half of their way to those of another one."""
+        (force, moved), (its_force, its_moved) = self.below(), other.below()
+        return (its_force - force) * 0.5, (its_moved - moved) / 2
 
     def state(self, q: Vec) -> State:
         """The state, of free displacements q [m]."""
-        system, time = self.solver.system, self.problem.cone.time
-        u, u_strained = displacement(system, time, q, self.prescribed)
+        posed, time = self.posed, self.problem.cone.time
+        u, u_strained = displacement(posed.solver.system, time, q, posed.prescribed)
         return new_state(
-            system=system,
-            old=self.old,
+            system=posed.solver.system,
+            old=posed.old,
             problem=self.problem,
             u=u,
             u_strained=u_strained,
-            u_s=self.prescribed,
-            load=self.load,
+            u_s=posed.prescribed,
+            load=posed.load,
             p=self.p,
-            driven=self.u_c[len(self.u_c) - self.problem.surface.driven :],
+            driven=self.u_c[len(self.u_c) - posed.surface.driven :],
         )
+
+
+@dataclass(frozen=True)
+class Posed:
+    """The problem of a neighbour in a substep."""
+
+    solver: SubstepSolver
+    old: State  # at its beginning
+    way: Way  # of points that close in it
+    prescribed: Vec  # u_s over all displacements [m]
+    load: Vec  # external forces [N]
+
+    @classmethod
+    def of(cls, solver: SubstepSolver, old: State, time: float) -> Posed:
+        """From a state to a time [s]; collective."""
+        problem, u_s, load = solver.posed(old, time)
+        return cls(solver, old, Way(problem, old.p, old.w, 0.0), u_s, load)
+
+    @property
+    def surface(self) -> CondensedSurface:
+        """The condensed bodies, those of the solution."""
+        assert isinstance(self.way.problem.surface, CondensedSurface)
+        return self.way.problem.surface
+
+    def softer(self, lacking: tuple[Vec, Array], held: Array | float) -> Posed:
+        """The problem of bodies that have not all of the inner forces of those of the solution.
+
+        Args:
+            lacking: these forces [N], over the free dofs and condensed (c,).
+            held: those of the displacement from which points that close are held back, condensed (c,) [N].
+        """
+        problem = self.way.problem
+        load = self.surface.with_condensed(problem.load, *lacking)
+        return replace(self, way=replace(self.way, problem=replace(problem, load=load), added=held))
 
 
 class Neighbours:
@@ -197,45 +225,24 @@ def _found(solvers: Sequence[SubstepSolver], attempt: Attempt) -> tuple[State, .
     p = attempt.solution.p
     tangent = Tangent(linearise(problem, p + problem.gamma * (new.w - problem.gap), problem.gamma))
     solution = _Solution(p, attempt.solution.u_c, base.system.free_part(new.u, new.time), tangent)
-    (first, *olds), time = attempt.begin.neighbours, new.time
-    own = solution.near(base, first, time)
+    posed = [Posed.of(*each, new.time) for each in zip(solvers, attempt.begin.neighbours, strict=True)]
+    own, *nears = [solution.near(each) for each in solution.softened(posed)]
     if np.abs(own.p - p).max(initial=0.0) > SLIGHT * problem.scales.of_tractions(p):
-        log.warning("t = %g: derivatives are those of another solution", time)
-    middle = own.q()
-    states = [own.state(middle)]
-    for pair, old in zip(_pairs(solvers[1:]), _pairs(olds), strict=True):
-        softer = _Softer.of(base, *pair)
-        below, above = (solution.near(*each, time, softer) for each in zip(pair, old, strict=True))
-        half = below.half_way(above) if own.alike(below) and own.alike(above) else None
-        ends = (below.q(), above.q()) if half is None else (middle - half, middle + half)
-        states += [near.state(at) for near, at in zip((below, above), ends, strict=True)]
-    return tuple(states)
+        log.warning("t = %g: derivatives are those of another solution", new.time)
+    smooth = [own.alike(below) and own.alike(above) for below, above in _pairs(nears)]
+    asked = [own.below()]
+    for once, (below, above) in zip(smooth, _pairs(nears), strict=True):
+        asked += [below.half_way(above)] if once else [below.below(), above.below()]
+    middle, *ways = own.posed.surface.volume.expanded(asked)
+    found, left = [middle], iter(ways)
+    for once in smooth:
+        way = next(left)
+        found += [middle - way, middle + way] if once else [way, next(left)]
+    return tuple(near.state(q) for near, q in zip((own, *nears), found, strict=True))
 
 
 def _pairs(items: Sequence[T]) -> Iterator[tuple[T, T]]:
     return zip(items[::2], items[1::2], strict=True)
-
-
-@dataclass(frozen=True)
-class _Softer:
-    """Inner forces that a small change of a number takes from bodies which stay as they are displaced.
-
-    They are those of both neighbours together, which have them with opposite signs.
-    """
-
-    below: System
-    above: System
-
-    @classmethod
-    def of(cls, base: SubstepSolver, below: SubstepSolver, above: SubstepSolver) -> _Softer | None:
-        """Of two neighbours; None: their stiffness is that of the solution."""
-        same = base.system.assembled is below.system.assembled
-        return None if same else cls(below.system, above.system)
-
-    def __call__(self, system: System, q: Vec) -> Vec:
-        """Forces [N] that the bodies of one of both lack at free displacements q [m]."""
-        sign = 0.5 if system is self.above else -0.5
-        return (self.below.assembled().product * q - self.above.assembled().product * q) * sign
 
 
 @dataclass(frozen=True)
@@ -247,32 +254,41 @@ class _Solution:
     q: Vec  # free displacements [m]
     tangent: Tangent
 
-    def near(self, solver: SubstepSolver, old: State, time: float, softer: _Softer | None = None) -> Near:
-        """The equilibrium of one neighbour; collective.
+    def softened(self, posed: Sequence[Posed]) -> list[Posed]:
+        """The neighbours, of changed bodies with the inner forces that these have at the solution; collective.
 
-        Args:
-            old: its state at the beginning.
-            time: at the end [s].
-            softer: of bodies that are not those of the solution.
+        They are taken as half of the difference of both neighbours, and so in the middle of both.
         """
-        problem, u_s, load = solver.posed(old, time)
-        surface, way = problem.surface, Way(problem, old.p, old.w, 0.0)
-        if softer is not None:
-            more = surface.with_more(problem.load, softer(solver.system, self.q), False)
-            added = 0.0 if not way.any else self._held_back(way, lambda q: softer(solver.system, q))
-            problem = replace(problem, load=more)
-            way = Way(problem, old.p, old.w, 0.0, added)
-        found = self._equilibrium(old, way, LawMemory(solver.cone.at(time), old.memory, time - old.time))
-        return Near(solver, old, u_s, load, *found)
+        (own, *others), volume = posed, posed[0].surface.volume
+        changed = [
+            k for k in range(0, len(others), 2) if others[k].solver.system.assembled is not own.solver.system.assembled
+        ]
+        if not changed:
+            return [*posed]
+        closing = own.way.any
+        moved = [self.q]
+        if closing:
+            holding = own.way.holding(self.p)
+            u_c = own.surface.flexibility @ own.surface.forces(holding)
+            moved += volume.expanded([own.surface.below(self.q * 0.0, -holding, u_c)])
+        stiffness = {k: [each.solver.system.assembled().product for each in others[k : k + 2]] for k in changed}
+        lacking = [(below * q - above * q) * 0.5 for below, above in stiffness.values() for q in moved]
+        condensed = volume.condensed(lacking)
+        for at, k in enumerate(changed):
+            force, f_c, *held = lacking[at * len(moved)], *condensed[at * len(moved) : (at + 1) * len(moved)]
+            for sign, one in ((-1.0, k), (1.0, k + 1)):
+                driven = np.zeros(own.surface.driven)
+                back = sign * np.concatenate([held[0], driven]) if held else 0.0
+                others[one] = others[one].softer((force * sign, sign * f_c), back)
+        return [own, *others]
 
-    def _held_back(self, way: Way, lacking: Callable[[Vec], Vec]) -> Array:
-        """Forces (c,) [N] that bodies lack where points that close hold them back."""
-        surface, holding = way.problem.surface, way.holding(self.p)
-        nothing = replace(way.problem.load, f_q=way.problem.load.f_q * 0.0)
-        held = surface.recover(nothing, -holding, surface.displacement(surface.forces(holding)))
-        return surface.with_more(nothing, lacking(held)).f_c - nothing.f_c
+    def near(self, posed: Posed) -> Near:
+        """The equilibrium of one neighbour; collective."""
+        old, time = posed.old, posed.way.problem.cone.time
+        memory = LawMemory(posed.solver.cone.at(time), old.memory, time - old.time)
+        return Near(posed, *self._equilibrium(posed.way, memory))
 
-    def _equilibrium(self, old: State, way: Way, memory: LawMemory) -> tuple[SurfaceProblem, Array, Array, ActiveSet]:
+    def _equilibrium(self, way: Way, memory: LawMemory) -> tuple[SurfaceProblem, Array, Array, ActiveSet]:
         """The problem with laws as they are then, tractions (rows,) [Pa], displacement (c,) [m], laws linearised there.
 
         After a step of the chord method from the solution what is left is of second order.
