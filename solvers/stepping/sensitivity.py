@@ -32,7 +32,7 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.newton import condensed_system
-from stickslip.solvers.newton.active_set import ActiveSet, linearise
+from stickslip.solvers.newton.active_set import ActiveSet, linearise, sets
 from stickslip.solvers.stepping.law_memory import LawMemory, with_memory
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.substep import Attempt, SubstepSolver
@@ -72,10 +72,6 @@ class Tangent:
         matrix = np.block([[held, of * moved], [by * balance, own]])
         self._factor = lu_factor(matrix, check_finite=False) if len(matrix) else None
 
-    def same(self, laws: ActiveSet) -> bool:
-        """Whether other laws have the same rows held, on springs, and slipping."""
-        return same_sets(self.laws, laws)
-
     def __call__(self, left: Array, unbalanced: Array) -> tuple[Array, Array]:
         """Changes of tractions (rows,) [Pa] and of b (r,) [m].
 
@@ -94,12 +90,6 @@ class Tangent:
         return given + self._E @ found[: len(self._x)], self._of * found[len(self._x) :]
 
 
-def same_sets(one: ActiveSet, other: ActiveSet) -> bool:
-    """Whether two linearised laws have the same rows held, on springs, and slipping."""
-    pairs = ((one.held, other.held), (one.slip, other.slip), (one.k > 0, other.k > 0))
-    return all(np.array_equal(mine, its) for mine, its in pairs)
-
-
 @dataclass(frozen=True)
 class Near:
     """The equilibrium of a neighbour at the end of a substep."""
@@ -108,11 +98,7 @@ class Near:
     problem: SurfaceProblem  # with gap and laws as they are at the end
     p: Array  # (rows,) [Pa]
     u_c: Array  # (c,) [m]
-    laws: ActiveSet
-
-    def alike(self, other: Near) -> bool:
-        """Whether the same rows are held, on springs, and slip."""
-        return same_sets(self.laws, other.laws)
+    smooth: bool  # whether its points do what those of the solution do
 
     def below(self) -> tuple[Vec, Array]:
         """Forces and motion of the contact dofs, from which the free displacements follow."""
@@ -229,7 +215,7 @@ def _found(solvers: Sequence[SubstepSolver], attempt: Attempt) -> tuple[State, .
     own, *nears = [solution.near(each) for each in solution.softened(posed)]
     if np.abs(own.p - p).max(initial=0.0) > SLIGHT * problem.scales.of_tractions(p):
         log.warning("t = %g: derivatives are those of another solution", new.time)
-    smooth = [own.alike(below) and own.alike(above) for below, above in _pairs(nears)]
+    smooth = [below.smooth and above.smooth for below, above in _pairs(nears)]
     asked = [own.below()]
     for once, (below, above) in zip(smooth, _pairs(nears), strict=True):
         asked += [below.half_way(above)] if once else [below.below(), above.below()]
@@ -288,38 +274,59 @@ class _Solution:
         memory = LawMemory(posed.solver.cone.at(time), old.memory, time - old.time)
         return Near(posed, *self._equilibrium(posed.way, memory))
 
-    def _equilibrium(self, way: Way, memory: LawMemory) -> tuple[SurfaceProblem, Array, Array, ActiveSet]:
-        """The problem with laws as they are then, tractions (rows,) [Pa], displacement (c,) [m], laws linearised there.
+    def _equilibrium(self, way: Way, memory: LawMemory) -> tuple[SurfaceProblem, Array, Array, bool]:
+        """The problem with laws as they are then, tractions (rows,) [Pa], displacement (c,) [m], see `Near.smooth`."""
+        found = None if memory.start else self._by_tangent(way)
+        return (*found, True) if found else (*self._by_turns(way, memory), False)
 
-        After a step of the chord method from the solution what is left is of second order.
+    def _by_tangent(self, way: Way) -> tuple[SurfaceProblem, Array, Array] | None:
+        """The same, where the sets are those of the solution; None: they are not.
+
+        What is left after one solution is of second order. Places of touch are found by turns: laws depend on w - gap.
         """
-        problem, p, u_c, b = way.problem, self.p, self.u_c, way.problem.surface.R.T @ self.u_c
-        surface, scale = problem.surface, problem.scales.of_tractions(p)
-        turns, size = way.any or bool(memory.start), np.inf
-        for tries in range(MAX_IT):
+        problem, p, u_c, R = way.problem, self.p, self.u_c, way.problem.surface.R
+        gamma, w, b = problem.gamma, problem.relative_displacement(u_c), R.T @ u_c
+        if way.any:
+            problem = replace(problem, gap=way.touched(p, w))
+        laws = linearise(problem, p + gamma * (w - problem.gap), gamma)
+        begun = problem.gap
+        for _ in range(MAX_IT):
+            under = problem.relative_displacement(self._displacement(problem, p, b))  # of these tractions
+            left = laws.rhs + laws.A_w @ (problem.gap - begun) - laws.A_p @ p - laws.A_w @ under
+            more, moved = self.tangent(left, problem.load.resultant - R.T @ problem.surface.forces(p))
+            p, b = p + more, b + moved
+            u_c = self._displacement(problem, p, b)
+            w = problem.relative_displacement(u_c)
+            if not way.any:
+                break
+            before, problem = problem.gap, replace(problem, gap=way.touched(p, w))
+            if np.abs(problem.gap - before).max() <= EXACT * np.abs(problem.gap - way.problem.gap).max():
+                break
+        found, projected = sets(problem, p + gamma * (w - problem.gap), gamma)
+        # of what a change of the sets leaves, as slip that turns back; all else is of second order
+        slight = STEP**1.5 * problem.scales.of_tractions(p)
+        same = (found == self.tangent.laws.sets).all() and np.abs(projected - p).max(initial=0.0) <= slight
+        return (problem, p, u_c) if same else None
+
+    def _by_turns(self, way: Way, memory: LawMemory) -> tuple[SurfaceProblem, Array, Array]:
+        """The same by Newton's method, with laws and places of touch of each iterate."""
+        problem, p, u_c = way.problem, self.p, self.u_c
+        gamma, scale, size = problem.gamma, problem.scales.of_tractions(p), np.inf
+        for _ in range(MAX_IT):
             w = problem.relative_displacement(u_c)
             if way.any:
                 problem = replace(problem, gap=way.touched(p, w))
             if memory.start:
                 known = memory.after(problem, p, w)
                 problem = replace(problem, cone=with_memory(memory.cone, known, memory.step))
-            laws = linearise(problem, p + problem.gamma * (w - problem.gap), problem.gamma)
-            same = self.tangent.same(laws)
-            if size <= EXACT * scale or (tries and same and not turns):
-                return problem, p, u_c, laws
-            before = p
-            if same:
-                under = problem.relative_displacement(self._displacement(problem, p, b))  # of these tractions
-                left = laws.rhs - laws.A_p @ p - laws.A_w @ under
-                more, moved = self.tangent(left, problem.load.resultant - surface.R.T @ surface.forces(p))
-                p, b = p + more, b + moved
-                u_c = self._displacement(problem, p, b)
-            else:
-                p, u_c = condensed_system.solve(laws, u_c)
-                b, turns = surface.R.T @ u_c, True
+            laws = linearise(problem, p + gamma * (w - problem.gap), gamma)
+            if size <= EXACT * scale:
+                break
+            before, (p, u_c) = p, condensed_system.solve(laws, u_c)
             size = float(np.abs(p - before).max(initial=0.0))
-        log.warning("t = %g: a derivative is not found to rounding", problem.cone.time)
-        return problem, p, u_c, laws
+        else:
+            log.warning("t = %g: a derivative is not found to rounding", problem.cone.time)
+        return problem, p, u_c
 
     @staticmethod
     def _displacement(problem: SurfaceProblem, p: Array, b: Array) -> Array:
