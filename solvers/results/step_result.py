@@ -154,7 +154,7 @@ class Slope:
         """Its square, of two sides their mean."""
         if self.below is not None and self.above is not None:
             return (np.square(self.below) + np.square(self.above)) / 2
-        return None if self.value is None else np.square(self.value)
+        return self.value if self.value is None else self.value**2
 
     @property
     def plain(self) -> Plain:

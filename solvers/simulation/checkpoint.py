@@ -90,7 +90,7 @@ class Checkpoints:
         system, chain = self.stepper.system, self.stepper.chain
         searched = checkpoint.state["searched"]
         rows = system.searched(searched).contacts if searched else system.contacts
-        given = {ROWS: rows, **dict.fromkeys((*FOR_RESULTS, *APART))}
+        given = {ROWS: rows, **dict.fromkeys((*FOR_RESULTS, *APART))} | {"neighbours": ()}
         state: State = deserialise(State, checkpoint.state, self._vector, **given)
         if self.stepper.neighbours:
             solvers = zip(checkpoint.neighbours, self.stepper.neighbours.solvers, strict=True)

@@ -26,7 +26,6 @@ from stickslip.solvers.scene.record import Value
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.stepping.sensitivity import STEP, Neighbours, beside, refuse
-from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 from stickslip.solvers.stepping.substep import SubstepSolver
 from stickslip.solvers.system.system import System, assemble
@@ -43,7 +42,7 @@ def neighbours(scene: Scene, stepper: Stepper) -> Neighbours | None:
     Raises:
         SceneError: a number has no derivative that could be found, with the reason.
     """
-    asked = chosen(scene)
+    asked, values = chosen(scene), parameters(scene, geometry=True)
     if not asked:
         return None
     bolts = stepper.system.initial.tightened
@@ -54,7 +53,10 @@ def neighbours(scene: Scene, stepper: Stepper) -> Neighbours | None:
     pairs = dict[str, tuple[SubstepSolver, SubstepSolver]]()
     for key in asked:
         try:
-            below, above = (beside(stepper, _changed(scene, stepper.system, key, by)) for by in (-STEP, STEP))
+            below, above = (
+                beside(stepper, _changed(scene, stepper.system, key, sign * STEP))
+                for sign in np.sign([-values[key], values[key]])
+            )
         except StickslipError as error:
             if key in scene.sensitivity.parameters or key in scene.uncertainty:
                 raise SceneError(f"sensitivity: {key}: {error}") from None
@@ -103,7 +105,7 @@ class Slopes:
             neighbours: of it.
         """
         self.neighbours, own, values = neighbours, observer.without_errors(), parameters(scene, geometry=True)
-        self.by = {key: STEP * values[key] for key in neighbours.keys}
+        self.by = {key: STEP * abs(values[key]) for key in neighbours.keys}
         self._observers = [
             replace(own, stepper=solver, stress=CellStress(solver.system) if own.probes and at else own.stress)
             for at, solver in enumerate(neighbours.solvers)
@@ -119,7 +121,7 @@ class Slopes:
         for (key, by), below, above in zip(self.by.items(), others[::2], others[1::2], strict=True):
             for quantity, value in own.items():
                 one, two = (value - below[quantity]) / by, (above[quantity] - value) / by
-                slope = Slope.of(one, two, ROUNDING * sizes[number_of(quantity).unit] / abs(by))
+                slope = Slope.of(one, two, ROUNDING * sizes[number_of(quantity).unit] / by)
                 if quantity.quantity in AREAS:  # one whose nodes change jumps
                     slope = Slope((one + two) / 2 if np.abs(one - two) < np.abs(one + two) / 2 else None)
                 slopes.setdefault(str(quantity), {})[key] = slope
@@ -130,12 +132,10 @@ class Slopes:
         near = replace(
             accepted,
             stepper=self.neighbours.solvers[at],
-            **{of: _neighbour(getattr(accepted, of), at) for of in ("state", "start", "substep_start")},
+            state=accepted.state.neighbours[at],
+            start=accepted.start.neighbours[at],
+            substep_start=accepted.substep_start.neighbours[at],
         )
         numbers = observer.numbers(near)
         found = quantities(numbers) | areas_inside_facets(near.stepper.system.contacts, numbers)
         return found | observer.at_probes(near)
-
-
-def _neighbour(state: State, at: int) -> State:
-    return state.neighbours[at]

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SolverError
-from stickslip.geometry.mesh.nodes import Nodes
-from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.parallel.released import destroy_released
@@ -24,23 +21,6 @@ from stickslip.solvers.stepping.substep import Attempt, Loop, Methods, Substep, 
 from stickslip.solvers.stepping.tightening import BoltsAndSprings
 from stickslip.solvers.stepping.update import at_rest
 from stickslip.solvers.system.system import System
-
-
-class Companion(Protocol):
-    """Follows a history with other displacements, step by step."""
-
-    nodes: Nodes  # of the displacements that `State.surplus` holds
-
-    def vector(self) -> Vec:
-        """No displacement of these nodes."""
-
-    def __call__(self, stepper: SubstepSolver, old: State, new: State, problem: SurfaceProblem) -> State | None:
-        """Find the new `State.refined` after a substep from `old` to `new`; None: it was not found; collective.
-
-        Args:
-            stepper: with the contact rows of the substep.
-            problem: that was solved.
-        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +86,6 @@ class Stepper(SubstepSolver):
             chain: shared by the steppers of the same bodies; None: made here.
         """
         super().__init__(system, chain or MethodChain(system))
-        self.companion: Companion | None = None  # follows each substep, see `State.refined`
         self.bolts: BoltsAndSprings = BoltsAndSprings(system)
         self.neighbours: Neighbours | None = None  # derivatives follow each substep, see `State.neighbours`
         self.follow()
