@@ -153,8 +153,10 @@ class Slope:
     def square(self) -> Value | None:
         """Its square, of two sides their mean."""
         if self.below is not None and self.above is not None:
-            return (np.square(self.below) + np.square(self.above)) / 2
-        return self.value if self.value is None else self.value**2
+            sides: Value = (np.square(self.below) + np.square(self.above)) / 2
+            return sides
+        found: Value | None = None if self.value is None else np.square(self.value)
+        return found
 
     @property
     def plain(self) -> Plain:
