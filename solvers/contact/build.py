@@ -19,6 +19,7 @@ from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.coupling import DIGITS, Coupling
 from stickslip.solvers.contact.rows import ContactRows, Fields, of_both
 from stickslip.solvers.fem.constraints import Constraints
+from stickslip.solvers.laws.wear import Turned
 from stickslip.solvers.scene.contact import Contact
 
 
@@ -223,7 +224,10 @@ def build_rows(
     }
     found = []
     for name, (contact, coupling) in contacts.items():
-        weights, friction = coupling.weights, contact.tangential
+        weights, friction, slide = coupling.weights, contact.tangential, contact.slides
+        if slide is not None:
+            slide = replace(slide, turns=coupling.surface.axisymmetric)
+            friction = friction and Turned(of=friction, normal=contact.normal, slide=slide, k_T=friction.k_T)
         degree = contact.degree(coupling.surface.degree)
         known = 0.0 if contact.normal.ties else contact.gap
         gap = coupling.gap if known is None else np.full_like(coupling.gap, known)
@@ -267,7 +271,7 @@ def build_rows(
         to_tangential = carrier.mean(weights)[0] if len(W_t) else carrier.share
         fields = Fields(
             gap_offset=contact.gap_offset, law=friction, points=start, to_nodes=coupling.surface.transform,
-            to_points=to_points, to_tangential=to_tangential, end=end,
+            to_points=to_points, to_tangential=to_tangential, end=end, slide=slide, wear=contact.wear,
         )  # fmt: skip
         with prefixed(f"contacts.{name}"):
             offset, node_offset = fields.offsets(0.0)

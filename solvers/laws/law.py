@@ -159,6 +159,16 @@ class FrictionLaw(Choice):
         """The law in a substep of a length [s] that is to end with a memory (m_t,), if that does not follow at once."""
         return self.at(memory)
 
+    def work_aside(self, p: Array, average: Sparse, memory: Array, step: float) -> Array:
+        """Work of friction (m_t,) [J/m²] in a substep on motion that no tangential row measures.
+
+        Args:
+            p: pressures (m_n,) [Pa] at its end.
+            memory: at its end.
+            step: its length [s].
+        """
+        return np.zeros(average.shape[0])
+
     def dragged(self, p: Array, average: Sparse, trial: Trial) -> Dragged:
         """Bound of points by the slip that trial tractions lead to; of a law that `drags`.
 

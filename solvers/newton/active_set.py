@@ -180,7 +180,9 @@ def _friction(rows: _Rows, place: ContactBlock, p_hat: Array, p_n: Array, gamma:
     span, free = place.tangential, place.rows.free
     index = np.arange(span.start, span.stop).reshape(free.shape)
     trial = p_hat[span].reshape(free.shape) * free
-    length, s = np.linalg.norm(trial, axis=1), rows.cone.bound(place, p_n)
+    length = np.linalg.norm(trial, axis=1)
+    tried = Trial(length, gamma[index[:, 0]])
+    s = rows.cone.bound(place, p_n, tried)
     softness = place.rows.friction.softness  # type: ignore[union-attr]
     stick = (length <= s * (1 + gamma[index[:, 0]] * softness)) & (s > 0)
     slip = np.flatnonzero(~stick & (s > 0))
@@ -190,6 +192,6 @@ def _friction(rows: _Rows, place: ContactBlock, p_hat: Array, p_n: Array, gamma:
     else:
         rows.hold(stuck)
     if len(slip):
-        dragged = rows.cone.dragged(place, p_n, Trial(length, gamma[index[:, 0]]))
+        dragged = rows.cone.dragged(place, p_n, tried)
         own = Dragged(dragged.bound[slip], dragged.by_trial[slip], dragged.by_pressure[slip])
         rows.slip(index[slip], free[slip], trial[slip], own, p_n, place.normal)

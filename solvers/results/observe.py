@@ -18,6 +18,7 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.effects.effect import Equilibrium
+from stickslip.solvers.laws.wear import WORN
 from stickslip.solvers.parallel.gather import Gather, cells_of, nodes_of
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.resultants import acting, moved_along
@@ -292,6 +293,7 @@ class Observer:
         merged: dict[str, Any] = {
             key: (np.max if key.startswith("max") else np.sum)([getattr(part, key) for part in parts], axis=0)
             for key in (number.name for number in fields(ContactNumbers))
+            if getattr(parts[0], key) is not None
         }
         merged = {key: value if np.ndim(value) else float(value) for key, value in merged.items()}
         return ContactNumbers(**merged | {"tangential_force": float(np.linalg.norm(np.sum(tangential, axis=0)))})
@@ -361,6 +363,9 @@ class Observer:
         state = accepted.state
         stepper = accepted.stepper
         p_n, t = (parts[index] for parts in stepper.split(state.p))
+        if c.wears:
+            depth = state.memory[f"{c.name}{WORN}"]
+            c = c.worn(depth)
         displaced = stepper.system.interface.displacement(state.u)[index]
         u_n = c.node_motion(displaced - state.motion[c.name])[0]
         if state.surplus_motion is not None:
@@ -405,6 +410,8 @@ class Observer:
             max_slip=float(np.linalg.norm(slip[status != OPEN], axis=1).max(initial=0.0)),
             dissipation=float(state.energy.dissipation[index] - accepted.start.energy.dissipation[index]),
             dissipation_total=float(state.energy.dissipation[index]),
+            max_wear=float(depth.max(initial=0.0)) if c.wears else None,
+            worn_volume=float(c.W_n @ depth) if c.wears else None,
         )
 
     def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, ObstacleState]:
@@ -466,7 +473,9 @@ def _status(
     at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - accepted.slack)
     motion = min(problem.u_ref, scale / problem.stiffness)
     moving = np.linalg.norm(increment, axis=1) > ROUNDING * motion
-    slipping = at_bound & (moving | (not bound.any()))  # nothing sticks without friction
+    time, start = accepted.state.time, accepted.substep_start.time
+    aside = c.slides and c.path(None, time, time - start).any()  # out of the plane
+    slipping = at_bound & (moving | (not bound.any()) | aside)  # nothing sticks without friction
     return np.where(touching, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
 
 

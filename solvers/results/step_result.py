@@ -193,7 +193,13 @@ class ContactState(ContactNumbers):
 
     def _repr_html_(self) -> str:
         """A table of the resultants, for notebooks."""
-        return html_table("contact", {"": self.counts() | {key: getattr(self, key) for key in CONTACT_NUMBERS}})
+        return html_table("contact", {"": self.counts() | numbers_shown(self)})
+
+
+def numbers_shown(contact: ContactNumbers) -> dict[str, float]:
+    """Numbers that a contact has, by name."""
+    found = {key: getattr(contact, key) for key in CONTACT_NUMBERS}
+    return {key: value for key, value in found.items() if value is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,7 +278,7 @@ class StepResult(Numbers):
 
     def _repr_html_(self) -> str:
         """A table of the contacts' resultants, for notebooks."""
-        numbers = {name: {key: getattr(c, key) for key in CONTACT_NUMBERS} for name, c in self.contacts.items()}
+        numbers = {name: numbers_shown(c) for name, c in self.contacts.items()}
         return html_table(f"t = {self.time:g}", numbers)
 
     def without_fields(self) -> StepResult:
@@ -300,7 +306,8 @@ def walk(step: Numbers) -> Iterator[tuple[Quantity, Number, Value]]:
     for table, by_name in tables_of(step).items():
         for name, record in by_name.items():
             for key, number in numbers_of(kinds[table]).items():
-                yield Quantity(table, name, key), number, number.value(getattr(record, key))
+                if (found := getattr(record, key)) is not None:
+                    yield Quantity(table, name, key), number, number.value(found)
 
 
 def quantities(step: Numbers) -> dict[Quantity, Value]:

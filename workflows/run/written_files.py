@@ -82,7 +82,7 @@ class WrittenFiles:
         reported, plain = set[str](), told(step, errors)
         for table, record in records().items():
             for name, own in by_name(table, plain[table]).items():
-                for key, number in numbers_of(record).items():
+                for key, number in ((key, n) for key, n in numbers_of(record).items() if key in own):
                     parts = np.ravel(own[key])
                     stated = ((own.get("error") or {}).get(key) or {}).get("total")
                     for k, flat in enumerate(flat_names(table, name, key, number, len(parts))):
