@@ -48,6 +48,11 @@ class NormalLaw(Choice):
         """The power of the penetration that pressure is proportional to, 1 for a rigid law; None: to no power."""
         return None if self.at_quadrature else 1.0
 
+    @property
+    def give(self) -> Array | float:
+        """Softness (m,) [m/Pa] of points that are rigid, as `stiffness` has it, but for this: p softness is added."""
+        return 0.0
+
     def degree(self, order: int) -> int:
         """Quadrature degree that the law needs on facets, for elements of an order."""
         return 2 * order

@@ -97,6 +97,10 @@ class Worn(NormalLaw):
     def power(self) -> float | None:
         return self.of.power if self.of.power == 1 else None
 
+    @property
+    def give(self) -> Array:
+        return self.softness
+
     def resolvent(self, p_hat: Array, gamma: Array) -> Array:
         """Pressure (m,) [Pa] with p + gamma (softness p + the law's penetration) = p_hat.
 
@@ -109,10 +113,8 @@ class Worn(NormalLaw):
 
     def stiffness(self, p: Array, p_hat: Array) -> Array:
         k = self.of.stiffness(p, p_hat)
-        worn = self.softness > 0
-        rigid = np.divide(1.0, self.softness, out=np.full_like(p, np.inf), where=worn)
         finite = np.where(np.isfinite(k), k, 0.0)
-        return np.where(np.isfinite(k), finite / (1 + finite * self.softness), rigid)
+        return np.where(np.isfinite(k), finite / (1 + finite * self.softness), k)  # of what is rigid see `give`
 
     def penetration(self, p: Array) -> Array:
         return self.of.penetration(p) + self.softness * p

@@ -28,7 +28,7 @@ class ActiveSet:
     problem: SurfaceProblem
     k: Array  # (rows,) spring stiffness [Pa/m], 0 where there is no spring
     held: Bools  # (rows,) closed or stick without springs
-    slip: Bools  # (rows,)
+    slip: Bools  # (rows,) and closed rows that give
     A_p: Sparse  # (rows, rows) [-]
     A_w: Sparse  # (rows, rows) [Pa/m]
     rhs: Array  # (rows,) [Pa]
@@ -92,6 +92,17 @@ class _Rows:
         """Hold the rows `at`: gamma (w - gap) = 0, so that all rows have the unit Pa."""
         self.held[at] = True
         self.rhs[at] = self.gamma[at] * self.gap[at]
+
+    def give(self, at: Ints, softness: Array) -> None:
+        """Let closed rows `at` give by softness (m,) [m/Pa] p: p = J (p + gamma (w - gap)), J = 1 / (1 + gamma softness).
+
+        However little they give, the numbers of a row have one size: a spring that is so stiff would drown in rounding.
+        """
+        J = 1 / (1 + self.gamma[at] * softness)
+        self.slips[at] = True
+        self.on_p.append((-J, at, at))
+        self.on_w.append((-J * self.gamma[at], at, at))
+        self.rhs[at] = -J * self.gamma[at] * self.gap[at]
 
     def spring(self, at: Ints, k: Array | float, p_0: Array | float) -> None:
         """Make springs of the rows `at`: p = p_0 + k (w - gap)."""
@@ -167,7 +178,11 @@ def linearise(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> ActiveSet:
         n, law = place.normal, place.rows.normal
         slope = law.stiffness(p[n], p_hat[n])
         closed, index = np.isinf(slope), np.arange(n.start, n.stop)
-        rows.hold(index[closed])
+        softness = np.broadcast_to(law.give, closed.shape)
+        gives = closed & (softness > 0)
+        rows.hold(index[closed & ~gives])
+        if gives.any():
+            rows.give(index[gives], softness[gives])
         soft = ~closed & (slope > 0)
         rows.spring(index[soft], slope[soft], p[n][soft] - slope[soft] * law.penetration(p[n])[soft])
     for place in cone.with_friction():

@@ -377,6 +377,8 @@ class Observer:
             bound = cone.bound_at_nodes(cone.places[index], state.p)
         lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)
         status = _status(c, pressure, multiplier, bound, increment, accepted)
+        if c.slides and c.path(None, state.time, state.time - accepted.substep_start.time).any():
+            status[status == STICK] = SLIP  # out of the plane
         weight = c.node_weights
         own = np.arange(len(c.points)) < len(c.surface.points)
         on = own if c.sense > 0 else ~own  # nodes of the side that the scene calls the surface
@@ -473,9 +475,7 @@ def _status(
     at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - accepted.slack)
     motion = min(problem.u_ref, scale / problem.stiffness)
     moving = np.linalg.norm(increment, axis=1) > ROUNDING * motion
-    time, start = accepted.state.time, accepted.substep_start.time
-    aside = c.slides and c.path(None, time, time - start).any()  # out of the plane
-    slipping = at_bound & (moving | (not bound.any()) | aside)  # nothing sticks without friction
+    slipping = at_bound & (moving | (not bound.any()))  # nothing sticks without friction
     return np.where(touching, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
 
 

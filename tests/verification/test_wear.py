@@ -201,7 +201,7 @@ def annulus(folder: Path, turn: Any, steps: int, E: float, **contact: Any) -> Sc
 
 
 def test_an_annulus_on_a_bed_of_springs_wears_as_computed_elsewhere(tmp_path: Path) -> None:
-    """Approach and pressures after a turn by 1, of two integrators and 200 points: see REFERENCES in the docs."""
+    """Approach and pressures after a turn by 1, of two integrators and 200 points (made for this project)."""
     bed = {"normal": {"law": "compliance", "c_n": 100.0}}
     steps, audit = solved(annulus(tmp_path, [[0, 0], [1, 0], [2, 1.0]], 60, 1e7, **bed))
     for step, at_a, at_b, approach in (
@@ -224,8 +224,8 @@ def test_an_annulus_wears_until_its_pressure_is_one_by_r(tmp_path: Path) -> None
     steps, audit = solved(annulus(tmp_path, [[0, 0], [1, 0], [2, 1e4]], 8, 20.0, **friction))
     face = steps[-1].contacts["face"]
     assert_allclose(face.pressure, 1 / (2 * np.pi * 0.5 * face.points[:, 0]), rtol=1e-3)
-    # the moment of friction: mu times the force times the mean radius of the work, 0.75
-    assert_allclose(face.dissipation / (1e4 / 8), 0.3 * 0.75, rtol=1e-2)
+    # mu F r, r = 0.75 on the mean, and the work of the pressure on what wears, k F² / (2 pi (b - a))
+    assert_allclose(face.dissipation / (1e4 / 8), 0.3 * 0.75 + 0.01 / np.pi, rtol=2e-3)
     sound(audit)
 
 
