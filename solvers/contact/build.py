@@ -263,6 +263,11 @@ def build_rows(
         else:
             carrier = _no_friction(coupling)
         N_t, W_t = carrier.rows(coupling)
+        if contact.wear is not None and slide is None and weights.any() and not len(W_t):
+            raise SceneError(
+                f"contacts.{name}.wear: supports hold all of {contact.surface} along the surface, so that no slip is "
+                "measured there; free it, or prescribe slide"
+            )
         if name in moved:
             gap_n = gap_n + N_n @ moved[name].ravel()
             gap = gap + coupling.closing(moved[name])

@@ -94,7 +94,7 @@ class _Rows:
         self.rhs[at] = self.gamma[at] * self.gap[at]
 
     def give(self, at: Ints, softness: Array) -> None:
-        """Let closed rows `at` give by softness (m,) [m/Pa] p: p = J (p + gamma (w - gap)), J = 1 / (1 + gamma softness).
+        """Let closed rows give by p softness (m,) [m/Pa]: p = J (p + gamma (w - gap)), J = 1 / (1 + gamma softness).
 
         However little they give, the numbers of a row have one size: a spring that is so stiff would drown in rounding.
         """

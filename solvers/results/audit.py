@@ -564,7 +564,9 @@ class Auditor:
             near = rows.average.T @ rows.W_t
             path = np.sqrt(path**2 + (rows.average.T @ (rows.W_t * slip) / np.where(near > 0, near, np.inf)) ** 2)
             found.append(difference(now[key], before.memory[key] + path, scales.u[rows.name], scales.rounding))
-        key = f"{rows.name}{WORN}"
+        key, shown = f"{rows.name}{WORN}", record.stored.contacts.get(rows.name, {}).get("wear")
+        if shown is not None:
+            found.append(difference(np.asarray(shown, float), rows.node_pressure(now[key]), rounding=scales.rounding))
         off = sum(np.ravel(rows.fields.wear.k)) * path * record.p[place.normal]
         return [*found, difference(now[key], before.memory[key] + off, scales.u[rows.name], scales.rounding)]
 

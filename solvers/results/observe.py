@@ -400,6 +400,7 @@ class Observer:
             bound=bound,
             lam=c.sense * lam,
             status=status,
+            wear=c.node_pressure(depth) if c.wears else None,
             force=resultant,
             moment=moment,
             normal_force=float(c.W_n @ p_n),

@@ -163,6 +163,7 @@ class ContactState(ContactNumbers):
     bound: Array  # (n,) friction bound s on |sigma_T| [Pa]; inf: never slips, 0: no friction
     lam: Array  # (n, d) lambda = -sigma_T / s [-]; its length is 1 where the node slips; 0 where s = 0
     status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
+    wear: Array | None = None  # (n,) worn depth of both sides together [m]; None: nothing wears
 
     def columns(self) -> dict[str, AnyArray]:
         """Values at the nodes, by the columns of contact_NAME.csv but `arc`: arrays (n,); a status is a word."""
@@ -171,6 +172,7 @@ class ContactState(ContactNumbers):
         parts = (("", self.points), *((f"{name}_", values) for name, values in (*vectors, ("lambda", self.lam))))
         (place, *at_nodes) = ({f"{name}{a}": v for a, v in zip(axes, values.T, strict=True)} for name, values in parts)
         numbers = {"weight": self.weight, "gap": self.gap, "pressure": self.pressure}
+        numbers |= {} if self.wear is None else {"wear": self.wear}
         words = {"status": np.array(STATUS_WORDS)[self.status]}
         return reduce(or_, (place, numbers, *at_nodes, words))
 

@@ -26,6 +26,7 @@ STATUS_WORDS = ("open", "slip", "stick")  # of these values, in tables
 STRESSES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 KINDS = {  # of numbers that have one scale, by unit
     "N": "force", "N m": "moment", "m²": "area", "Pa": "pressure", "m": "length", "J": "energy", "rad": "rotation",
+    "m³": "volume",
 }  # fmt: skip
 
 
@@ -141,7 +142,7 @@ class Energy:
     dissipation: Array  # (contacts,) by friction, in the scene's order of contacts, >= 0 [J]; end-of-step rule
 
     @property
-    def dissipated(self) -> Annotated[float, Number("J", "by friction", words="dissipated")]:
+    def dissipated(self) -> Annotated[float, Number("J", "by friction and wear", words="dissipated")]:
         """Dissipation of all contacts together [J]."""
         return float(self.dissipation.sum())
 
