@@ -448,7 +448,7 @@ class Auditor:
         slid = (w - record.reference)[place.tangential].reshape(t.shape) - (t / soft if soft else 0.0)
         total = before[rows.name]["dissipation_total"] if before else 0.0
         whole = told["dissipation_total"] - total  # of several substeps the parts are not known
-        work = float(rows.W_t @ (t * slid).sum(axis=1)) + self._beside(place, record)
+        work, beside = float(rows.W_t @ (t * slid).sum(axis=1)), self._beside(place, record)
         counts = dict(zip(STATUS_WORDS, np.bincount(status, minlength=len(STATUS_WORDS)).tolist(), strict=True))
         return self._second.acting(
             acts.points,
@@ -459,7 +459,7 @@ class Auditor:
             slips=status == SLIP,
             peaks=self._pressure_of_law(rows, record) if isinstance(rows.normal, Compliance) else shown["pressure"],
             closing=w[place.normal] - self._gap(rows, record)[0],
-            dissipation=work if record.stored.told["substeps"] == 1 else whole,
+            dissipation=whole if beside is None or record.stored.told["substeps"] > 1 else work + beside,
             dissipation_total=total + told["dissipation"],
             wrong=float(counts != told["statuses"]),
             normal_weight=rows.W_n,
@@ -467,8 +467,15 @@ class Auditor:
             **shown,
         )
 
-    def _beside(self, place: ContactBlock, record: Record) -> float:
-        """Work in a step of friction on the sliding out of the plane, and of pressure on what wears away [J]."""
+    def _beside(self, place: ContactBlock, record: Record) -> float | None:
+        """Work in a step of friction on the sliding out of the plane, and of pressure on what wears away [J].
+
+        None: it is not known, for the step before is not.
+        """
+        if not (place.rows.wears or place.rows.slides):
+            return 0.0
+        if self._before is None and record.stored.told_before:
+            return None
         rows, law, p_n, before = place.rows, place.rows.friction, record.p[place.normal], self._before
         lasts = record.time - (before.time if before is not None else 0.0)
         found, key = 0.0, f"{rows.name}{WORN}"

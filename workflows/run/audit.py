@@ -100,10 +100,7 @@ def _record(folder: Path, index: int, dim: int, time: float, files: WrittenFiles
         contacts, stored = {}, None
     else:
         stored = read_step(path)
-        contacts = {
-            name: {key: values for key, values in vars(contact).items() if values is not None}
-            for name, contact in stored.contacts.items()
-        }
+        contacts = {name: vars(contact) for name, contact in stored.contacts.items()}
     if files is not None:
         files.see(time, contacts)
     if stored is None:

@@ -117,7 +117,7 @@ class WrittenFiles:
         axes, expected = "xyz"[: self._dim], {"time": np.full(len(points), time)}
         expected |= {axis: points[:, k] for k, axis in enumerate(axes)}
         for key, found in contact.items():
-            if key != "status":
+            if key != "status" and found is not None:
                 each = {f"_{axis}": found[:, k] for k, axis in enumerate(axes)} if found.ndim == 2 else {"": found}
                 expected |= {f"{shown_as(key)}{axis}": part for axis, part in each.items()}
         if not {*expected, "status"} <= columns.keys():
