@@ -19,7 +19,6 @@ from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.coupling import DIGITS, Coupling
 from stickslip.solvers.contact.rows import ContactRows, Fields, of_both
 from stickslip.solvers.fem.constraints import Constraints
-from stickslip.solvers.laws.wear import Turned
 from stickslip.solvers.scene.contact import Contact
 
 
@@ -224,10 +223,7 @@ def build_rows(
     }
     found = []
     for name, (contact, coupling) in contacts.items():
-        weights, friction, slide = coupling.weights, contact.tangential, contact.slides
-        if slide is not None:
-            slide = replace(slide, turns=coupling.surface.axisymmetric)
-            friction = friction and Turned(of=friction, normal=contact.normal, slide=slide, k_T=friction.k_T)
+        weights, (friction, slide) = coupling.weights, contact.law(coupling.surface.axisymmetric)
         degree = contact.degree(coupling.surface.degree)
         known = 0.0 if contact.normal.ties else contact.gap
         gap = coupling.gap if known is None else np.full_like(coupling.gap, known)

@@ -86,7 +86,10 @@ EFFECTS = (
     Row(
         "slide",
         lambda scene: (
-            f"contacts.{name}.slide{'_speed' * (c.slide is None)}" for name, c in scene.contacts.items() if c.slides
+            f"contacts.{name}.{key}"
+            for name, c in scene.contacts.items()
+            for key in ("slide", "slide_speed")
+            if getattr(c, key) is not None
         ),
         lambda scene: "nothing sticks while it moves, friction in the plane is that of a film",
     ),

@@ -149,18 +149,21 @@ class Contact(Noun):
             require(self.between is None and not skins, key, said, "not between whole skins yet; name two sides")
         require(self.slide is None or self.slide_speed is None, "slide", self.slide, "leave it out, or `slide_speed`")
         law = self.friction
-        if self.slides is not None and law is not None and Turned.refuses_law(law):
+        slides = self.slide is not None or self.slide_speed is not None
+        if slides and law is not None and Turned.refuses_law(law):
             raise SceneError(f"friction.law = {getattr(law, 'law', '')}: does not turn to `slide` yet; use coulomb")
         if self.wear is not None:
-            require(law is not None or self.slides is not None, "wear", "true", "needs friction or `slide`, which slip")
+            require(law is not None or slides, "wear", "true", "needs friction or `slide`, which slip")
             if isinstance(law, TangentialCompliance):
                 raise SceneError(f"friction.law = {law.law}: is bounded by the penetration, of which wear takes a part")
 
-    @property
-    def slides(self) -> Slide | None:
-        """Sliding out of the plane."""
-        given = self.slide if self.slide_speed is None else self.slide_speed
-        return None if given is None else Slide(given=given, speed=self.slide is None)
+    def law(self, turns: bool) -> tuple[FrictionLaw | None, Slide | None]:
+        """The friction law in force, turned towards the sliding out of the plane, and that; turns: about an axis."""
+        given, law = self.slide if self.slide_speed is None else self.slide_speed, self.tangential
+        if given is None:
+            return law, None
+        slide = Slide(given=given, speed=self.slide is None, turns=turns)
+        return law and Turned(of=law, normal=self.normal, slide=slide, k_T=law.k_T), slide
 
     def _check_sides(self) -> None:
         several = self.partners
