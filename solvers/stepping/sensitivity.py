@@ -318,7 +318,7 @@ class _Solution:
                 problem = replace(problem, gap=way.touched(p, w))
             if memory.start:
                 known = memory.after(problem, p, w)
-                problem = replace(problem, cone=with_memory(memory.cone, known, memory.step))
+                problem = replace(problem, cone=with_memory(memory.cone, known, memory.step, memory.start))
             laws = linearise(problem, p + gamma * (w - problem.gap), gamma)
             if size <= EXACT * scale:
                 break
