@@ -74,6 +74,10 @@ SCENES: dict[str, tuple[Scene, tuple[str, ...]]] = {
         dragged(geometry={"order": 2}, base={"gap_offset": 0.02}),
         ("bodies.block.nu", "contacts.base.friction.mu", "contacts.base.gap_offset", "supports.top.displacement.y"),
     ),
+    "friction that slip weakens": (
+        dragged(base={"friction": {"law": "static_kinetic", "mu_s": 0.4, "mu_k": 0.3, "slip_length": 0.2}}),
+        ("bodies.block.E", "contacts.base.friction.mu_s", "contacts.base.friction.slip_length"),
+    ),
     "axisymmetric": (pressed_ball(), ("bodies.block.E", "contacts.base.normal.c_n", "loads.top.pressure")),
     "3D": (dragged(3), ("bodies.block.nu", "contacts.base.friction.mu", "supports.top.displacement.y")),
     "order 2 in 3D, springs before slip": (
@@ -82,7 +86,7 @@ SCENES: dict[str, tuple[Scene, tuple[str, ...]]] = {
     ),
     "tied": (
         two_blocks(
-            2, {"x": 0.02, "y": -0.1}, {"normal": {"law": "tied"}}, probes={"tip": {"point": [1.0, 0.75]}}, **EXACT
+            2, {"x": 0.02, "y": -0.1}, {"normal": {"law": "tied"}}, probes={"tip": {"point": [1.0, 0.25]}}, **EXACT
         ),
         ("bodies.lower.E", "bodies.upper.nu", "supports.top.displacement.x", "geometry.height"),
     ),
@@ -145,6 +149,30 @@ def test_a_point_at_its_bound_has_two_sides() -> None:
     assert step.sensitivity["contacts.base.normal_force"]["bodies.block.E"].value == pytest.approx(0.0, abs=1e-9)
     _, (further,) = solved(touching(1e-6))
     assert further.contacts["base"].normal_force == pytest.approx(1e-6 * stiffness, rel=1e-6)
+
+
+def test_a_worn_column_loses_pressure_by_its_coefficient_of_wear() -> None:
+    held = {side: {"boundary": f"block.{side}", "displacement": {"x": 0.0}} for side in ("left", "right")}
+    top = {"boundary": "block.top", "displacement": {"y": [[0, 0], [1, -0.01]]}}
+    base = {
+        "surface": "block.bottom",
+        "against": "foundation",
+        "wear": {"k": 1e-4},
+        "slide": [[0, 0], [1, 0], [2, 5.0]],
+    }
+    body, key = {"block": {"E": 1000.0, "nu": 0.3}}, "contacts.base.wear.k"
+    scene = scene_of(
+        geometry=COLUMN,
+        bodies=body,
+        contacts={"base": base},
+        supports=held | {"top": top},
+        steps={"end": 2.0, "count": 2},
+        **EXACT,
+    )
+    _, (_, step) = solved(replace(scene, sensitivity=Sensitivity(parameters=(key,))))
+    worn = 1346.15384615 * 1e-4 * 5.0  # M k s / H; one implicit step leaves p_0 / (1 + worn)
+    slope = step.sensitivity["contacts.base.normal_force"][key].value
+    assert slope * 1e-4 / step.contacts["base"].normal_force == pytest.approx(-worn / (1 + worn), rel=1e-6)
 
 
 @pytest.fixture(scope="module")
