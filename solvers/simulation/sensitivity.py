@@ -18,9 +18,9 @@ from stickslip.geometry.errors import SceneError, StickslipError
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.solvers.accuracy.areas import areas_inside_facets
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.results.observe import CellStress, Observer
+from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import Quantity, Slope, number_of, quantities
-from stickslip.solvers.scene.parameters import chosen, parameters, scaled
+from stickslip.solvers.scene.parameters import scaled
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.record import Value
 from stickslip.solvers.scene.scene import Scene
@@ -42,7 +42,7 @@ def neighbours(scene: Scene, stepper: Stepper) -> Neighbours | None:
     Raises:
         SceneError: a number has no derivative that could be found, with the reason.
     """
-    asked, values = chosen(scene), parameters(scene, geometry=True)
+    asked, values = scene.derived_by, scene.parameters()
     if not asked:
         return None
     bolts = stepper.system.initial.tightened
@@ -72,7 +72,7 @@ def _changed(scene: Scene, system: System, key: str, by: float) -> System:
     Raises:
         SceneError: its mesh has other cells.
     """
-    problem, mesh = resolve(scaled(scene, tuple(key.split(".")), 1 + by)), system.mesh
+    problem, mesh = resolve(scaled(scene, key, 1 + by)), system.mesh
     if problem.shape != system.problem.shape:
         mesh = _remeshed(problem, mesh)
     found = assemble(problem, mesh, Counters())
@@ -104,10 +104,10 @@ class Slopes:
             observer: of the solution.
             neighbours: of it.
         """
-        self.neighbours, own, values = neighbours, observer.without_errors(), parameters(scene, geometry=True)
+        self.neighbours, own, values = neighbours, observer.without_errors(), scene.parameters()
         self.by = {key: STEP * abs(values[key]) for key in neighbours.keys}
         self._observers = [
-            replace(own, stepper=solver, stress=CellStress(solver.system) if own.probes and at else own.stress)
+            Observer.of(solver) if own.probes and at else replace(own, stepper=solver)
             for at, solver in enumerate(neighbours.solvers)
         ]
 

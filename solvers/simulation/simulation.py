@@ -19,7 +19,6 @@ from stickslip.solvers.parallel.counters import Clock, Counters
 from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.observe import Observer, mesh_data
 from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult, quantities
-from stickslip.solvers.scene.parameters import deviations
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.memory import Counts, Demand, affordable, memory_of, spare
@@ -174,7 +173,7 @@ class Simulation:
         if self.slopes is None:
             return found
         with self.clock.phase("output", "sensitivity"):
-            return replace(found, sensitivity=self.slopes(accepted), deviations=deviations(self.scene))
+            return replace(found, sensitivity=self.slopes(accepted), deviations=self.scene.deviations)
 
     def errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None

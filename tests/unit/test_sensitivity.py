@@ -25,7 +25,7 @@ from stickslip.solvers.results.step_result import (
     told,
     uncertainty,
 )
-from stickslip.solvers.scene.parameters import Sensitivity, parameters, scaled
+from stickslip.solvers.scene.parameters import Sensitivity, scaled
 from stickslip.solvers.simulation.checkpoint import Checkpoints
 from stickslip.workflows.lab.verification.prepared import solved
 from stickslip.workflows.run.result import result_schema
@@ -115,10 +115,10 @@ def numbers(scene: Scene) -> list[dict[Quantity, Any]]:
 def test_derivatives_are_the_differences_of_two_runs(name: str) -> None:
     scene, keys = SCENES[name]
     _, steps = solved(replace(scene, sensitivity=Sensitivity(parameters=keys)))
-    own, known = numbers(scene), parameters(scene, geometry=True)
+    own, known = numbers(scene), scene.parameters()
     for key in keys:
         size = 1e-5  # of the number: the sets do not change
-        below, above = (numbers(scaled(scene, tuple(key.split(".")), 1 + sign * size)) for sign in (-1, 1))
+        below, above = (numbers(scaled(scene, key, 1 + sign * size)) for sign in (-1, 1))
         for step, mine, low, high in zip(steps, own, below, above, strict=True):
             assert len(step.sensitivity) > 20
             units = {number_of(quantity).unit: [] for quantity in mine}
@@ -186,7 +186,7 @@ def rings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, StepResult]:
 
 def test_the_shrink_fit_has_lames_derivatives(rings: tuple[Scene, StepResult]) -> None:
     scene, step = rings
-    known, contact = parameters(scene, geometry=True), step.contacts["fit"]
+    known, contact = scene.parameters(), step.contacts["fit"]
     slopes = step.sensitivity["contacts.fit.mean_pressure"]
     found = {key: slope.value * known[key] / contact.mean_pressure for key, slope in slopes.items()}
     lame = {"bodies.inner.E": 0.170020121, "bodies.inner.nu": 0.117706237, "bodies.outer.E": 0.829979879}

@@ -25,7 +25,7 @@ def sensitivity(
 
     from stickslip.geometry.errors import require_known
     from stickslip.solvers.results.step_result import slope_columns, values
-    from stickslip.solvers.scene.parameters import Sensitivity, chosen, parameters
+    from stickslip.solvers.scene.parameters import Sensitivity
     from stickslip.solvers.simulation.simulation import prepare
     from stickslip.workflows.run.terminal import console, print_table, table_of
     from stickslip.workflows.scene_file.read import named, read
@@ -33,10 +33,10 @@ def sensitivity(
     loaded = read(scene, override or ())
     for name in quantity or ():
         require_known("--quantity", name, loaded.quantities(), "no such quantity")
-    asked = loaded if chosen(loaded) else replace(loaded, sensitivity=Sensitivity(parameters="all"))
+    asked = loaded if loaded.derived_by else replace(loaded, sensitivity=Sensitivity(parameters="all"))
     with named(scene, override or ()):
         *_, last = prepare(replace(asked, output=replace(asked.output, error=False))).steps()
-    numbers, slopes, known = values(last), slope_columns(last), parameters(asked, geometry=True)
+    numbers, slopes, known = values(last), slope_columns(last), asked.parameters()
     out, head = console(120, quiet=not speaks()), ("by", "derivative", "% by 1 %", "")
     for name in quantity or [f"{contact}.normal_force" for contact in last.contacts] + ["energy.stored"]:
         found = {key.partition(".sensitivity.")[2]: x for key, x in slopes.items() if key.startswith(f"{name}.sens")}
