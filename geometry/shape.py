@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
 from stickslip.geometry.curved_facets import Bulging, find_bulging, find_edges
-from stickslip.geometry.errors import require
+from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.units import Units
@@ -64,6 +64,22 @@ class Request:
     @property
     def dim(self) -> int:
         return dimensions(self.model)
+
+    @property
+    def sectors(self) -> tuple[Turn, ...]:
+        """Turns to the sectors on both sides of a cyclic one; none of another body.
+
+        Raises:
+            SceneError: sectors of one scene differ.
+        """
+        turns = [*self.turns.values()]
+        both = [turn for first in turns[:1] for turn in (first, replace(first, angle=-first.angle))]
+        at = np.vstack([np.zeros(self.dim), np.eye(self.dim)])
+        differ = [turn for turn in turns if not any(np.allclose(turn.moved(at), own.moved(at)) for own in both)]
+        if differ:
+            angles = f"{both[0].angle:g} and {differ[0].angle:g}"
+            raise SceneError(f"periodic: sectors of {angles} degrees, or about two axes, cannot touch each other")
+        return tuple(both[:1] if both and abs(both[0].angle) == 180 else both)
 
 
 def apart(one: Array, other: Array) -> float:

@@ -230,8 +230,8 @@ def build_rows(
         if contact.normal.at_quadrature:
             points = coupling.points(degree)
             N_n = along(points.relative, points.normals[:, None])
-            W_n, fold = points.weights, _fold(coupling.surface)
-            psi, phi = (points.psi, points.phi) if fold is None else (fold @ points.psi, fold @ points.phi)
+            W_n, fold, folds = points.weights, coupling.surface.fold, coupling.surface.images is not None
+            psi, phi = (fold @ points.psi, fold @ points.phi) if folds else (points.psi, points.phi)
             gap_n = points.gap if known is None else np.full_like(points.gap, known)
             to_points, directions = points.own.basis(coupling.surface), points.normals
             dropped = 0
@@ -286,21 +286,10 @@ def build_rows(
     return found
 
 
-def _fold(surface: Surface) -> Sparse | None:
-    """Matrix (n, n) that moves integrals at turned nodes of a cyclic sector to those that they are images of."""
-    if surface.images is None:
-        return None
-    here, there, _ = surface.images
-    own, n = np.setdiff1d(np.arange(len(surface.nodes)), there), len(surface.nodes)
-    at = np.concatenate([own, here]), np.concatenate([own, there])
-    found: Sparse = sparse.csr_matrix((np.ones(n), at), shape=(n, n))
-    return found
-
-
 def _folded(coupling: Coupling) -> Coupling:
     """The same coupling, where nodes of a cyclic sector carry what their turned images would: these have no weight."""
-    fold = _fold(coupling.surface)
-    if fold is None:
+    fold = coupling.surface.fold
+    if coupling.surface.images is None:
         return coupling
     return replace(coupling, weights=fold @ coupling.weights, carries=coupling.carries & (fold.diagonal() > 0))
 

@@ -153,6 +153,8 @@ def with_images(side: Surface, constraints: Constraints) -> Surface:
     ends[there] = ends[here] = False
     faces = np.zeros(n, np.int64) if side.faces is None else side.faces
     faces = faces + (faces.max() + 1) * (ends & (roots != side.nodes))
+    if not np.allclose(turn, constraints.periodic.sectors[1]):
+        here, there, turn = there, here, turn.T
     images = (here, there, np.tile(turn, (len(here), 1, 1))) if len(here) else None
     return replace(side, images=images, **({"faces": faces, "ends": ends.astype(int)} if ends.any() else {}))
 

@@ -17,7 +17,7 @@ from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Sparse, UflExpr, UflForm, Vec
 from stickslip.geometry.surfaces.faces import split_at_edges, with_sides_beside
-from stickslip.geometry.surfaces.surface import Surface, gather_surface, own_nodes
+from stickslip.geometry.surfaces.surface import Surface, gather_surface, of_sectors, own_nodes
 from stickslip.solvers.contact.pairing import pair_up, with_halves, with_images
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.contact.skins import NEAR
@@ -31,7 +31,7 @@ from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.fem.terms import InitialStrain
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.released import watch
-from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.problem import BESIDE, Problem
 from stickslip.solvers.scene.timeline import Course, Place
 from stickslip.solvers.system.applied_loads import AppliedLoads, InitialStrains
 from stickslip.solvers.system.contact_interface import ContactInterface, Obstacles
@@ -216,11 +216,8 @@ def contact_rows(
     found = with_halves(problem, with_sides_beside(faces))
     if problem.request.turns:
         found = {name: with_images(side, constraints) for name, side in found.items()}
-        for name, pair in problem.pairs.items():
-            one, two = pair.surfaces
-            if pair.contact.sliding and two is not None and found[one].images is not None:
-                why = "points slide past the cut of a cyclic sector, beyond which no body is meshed"
-                raise SceneError(f"contacts.{name}.sliding = true: {why}; leave it out, or mesh the whole")
+        touched = {f"{name}{BESIDE}": of_sectors(side, problem.request.sectors) for name, side in found.items()}
+        found |= {two: touched[two] for _, two in (pair.surfaces for pair in problem.pairs.values()) if two}
     return pair_up(problem, found, constraints, {})
 
 
