@@ -10,7 +10,7 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints, cross
 from stickslip.geometry.curved_facets import Bulging, find_bulging, find_edges
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.mesh_sizes import SizeField
@@ -43,6 +43,15 @@ class Turn:
         found = Rotation.from_rotvec(np.radians(self.angle) * axis).as_matrix()
         found[np.abs(found) < LAST_DIGITS] = 0.0  # of right angles
         return np.asarray(found[:dim, :dim])
+
+    def of(self, points: Array, motion: Array) -> Array:
+        """Angles (m,) in degrees by which a motion (m, d) [m] turns points (m, d) [m]."""
+        d, axis = points.shape[1], np.array(self.axis) / np.linalg.norm(self.axis)
+        x = points - self.point[:d]
+        if d == 3:
+            x, motion = (v - np.outer(v @ axis, axis) for v in (x, motion))
+        turn = cross(x, x + motion)
+        return np.degrees(np.arctan2(turn @ axis if d == 3 else turn, np.einsum("md,md->m", x, x + motion)))
 
     def moved(self, points: Array) -> Array:
         """Points (m, d) [m] on the other side."""
@@ -80,6 +89,11 @@ class Request:
             angles = f"{both[0].angle:g} and {differ[0].angle:g}"
             raise SceneError(f"periodic: sectors of {angles} degrees, or about two axes, cannot touch each other")
         return tuple(both[:1] if both and abs(both[0].angle) == 180 else both)
+
+    @property
+    def turned(self) -> Array:
+        """By which displacements turn to each sector (s, d, d), this one first, see `sectors`."""
+        return np.stack([np.eye(self.dim), *(turn.matrix(self.dim) for turn in self.sectors)])
 
 
 def apart(one: Array, other: Array) -> float:

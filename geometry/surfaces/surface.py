@@ -238,6 +238,17 @@ def of_sectors(side: Surface, turns: Sequence[Turn]) -> Surface:
     return replace(joined([side, *copies]), beside=side.beside and of_sectors(side.beside, turns))
 
 
+def in_sectors(values: Array, nodes: Ints, sectors: Array) -> Array:
+    """Vectors (n, d) at nodes, from those that these have in the first sector.
+
+    Args:
+        sectors: (s, d, d) by which vectors turn to each of them, the first 1.
+    """
+    if len(sectors) == 1:
+        return values
+    return np.asarray(np.einsum("nij,nj->ni", sectors[nodes // SECTOR], values))
+
+
 def gather_surface(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> Surface:
     """Gather a side (named body.side) from all ranks on every rank; collective."""
     (_, own), every = _own_facets(mesh, space, nodes, side), partial(of_all_ranks, mesh.comm)

@@ -168,7 +168,7 @@ def _across_cuts(
     sums = slave.fold @ (sparse.diags(part * (1 - turned)) @ P + sparse.diags(part * turned) @ P @ behind)
     total, mean = slave.fold @ W, slave.fold @ part
     each = np.divide(1.0, mean, out=np.zeros(len(W)), where=mean != 0)
-    gap = np.where(total != 0, each * (slave.fold @ np.where(part != 0, part * gap, 0.0)), np.inf)
+    gap = np.where(total != 0, each * (slave.fold @ (part * np.where(W != 0, gap, 0.0))), np.inf)
     return total, (sparse.diags(each) @ sums).tocsr(), gap, (slave.fold @ psi).tocsr()
 
 

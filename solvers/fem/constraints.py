@@ -161,13 +161,9 @@ class Constraints:
         columns[rigid], free[rigid] = 0.0, False
         return columns, free
 
-    def sectors(self, nodes: Ints) -> Array:
-        """By which displacements turn to the sectors that nodes (n,) are in (n, d, d)."""
-        return np.asarray(self.periodic.sectors[nodes // SECTOR])
-
     def turns(self, nodes: Ints) -> Array:
         """By which the displacements of the roots of nodes (n,) turn to theirs (n, d, d)."""
-        found = self.sectors(nodes)
+        found = self.periodic.sectors[nodes // SECTOR]
         follows, at = _places(self.followers, nodes % SECTOR)
         found[follows] = found[follows] @ self.periodic.turn[at]
         return found

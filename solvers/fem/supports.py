@@ -223,7 +223,7 @@ def _periodic(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) 
         root_part=np.array([known[node][1] for node in roots], np.int64),
         turn=np.array([turn for _, turn in ends]).reshape(-1, mesh.dim, mesh.dim),
         fixed=fixed,
-        sectors=np.stack([np.eye(mesh.dim), *(turn.matrix(mesh.dim) for turn in problem.request.sectors)]),
+        sectors=problem.request.turned,
     )
 
 

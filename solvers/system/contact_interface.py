@@ -14,7 +14,7 @@ from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Ints
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import Mat, Sparse, Vec
-from stickslip.geometry.surfaces.surface import SECTOR
+from stickslip.geometry.surfaces.surface import SECTOR, in_sectors
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import AXES, Constraints
 from stickslip.solvers.fem.rigid_modes import RigidModes
@@ -201,7 +201,7 @@ class ContactInterface:
     def force_of(self, c: ContactRows, p_n: Array, t: Array) -> Vec:
         """B^T p of one contact over all displacements [N]."""
         total = self.T.createVecLeft()
-        NodalVectors(total, c.nodes, self.constraints).add(total, c.nodal_forces(p_n, t))
+        NodalVectors(total, c.nodes, self.constraints.periodic.sectors).add(total, c.nodal_forces(p_n, t))
         return total
 
     def resultant_on_driven(self, c: ContactRows, force: Vec) -> Array:
@@ -209,35 +209,28 @@ class ContactInterface:
         by_axis = self.mesh.comm.allreduce(force.array.reshape(-1, self.mesh.dim).sum(axis=0))
         return self.obstacles.resultants(c.name, by_axis)
 
-    def at_nodes(self, c: ContactRows, values: Array) -> Array:
-        """Vectors (n_all, d) at a contact's nodes, from those at all nodes of the gmsh model."""
-        return turned(self.constraints.sectors(c.input), values[c.input % SECTOR])
-
     @cached_property
     def _nodes(self) -> NodalVectors:
         nodes = np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in self.contacts)])
-        return NodalVectors(self.T.createVecLeft(), nodes, self.constraints)
+        return NodalVectors(self.T.createVecLeft(), nodes, self.constraints.periodic.sectors)
 
 
 class NodalVectors:
     """Read and add vectors at nodes, on every rank; those at nodes of other sectors are turned."""
 
-    def __init__(self, like: Vec, nodes: Ints, constraints: Constraints) -> None:
-        self._turns = constraints.sectors(nodes)
-        self._entries = Replicated(like, components(nodes % SECTOR, constraints.dim))
+    def __init__(self, like: Vec, nodes: Ints, sectors: Array) -> None:
+        """sectors: (s, d, d), see `Periodic`."""
+        self._nodes, self._sectors = nodes, sectors
+        self._entries = Replicated(like, components(nodes % SECTOR, sectors.shape[1]))
 
     def read(self, vector: Vec) -> Array:
         """Vectors (n, d) of a distributed one; collective."""
-        return turned(self._turns, self._entries.read(vector).reshape(self._turns.shape[:2]))
+        values = self._entries.read(vector).reshape(len(self._nodes), self._sectors.shape[1])
+        return in_sectors(values, self._nodes, self._sectors)
 
     def add(self, vector: Vec, values: Array) -> None:
         """Add vectors (n, d) to those of the nodes; each rank adds to its own."""
-        self._entries.add(vector, turned(self._turns.swapaxes(1, 2), values).ravel())
-
-
-def turned(turns: Array, values: Array) -> Array:
-    """Vectors (n, d), each turned by its matrix (n, d, d)."""
-    return np.asarray(np.einsum("nij,nj->ni", turns, values))
+        self._entries.add(vector, in_sectors(values, self._nodes, self._sectors.swapaxes(1, 2)).ravel())
 
 
 def loose_part(which: str, hinge: Array | None) -> SceneError:

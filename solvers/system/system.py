@@ -16,8 +16,8 @@ from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Sparse, UflExpr, UflForm, Vec
-from stickslip.geometry.surfaces.faces import split_at_edges, with_sides_beside
-from stickslip.geometry.surfaces.surface import Surface, gather_surface, of_sectors, own_nodes
+from stickslip.geometry.surfaces.faces import part_of, split_at_edges, with_sides_beside
+from stickslip.geometry.surfaces.surface import SECTOR, Surface, gather_surface, of_sectors, own_nodes
 from stickslip.solvers.contact.pairing import pair_up, with_halves, with_images
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.contact.skins import NEAR
@@ -364,6 +364,8 @@ def contact_sides(system: System) -> Iterator[tuple[str, Surface, Sparse]]:
             if side is not None and name is not None:
                 last, key = first + side.dim * len(side.nodes), (name, side.nodes.tobytes())
                 if key not in seen:
-                    yield name, side, trace[first:last]
+                    if pair.cyclic:
+                        side = part_of(side, (side.nodes[side.facets] < SECTOR).all(axis=1))
+                    yield name, side, trace[first : first + side.dim * len(side.nodes)]
                 seen.add(key)
                 first = last
