@@ -76,19 +76,22 @@ class Request:
 
     @property
     def sectors(self) -> tuple[Turn, ...]:
-        """Turns to the sectors on both sides of a cyclic one; none of another body.
+        """Turns to the sectors on both sides of a cyclic one; none of another body."""
+        first = next(iter(self.turns.values()), None)
+        if first is None:
+            return ()
+        return (first,) if abs(first.angle) == 180 else (first, replace(first, angle=-first.angle))
 
-        Raises:
-            SceneError: sectors of one scene differ.
+    def refuse_other_sectors(self) -> None:
         """
-        turns = [*self.turns.values()]
-        both = [turn for first in turns[:1] for turn in (first, replace(first, angle=-first.angle))]
+        Raises:
+            SceneError: sectors differ, so that bodies of one lie elsewhere in those of the other.
+        """
         at = np.vstack([np.zeros(self.dim), np.eye(self.dim)])
-        differ = [turn for turn in turns if not any(np.allclose(turn.moved(at), own.moved(at)) for own in both)]
-        if differ:
-            angles = f"{both[0].angle:g} and {differ[0].angle:g}"
-            raise SceneError(f"periodic: sectors of {angles} degrees, or about two axes, cannot touch each other")
-        return tuple(both[:1] if both and abs(both[0].angle) == 180 else both)
+        for side, turn in self.turns.items():
+            if not any(np.allclose(turn.moved(at), known.moved(at)) for known in self.sectors):
+                angles = f"{self.sectors[0].angle:g} and {turn.angle:g} degrees, or about two axes"
+                raise SceneError(f"periodic: {side} turns as no other side, {angles}; bodies that touch turn alike")
 
     @property
     def turned(self) -> Array:

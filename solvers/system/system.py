@@ -216,8 +216,9 @@ def contact_rows(
     found = with_halves(problem, with_sides_beside(faces))
     if problem.request.turns:
         found = {name: with_images(side, constraints) for name, side in found.items()}
-        touched = {f"{name}{BESIDE}": of_sectors(side, problem.request.sectors) for name, side in found.items()}
-        found |= {two: touched[two] for _, two in (pair.surfaces for pair in problem.pairs.values()) if two}
+        for two in filter(None, (pair.surfaces[1] for pair in problem.pairs.values())):
+            problem.request.refuse_other_sectors()
+            found[two] = of_sectors(found[two.removesuffix(BESIDE)], problem.request.sectors)
     return pair_up(problem, found, constraints, {})
 
 

@@ -1,5 +1,6 @@
 """A sector of a cyclic body, whose sides turn into each other, has the answer of the whole body."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from shared.audited import audit
 from stickslip import GeometryError, SceneError, Simulation, SolverError, StepResult
+from stickslip.geometry.shape import Request, Turn
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -307,6 +309,87 @@ def test_an_edge_may_run_from_cut_to_cut_in_3d(tmp_path: Path) -> None:
     _, both = turned_on_its_axis(tmp_path, 3, 90, rim=1)
     for key in ("normal_force", "contact_area", "slip_area", "dissipation_total"):
         assert getattr(both.contacts["c"], key) == pytest.approx(getattr(bottom.contacts["c"], key), rel=1e-8)
+
+
+PINS = """
+DefineConstant[ angle = 90 ]; n = angle / 90; m = 8;
+Point(1) = {0, 0, 0};
+For k In {0:3}
+  For j In {1:2}
+    r = (j == 1 ? 0.5 : 1); Point(10 * j + k) = {r * Cos(k * Pi / 2), r * Sin(k * Pi / 2), 0};
+  EndFor
+  Line(10 + k) = {10 + k, 20 + k};
+EndFor
+For k In {0:n-1}
+  e = (k + 1) % 4;
+  Circle(20 + k) = {10 + k, 1, 10 + e}; Circle(30 + k) = {20 + k, 1, 20 + e};
+  Curve Loop(1 + k) = {10 + k, 30 + k, -(10 + e), -(20 + k)}; Plane Surface(1 + k) = {1 + k};
+  a = k * Pi / 2 + 0.04; x = 0.405 * Cos(a); y = 0.405 * Sin(a); q = 100 * (k + 1); Point(q) = {x, y, 0};
+  For i In {0:3}
+    b = a + i * Pi / 2; c = Cos(b); s = Sin(b);
+    Point(q + 1 + i) = {x + 0.04 * c, y + 0.04 * s, 0}; Point(q + 11 + i) = {x + 0.1 * c, y + 0.1 * s, 0};
+    Line(q + 1 + i) = {q + 1 + i, q + 11 + i};
+  EndFor
+  For i In {0:3}
+    j = (i + 1) % 4;
+    Circle(q + 11 + i) = {q + 1 + i, q, q + 1 + j}; Circle(q + 21 + i) = {q + 11 + i, q, q + 11 + j};
+    Curve Loop(q + i) = {q + 1 + i, q + 21 + i, -(q + 1 + j), -(q + 11 + i)}; Plane Surface(q + i) = {q + i};
+    Transfinite Curve{q + 1 + i} = 3; Transfinite Curve{q + 11 + i, q + 21 + i} = 6;
+  EndFor
+EndFor
+Transfinite Curve{10:13} = 5; Transfinite Curve{20:20+n-1, 30:30+n-1} = 20; Transfinite Surface{:};
+Physical Surface("ring") = {1:n}; Physical Curve("ring.inner") = {20:19+n}; Physical Curve("ring.rim") = {30:29+n};
+p() = {}; r() = {}; b() = {};
+For k In {0:n-1}
+  q = 100 * (k + 1); p() += {q:q+3}; r() += {q+21:q+24}; b() += {q+11:q+14};
+EndFor
+Physical Surface("pin") = {p()}; Physical Curve("pin.rim") = {r()}; Physical Curve("pin.bore") = {b()};
+If (n < 4)
+  Physical Curve("ring.first") = {10}; Physical Curve("ring.second") = {10+n};
+EndIf
+"""
+
+
+def pins(folder: Path, angle: int, contact: Tables) -> tuple[Simulation, StepResult]:
+    """A ring about four pins on springs that lie across the cuts, which do not meet their mesh; it turns by 0.1 rad."""
+    (folder / "pins.geo").write_text(PINS)
+    drive = {"x": "-0.1*y*max(t-1,0)", "y": "0.1*x*max(t-1,0)"}
+    tables: Tables = {
+        "model": "plane strain",
+        "geometry": {"file": "pins.geo", "angle": angle},
+        "bodies": {"ring": {"E": 1.0, "nu": 0.3}, "pin": {"E": 2.0, "nu": 0.2}},
+        "contacts": {"fit": {"friction": {"law": "coulomb", "mu": 0.2}, "sliding": True} | contact},
+        "supports": {"rim": {"boundary": "ring.rim", "displacement": drive}},
+        "elastic_support": {"bed": {"boundary": "pin.bore", "tangential": 1.0, "normal": 1.0}},
+        "steps": {"end": 2.0, "count": 2},
+    }
+    sector = {"periodic": cut("ring", first="second", second="first", angle=float(angle))}
+    return last_of(tables | (sector if angle < 360 else {}), folder)
+
+
+@pytest.mark.parametrize(
+    ("angle", "contact"),
+    [
+        (90, {"surface": "ring.inner", "against": "pin.rim"}),
+        (180, {"surface": "pin.rim", "against": "ring.inner"}),
+        (90, {"between": "all"}),
+    ],
+)
+def test_a_body_across_the_cut_touches_the_sectors_on_both_sides(angle: int, contact: Tables, tmp_path: Path) -> None:
+    _, whole = pins(tmp_path, 360, contact)
+    simulation, sector = pins(tmp_path, angle, contact)
+    assert sector.contacts[next(iter(sector.contacts))].contact_area > 0
+    same(sector, whole, 360 // angle, 1e-6)  # gmsh's meshes are alike to 1e-9
+    assert max(audit(simulation, sector).values()) < 1e-6
+
+
+def test_bodies_that_touch_turn_alike() -> None:
+    quarter, back = (Turn(angle=angle, point=(0.0, 0.0)) for angle in (90.0, -90.0))
+    alike = Request(model="plane strain", turns={"hub.cut": quarter, "shaft.cut": back})
+    alike.refuse_other_sectors()
+    for other in (Turn(angle=60.0, point=(0.0, 0.0)), Turn(angle=90.0, point=(1.0, 0.0))):
+        with pytest.raises(SceneError, match=r"shaft\.cut turns as no other side"):
+            replace(alike, turns={"hub.cut": quarter, "shaft.cut": other}).refuse_other_sectors()
 
 
 SECTOR = """
