@@ -216,7 +216,7 @@ class SubstepSolver:
             return found, problem if found.gap is None else replace(problem, gap=found.gap, touch=None)
 
         solve = memory.around(once)
-        way = Way(problem, state.p, state.w, self.system.problem.solver.tolerance * problem.u_ref)
+        way = Way(problem, state.p, state.w, self.system.problem.solver.tolerance)
         found = way.from_touch(
             solve(replace(problem, touch=Touch(way, on_the_way=True)) if way.any else problem, p), solve
         )
