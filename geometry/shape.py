@@ -51,7 +51,8 @@ class Turn:
         if d == 3:
             x, motion = (v - np.outer(v @ axis, axis) for v in (x, motion))
         turn = cross(x, x + motion)
-        return np.degrees(np.arctan2(turn @ axis if d == 3 else turn, np.einsum("md,md->m", x, x + motion)))
+        sine, cosine = turn @ axis if d == 3 else turn, np.einsum("md,md->m", x, x + motion)
+        return np.asarray(np.degrees(np.arctan2(sine, cosine)))
 
     def moved(self, points: Array) -> Array:
         """Points (m, d) [m] on the other side."""

@@ -163,7 +163,7 @@ class Constraints:
 
     def turns(self, nodes: Ints) -> Array:
         """By which the displacements of the roots of nodes (n,) turn to theirs (n, d, d)."""
-        found = self.periodic.sectors[nodes // SECTOR]
+        found = np.array(self.periodic.sectors[nodes // SECTOR])
         follows, at = _places(self.followers, nodes % SECTOR)
         found[follows] = found[follows] @ self.periodic.turn[at]
         return found
