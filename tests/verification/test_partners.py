@@ -192,3 +192,44 @@ def test_methods_that_write_forms_of_the_whole_side_refuse_a_part_of_it(tmp_path
     scene = blocks(tmp_path, solver={"method": "block-uzawa"})
     with pytest.raises(SceneError, match="takes one contact a side"):
         solved(from_dict(scene, tmp_path))
+
+
+HALVES = """
+Point(1) = {0, 0, 0}; Point(2) = {1, 0, 0}; Point(3) = {2, 0, 0}; Point(4) = {2, 1, 0}; Point(5) = {0, 1, 0};
+Point(11) = {0, 0, 0}; Point(12) = {1, 0, 0}; Point(13) = {2, 0, 0}; Point(14) = {2, -1, 0}; Point(15) = {0, -1, 0};
+For k In {0:1}
+  q = 10 * k; Line(q + 1) = {q + 1, q + 2}; Line(q + 2) = {q + 2, q + 3}; Line(q + 3) = {q + 3, q + 4};
+  Line(q + 4) = {q + 4, q + 5}; Line(q + 5) = {q + 5, q + 1}; Curve Loop(q + 1) = {q + 1:q + 5};
+  Plane Surface(q + 1) = {q + 1}; Transfinite Curve{q + 1:q + 5} = 5;
+EndFor
+Physical Surface("up") = {1}; Physical Curve("up.left") = {1}; Physical Curve("up.right") = {2};
+Physical Surface("low") = {11}; Physical Curve("low.left") = {11}; Physical Curve("low.right") = {12};
+Physical Curve("up.top") = {4}; Physical Curve("low.bottom") = {14};
+"""
+
+
+@pytest.mark.parametrize("law", ["unilateral", "tied"])
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_sides_of_the_same_bodies_that_meet_share_no_multiplier(law: str, exchanged: bool, tmp_path: Path) -> None:
+    """A uniform pressure has one answer, though both contacts see the motion of the node between them."""
+    (tmp_path / "halves.geo").write_text(HALVES)
+    free = {} if law == "tied" else {"friction": {"law": "coulomb", "mu": 0.3}}
+    right = ("low.right", "up.right") if exchanged else ("up.right", "low.right")
+    coulomb = {"law": "coulomb", "mu": 0.3}
+    scene = {
+        "model": "plane strain",
+        "geometry": {"file": "halves.geo"},
+        "bodies": {name: {"E": 1.0, "nu": 0.0} for name in ("up", "low")},
+        "contacts": {
+            "r": {"surface": right[0], "against": right[1], "friction": coulomb},
+            "l": {"surface": "up.left", "against": "low.left", "normal": {"law": law}} | free,
+        },
+        "supports": {
+            "top": {"boundary": "up.top", "displacement": {"x": 0.0, "y": -0.02}},
+            "bottom": {"boundary": "low.bottom", "displacement": {"x": 0.0, "y": 0.0}},
+        },
+    }
+    result = run(tmp_path, scene)
+    for contact in result.contacts.values():
+        assert contact.normal_force == pytest.approx(0.01, rel=1e-8)
+        assert contact.max_pressure == pytest.approx(0.01, rel=1e-8)
