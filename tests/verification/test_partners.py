@@ -233,3 +233,52 @@ def test_sides_of_the_same_bodies_that_meet_share_no_multiplier(law: str, exchan
     for contact in result.contacts.values():
         assert contact.normal_force == pytest.approx(0.01, rel=1e-8)
         assert contact.max_pressure == pytest.approx(0.01, rel=1e-8)
+
+
+CORNER = """
+SetFactory("OpenCASCADE"); DefineConstant[ seat = 0 ];
+Rectangle(1) = {0, 0, 0, 2, 1}; Physical Surface("b") = {1}; Physical Curve("b.bottom") = {1};
+Physical Curve("b.left") = {4}; Physical Curve("b.ends") = {2, 3};
+If (seat)
+  Rectangle(2) = {-1, -1, 0, 3, 2}; Rectangle(3) = {0, 0, 0, 2, 1};
+  s() = BooleanDifference{ Surface{2}; Delete; }{ Surface{3}; Delete; }; Physical Surface("s") = {s()};
+  f() = Curve In BoundingBox {-0.01, -0.01, -1, 2.01, 0.01, 1}; f() -= {1}; Physical Curve("s.floor") = {f()};
+  w() = Curve In BoundingBox {-0.01, -0.01, -1, 0.01, 1.01, 1}; w() -= {4}; Physical Curve("s.wall") = {w()};
+  u() = Curve In BoundingBox {-1.01, -1.01, -1, 2.01, -0.99, 1}; Physical Curve("s.under") = {u()};
+EndIf
+MeshSize{:} = 0.5;
+"""
+
+
+@pytest.mark.parametrize("seat", [False, True])
+def test_each_face_at_a_corner_has_its_own_compliance_and_friction(seat: bool, tmp_path: Path) -> None:
+    """A stiff block sinks in along a floor and a wall: one slips as far as friction bounds it, the other by k_T."""
+    (tmp_path / "corner.geo").write_text(CORNER)
+    bodies = ("b", "s") if seat else ("b",)
+    planes = {"floor": [0.0, 1.0], "wall": [1.0, 0.0]}
+    moved = {"boundary": "b.ends", "displacement": {"x": -0.01, "y": -0.02}}
+    scene: dict[str, Any] = {
+        "model": "plane strain",
+        "geometry": {"file": "corner.geo", "seat": int(seat)},
+        "bodies": {name: {"E": 1e8, "nu": 0.0} for name in bodies},
+        "obstacles": {}
+        if seat
+        else {n: {"shape": "plane", "point": [0.0, 0.0], "normal": x} for n, x in planes.items()},
+        "contacts": {
+            side: {
+                "surface": f"b.{side}",
+                "against": f"s.{face}" if seat else face,
+                "normal": {"law": "compliance", "c_n": c_n},
+                "friction": {"law": "coulomb", **friction},
+            }
+            for side, face, c_n, friction in (
+                ("bottom", "floor", 10.0, {"mu": 0.2}),
+                ("left", "wall", 30.0, {"mu": 4.0, "k_T": 5.0}),
+            )
+        },
+        "supports": {"ends": moved, **({"under": {"boundary": "s.under", "displacement": [0.0, 0.0]}} if seat else {})},
+    }
+    found = run(tmp_path, scene).contacts
+    floor, wall = 10.0 * 0.02 * 2, 30.0 * 0.01 * 1
+    assert_allclose(found["bottom"].force, [0.2 * floor, floor], rtol=1e-5)
+    assert_allclose(found["left"].force, [wall, 5.0 * 0.02 * 1], rtol=1e-5)
