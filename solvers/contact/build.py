@@ -224,7 +224,7 @@ def build_rows(
     }
     found = []
     for name, (contact, coupling) in contacts.items():
-        weights, friction = coupling.weights, contact.tangential
+        weights, (friction, slide) = coupling.weights, contact.law(coupling.surface.axisymmetric)
         degree = contact.degree(coupling.surface.degree)
         known = 0.0 if contact.normal.ties else contact.gap
         gap = coupling.gap if known is None else np.full_like(coupling.gap, known)
@@ -260,6 +260,11 @@ def build_rows(
         else:
             carrier = _no_friction(coupling)
         N_t, W_t = carrier.rows(coupling)
+        if contact.wear is not None and slide is None and weights.any() and not len(W_t):
+            raise SceneError(
+                f"contacts.{name}.wear: supports hold all of {contact.surface} along the surface, so that no slip is "
+                "measured there; free it, or prescribe slide"
+            )
         if name in moved:
             gap_n = gap_n + N_n @ moved[name].ravel()
             gap = gap + coupling.closing(moved[name])
@@ -268,7 +273,7 @@ def build_rows(
         to_tangential = carrier.mean(weights)[0] if len(W_t) else carrier.share
         fields = Fields(
             gap_offset=contact.gap_offset, law=friction, points=start, to_nodes=coupling.surface.transform,
-            to_points=to_points, to_tangential=to_tangential, end=end,
+            to_points=to_points, to_tangential=to_tangential, end=end, slide=slide, wear=contact.wear,
         )  # fmt: skip
         with prefixed(f"contacts.{name}"):
             offset, node_offset = fields.offsets(0.0)

@@ -40,6 +40,7 @@ PER_CONTACT_DOF = 2e-6  # of what is done on the surface beside it, for each con
 # Of conjugate gradients that a step takes, measured 40 to 75 and 20 to 50, and 9 to 31 with little else beside them
 ITERATIONS = {(2, "surface-uzawa"): 60, (3, "surface-uzawa"): 40, (3, "tangent-cg"): 15}
 FACTOR = {2: 40.0, 3: 60.0}  # entries of a factor, to be multiplied by N and N^(4/3)
+NEEDS = ("floating", "driven", "rates", "worn")  # fields of `Size` that a method may not work with
 SHARE = 0.7  # of the available memory that the condensed form may take
 
 
@@ -69,6 +70,7 @@ class Size:
     floating: bool = False  # whether contact or forces alone hold a body or an obstacle
     driven: bool = False  # whether a force moves an obstacle
     rates: bool = False  # whether friction depends on the slip rate
+    worn: bool = False  # whether a contact slides out of the plane, or wears
     slower: float = 1.0  # iterations of conjugate gradients, relative to those of bodies that are easy to compress
     mixed: float = 1.0  # seconds and entries of a factor, likewise
     parts: tuple[tuple[float, float], ...] = ()  # dofs and contact dofs of bodies that share no node; (): of all
@@ -94,6 +96,7 @@ class Size:
             floating=bool(problem.rigid_modes.shape[1] or problem.driven),
             driven=bool(problem.driven),
             rates=any(c.friction is not None and c.friction.drags for c in contacts),
+            worn=any(c.wears or c.slides for c in contacts),
             slower=slower(problem),
             mixed=mixed(kind, averaged),
             parts=_parts(mesh, dofs, contacts) if mesh.comm.size == 1 and mesh.part_count > 1 else (),
@@ -243,7 +246,7 @@ def chain(form: Form, size: Size) -> tuple[Stage, ...]:
     turns = [
         (turn, name)
         for name, method in METHODS.items()
-        if all(getattr(method.WORKS_WITH, need) or not getattr(size, need) for need in ("floating", "driven", "rates"))
+        if all(getattr(method.WORKS_WITH, need) or not getattr(size, need) for need in NEEDS)
         for turn in method.TURNS
         if turn.form == form and size.dim in turn.dims
     ]

@@ -277,10 +277,11 @@ class SubstepSolver:
         """
         system, n = self.system, self.surface.normal_rows
         external, u_s = system.load(time), system.prescribed(time)
-        driving, cone = system.obstacles.driving_force(time), self.cone.at(time)
+        driving = system.obstacles.driving_force(time)
+        cone = with_memory(self.cone.at(time), state.memory, time - state.time)
         problem = SurfaceProblem(
             surface=self.surface,
-            cone=with_memory(cone, state.memory, time - state.time),
+            cone=cone,
             load=self.surface.load(system.pull(time, external, u_s), driving),
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
             u_before=self._at_contact(state) if self.surface.floating else np.zeros(self.surface.size),

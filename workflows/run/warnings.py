@@ -203,6 +203,7 @@ def doubts(
         if not problem.pairs[rows.name].contact.sliding:
             yield from _slid_far(rows, problem, states)
         yield from _at_corners(rows, states)
+        yield from _worn_far(rows, states[-1], problem.labels.length)
         peak = max(states, key=lambda state: state.max_pressure)
         if (peak.status != OPEN).any() and peak.max_pressure > 0:
             yield from _few_points(rows, problem, peak)
@@ -342,6 +343,17 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
         yield (
             f"contacts.{rows.name}: slips by up to {worst:.3g} {length} on a curved obstacle, while each point keeps "
             f"the normal it began with; set contacts.{table_of(rows.name)}.sliding = true"
+        )
+
+
+def _worn_far(rows: ContactRows, state: ContactState, length: str) -> Iterator[str]:
+    """A worn depth beside the part that touches: bodies keep their shape, and the stiffness of what has worn off."""
+    touching = rows.surface.points[state.status != OPEN]
+    extent = float(np.ptp(touching, axis=0).max()) if len(touching) else 0.0
+    if state.max_wear is not None and state.max_wear > LARGE * extent > 0:
+        yield (
+            f"contacts.{rows.name}: wears by {state.max_wear:.3g} {length}, {state.max_wear / extent:.0%} of the part "
+            "that touches, while the bodies keep what has worn off: they are stiffer and flatter than they would be"
         )
 
 
