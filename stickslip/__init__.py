@@ -88,8 +88,8 @@ Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, Hal
                   Rings, Spheres, Stack, Strip, TwoBlocks, Wedge
 Obstacles         Plane, Cylinder, Sphere, Cone, Rotation
 Normal laws       Unilateral, Compliance, Bilateral, Tied
-Friction laws     Coulomb, CappedCoulomb, Cohesion, OrthotropicCoulomb, PressureDependent,
-                  RateDependent, SlipDependent, StaticKinetic, Stick, TangentialCompliance, Tresca
+Friction, wear    Coulomb, CappedCoulomb, Cohesion, OrthotropicCoulomb, PressureDependent,
+                  RateDependent, SlipDependent, StaticKinetic, Stick, TangentialCompliance, Tresca; Wear
 Effects           BodyForce, Bolt, Centrifugal, ElasticSupport, Gravity, Periodic, Plunger, RemotePoint,
                   Spring, Thermal
 Solving           Simulation, Script, Limit, PlanRow, Seconds, Counters; iterations: HistoryRow,

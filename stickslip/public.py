@@ -37,6 +37,7 @@ from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
 from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.wear import Wear
 from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.step_result import (
@@ -216,6 +217,7 @@ __all__ = [
     "Unilateral",
     "UserFile",
     "Watch",
+    "Wear",
     "load",
     "prepare",
     "read",

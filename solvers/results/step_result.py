@@ -163,6 +163,7 @@ class ContactState(ContactNumbers):
     bound: Array  # (n,) friction bound s on |sigma_T| [Pa]; inf: never slips, 0: no friction
     lam: Array  # (n, d) lambda = -sigma_T / s [-]; its length is 1 where the node slips; 0 where s = 0
     status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
+    wear: Array | None = None  # (n,) worn depth of both sides together [m]; None: nothing wears
 
     def columns(self) -> dict[str, AnyArray]:
         """Values at the nodes, by the columns of contact_NAME.csv but `arc`: arrays (n,); a status is a word."""
@@ -171,6 +172,7 @@ class ContactState(ContactNumbers):
         parts = (("", self.points), *((f"{name}_", values) for name, values in (*vectors, ("lambda", self.lam))))
         (place, *at_nodes) = ({f"{name}{a}": v for a, v in zip(axes, values.T, strict=True)} for name, values in parts)
         numbers = {"weight": self.weight, "gap": self.gap, "pressure": self.pressure}
+        numbers |= {} if self.wear is None else {"wear": self.wear}
         words = {"status": np.array(STATUS_WORDS)[self.status]}
         return reduce(or_, (place, numbers, *at_nodes, words))
 
@@ -193,7 +195,13 @@ class ContactState(ContactNumbers):
 
     def _repr_html_(self) -> str:
         """A table of the resultants, for notebooks."""
-        return html_table("contact", {"": self.counts() | {key: getattr(self, key) for key in CONTACT_NUMBERS}})
+        return html_table("contact", {"": self.counts() | numbers_shown(self)})
+
+
+def numbers_shown(contact: ContactNumbers) -> dict[str, float]:
+    """Numbers that a contact has, by name."""
+    found = {key: getattr(contact, key) for key in CONTACT_NUMBERS}
+    return {key: value for key, value in found.items() if value is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,7 +280,7 @@ class StepResult(Numbers):
 
     def _repr_html_(self) -> str:
         """A table of the contacts' resultants, for notebooks."""
-        numbers = {name: {key: getattr(c, key) for key in CONTACT_NUMBERS} for name, c in self.contacts.items()}
+        numbers = {name: numbers_shown(c) for name, c in self.contacts.items()}
         return html_table(f"t = {self.time:g}", numbers)
 
     def without_fields(self) -> StepResult:
@@ -300,7 +308,8 @@ def walk(step: Numbers) -> Iterator[tuple[Quantity, Number, Value]]:
     for table, by_name in tables_of(step).items():
         for name, record in by_name.items():
             for key, number in numbers_of(kinds[table]).items():
-                yield Quantity(table, name, key), number, number.value(getattr(record, key))
+                if (found := getattr(record, key)) is not None:
+                    yield Quantity(table, name, key), number, number.value(found)
 
 
 def quantities(step: Numbers) -> dict[Quantity, Value]:

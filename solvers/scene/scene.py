@@ -275,7 +275,11 @@ class Scene(Noun):
         owners += [(table, name, RECORDS[table]) for table in named for name in getattr(self, table)]
         tables = [(*place, table.reports) for place, table in self.effect_tables().items()]
         of_effects = [(section, name, record) for section, name, record in tables if record is not None]
-        return names(self.dim, [*owners, *of_effects, ("energy", "", RECORDS["energy"])])
+
+        def lacks(name: str, key: str) -> bool:
+            return all(getattr(self.pairs[pair], key) is None for pair in self.sums.get(name, (name,)))
+
+        return names(self.dim, [*owners, *of_effects, ("energy", "", RECORDS["energy"])], lacks)
 
     def effect_tables(self) -> dict[tuple[str, str], EffectTable]:
         """Tables that effects own, by (effect, name of the table); the name is "" if the effect has one table only."""
@@ -385,8 +389,9 @@ class Scene(Noun):
                     noun.check_model(self.model)
         for name, contact in self.contacts.items():
             with mistakes:
-                timed = contact.friction is not None and contact.friction.timed
-                said = f"contacts.{name}.friction depends on slip rates: say that times are seconds, seconds = true"
+                timed = (contact.friction is not None and contact.friction.timed) or contact.slide_speed is not None
+                key = "slide_speed is a rate" if contact.slide_speed is not None else "friction depends on slip rates"
+                said = f"contacts.{name}.{key}: say that times are seconds, seconds = true"
                 require(self.steps.seconds or not timed, "steps.seconds", "false", said)
 
     def _check_rest(self, mistakes: Mistakes) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import SLIGHT, Array
+from stickslip.geometry.arrays import EXACT, SLIGHT, Array
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, Solution, Status
@@ -56,6 +56,8 @@ def _correction(attempt: Attempt, new: State) -> Correction:
         return replace(Correction.none(len(new.w)), memory=before.memory)
     if found.correct is not None:  # an estimate of the method's own, with mu as it ended
         left = found.correct(before)
+        unsettled = _way(attempt, Correction.none(len(new.w))).unsettled(found.p, found.w, problem.gap)
+        left = replace(left, size=left.size + unsettled)
     else:
         if solver.chain.stage.surface != "condensed":
             found = replace(found, w=new.w)  # of the displacement that was recovered
@@ -80,11 +82,8 @@ def _from_touch(attempt: Attempt, before: Correction, at: Solution, size: float)
         at: the exact solution with slip from where points touch in what the method found.
         size: the distance to that [J^(1/2)].
     """
-    problem, old, n = attempt.problem, attempt.begin, attempt.solver.surface.normal_rows
+    problem, way = attempt.problem, _way(attempt, before)
     assert problem is not None
-    began = np.concatenate([problem.gap[:n], (old.w - problem.cone.give(old.p))[n:]])
-    whole = exact_problem(replace(problem, gap=began), before)
-    way = Way(whole, old.p + before.p, old.w + before.w, attempt.solver.system.problem.solver.tolerance * problem.u_ref)
 
     def solve(turned: SurfaceProblem, p: Array) -> tuple[Solution, SurfaceProblem]:
         nonlocal at, size
@@ -96,6 +95,16 @@ def _from_touch(attempt: Attempt, before: Correction, at: Solution, size: float)
         with attempt.solver.system.counters.for_error():
             way.from_touch((at, exact_problem(problem, before)), solve)
     return at, size
+
+
+def _way(attempt: Attempt, before: Correction) -> Way:
+    """The way of points in an accepted substep, from the state before with its correction."""
+    problem, old, solver = attempt.problem, attempt.begin, attempt.solver
+    assert problem is not None
+    n, tolerance = solver.surface.normal_rows, solver.system.problem.solver.tolerance
+    began = np.concatenate([problem.gap[:n], (old.w - problem.cone.give(old.p))[n:]])
+    whole = exact_problem(replace(problem, gap=began), before)
+    return Way(whole, old.p + before.p, old.w + before.w, EXACT if solver.surface.exact else tolerance)
 
 
 def _exact(solver: SubstepSolver, problem: SurfaceProblem, found: Solution) -> tuple[Solution, float]:

@@ -216,7 +216,7 @@ class SubstepSolver:
             return found, problem if found.gap is None else replace(problem, gap=found.gap, touch=None)
 
         solve = memory.around(once)
-        way = Way(problem, state.p, state.w, self.system.problem.solver.tolerance * problem.u_ref)
+        way = Way(problem, state.p, state.w, self.system.problem.solver.tolerance)
         found = way.from_touch(
             solve(replace(problem, touch=Touch(way, on_the_way=True)) if way.any else problem, p), solve
         )
@@ -277,10 +277,11 @@ class SubstepSolver:
         """
         system, n = self.system, self.surface.normal_rows
         external, u_s = system.load(time), system.prescribed(time)
-        driving, cone = system.obstacles.driving_force(time), self.cone.at(time)
+        driving = system.obstacles.driving_force(time)
+        cone = with_memory(self.cone.at(time), state.memory, time - state.time)
         problem = SurfaceProblem(
             surface=self.surface,
-            cone=with_memory(cone, state.memory, time - state.time),
+            cone=cone,
             load=self.surface.load(system.pull(time, external, u_s), driving),
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
             u_before=self._at_contact(state) if self.surface.floating else np.zeros(self.surface.size),

@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
@@ -36,7 +36,7 @@ class Way:
     problem: SurfaceProblem  # slip is counted from its beginning
     p: Array  # tractions (rows,) [Pa] there
     w: Array  # relative displacement (rows,) [m] there
-    error: float  # allowed in a displacement [m]
+    tolerance: float  # of the solutions [-]: changes that are this part of the scale of motion are none
 
     @property
     def any(self) -> bool:
@@ -53,7 +53,7 @@ class Way:
         (solution, last), touch = found, Touch(self)
         while solution.status is Status.CONVERGED and (gap := touch(solution.p, solution.w, last.gap)) is not last.gap:
             solution, last = solve(replace(self.problem, gap=gap), solution.p)
-        return solution, last
+        return solution, last if touch.idle is None else replace(last, gap=touch.idle)
 
     @cached_property
     def room(self) -> Array:
@@ -128,7 +128,7 @@ class Way:
             n, t = place.normal, place.tangential
             acting[n] = np.where((place.average.T @ which.astype(float) > 0) & (self.p[n] == 0), p[n], 0.0)
             acting[t] = np.where(np.repeat(which, place.components), p[t], 0.0)
-        u = surface.displacement(surface.forces(acting), self.error)
+        u = surface.displacement(surface.forces(acting), self.tolerance * problem.u_ref)
         freed = surface.N @ (u - surface.R @ (surface.R.T @ u))
         if surface.floating:
             closed, wanted = self.p != 0, np.zeros_like(p)
@@ -138,6 +138,28 @@ class Way:
             bodies = np.asarray(surface.N @ surface.R)[:, : surface.R.shape[1] - surface.driven]
             freed = freed + bodies @ np.linalg.lstsq(bodies[closed], (wanted - freed)[closed], rcond=None)[0]
         return np.asarray(freed)
+
+    def felt(self, change: Array, p: Array) -> Array:
+        """Size of the part of a change (rows,) [m] of gaps that friction feels: it goes from bound to bound at most.
+
+        Args:
+            p: tractions (rows,) [Pa] that give the bound.
+        """
+        problem, size = self.problem, np.abs(change)
+        for place in problem.cone.with_friction():
+            t, whole = place.tangential, 2 * np.repeat(problem.cone.bound(place, p[place.normal]), place.components)
+            size[t] = np.minimum(size[t], whole / problem.gamma[t])
+        return size
+
+    def unsettled(self, p: Array, w: Array, gap: Array) -> float:
+        """Energy norm [J^(1/2)] of what slip from where points touch would change; collective.
+
+        Args:
+            p, w: tractions (rows,) [Pa] and relative displacement (rows,) [m] of a solution.
+            gap: what it was found with (rows,) [m].
+        """
+        size = self.felt(self.touched(p, w) - gap, p) if self.any else np.zeros_like(gap)
+        return float(np.sqrt((self.problem.surface.W * self.problem.gamma) @ size**2))
 
 
 @dataclass
@@ -153,6 +175,7 @@ class Touch:
     on_the_way: bool = False  # whether it is asked of iterates that are no solutions yet
     sizes: list[float] = field(default_factory=list)  # of all changes [m]
     tried: dict[bytes, list[tuple[Array, Array]]] = field(default_factory=dict)  # gaps, changes
+    idle: Array | None = None  # gap (rows,) [m] with the changes that friction does not feel; None: there are none
 
     def __call__(self, p: Array, w: Array, before: Array) -> Array:
         """Gap (rows,) [m] with slip counted from touch; that of before if it stays.
@@ -163,9 +186,10 @@ class Touch:
             before: gap (rows,) [m] that it was found with.
         """
         problem, gap = self.way.problem, self.way.touched(p, w)
-        change, error = gap - before, 0.0 if problem.surface.exact else self.way.error
-        allowed = max(ROUNDING * np.abs(gap - problem.gap).max(initial=0.0), error)
-        if np.all(np.abs(change) <= np.maximum(allowed, problem.scales.no_motion(self.way.w))):
+        change, allowed = gap - before, max(self.way.tolerance, EXACT) * problem.u_ref
+        self.idle, rounding = None, problem.scales.no_motion(self.way.w)
+        if np.all(self.way.felt(change, p) <= np.maximum(allowed, rounding)):
+            self.idle = np.where(np.abs(change) > np.maximum(allowed, rounding), gap, before)
             return before
         if not np.any(before != problem.gap):  # slip has counted from the beginning
             return gap

@@ -271,7 +271,8 @@ def _reported_step() -> Any:
     for table, record in records().items():
         if record not in made:
             own: dict[str, Any] = {
-                key: SAID[shapes[number.shape], number] for key, number in numbers_of(record).items()
+                key: OPTIONAL[SAID[float, number]] if number.needs else SAID[shapes[number.shape], number]
+                for key, number in numbers_of(record).items()
             }
             own |= {"statuses": statuses} if table == "contacts" else {}
             own |= {"error": errors} if is_estimated(record) else {}
