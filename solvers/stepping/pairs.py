@@ -150,12 +150,12 @@ class Searched:
     """A search for the pairs of sliding contacts, and the substep that was solved with them."""
 
     far: float  # that points have slid since, see `slid_since`
-    places: Mapping[str, Array]  # `relative_positions` at its end [m]
+    places: dict[str, Array]  # `relative_positions` at its end [m]
     change: Mapping[str, Array]  # these less the ones that it began with [m]
     attempt: Attempt
 
 
-def accelerated(tried: Sequence[Searched]) -> Mapping[str, Array]:
+def accelerated(tried: Sequence[Searched]) -> dict[str, Array]:
     """Where pairs are searched next: where the last of some searches leads, extrapolated to where nothing changes.
 
     Source: Anderson, J. ACM 12 (1965).
