@@ -150,6 +150,11 @@ def halves(surface: Surface, reach: float) -> tuple[Surface, Surface]:
 def part_of(surface: Surface, kept: Bools) -> Surface:
     """The part of a surface that has some of its facets (f,)."""
     nodes, facets = np.unique(surface.facets[kept], return_inverse=True)
+    images = surface.images
+    if images is not None:
+        both = np.isin(images[:2], nodes).all(axis=0)
+        here, there = np.searchsorted(nodes, np.array(images[:2])[:, both])
+        images = here, there, images[2][both]
     return replace(
         surface,
         nodes=surface.nodes[nodes],
@@ -161,6 +166,7 @@ def part_of(surface: Surface, kept: Bools) -> Surface:
         parts=None if surface.parts is None else surface.parts[nodes],
         ends=None if surface.ends is None else surface.ends[nodes],
         faces=None if surface.faces is None else surface.faces[nodes],
+        images=images,
     )
 
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, TINY, Array, Bools, Ints
+from stickslip.geometry.curved_facets import SMOOTH
 from stickslip.geometry.errors import SceneError, prefixed
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.shape import SKIN
@@ -210,7 +211,7 @@ def build_rows(
     Raises:
         SceneError: supports leave a contact no node that can carry a pressure.
     """
-    contacts = {name: (contact, _folded(coupling)) for name, (contact, coupling) in contacts.items()}
+    contacts = _told_once({name: (contact, _folded(coupling)) for name, (contact, coupling) in contacts.items()})
     against_obstacles = HeldMotions(constraints.dim)
     used = {name: HeldMotions(constraints.dim) if c.master else against_obstacles for name, (_, c) in contacts.items()}
     frames = {
@@ -230,8 +231,8 @@ def build_rows(
         if contact.normal.at_quadrature:
             points = coupling.points(degree)
             N_n = along(points.relative, points.normals[:, None])
-            W_n, fold = points.weights, _fold(coupling.surface)
-            psi, phi = (points.psi, points.phi) if fold is None else (fold @ points.psi, fold @ points.phi)
+            W_n, fold, folds = points.weights, coupling.surface.fold, coupling.surface.images is not None
+            psi, phi = (fold @ points.psi, fold @ points.phi) if folds else (points.psi, points.phi)
             gap_n = points.gap if known is None else np.full_like(points.gap, known)
             to_points, directions = points.own.basis(coupling.surface), points.normals
             dropped = 0
@@ -291,21 +292,49 @@ def build_rows(
     return found
 
 
-def _fold(surface: Surface) -> Sparse | None:
-    """Matrix (n, n) that moves integrals at turned nodes of a cyclic sector to those that they are images of."""
-    if surface.images is None:
-        return None
-    here, there, _ = surface.images
-    own, n = np.setdiff1d(np.arange(len(surface.nodes)), there), len(surface.nodes)
-    at = np.concatenate([own, here]), np.concatenate([own, there])
-    found: Sparse = sparse.csr_matrix((np.ones(n), at), shape=(n, n))
+def _told_once(contacts: Mapping[str, tuple[Contact, Coupling]]) -> dict[str, tuple[Contact, Coupling]]:
+    """The same contacts; where sides of the same two bodies meet, a motion that several see is left to one of them.
+
+    That is one which ties, or the first; the others' parts go to their neighbours.
+    """
+    found, together = dict(contacts), dict[frozenset[str], list[str]]()
+    for name in sorted(found, key=lambda name: not found[name][0].normal.ties):
+        contact, coupling = found[name]
+        bodies = frozenset(side.partition(".")[0] for side in (contact.surface, str(contact.against)))
+        for before, earlier in (found[other] for other in together.setdefault(bodies, [])):
+            alike = before.normal.ties or (before.gap, before.gap_offset) == (contact.gap, contact.gap_offset)
+            if coupling.master and earlier.master and alike:
+                carries = coupling.carries & ~_seen(coupling, earlier, bool(before.normal.ties))
+                coupling = replace(coupling, carries=carries)
+        found[name] = contact, coupling
+        together[bodies].append(name)
     return found
+
+
+def _seen(coupling: Coupling, earlier: Coupling, whole: bool) -> Bools:
+    """Nodes (n,) whose relative displacement is that of a carrier of another coupling, of either sign.
+
+    Args:
+        whole: whether that one holds all of it, not its part along the normal alone.
+    """
+    nodes = [np.append(c.surface.nodes, [] if c.master is None else c.master.nodes) for c in (coupling, earlier)]
+    numbers = np.unique(np.concatenate(nodes))
+    rows = []
+    for c, own in zip((coupling, earlier), nodes, strict=True):
+        onto = sparse.csr_matrix((np.ones(len(own)), (np.arange(len(own)), np.searchsorted(numbers, own))))
+        onto.resize(len(own), len(numbers))
+        size = np.sqrt((c.relative @ onto).power(2).sum(axis=1).A1)
+        rows.append(sparse.diags(c.carries / np.maximum(size, TINY)) @ c.relative @ onto)
+    same = abs(rows[0] @ rows[1].T).tocoo()
+    parallel = np.abs(np.einsum("kd,kd->k", coupling.normals[same.row], earlier.normals[same.col]))
+    seen = (same.data > 1 - ROUNDING) & (whole | (parallel > np.cos(np.radians(SMOOTH))))
+    return np.isin(np.arange(len(coupling.carries)), same.row[seen])
 
 
 def _folded(coupling: Coupling) -> Coupling:
     """The same coupling, where nodes of a cyclic sector carry what their turned images would: these have no weight."""
-    fold = _fold(coupling.surface)
-    if fold is None:
+    fold = coupling.surface.fold
+    if coupling.surface.images is None:
         return coupling
     return replace(coupling, weights=fold @ coupling.weights, carries=coupling.carries & (fold.diagonal() > 0))
 

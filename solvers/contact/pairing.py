@@ -153,6 +153,8 @@ def with_images(side: Surface, constraints: Constraints) -> Surface:
     ends[there] = ends[here] = False
     faces = np.zeros(n, np.int64) if side.faces is None else side.faces
     faces = faces + (faces.max() + 1) * (ends & (roots != side.nodes))
+    if not np.allclose(turn, constraints.periodic.sectors[1]):
+        here, there, turn = there, here, turn.T
     images = (here, there, np.tile(turn, (len(here), 1, 1))) if len(here) else None
     return replace(side, images=images, **({"faces": faces, "ends": ends.astype(int)} if ends.any() else {}))
 
@@ -165,6 +167,13 @@ def _partner(problem: Problem, known: Pair, sides: Mapping[str, Surface], moved:
     at_quadrature, here = contact.normal.at_quadrature, _displaced(slave, own)
     if two is None:
         return Partner(slave=here, other=problem.obstacles[str(known.obstacle)], at_quadrature=at_quadrature)
+    if known.cyclic and own is not None and other is not None:
+        turn = problem.request.sectors[0]
+        here_turned, there_turned = turn.of(slave.points, own), turn.of(sides[two].points, other)
+        far = max(here_turned.max() - there_turned.min(), there_turned.max() - here_turned.min())
+        if far > abs(turn.angle):
+            past = f"points slide by {far:.3g} degrees, past the sectors beside theirs"
+            raise SceneError(f"contacts.{known.name}.sliding = true: {past}; mesh more of the whole")
     # of the start, and the same for a scene that is turned as a whole
     reach = contact.search_distance or REACH * _spread(slave, sides[two])
     return Partner(

@@ -11,7 +11,7 @@ import numpy as np
 from stickslip.geometry.arrays import ROUNDING, TINY, Array, Bools, Ints
 from stickslip.geometry.field import Field, in_time, values
 from stickslip.geometry.protocols import Sparse
-from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.surfaces.surface import SECTOR, Surface, in_sectors
 from stickslip.solvers.contact.coupling import Points
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.wear import Slide, Wear, Worn
@@ -175,6 +175,10 @@ class ContactRows:
     def ends(self) -> Bools:
         """Nodes (n,) of the slave, facing the other side, at which both sides of one body end; see `of_both`."""
         return np.asarray(of_both(self.surface, self.master) & (self.node_weights != 0))
+
+    def of_mesh(self, values: Array, sectors: Array) -> Array:
+        """Vectors (n_all, d) at its nodes, from those at all nodes of the gmsh model; see `in_sectors`."""
+        return in_sectors(values[self.input % SECTOR], self.input, sectors)
 
     @property
     def part(self) -> Ints:

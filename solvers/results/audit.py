@@ -151,6 +151,10 @@ class Auditor:
         self.system, self.cone = system, AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end).at(time)
 
     @property
+    def _sectors(self) -> Array:
+        return self.start.constraints.periodic.sectors
+
+    @property
     def shared(self) -> tuple[str, ...]:
         """Return terms without a second formula, for which the solver's own is used: an error in it is not seen."""
         problem, zero = self.start.problem, np.zeros(1)
@@ -206,7 +210,7 @@ class Auditor:
 
     def _motion(self, rows: ContactRows, record: Record) -> Array:
         """Displacement (n_all, d) [m] of a contact's nodes, less that of its obstacle."""
-        moved = record.displacement[rows.input]
+        moved = rows.of_mesh(record.displacement, self._sectors)
         if rows.master is not None:
             return moved
         return moved - self._second.motion(rows.name, rows.points, record)
@@ -326,7 +330,7 @@ class Auditor:
     def _moment(self, place: ContactBlock, record: Record) -> float:
         """Moment of a contact that its other side does not feel, see `Audit` [-]."""
         system, rows, told = self.system, place.rows, record.stored.moments.get(place.rows.name)
-        pair, moved = system.problem.pairs[rows.name], record.displacement[rows.input]
+        pair, moved = system.problem.pairs[rows.name], rows.of_mesh(record.displacement, self._sectors)
         forces = rows.nodal_forces(record.p[place.normal], record.p[place.tangential].reshape(-1, place.components))
         acts = acting(system, rows, forces, moved, record.searched, (record.time, record.driven))
         size = np.linalg.norm(acts.forces, axis=1)
@@ -434,7 +438,10 @@ class Auditor:
         """What is seen of a contact: fields at its nodes, forces where they act, and the work of friction."""
         rows, told = place.rows, record.stored.told["contacts"][place.rows.name]
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
-        moved, before = record.displacement[rows.input], record.stored.told_before.get("contacts", {})
+        moved, before = (
+            rows.of_mesh(record.displacement, self._sectors),
+            record.stored.told_before.get("contacts", {}),
+        )
         acts = acting(
             self.system, rows, rows.nodal_forces(p_n, t), moved, record.searched, (record.time, record.driven)
         )

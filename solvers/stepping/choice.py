@@ -10,6 +10,7 @@ from mpi4py import MPI
 from stickslip.geometry.errors import MachineError
 from stickslip.geometry.memory import available
 from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.surfaces.surface import SECTOR
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.interface.prepare import Form
@@ -78,7 +79,7 @@ class Size:
     def of(problem: Problem, mesh: Mesh, constraints: Constraints, contacts: tuple[ContactRows, ...]) -> Size:
         """Size from what is known before assembly; collective."""
         dofs = constraints.free_total
-        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in contacts)]))
+        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.nodes % SECTOR for c in contacts)]))
         kind = mesh.domain.topology.cell_type.name, mesh.degree
         averaged = _averaged(problem, mesh)
         machine = mesh.comm.Split_type(MPI.COMM_TYPE_SHARED)
@@ -169,7 +170,9 @@ def _averaged(problem: Problem, mesh: Mesh) -> float:
 def _parts(mesh: Mesh, dofs: int, contacts: tuple[ContactRows, ...]) -> tuple[tuple[float, float], ...]:
     """About how many dofs, and how many contact dofs, each part of the mesh has, see `Size.parts`."""
     nodes = np.bincount(mesh.parts, minlength=mesh.part_count)  # on one rank these are all
-    _, first = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.input for c in contacts)]), return_index=True)
+    _, first = np.unique(
+        np.concatenate([np.zeros(0, np.int64), *(c.input % SECTOR for c in contacts)]), return_index=True
+    )
     part = np.concatenate([np.zeros(0, np.int64), *(c.part for c in contacts)])[first]
     on_sides = mesh.dim * np.bincount(part, minlength=mesh.part_count)
     return tuple(zip((dofs * nodes / nodes.sum()).tolist(), on_sides.tolist(), strict=True))

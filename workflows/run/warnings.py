@@ -79,7 +79,7 @@ class Fields:
                 inverted=self.seen.inverted,
             )
         for rows in self._rubbing:
-            lean = _lean(rows, step.contacts[rows.name], step.displacement)
+            lean = _lean(rows, step.contacts[rows.name], rows.of_mesh(step.displacement, self._problem.request.turned))
             self.seen = replace(self.seen, lean=max(self.seen.lean, (lean, rows.name)))
 
     def _seen_strains(self, name: str, cells: Ints, step: StepResult) -> float:
@@ -143,7 +143,7 @@ def _gradients(mesh: MeshData, cells: Ints, displacement: Array) -> tuple[Array,
     return np.einsum("ikc,kjc->cij", change, inverse), np.abs(det)
 
 
-def _lean(rows: ContactRows, state: ContactState, displacement: Array) -> float:
+def _lean(rows: ContactRows, state: ContactState, moved: Array) -> float:
     """Resultant of the pressure along the turn of the normals, relative to that of the friction bounds [-].
 
     The smaller of both sides' turns counts, and none where they oppose each other: contact acts half way between
@@ -154,7 +154,7 @@ def _lean(rows: ContactRows, state: ContactState, displacement: Array) -> float:
         return 0.0
     assert rows.master is not None
     n = len(rows.surface.points)
-    motions = np.split(displacement[rows.input], [n])
+    motions = np.split(moved, [n])
     own, other = (
         replace(side, points=side.points + motion).node_normals() - side.node_normals()
         for side, motion in zip((rows.surface, rows.master), motions, strict=True)
