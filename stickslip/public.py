@@ -48,12 +48,14 @@ from stickslip.solvers.results.step_result import (
     ErrorParts,
     MeshData,
     Quantity,
+    Slope,
     StepResult,
     SurfaceMesh,
 )
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material, Orthotropic
+from stickslip.solvers.scene.parameters import Sensitivity
 from stickslip.solvers.scene.problem import PlanRow
 from stickslip.solvers.scene.record import (
     BodyState,
@@ -191,7 +193,9 @@ __all__ = [
     "SceneError",
     "Script",
     "Seconds",
+    "Sensitivity",
     "Simulation",
+    "Slope",
     "Solved",
     "Solver",
     "SolverError",

@@ -36,6 +36,11 @@ class ActiveSet:
     hold: float = 0.0  # springs that hold rigid motions where they are, relative to the stiffness of the bodies [-]
 
     @property
+    def sets(self) -> Array:
+        """Rows (3, rows) that are held, on springs, and slip."""
+        return np.array([self.held, self.k > 0, self.slip])
+
+    @property
     def given(self) -> Bools:
         """Rows (rows,) whose p is 0 or depends on p of other rows only, not on w."""
         return np.asarray(np.diff(self.A_w.indptr) == 0)
@@ -81,8 +86,8 @@ class ActiveSet:
 class _Rows:
     """The active set under construction: every row is open at first."""
 
-    def __init__(self, cone: AdmissibleSet, gap: Array, gamma: Array) -> None:
-        self.cone, self.gap, self.gamma, self.rows = cone, gap, gamma, len(gap)
+    def __init__(self, cone: AdmissibleSet, p: Array, gap: Array, gamma: Array) -> None:
+        self.cone, self.p, self.gap, self.gamma, self.rows = cone, p, gap, gamma, len(gap)
         self.k, self.held, self.slips = np.zeros(self.rows), np.zeros(self.rows, bool), np.zeros(self.rows, bool)
         self.rhs = np.zeros(self.rows)
         self.on_p: list[tuple[Array, Ints, Ints]] = []  # entries besides the diagonals
@@ -171,9 +176,19 @@ def linearise(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> ActiveSet:
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991), of the projection and its derivative.
     """
+    return _rows(problem, p_hat, gamma).active_set(problem)
+
+
+def sets(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> tuple[Array, Array]:
+    """Rows (3, rows) that are held, on springs, and slip at trial tractions, see `linearise`; their projection [Pa]."""
+    rows = _rows(problem, p_hat, gamma)
+    return np.array([rows.held, rows.k > 0, rows.slips]), rows.p
+
+
+def _rows(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> _Rows:
     cone = problem.cone
     p = cone.project(p_hat, gamma)
-    rows = _Rows(cone, problem.gap, gamma)
+    rows = _Rows(cone, p, problem.gap, gamma)
     for place in cone.places:
         n, law = place.normal, place.rows.normal
         slope = law.stiffness(p[n], p_hat[n])
@@ -187,7 +202,7 @@ def linearise(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> ActiveSet:
         rows.spring(index[soft], slope[soft], p[n][soft] - slope[soft] * law.penetration(p[n])[soft])
     for place in cone.with_friction():
         _friction(rows, place, p_hat, p[place.normal], gamma)
-    return rows.active_set(problem)
+    return rows
 
 
 def _friction(rows: _Rows, place: ContactBlock, p_hat: Array, p_n: Array, gamma: Array) -> None:

@@ -29,6 +29,7 @@ from stickslip.solvers.results.step_result import (
     ContactState,
     MeshData,
     Numbers,
+    Quantity,
     StepResult,
     SurfaceMesh,
     von_mises,
@@ -40,11 +41,14 @@ from stickslip.solvers.scene.record import (
     ProbeValue,
     Reaction,
     Record,
+    Value,
+    numbers_of,
 )
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.law_memory import with_memory
 from stickslip.solvers.stepping.state import State
-from stickslip.solvers.stepping.stepper import Accepted, Stepper
+from stickslip.solvers.stepping.stepper import Accepted
+from stickslip.solvers.stepping.substep import SubstepSolver
 from stickslip.solvers.system.system import System
 
 Estimate = Callable[["Observer", "Accepted", StepResult], StepResult]
@@ -187,7 +191,7 @@ class CellStress:
 class Observer:
     """Makes the `StepResult` of an accepted step; made once for a simulation with `of`, then called."""
 
-    stepper: Stepper
+    stepper: SubstepSolver
     stress: CellStress
     by_node: Gather  # own nodes to all nodes, on rank 0
     by_cell: Gather  # own cells to all cells, on rank 0
@@ -197,7 +201,7 @@ class Observer:
     estimate: Estimate | None  # adds errors of numbers to a result
 
     @classmethod
-    def of(cls, stepper: Stepper, data: MeshData | None = None, estimate: Estimate | None = None) -> Observer:
+    def of(cls, stepper: SubstepSolver, data: MeshData | None = None, estimate: Estimate | None = None) -> Observer:
         """Compile the strain and find the cells of the probes; collective.
 
         Args:
@@ -429,6 +433,19 @@ class Observer:
             axis_point = np.array(obstacle.rotation.point) + moved if obstacle.rotation else np.zeros(system.mesh.dim)
             found[name] = ObstacleState(displacement=moved, force=force, moment=moment - cross(axis_point, force))
         return found
+
+    def at_probes(self, accepted: Accepted) -> dict[Quantity, Value]:
+        """Numbers at the probes, without anything else of the volume; collective."""
+        if not self.probes:
+            return {}
+        state = accepted.state
+        cell_stress = self.stress(state.u, state.initial)
+        found = self._probes(self.stress.displacement.x.array, cell_stress, state.initial)
+        return {
+            Quantity("probes", name, key): number.value(getattr(probe, key))
+            for name, probe in found.items()
+            for key, number in numbers_of(ProbeValue).items()
+        }
 
     def _probes(self, nodal: Array, cell_stress: Array, initial: Array) -> dict[str, ProbeValue]:
         """Fields at the probes, on every rank; collective.

@@ -15,6 +15,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import SLIGHT, Array
 from stickslip.geometry.errors import SolverError
+from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.limit_analysis import unbalanced_motion
@@ -112,6 +113,23 @@ class AtOnce(Protocol):
         """The solution, and the problem with what was found; None: not this way; collective."""
 
 
+class Companion(Protocol):
+    """Follows a history with other displacements, step by step."""
+
+    nodes: Nodes  # of the displacements that `State.surplus` holds
+
+    def vector(self) -> Vec:
+        """No displacement of these nodes."""
+
+    def __call__(self, stepper: SubstepSolver, old: State, new: State, problem: SurfaceProblem) -> State | None:
+        """Find the new `State.refined` after a substep from `old` to `new`; None: it was not found; collective.
+
+        Args:
+            stepper: with the contact rows of the substep.
+            problem: that was solved.
+        """
+
+
 class SubstepSolver:
     """Bodies that are prepared once, with the contact rows of some pairs: it solves one substep."""
 
@@ -126,6 +144,7 @@ class SubstepSolver:
         self.cone = AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
         self.gamma, self.weight = elastic_stiffness(system)
         self.bolts: AtOnce | None = None
+        self.companion: Companion | None = None  # follows each substep, see `State.refined`
         self.latest: tuple[Mapping[str, Array], SubstepSolver] | None = None  # with other pairs, and where these lie
         self.volume, self.surface = chain.volume, prepare_surface(system, chain.volume)
         self.stage: Stage | None = None  # that `method_after` is of; None: of none yet

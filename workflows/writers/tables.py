@@ -20,6 +20,7 @@ from stickslip.solvers.results.step_result import (
     Errors,
     StepResult,
     numbers_shown,
+    slope_columns,
     total_errors,
     values,
 )
@@ -194,7 +195,7 @@ def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
     for name, whole in step.sums.items():
         found |= _columns(name, {"force": whole.force, "moment": whole.moment})
     effort = {key: getattr(step, key) for key in numbers_of(StepResult) if key != "time"}
-    every = found | dict(step.columns) | numbers | effort
+    every = found | dict(step.columns) | numbers | effort | slope_columns(step)
     return {name: float(n) if isinstance(n, float) else int(n) for name, n in every.items()}
 
 
