@@ -548,9 +548,9 @@ class Auditor:
             moves = rows.N_t @ self._motion(rows, record).ravel() - record.reference[place.tangential]
             moves -= record.p[place.tangential] / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
-            length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
             lasts = record.time - before.time
             found += self._wear(place, record, before, length, scales) if wears else []
+            length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
         if law is not None and rows.name in record.memory and not self._searched(rows, record):
             known = before.memory[rows.name]
             own = remembered(law, known, length, lasts)

@@ -126,7 +126,7 @@ def with_rigid_modes(setup: Setup) -> Problem:
     pairs, bedding = setup.pairs.values(), [*blocks]
     for pair in pairs:
         if pair.contact.normal.at_quadrature:
-            normal = replace(pair, contact=replace(pair.contact, friction=None))
+            normal = replace(pair, contact=replace(pair.contact, friction=None, wear=None))
             bedding.append(_reduced(np.concatenate(_touching(setup, normal, motions))))
         blocks.append(_reduced(np.concatenate(_touching(setup, pair, motions))))
     left = unresisted(np.concatenate(blocks))

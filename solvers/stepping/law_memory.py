@@ -97,24 +97,31 @@ class LawMemory:
         """
         if not self.start:
             return {}
-        moved, slips, worn = w - problem.gap - problem.cone.give(p), dict[str, Array](), dict[str, Array]()
+        moved, worn = w - problem.gap - problem.cone.give(p), dict[str, Array]()
+        slips, ways = dict[str, Array](), dict[str, Array]()
         for rows, place in ((place.rows, place) for place in self.cone.places):
             length = np.linalg.norm(moved[place.tangential].reshape(rows.free.shape) * rows.free, axis=1)
             slips[rows.name] = np.where(touching(p[place.normal], rows.average, rows.normal), length, 0.0)
+            ways[rows.name] = length
         for place in problem.cone.places:
             if isinstance(law := place.rows.normal, Worn):
                 key = f"{place.rows.name}{WORN}"
                 worn[key] = self.start[key] + law.softness * p[place.normal]
-        return self._moved(slips) | worn
+        return self._moved(slips, ways) | worn
 
-    def _moved(self, slips: Mapping[str, Array]) -> dict[str, Array]:
-        """Memory but for worn depths after lengths of slip (m_t,) [m] in the substep, by contact."""
+    def _moved(self, slips: Mapping[str, Array], ways: Mapping[str, Array]) -> dict[str, Array]:
+        """Memory but for worn depths after a substep.
+
+        Args:
+            slips: by contact, its length (m_t,) [m] at points that touch.
+            ways: at all points: what wears does not jump where they part, for without pressure nothing wears.
+        """
         found = dict[str, Array]()
         for c in self.cone.contacts:
             if c.name in self.start and c.friction is not None:
                 found[c.name] = c.friction.after(self.start[c.name], slips[c.name], self.step)
             if (key := f"{c.name}{SLID}") in self.start:
-                found[key] = self.start[key] + c.path(slips[c.name], self.cone.time, self.step)
+                found[key] = self.start[key] + c.path(ways[c.name], self.cone.time, self.step)
         return found
 
     def around(self, solve: Solving) -> Solving:
@@ -128,7 +135,8 @@ class LawMemory:
     ) -> tuple[Solution, SurfaceProblem]:
         """Solve by turns of slip and mu of the contacts of these names."""
         solution, problem = solve(problem, start)
-        least = self._moved({c.name: np.zeros(len(c.W_t)) for c in self.cone.contacts})
+        still = {c.name: np.zeros(len(c.W_t)) for c in self.cone.contacts}
+        least = self._moved(still, still)
         known, gap, omega, off, worst = self.start, None, 1.0, 0.0, 0.0
         for _ in range(200):  # near the edge of stability turns are slow
             if solution.status is not Status.CONVERGED:

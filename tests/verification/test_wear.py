@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 import stickslip
 from shared.audited import record_of
 from shared.problems import on_floor
-from stickslip import SLIP, Quantity, Scene, SceneError
+from stickslip import SLIP, STICK, Quantity, Scene, SceneError
 from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
@@ -136,18 +136,19 @@ def test_friction_turns_towards_the_sliding_out_of_the_plane() -> None:
         sound(audit)
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_the_contacts_own_slip_wears(dim: int) -> None:
+@pytest.mark.parametrize(("dim", "normal"), [(2, {}), (3, {}), (2, {"normal": {"law": "compliance", "c_n": 1e8}})])
+def test_the_contacts_own_slip_wears(dim: int, normal: dict[str, Any]) -> None:
     """The floor drags a column along by x a step, whose base follows by mu p / G: one equation a step.
 
-    p = E (U - w), w += k p Δs, Δs = x - (mu / G) Δp, solved here by hand for each of three steps.
+    p = E (U - w), w += k p Δs, Δs = x - (mu / G) Δp, solved here by hand for each of three steps. A compliance that is
+    as good as rigid is another law, at other points.
     """
     mu, k, steps, U, far = 0.2, 2e-3, 3, PRESS, 0.3
-    G, normal = E / 2, [0.0] * (dim - 1) + [1.0]
+    G = E / 2
     floor = {
         "shape": "plane",
         "point": [0.0] * dim,
-        "normal": normal,
+        "normal": [0.0] * (dim - 1) + [1.0],
         "displacement": {"x": [[0, 0], [1, 0], [2, far]]},
     }
     periodic = {"walls": {"boundary": "block.right", "with": "block.left"}}
@@ -159,7 +160,7 @@ def test_the_contacts_own_slip_wears(dim: int) -> None:
     if dim == 3:
         supports |= {name: {"boundary": f"block.{name}", "displacement": {"y": 0.0}} for name in ("front", "back")}
     tables = {"periodic": periodic, "supports": supports, "obstacles": {"floor": floor}}
-    base = {"friction": {"law": "coulomb", "mu": mu}, "wear": {"k": k}}
+    base = {"friction": {"law": "coulomb", "mu": mu}, "wear": {"k": k}} | normal
     found, audit = solved(column(steps, dim=dim, nu=0.0, base=base, mesh_size=1.0, **tables))
     p, w, dragged = E * U, 0.0, 0.0
     for step in found[steps:]:
@@ -167,8 +168,8 @@ def test_the_contacts_own_slip_wears(dim: int) -> None:
         a, b = E * k * mu / G, -(1 + E * k * (far / steps + dragged))
         now = (-b - np.sqrt(b * b - 4 * a * E * (U - w))) / (2 * a)
         w, dragged, p = w + k * now * (far / steps + dragged - mu * now / G), mu * now / G, now
-        assert_allclose(step.contacts["base"].max_pressure, p, rtol=1e-9)
-        assert_allclose(step.contacts["base"].max_wear, w, rtol=1e-9)
+        assert_allclose(step.contacts["base"].max_pressure, p, rtol=1e-4 if normal else 1e-9)
+        assert_allclose(step.contacts["base"].max_wear, w, rtol=1e-4 if normal else 1e-9)
     sound(audit)
 
 
@@ -283,3 +284,43 @@ def test_other_methods_refuse_wear(method: str) -> None:
     base = {"slide": 1.0, "wear": {"k": K}}
     with pytest.raises(SceneError, match=r"contacts\.base\.slide = true: .*no prescribed sliding, and no wear"):
         prepare(column(1, base=base, solver={"method": method}))
+
+
+def test_fretting_wears_until_only_what_sticks_presses() -> None:
+    """So hard a case that a stroke wears off far more than the contact presses in: no pressure is left where it slips.
+
+    Source: Popov, Sci. Rep. 4:3749 (2014): the stick part of a fretted contact stays, and carries all in the end.
+    """
+    strokes = [[0, 0], [1, 0], *([2.0 + k, 0.02 * (-1) ** k] for k in range(5))]
+    scene = {
+        "model": "plane strain",
+        "geometry": {
+            "builder": "half_disc",
+            "radius": 8.0,
+            "mesh_size": 2.0,
+            "contact_mesh_size": 0.1,
+            "contact_radius": 1.3,
+        },
+        "bodies": {"disc": {"E": 1000.0, "nu": NU}},
+        "obstacles": {"ground": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
+        "contacts": {
+            "pole": {
+                "surface": "disc.arc",
+                "against": "ground",
+                "friction": {"law": "coulomb", "mu": 0.3},
+                "wear": {"k": 1.0},
+            }
+        },
+        "supports": {
+            "top": {"boundary": "disc.top", "displacement": {"x": strokes, "y": [[0, 0], [1, -0.1]]}},
+        },
+        "steps": {"end": 6.0, "count": 6},
+        "solver": {"tolerance": 1e-10},
+    }
+    steps, audit = solved(from_dict(scene))
+    pole = steps[-1].contacts["pole"]
+    assert (pole.status == STICK).any()
+    assert pole.pressure[pole.status != STICK].max() < 1e-3 * pole.max_pressure
+    assert pole.wear is not None
+    assert pole.wear[pole.status == STICK].max() < 0.1 * pole.max_wear
+    sound(audit)
