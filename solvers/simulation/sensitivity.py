@@ -94,10 +94,8 @@ def _changed(scene: Scene, system: System, key: str, by: float) -> System:
     problem, mesh = resolve(scaled(scene, key, 1 + by)), system.mesh
     if problem.shape != system.problem.shape:
         mesh = build_mesh(problem.shape, problem.request, mesh.comm)
-        same = (
-            np.array_equal(*(dx.cell_nodes(each.domain) for each in (mesh, system.mesh)))
-            and mesh.sides == system.mesh.sides
-        )
+        one, two = (dx.cell_nodes(each.domain) for each in (mesh, system.mesh))
+        same = np.array_equal(one, two) and mesh.sides == system.mesh.sides
         if not mesh.comm.allreduce(same, MPI.MIN):
             raise SceneError("another value gives a mesh of other cells, or divides it otherwise among ranks")
     found = assemble(problem, mesh, Counters())

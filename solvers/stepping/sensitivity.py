@@ -70,7 +70,11 @@ class Tangent:
         self._of, self._by = of, by  # blocks are scaled to one size, see `saddle_point`
         own = by * of * surface.rho * unfelt if unfelt.any() else np.zeros((R.shape[1], R.shape[1]))
         matrix = np.block([[held, of * moved], [by * balance, own]])
-        self._factor, self._pivots, singular = dgetrf(matrix) if len(matrix) else (matrix, np.zeros(0, int), 0)
+        self._factor: Array = matrix
+        self._pivots: Array = np.zeros(0)
+        singular = 0
+        if len(matrix):
+            self._factor, self._pivots, singular = dgetrf(matrix)
         if singular:
             raise np.linalg.LinAlgError("the linearised laws are singular")
 
