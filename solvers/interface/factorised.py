@@ -390,7 +390,7 @@ class _Factor:
         self.S = np.zeros((count, count))
         low, high = self.K.getOwnershipRange()
         every = PETSc.IS().createStride(high - low, first=low, step=1, comm=self.K.comm)
-        for first in range(0, count, BLOCK):
+        for first in self.counters.clock.counted(range(0, count, BLOCK)):
             block = np.arange(first, min(first + BLOCK, count))
             mine = block[(self.contact.rows[block] >= low) & (self.contact.rows[block] < high)]
             columns = PETSc.IS().createGeneral(self.contact.rows[mine], comm=self.K.comm)
