@@ -21,7 +21,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.contact.skins import NEAR, among_skins, nodes_near
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.scene.contact import REACH, Contact
-from stickslip.solvers.scene.problem import Pair, Problem
+from stickslip.solvers.scene.problem import BESIDE, Pair, Problem
 
 OPERATORS: Mapping[str, Operator] = {
     "mortar": mortar_coupling,
@@ -43,7 +43,7 @@ def with_halves(problem: Problem, sides: Mapping[str, Surface]) -> Mapping[str, 
             parts = halves(side, known.contact.search_distance or REACH * _spread(side))
             if not all(len(part.facets) for part in parts):
                 raise SceneError(f"contacts.{known.name}: nothing of {known.slave} can face itself: it is flat")
-            found |= zip(map(str, known.surfaces), parts, strict=True)
+            found |= zip((str(name).removesuffix(BESIDE) for name in known.surfaces), parts, strict=True)
     return found
 
 

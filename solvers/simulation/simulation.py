@@ -308,7 +308,7 @@ def prepare(
         observer = Observer.of(stepper, data, with_errors) if scene.output.error else Observer.of(stepper)
     with counters.clock.phase("prepare", "sensitivity"):
         stepper.neighbours = neighbours(scene, stepper)
-    slopes = Slopes(scene, observer, stepper.neighbours) if stepper.neighbours else None
+    slopes = Slopes(observer, stepper.neighbours) if stepper.neighbours else None
     follows = scene.output.error and MeshCorrection.works_for(stepper)
     if follows and bubbles_follow(
         scene.output, size, choice.stages[0], mesh, problem.shape.meshing_time(problem.request)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from jsonschema import validate
 from numpy.testing import assert_allclose
 
 from shared.problems import on_floor, scene_of, two_blocks
+from shared.ranks import mpirun
 from stickslip import Scene, SceneError, prepare
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.accuracy.areas import areas_inside_facets
@@ -27,6 +29,7 @@ from stickslip.solvers.results.step_result import (
 )
 from stickslip.solvers.scene.parameters import Sensitivity, scaled
 from stickslip.solvers.simulation.checkpoint import Checkpoints
+from stickslip.workflows.commands.sensitivity import sensitivity
 from stickslip.workflows.lab.verification.prepared import solved
 from stickslip.workflows.run.result import result_schema
 from stickslip.workflows.scene_file.read import from_dict, read, with_keys
@@ -287,5 +290,23 @@ def test_all_are_the_numbers_that_have_a_size() -> None:
     simulation, _ = solved(scene)
     assert simulation.stepper.neighbours is not None
     assert isinstance(simulation.stepper.surface, CondensedSurface)
-    assert {"bodies.block.E", "contacts.base.friction.mu"} < {*simulation.stepper.neighbours.keys}
-    assert "contacts.base.gap_offset" not in simulation.stepper.neighbours.keys  # it is 0
+    assert {"bodies.block.E", "contacts.base.friction.mu"} < {*simulation.stepper.neighbours.by}
+    assert "contacts.base.gap_offset" not in simulation.stepper.neighbours.by  # it is 0
+
+
+def rows(printed: str) -> dict[str, float]:
+    """Derivatives by number, of a table."""
+    cells = (line.split("│") for line in printed.splitlines() if line.count("│") > 2)
+    return {by.strip(): float(value) for _, by, value, *_ in cells}
+
+
+def test_two_ranks_print_the_derivatives_of_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["two_blocks", "--set", "geometry.mesh_size=0.5", "--set", "geometry.contact_mesh_size=0.2"]
+    words += ["--set", "geometry.lower_mesh_size=0.5", "--set", "solver.tolerance=1e-12", "--quantity", "energy.stored"]
+    sensitivity(words[0], quantity=["energy.stored"], override=words[2:-2:2])
+    alone_rows, done = rows(capsys.readouterr().out), mpirun(2, ["sensitivity", *words], tmp_path)
+    assert done.returncode == 0, done.stderr
+    (first, *_), both = alone_rows, rows(done.stdout)
+    assert first == "supports.top.displacement.y"  # what it depends on most
+    assert both.keys() == alone_rows.keys()
+    assert_allclose([*both.values()], [alone_rows[key] for key in both], rtol=1e-5)

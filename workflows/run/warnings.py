@@ -197,6 +197,8 @@ def doubts(
     problem, contacts = simulation.problem, simulation.system.contacts
     if steps and all(step.bodies and not any(b.max_displacement for b in step.bodies.values()) for step in steps):
         yield "nothing loads or moves the bodies: all displacements and forces are zero"
+    if simulation.slopes and (lost := [step.time for step in steps if not step.sensitivity]):
+        yield f"derivatives are not known from t = {lost[0]:g} on: the laws of a step, linearised, have no one solution"
     yield from _carried_at_points(problem, steps)
     yield from _several_solutions(steps, problem.labels("N/m" if problem.model.startswith("plane") else "N"))
     yield from _jumps(steps, problem.labels("J/m" if problem.model.startswith("plane") else "J"))
