@@ -353,7 +353,7 @@ class NestedSystem:
             rtol: tolerance of the step.
         """
         self.blocks, self.q, self.options = blocks, q, options
-        # not below rounding: backward error, and relative force out of balance, above which the linear system counts as singular
+        # backward error, and relative force out of balance, above which the linear system counts as singular
         self.enough = max(EXACT, min(HALF_DIGITS, rtol))
         self.u_c: Array | None = None  # of the last answer, the same object as it returned
         self.direct = True  # whether all solves were by a factor
