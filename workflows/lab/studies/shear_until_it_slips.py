@@ -3,7 +3,7 @@
 import stickslip
 
 if __name__ == "__main__":
-    scene = stickslip.read("block", ["geometry.mesh_size=0.25", "supports.top.displacement={y=[[0,0],[1,-0.05]]}"])
+    scene = stickslip.read("block", ["supports.top.displacement={x=0.0,y=[[0,0],[1,-0.05]]}"])
     simulation = stickslip.prepare(scene)  # the bodies are factorised here, once
     script = simulation.script()
     step = script.step(to=1.0)  # pressed, as the scene says
