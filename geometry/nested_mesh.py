@@ -97,12 +97,14 @@ class FlatMesh(ArrayMesh):
         return np.asarray(edges[np.bincount(of_cells.ravel(), minlength=len(edges)) == 1])
 
     def facets(self, side: str) -> Ints:
-        """Facets (f, 3) of a side, or of a body's skin."""
+        """Facets (f, 3) of a side, or of a body's skin without periodic sides."""
         body, name = side.split(".")
         if name != SKIN:
             return self.sides[side]
         edges, of_cells = self.lines()
         alone = np.bincount(of_cells.ravel(), minlength=len(edges)) == 1
+        for each in (side for pair in self.periodic for side in pair):
+            alone &= ~np.isin(edges[:, 2], self.sides[each][:, 2])
         return np.asarray(edges[np.intersect1d(np.flatnonzero(alone), of_cells[self.body == self.names.index(body)])])
 
     def cut(self, cells: Bools) -> FlatMesh:

@@ -10,9 +10,9 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints
+from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints, cross
 from stickslip.geometry.curved_facets import Bulging, find_bulging, find_edges
-from stickslip.geometry.errors import require
+from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.units import Units
@@ -44,6 +44,16 @@ class Turn:
         found[np.abs(found) < LAST_DIGITS] = 0.0  # of right angles
         return np.asarray(found[:dim, :dim])
 
+    def of(self, points: Array, motion: Array) -> Array:
+        """Angles (m,) in degrees by which a motion (m, d) [m] turns points (m, d) [m]."""
+        d, axis = points.shape[1], np.array(self.axis) / np.linalg.norm(self.axis)
+        x = points - self.point[:d]
+        if d == 3:
+            x, motion = (v - np.outer(v @ axis, axis) for v in (x, motion))
+        turn = cross(x, x + motion)
+        sine, cosine = turn @ axis if d == 3 else turn, np.einsum("md,md->m", x, x + motion)
+        return np.asarray(np.degrees(np.arctan2(sine, cosine)))
+
     def moved(self, points: Array) -> Array:
         """Points (m, d) [m] on the other side."""
         d = points.shape[1]
@@ -64,6 +74,30 @@ class Request:
     @property
     def dim(self) -> int:
         return dimensions(self.model)
+
+    @property
+    def sectors(self) -> tuple[Turn, ...]:
+        """Turns to the sectors on both sides of a cyclic one; none of another body."""
+        first = next(iter(self.turns.values()), None)
+        if first is None:
+            return ()
+        return (first,) if abs(first.angle) == 180 else (first, replace(first, angle=-first.angle))
+
+    def refuse_other_sectors(self) -> None:
+        """
+        Raises:
+            SceneError: sectors differ, so that bodies of one lie elsewhere in those of the other.
+        """
+        at = np.vstack([np.zeros(self.dim), np.eye(self.dim)])
+        for side, turn in self.turns.items():
+            if not any(np.allclose(turn.moved(at), known.moved(at)) for known in self.sectors):
+                angles = f"{self.sectors[0].angle:g} and {turn.angle:g} degrees, or about two axes"
+                raise SceneError(f"periodic: {side} turns as no other side, {angles}; bodies that touch turn alike")
+
+    @property
+    def turned(self) -> Array:
+        """By which displacements turn to each sector (s, d, d), this one first, see `sectors`."""
+        return np.stack([np.eye(self.dim), *(turn.matrix(self.dim) for turn in self.sectors)])
 
 
 def apart(one: Array, other: Array) -> float:

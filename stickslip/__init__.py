@@ -83,20 +83,20 @@ Names
 -----
 Functions         read, prepare, steps, run, sweep, load
 Scene             Scene, Material, Orthotropic, Contact, Support, Load, Probe, Steps, Solver, Gram,
-                  Output, Exact, Accuracy
+                  Output, Exact, Accuracy, Sensitivity
 Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, HalfDisc, HalfSpace, Ring,
                   Rings, Spheres, Stack, Strip, TwoBlocks, Wedge
 Obstacles         Plane, Cylinder, Sphere, Cone, Rotation
 Normal laws       Unilateral, Compliance, Bilateral, Tied
-Friction laws     Coulomb, CappedCoulomb, Cohesion, OrthotropicCoulomb, PressureDependent,
-                  RateDependent, SlipDependent, StaticKinetic, Stick, TangentialCompliance, Tresca
+Friction, wear    Coulomb, CappedCoulomb, Cohesion, OrthotropicCoulomb, PressureDependent,
+                  RateDependent, SlipDependent, StaticKinetic, Stick, TangentialCompliance, Tresca; Wear
 Effects           BodyForce, Bolt, Centrifugal, ElasticSupport, Gravity, Periodic, Plunger, RemotePoint,
                   Spring, Thermal
 Solving           Simulation, Script, Limit, PlanRow, Seconds, Counters; iterations: HistoryRow,
                   HistoryTuple, Step, Status
 Results           StepResult, ContactState, ContactNumbers, OPEN, SLIP, STICK, BodyState, Reaction,
                   ObstacleState, SpringForce, BoltState, RemoteState, ProbeValue, Energy, MeshData,
-                  SurfaceMesh, Convergence; errors: Quantity, ErrorParts
+                  SurfaceMesh, Convergence; errors: Quantity, ErrorParts; derivatives: Slope
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended);
                   Loaded; sweeps: Sweep, Solved
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,

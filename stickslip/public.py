@@ -37,6 +37,7 @@ from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
 from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.wear import Wear
 from stickslip.solvers.method_registry import Solver
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.step_result import (
@@ -47,12 +48,14 @@ from stickslip.solvers.results.step_result import (
     ErrorParts,
     MeshData,
     Quantity,
+    Slope,
     StepResult,
     SurfaceMesh,
 )
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material, Orthotropic
+from stickslip.solvers.scene.parameters import Sensitivity
 from stickslip.solvers.scene.problem import PlanRow
 from stickslip.solvers.scene.record import (
     BodyState,
@@ -190,7 +193,9 @@ __all__ = [
     "SceneError",
     "Script",
     "Seconds",
+    "Sensitivity",
     "Simulation",
+    "Slope",
     "Solved",
     "Solver",
     "SolverError",
@@ -216,6 +221,7 @@ __all__ = [
     "Unilateral",
     "UserFile",
     "Watch",
+    "Wear",
     "load",
     "prepare",
     "read",

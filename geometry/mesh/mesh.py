@@ -102,8 +102,9 @@ class Mesh(NamedParts):
         return np.asarray(found[found < owned], np.int64)
 
     def _skin(self, body: str) -> Ints:
-        """Local numbers of the facets that this rank owns and that bound a body alone."""
-        found = dx.exterior_facets(self.domain)
+        """Local numbers of the facets that this rank owns and that bound a body alone, but for its periodic sides."""
+        inside = [self.facets(side) for pair in self.request.periodic for side in pair]
+        found = np.setdiff1d(dx.exterior_facets(self.domain), np.concatenate([np.zeros(0, np.int64), *inside]))
         return found[np.isin(dx.facet_cells(self.domain, found)[:, 0], self.cells_of(body))]
 
     def cells_of(self, body: str) -> Ints:

@@ -18,6 +18,7 @@ from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import FunctionSpace, Sparse
+from stickslip.geometry.shape import Turn
 
 FACET_OF = {
     "triangle": "interval",
@@ -27,6 +28,7 @@ FACET_OF = {
 }
 EDGES = {"interval": {2: (0, 1)}, "triangle": {3: (1, 2), 4: (0, 2), 5: (0, 1)}}  # midside node -> its corners
 ALPHA = 0.2  # share of a midside basis function that is added to those of the corners of its edge
+SECTOR = 1 << 40  # added to the numbers of nodes for each further sector of a cyclic body, see `of_sectors`
 BERNSTEIN = np.array([[1, 1 / 4, 0], [0, 1 / 2, 0], [0, 1 / 4, 1]])  # (1-x)², 2x(1-x), x² at x = 0, 1/2, 1
 
 
@@ -173,6 +175,16 @@ class Surface:
         return normals * self.outward[:, None, None]
 
     @cached_property
+    def fold(self) -> Sparse:
+        """Matrix (n, n) that moves integrals at turned nodes of a cyclic sector to those that they are images of."""
+        own, n = np.arange(len(self.nodes)), len(self.nodes)
+        onto = own.copy()
+        if self.images is not None:
+            onto[self.images[1]] = self.images[0]
+        found: Sparse = sparse.csr_matrix((np.ones(n), (onto, own)), shape=(n, n))
+        return found
+
+    @cached_property
     def neighbours(self) -> Sparse:
         """Adjacency (n, n): 1 for different nodes that share a facet."""
         n, k = len(self.nodes), self.facets.shape[1]
@@ -186,6 +198,18 @@ class Surface:
         total = np.zeros(len(self.nodes))
         np.add.at(total, self.facets, values)
         return total
+
+
+def selected(surface: Surface, nodes: Ints, facets: Ints, of: Ints | Bools | slice = slice(None)) -> Surface:
+    """Surface of some of its nodes (n,), in this order, with facets (f, k) among them.
+
+    Args:
+        of: which of the surface's facets they are.
+    """
+    every = ("nodes", "input", "points", "parts", "ends", "faces"), ("outward", "depth")
+    found = {key: getattr(surface, key)[at] for keys, at in zip(every, (nodes, of), strict=True)
+             for key in keys if getattr(surface, key) is not None}  # fmt: skip
+    return replace(surface, facets=facets, **found)
 
 
 def joined(surfaces: Sequence[Surface]) -> Surface:
@@ -214,6 +238,27 @@ def joined(surfaces: Sequence[Surface]) -> Surface:
         depth=None,
         faces=faces,
     )
+
+
+def of_sectors(side: Surface, turns: Sequence[Turn]) -> Surface:
+    """A side of a cyclic body in a sector and in those beside it, to which its points turn; their nodes have numbers
+    of their own."""
+    copies = [
+        replace(side, nodes=side.nodes + k * SECTOR, input=side.input + k * SECTOR, points=turn.moved(side.points))
+        for k, turn in enumerate(turns, 1)
+    ]
+    return replace(joined([side, *copies]), beside=side.beside and of_sectors(side.beside, turns))
+
+
+def in_sectors(values: Array, nodes: Ints, sectors: Array) -> Array:
+    """Vectors (n, d) at nodes, from those that these have in the first sector.
+
+    Args:
+        sectors: (s, d, d) by which vectors turn to each of them, the first 1.
+    """
+    if len(sectors) == 1:
+        return values
+    return np.asarray(np.einsum("nij,nj->ni", sectors[nodes // SECTOR], values))
 
 
 def gather_surface(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> Surface:

@@ -19,17 +19,16 @@ from scipy.sparse.linalg import spsolve
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import CLOSE, ROUNDING, Array, Bools
 from stickslip.geometry.protocols import Sparse, Vec
-from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.surfaces.surface import Surface, of_sectors
 from stickslip.solvers.accuracy.bubbles import Bubbles
 from stickslip.solvers.accuracy.facet_volume_correction import bulges
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.build import along
 from stickslip.solvers.contact.coupling import Points, relative_to
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.stepping.law_memory import with_memory
 from stickslip.solvers.stepping.state import State
-from stickslip.solvers.system.contact_interface import components
+from stickslip.solvers.system.contact_interface import NodalVectors
 from stickslip.solvers.system.system import System
 
 
@@ -114,7 +113,9 @@ class BubbleRows:
         for c in system.contacts:
             pair = system.problem.pairs[c.name]
             slave = _as(c.surface, sides[pair.slave])
-            master = _as(c.master, sides[pair.master]) if c.master and pair.master else None
+            master = sides[pair.master] if pair.master else None
+            master = master and of_sectors(master, system.problem.request.sectors)
+            master = _as(c.master, master) if c.master and master else None
             points = _integration_points(c, slave)
             n, t, relative, nearer = _rows_of(c, points, slave, master)
             driven = [axis for obstacle, axis in system.obstacles.driven if obstacle == pair.obstacle]
@@ -132,15 +133,15 @@ class BubbleRows:
         self.N: Sparse = sparse.vstack([sparse.block_diag(normal), sparse.block_diag(tangential)]).tocsr()
         self._dim = d
         self._counts = np.cumsum([r.shape[1] for r in self.relative])[:-1]
-        self._nodes = Replicated(bubbles.zero(), components(np.concatenate(numbers), d))
+        self._nodes = NodalVectors(bubbles.zero(), np.concatenate(numbers), system.problem.request.turned)
 
     def read(self, x: Vec) -> Array:
         """Bubbles at the contact nodes of all contacts, flat [m]; collective."""
-        return self._nodes.read(x)
+        return self._nodes.read(x).ravel()
 
     def add(self, forces: Vec, at_contacts: Array) -> None:
         """Add forces at the contact nodes [N]."""
-        self._nodes.add(forces, at_contacts)
+        self._nodes.add(forces, at_contacts.reshape(-1, self._dim))
 
     def friction(self, cone: AdmissibleSet, old: State, new: State) -> dict[str, tuple[Array, float]]:
         """Friction between nodes in a substep, by contact that has some."""

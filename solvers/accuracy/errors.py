@@ -74,6 +74,9 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
         "energy": worked + left.size * float(np.sqrt(2 * state.peak)),
         "pressure": float(np.abs(left.p).max(initial=0.0)),
     }
+    area = float(W[: accepted.stepper.surface.normal_rows].sum())
+    for known in (sizes, bounds):
+        known["volume"] = area * known["length"]
     errors = {}
     for key, value in found.items():
         kind, lever = number_of(key).kind, _lever(accepted.stepper.system, key)

@@ -34,9 +34,9 @@ NOTHING_YET: Histories = {}, {}
 
 
 def remembers(problem: Problem) -> bool:
-    """Whether a state depends on the path to it: there is friction, or pairs are searched again."""
+    """Whether a state depends on the path to it: there is friction or wear, or pairs are searched again."""
     contacts = [pair.contact for pair in problem.pairs.values()]
-    return any(c.sliding or (c.friction is not None and c.friction.resists()) for c in contacts)
+    return any(c.sliding or c.wear is not None or (c.friction is not None and c.friction.resists()) for c in contacts)
 
 
 def halves(times: Sequence[float]) -> tuple[float, ...]:

@@ -40,6 +40,7 @@ from stickslip.solvers.methods.method import Solve
 from stickslip.solvers.results.recovered_stress import InCell
 from stickslip.solvers.results.step_result import Quantity
 from stickslip.solvers.scene.record import Value
+from stickslip.solvers.stepping.law_memory import worn_depth
 from stickslip.solvers.stepping.pairs import carried_over
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Stepper
@@ -234,8 +235,9 @@ class MeshCorrection:
         friction = rows.friction(stepper.cone, old, new)
         finer = None if self._finer is None else self._finer.added(new.time)
         touched = problem.gap - (old.w - stepper.cone.give(old.p))
+        worn = worn_depth(stepper.cone, before.memory) - worn_depth(stepper.cone, old.memory)
         step = _Substep(
-            stepper, self._bubbles, rows, self._left_out, before, new, problem, bolts, friction, finer, touched
+            stepper, self._bubbles, rows, self._left_out, before, new, problem, bolts, friction, finer, touched, worn
         )
         with surface.loosely(1e-2):  # in the energy norm, a displacement that an iterative volume solve recovers
             last = self._improved(step, solve)
@@ -317,6 +319,7 @@ class _Substep:
     friction: Mapping[str, tuple[Array, float]]  # between nodes, see `BubbleRows.friction`
     finer: Vec | None  # what loads lack, see `FinerLoads.added` [N]
     touched: Array  # (rows,) motion [m] before points touch in the substep, in tangential rows, see `from_touch`
+    worn: Array  # (rows,) depth [m] that has worn off with bubbles, less that without, at its start
 
     def solved(self) -> Answer:
         """The solved step: what is answered to no bubbles."""
@@ -336,6 +339,7 @@ class _Substep:
         """
         stepper, new, n = self.stepper, self.new, self.stepper.surface.normal_rows
         slip = self.problem.gap if same_history else self.old.w - stepper.cone.give(self.old.p) + self.touched
+        worn = 0 * self.worn if same_history else self.worn
         pull, left_out = self.bubbles.pull(x), self._forces_left_out
         more = pull if left_out is None else pull + left_out[1] - left_out[0]
         more = more if self._friction is None else more + self._friction
@@ -343,7 +347,7 @@ class _Substep:
         posed = replace(
             self.problem,
             offset=self.problem.offset + self.rows.N @ self.rows.read(x),
-            gap=np.concatenate([self.problem.gap[:n] - self.rows.closer[:n], slip[n:]]),
+            gap=np.concatenate([self.problem.gap[:n] - self.rows.closer[:n] + worn[:n], slip[n:]]),
         )
         balanced = left_out is None and not self.friction and self.finer is None
         self.bolts.begin(trial=same_history)

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools, Ints
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, TINY, Array, Bools, Ints
+from stickslip.geometry.curved_facets import SMOOTH
 from stickslip.geometry.errors import SceneError, prefixed
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.shape import SKIN
@@ -210,7 +211,7 @@ def build_rows(
     Raises:
         SceneError: supports leave a contact no node that can carry a pressure.
     """
-    contacts = {name: (contact, _folded(coupling)) for name, (contact, coupling) in contacts.items()}
+    contacts = _told_once({name: (contact, _folded(coupling)) for name, (contact, coupling) in contacts.items()})
     against_obstacles = HeldMotions(constraints.dim)
     used = {name: HeldMotions(constraints.dim) if c.master else against_obstacles for name, (_, c) in contacts.items()}
     frames = {
@@ -223,15 +224,15 @@ def build_rows(
     }
     found = []
     for name, (contact, coupling) in contacts.items():
-        weights, friction = coupling.weights, contact.tangential
+        weights, (friction, slide) = coupling.weights, contact.law(coupling.surface.axisymmetric)
         degree = contact.degree(coupling.surface.degree)
         known = 0.0 if contact.normal.ties else contact.gap
         gap = coupling.gap if known is None else np.full_like(coupling.gap, known)
         if contact.normal.at_quadrature:
             points = coupling.points(degree)
             N_n = along(points.relative, points.normals[:, None])
-            W_n, fold = points.weights, _fold(coupling.surface)
-            psi, phi = (points.psi, points.phi) if fold is None else (fold @ points.psi, fold @ points.phi)
+            folded = points if coupling.surface.images is None else points.moved(coupling.surface.fold)
+            W_n, psi, phi = points.weights, folded.psi, folded.phi
             gap_n = points.gap if known is None else np.full_like(points.gap, known)
             to_points, directions = points.own.basis(coupling.surface), points.normals
             dropped = 0
@@ -259,6 +260,11 @@ def build_rows(
         else:
             carrier = _no_friction(coupling)
         N_t, W_t = carrier.rows(coupling)
+        if contact.wear is not None and slide is None and weights.any() and not len(W_t):
+            raise SceneError(
+                f"contacts.{name}.wear: supports hold all of {contact.surface} along the surface, so that no slip is "
+                "measured there; free it, or prescribe slide"
+            )
         if name in moved:
             gap_n = gap_n + N_n @ moved[name].ravel()
             gap = gap + coupling.closing(moved[name])
@@ -267,7 +273,7 @@ def build_rows(
         to_tangential = carrier.mean(weights)[0] if len(W_t) else carrier.share
         fields = Fields(
             gap_offset=contact.gap_offset, law=friction, points=start, to_nodes=coupling.surface.transform,
-            to_points=to_points, to_tangential=to_tangential, end=end,
+            to_points=to_points, to_tangential=to_tangential, end=end, slide=slide, wear=contact.wear,
         )  # fmt: skip
         with prefixed(f"contacts.{name}"):
             offset, node_offset = fields.offsets(0.0)
@@ -286,21 +292,49 @@ def build_rows(
     return found
 
 
-def _fold(surface: Surface) -> Sparse | None:
-    """Matrix (n, n) that moves integrals at turned nodes of a cyclic sector to those that they are images of."""
-    if surface.images is None:
-        return None
-    here, there, _ = surface.images
-    own, n = np.setdiff1d(np.arange(len(surface.nodes)), there), len(surface.nodes)
-    at = np.concatenate([own, here]), np.concatenate([own, there])
-    found: Sparse = sparse.csr_matrix((np.ones(n), at), shape=(n, n))
+def _told_once(contacts: Mapping[str, tuple[Contact, Coupling]]) -> dict[str, tuple[Contact, Coupling]]:
+    """The same contacts; where sides of the same two bodies meet, a motion that several see is left to one of them.
+
+    That is one which ties, or the first; the others' parts go to their neighbours.
+    """
+    found, together = dict(contacts), dict[frozenset[str], list[str]]()
+    for name in sorted(found, key=lambda name: not found[name][0].normal.ties):
+        contact, coupling = found[name]
+        bodies = frozenset(side.partition(".")[0] for side in (contact.surface, str(contact.against)))
+        for before, earlier in (found[other] for other in together.setdefault(bodies, [])):
+            alike = before.normal.ties or (before.gap, before.gap_offset) == (contact.gap, contact.gap_offset)
+            if coupling.master and earlier.master and alike:
+                carries = coupling.carries & ~_seen(coupling, earlier, bool(before.normal.ties))
+                coupling = replace(coupling, carries=carries)
+        found[name] = contact, coupling
+        together[bodies].append(name)
     return found
+
+
+def _seen(coupling: Coupling, earlier: Coupling, whole: bool) -> Bools:
+    """Nodes (n,) whose relative displacement is that of a carrier of another coupling, of either sign.
+
+    Args:
+        whole: whether that one holds all of it, not its part along the normal alone.
+    """
+    nodes = [np.append(c.surface.nodes, [] if c.master is None else c.master.nodes) for c in (coupling, earlier)]
+    numbers = np.unique(np.concatenate(nodes))
+    rows = []
+    for c, own in zip((coupling, earlier), nodes, strict=True):
+        onto = sparse.csr_matrix((np.ones(len(own)), (np.arange(len(own)), np.searchsorted(numbers, own))))
+        onto.resize(len(own), len(numbers))
+        size = np.sqrt((c.relative @ onto).power(2).sum(axis=1).A1)
+        rows.append(sparse.diags(c.carries / np.maximum(size, TINY)) @ c.relative @ onto)
+    same = abs(rows[0] @ rows[1].T).tocoo()
+    parallel = np.abs(np.einsum("kd,kd->k", coupling.normals[same.row], earlier.normals[same.col]))
+    seen = (same.data > 1 - ROUNDING) & (whole | (parallel > np.cos(np.radians(SMOOTH))))
+    return np.isin(np.arange(len(coupling.carries)), same.row[seen])
 
 
 def _folded(coupling: Coupling) -> Coupling:
     """The same coupling, where nodes of a cyclic sector carry what their turned images would: these have no weight."""
-    fold = _fold(coupling.surface)
-    if fold is None:
+    fold = coupling.surface.fold
+    if coupling.surface.images is None:
         return coupling
     return replace(coupling, weights=fold @ coupling.weights, carries=coupling.carries & (fold.diagonal() > 0))
 

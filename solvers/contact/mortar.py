@@ -17,7 +17,7 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.overlap import Overlap
-from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.surfaces.surface import SECTOR, Surface
 from stickslip.solvers.contact.build import along, distribute_to_neighbours
 from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On, Points, midway_normals, relative_to, shares
 
@@ -118,6 +118,8 @@ def mortar_coupling(facing: Facing) -> Coupling:
     degree = product_degree(slave, master) + slave.degree * slave.borrows  # of psi_j n phi_k
     found = facing.points(degree)
     weights, P, gap, psi = mortar_integrals(slave, master, found)
+    if slave.images is not None:
+        weights, P, gap, psi = _across_cuts(slave, master, weights, P, gap, psi)
     faces = weights != 0
     own = sparse.diags(faces.astype(float)) @ slave.transform
     gap = np.where(faces, gap, 0.0)
@@ -131,9 +133,11 @@ def mortar_coupling(facing: Facing) -> Coupling:
     total = np.asarray(share @ weights)
     each = np.divide(1.0, total, out=np.zeros(len(total)), where=total > 0)
     mean = sparse.diags(each) @ share @ sparse.diags(weights)
+    share = share if slave.images is None else share @ slave.fold
     relative, turning = (mean @ sparse.hstack([own, -P])).tocsr(), None
     if slave.borrows:
-        turning = _turning(_points(facing, degree, sparse.diags(each) @ share), relative, normals)
+        cut = np.ravel(slave.fold.sum(axis=1) != 1)
+        turning = _turning(_points(facing, degree, sparse.diags(each) @ share), relative, normals, cut)
     return Coupling(
         surface=slave,
         master=master,
@@ -147,7 +151,29 @@ def mortar_coupling(facing: Facing) -> Coupling:
     )
 
 
-def _turning(points: Points, relative: Sparse, normals: Array) -> Sparse | None:
+def _across_cuts(
+    slave: Surface, master: Surface, W: Array, P: Sparse, gap: Array, psi: Sparse
+) -> tuple[Array, Sparse, Array, Sparse]:
+    """The same integrals, those at nodes that are turned ones of a cyclic sector moved to these, see `of_sectors`.
+
+    What faces the turned node is a sector back at the other one.
+    """
+    assert slave.images is not None
+    order = np.argsort(master.nodes, kind="stable")
+    back = np.where(master.nodes < SECTOR, master.nodes + master.nodes.max() // SECTOR * SECTOR, master.nodes - SECTOR)
+    at = order[np.searchsorted(master.nodes[order], back).clip(max=len(order) - 1)]
+    turned, known = np.zeros(len(W)), (master.nodes[at] == back) & (master.nodes < 2 * SECTOR)
+    turned[slave.images[1]] = 1.0
+    part = W * (1 - turned * (abs(P) @ ~known > 0))
+    behind = sparse.csr_matrix((np.ones(len(at)), (np.arange(len(at)), at)), (len(at), len(at)))
+    sums = slave.fold @ (sparse.diags(part * (1 - turned)) @ P + sparse.diags(part * turned) @ P @ behind)
+    total, mean = slave.fold @ W, slave.fold @ part
+    each = np.divide(1.0, mean, out=np.zeros(len(W)), where=mean != 0)
+    gap = np.where(total != 0, each * (slave.fold @ (part * np.where(W != 0, gap, 0.0))), np.inf)
+    return total, (sparse.diags(each) @ sums).tocsr(), gap, (slave.fold @ psi).tocsr()
+
+
+def _turning(points: Points, relative: Sparse, normals: Array, cut: Bools) -> Sparse | None:
     """Means with psi_j of the relative displacement along normals (n, n_all d), None if these turn nowhere.
 
     The dual basis of a side whose corners borrow reproduces constants only. With a node's own normal all around it, a
@@ -157,10 +183,12 @@ def _turning(points: Points, relative: Sparse, normals: Array) -> Sparse | None:
         points: the integration points, psi divided by the weights of the nodes.
         relative: of the nodes (n, n_all), whose entries are kept where nothing turns.
         normals: of the nodes (n, d).
+        cut: nodes (n,) whose facets are those of two sectors, where nothing turns.
     """
     nodal = along(relative, normals[:, None])
     turn = (points.psi @ along(points.relative, points.normals[:, None]) - nodal).tocsr()
-    turn.data[np.abs(turn.data) < ROUNDING] = 0.0  # entries of motions; those of both are about 1
+    # entries of motions; those of both are about 1
+    turn.data[(np.abs(turn.data) < ROUNDING) | np.repeat(cut, np.diff(turn.indptr))] = 0.0
     turn.eliminate_zeros()
     return (nodal + turn).tocsr() if turn.nnz else None
 

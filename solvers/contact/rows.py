@@ -11,14 +11,15 @@ import numpy as np
 from stickslip.geometry.arrays import ROUNDING, TINY, Array, Bools, Ints
 from stickslip.geometry.field import Field, in_time, values
 from stickslip.geometry.protocols import Sparse
-from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.surfaces.surface import SECTOR, Surface, in_sectors
 from stickslip.solvers.contact.coupling import Points
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.wear import Slide, Wear, Worn
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fields:
-    """What a scene gives a contact by place and time: its gap offset, and its friction law."""
+    """What a scene gives a contact by place and time: its gap offset, its friction law, how it slides and wears."""
 
     gap_offset: Field
     law: FrictionLaw | None
@@ -27,6 +28,8 @@ class Fields:
     to_points: Sparse  # (m_n, n) and to values at the normal points
     to_tangential: Sparse  # (m_t, n) and to values at the tangential points
     end: float  # last time of the scene [s]
+    slide: Slide | None = None  # out of the plane; None: not at all
+    wear: Wear | None = None
 
     @property
     def change(self) -> bool:
@@ -105,6 +108,44 @@ class ContactRows:
         gap, node_gap = self.gap + wider, self.node_gap + nodes_wider
         return replace(self, gap=gap, node_gap=node_gap, friction=fields.law_at(time), fields=fields, time=time)
 
+    @property
+    def slides(self) -> bool:
+        """Whether sliding out of the plane is prescribed."""
+        return self.fields is not None and self.fields.slide is not None
+
+    @property
+    def wears(self) -> bool:
+        """Whether points lose depth by sliding."""
+        return self.fields is not None and self.fields.wear is not None
+
+    def path(self, slip: Array | None, time: float, step: float) -> Array:
+        """Length (m_n,) [m] by which the normal points slide in a step of a length [s] up to a time [s].
+
+        Args:
+            slip: of the tangential points in the step (m_t,) [m]; None: what is prescribed counts alone.
+        """
+        assert self.fields is not None
+        own, aside = np.zeros(len(self.W_n)), np.zeros(len(self.W_n))
+        if self.fields.slide is not None:
+            points = np.asarray(self.fields.to_points @ self.fields.points)
+            aside = self.fields.slide.within(points, time, step, self.fields.end)
+        if slip is not None:
+            near = self.average.T @ self.W_t
+            own = np.divide(self.average.T @ (self.W_t * slip), near, out=own, where=near > 0)
+        return np.hypot(own, aside)
+
+    def worn(self, depth: Array, slip: Array | None = None) -> ContactRows:
+        """The rows with gaps that are wider by a worn depth (m_n,) [m].
+
+        Args:
+            slip: of a step in which they wear on, length of the slip (m_n,) [m].
+        """
+        assert self.fields is not None
+        wear, law = self.fields.wear, self.normal
+        if slip is not None and wear is not None:
+            law = Worn(of=self.normal, softness=wear.total * slip)
+        return replace(self, gap=self.gap + depth, node_gap=self.node_gap + self.node_pressure(depth), normal=law)
+
     @cached_property
     def nodes(self) -> Ints:
         """Global numbers (n_all,): the slave's, then the master's."""
@@ -134,6 +175,10 @@ class ContactRows:
     def ends(self) -> Bools:
         """Nodes (n,) of the slave, facing the other side, at which both sides of one body end; see `of_both`."""
         return np.asarray(of_both(self.surface, self.master) & (self.node_weights != 0))
+
+    def of_mesh(self, values: Array, sectors: Array) -> Array:
+        """Vectors (n_all, d) at its nodes, from those at all nodes of the gmsh model; see `in_sectors`."""
+        return in_sectors(values[self.input % SECTOR], self.input, sectors)
 
     @property
     def part(self) -> Ints:

@@ -83,6 +83,21 @@ EFFECTS = (
     ),
     *(Row(get_args(get_type_hints(law)["law"])[0], partial(_with_law, "normal", law)) for law in NormalLaw.kinds),
     Row("friction", partial(_with_law, "friction", FrictionLaw), _of_friction),
+    Row(
+        "slide",
+        lambda scene: (
+            f"contacts.{name}.{key}"
+            for name, c in scene.contacts.items()
+            for key in ("slide", "slide_speed")
+            if getattr(c, key) is not None
+        ),
+        lambda scene: "nothing sticks while it moves, friction in the plane is that of a film",
+    ),
+    Row(
+        "wear",
+        lambda scene: (f"contacts.{name}.wear" for name, c in scene.contacts.items() if c.wear),
+        lambda scene: "a worn depth a point; with friction each step again until its slip is that which wears",
+    ),
     Row("multibody", _pairs, lambda scene: "a search of opposite points, and integrals over both sides"),
     Row(
         "sliding",

@@ -22,6 +22,7 @@ from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints,
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Comm, Mat
+from stickslip.geometry.surfaces.surface import SECTOR
 from stickslip.solvers.fem.remote_points import RemotePoint, RemotePoints
 from stickslip.solvers.fem.springs import Links
 from stickslip.solvers.parallel.replicated import from_rows
@@ -65,6 +66,7 @@ class Periodic:
     root_part: Ints  # (f,)
     turn: Array  # (f, d, d) by which the displacement of a root is that of its follower: 1, or that of cyclic sides
     fixed: Mapping[int, Array]  # of nodes on the axis of a turn, which follow themselves: directions (r, d) across it
+    sectors: Array  # (s, d, d) by which displacements turn from here to each sector, see `of_sectors`: 1 is the first
 
     @property
     def cyclic(self) -> Bools:
@@ -125,7 +127,7 @@ class Constraints:
 
     def roots(self, nodes: Ints) -> Ints:
         """The nodes (n,), with each eliminated periodic node replaced by its root."""
-        found = np.array(nodes, np.int64)
+        found = np.asarray(nodes, np.int64) % SECTOR
         follows, at = _places(self.followers, found)
         found[follows] = self.periodic.roots[at]
         return found
@@ -155,15 +157,15 @@ class Constraints:
         columns[held], free[held] = self._bases[0][at], self._bases[1][at]
         if self.periodic.cyclic.any():
             columns = self.turns(nodes) @ columns
-        rigid = np.isin(nodes, self._rigid_nodes)
+        rigid = np.isin(nodes % SECTOR, self._rigid_nodes)
         columns[rigid], free[rigid] = 0.0, False
         return columns, free
 
     def turns(self, nodes: Ints) -> Array:
         """By which the displacements of the roots of nodes (n,) turn to theirs (n, d, d)."""
-        found = np.tile(np.eye(self.dim), (len(nodes), 1, 1))
-        follows, at = _places(self.followers, nodes)
-        found[follows] = self.periodic.turn[at]
+        found = np.array(self.periodic.sectors[nodes // SECTOR])
+        follows, at = _places(self.followers, nodes % SECTOR)
+        found[follows] = found[follows] @ self.periodic.turn[at]
         return found
 
     def eliminated(self) -> Ints:

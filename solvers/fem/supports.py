@@ -223,6 +223,7 @@ def _periodic(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) 
         root_part=np.array([known[node][1] for node in roots], np.int64),
         turn=np.array([turn for _, turn in ends]).reshape(-1, mesh.dim, mesh.dim),
         fixed=fixed,
+        sectors=problem.request.turned,
     )
 
 

@@ -8,6 +8,7 @@ sides gives S.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -144,19 +145,29 @@ class FactorisedVolume:
 
     def condense(self, f: Vec) -> Array:
         """Condense forces [N] onto the contact dofs: f_c - K_ci K_ii^-1 f_i (c,); one volume solve; collective."""
+        return self.condensed([f])[0]
+
+    def condensed(self, forces: Sequence[Vec]) -> list[Array]:
+        """The same of several forces, in one volume solve for all; collective."""
         if not len(self.contact.rows):
-            return np.zeros(0)
-        return np.asarray(self.contact.read(f) - self.contact.read(self.K * self._interior(f)))
+            return [np.zeros(0) for _ in forces]
+        pairs = zip(forces, self._interiors(forces), strict=True)
+        return [np.asarray(self.contact.read(f) - self.contact.read(self.K * q)) for f, q in pairs]
 
     def expand(self, f: Vec, q_c: Array) -> Vec:
         """Displacement [m] of all free dofs from that of the contact dofs q_c (c,): K_ii q_i = f_i - K_ic q_c.
 
         One volume solve; collective.
         """
-        q = f.duplicate()
-        self.contact.write(q, q_c)
-        q += self._interior(f - self.K * q)
-        return q
+        return self.expanded([(f, q_c)])[0]
+
+    def expanded(self, given: Sequence[tuple[Vec, Array]]) -> list[Vec]:
+        """The same of several forces and displacements, in one volume solve for all; collective."""
+        found = [f.duplicate() for f, _ in given]
+        for q, (_, q_c) in zip(found, given, strict=True):
+            self.contact.write(q, q_c)
+        inside = self._interiors([f - self.K * q for q, (f, _) in zip(found, given, strict=True)])
+        return [q + more for q, more in zip(found, inside, strict=True)]
 
     def release(self) -> None:
         """Nothing to free before the end: PETSc's objects go with this one."""
@@ -166,6 +177,19 @@ class FactorisedVolume:
 
     def restore(self, snapshot: None) -> None:
         """Nothing to take up."""
+
+    def _interiors(self, forces: Sequence[Vec]) -> list[Vec]:
+        """`_interior` of each; solved together they take a seventh of the time."""
+        mixed = self._factorised is not self.K
+        if len(forces) < 2 or mixed or self.K.comm.size > 1 or len(self._added.dofs.rows):
+            return [self._interior(f) for f in forces]
+        given, found = np.column_stack([f.array_r for f in forces]), [f.duplicate() for f in forces]
+        for part in self._parts:
+            given[part.rows] = part.interiors(given[part.rows])
+        for q, column in zip(found, given.T, strict=True):
+            q.array[:] = column
+        self.counters.volume_solves += len(forces)
+        return found
 
     def _interior(self, f: Vec) -> Vec:
         """K_ii^-1 f_i, zero at the contact dofs; those that were added are held by forces on them."""
@@ -272,6 +296,20 @@ class _Factor:
         self._check()
         self._out.array[self.contact.local] = 0.0
         return np.array(self._out.array_r)
+
+    def interiors(self, forces: Array) -> Array:
+        """The same of several forces (n, k), on one rank."""
+        given = np.asfortranarray(forces)
+        given[self.contact.local] = 0.0
+        right = PETSc.Mat().createDense(given.shape, array=given, comm=self.K.comm)
+        found = right.duplicate()
+        self._ksp.getPC().getFactorMatrix().matSolve(right, found)
+        self._check()
+        moved = found.getDenseArray() / self._unit
+        moved[self.contact.local] = 0.0
+        right.destroy()
+        found.destroy()
+        return np.asarray(moved)
 
     def _solver(self, K: Mat) -> KSP:
         K.setOption(PETSc.Mat.Option.SYMMETRIC if self.pressures else PETSc.Mat.Option.SPD, True)

@@ -256,7 +256,11 @@ class CondensedSurface(DelassusOperator):
         return Load(f_q=f_q, driving=driving, f_c=f_c, resultant=self.R.T @ f_c, free=self.displacement(f_c))
 
     def with_more(self, load: Load, forces: Vec, balanced: bool = True) -> Load:
-        more = np.concatenate([self.volume.condense(forces), np.zeros(self.driven)])
+        return self.with_condensed(load, forces, self.volume.condense(forces), balanced)
+
+    def with_condensed(self, load: Load, forces: Vec, condensed: Array, balanced: bool = False) -> Load:
+        """`with_more` of forces over the free dofs that are condensed (c,) [N] already."""
+        more = np.concatenate([condensed, np.zeros(self.driven)])
         resultant = load.resultant if balanced else load.resultant + self.R.T @ more
         return replace(load, f_q=load.f_q + forces, f_c=load.f_c + more, resultant=resultant)
 
@@ -280,9 +284,13 @@ class CondensedSurface(DelassusOperator):
         return self.displacement(load.f_c - self.forces(p))
 
     def recover(self, load: Load, p: Array, u_c: Array) -> Vec:
-        total, own = load.f_q.duplicate(), len(u_c) - self.driven
+        return self.volume.expand(*self.below(load.f_q, p, u_c))
+
+    def below(self, f_q: Vec, p: Array, u_c: Array) -> tuple[Vec, Array]:
+        """Forces over the free dofs [N] and displacement of those of contact [m], see `FactorisedVolume.expand`."""
+        total, own = f_q.duplicate(), len(u_c) - self.driven
         self.volume.contact.write(total, self.forces(p)[:own])
-        return self.volume.expand(load.f_q - total, u_c[:own])
+        return f_q - total, u_c[:own]
 
     def snapshot(self) -> dict[str, Plain]:
         inverted = "flexibility" in self._dense

@@ -48,6 +48,11 @@ class NormalLaw(Choice):
         """The power of the penetration that pressure is proportional to, 1 for a rigid law; None: to no power."""
         return None if self.at_quadrature else 1.0
 
+    @property
+    def give(self) -> Array | float:
+        """Softness (m,) [m/Pa] of points that are rigid, as `stiffness` has it, but for this: p softness is added."""
+        return 0.0
+
     def degree(self, order: int) -> int:
         """Quadrature degree that the law needs on facets, for elements of an order."""
         return 2 * order
@@ -158,6 +163,16 @@ class FrictionLaw(Choice):
     def within(self, memory: Array, step: float) -> FrictionLaw:
         """The law in a substep of a length [s] that is to end with a memory (m_t,), if that does not follow at once."""
         return self.at(memory)
+
+    def work_aside(self, p: Array, average: Sparse, memory: Array, step: float) -> Array:
+        """Work of friction (m_t,) [J/m²] in a substep on motion that no tangential row measures.
+
+        Args:
+            p: pressures (m_n,) [Pa] at its end.
+            memory: at its end.
+            step: its length [s].
+        """
+        return np.zeros(average.shape[0])
 
     def dragged(self, p: Array, average: Sparse, trial: Trial) -> Dragged:
         """Bound of points by the slip that trial tractions lead to; of a law that `drags`.

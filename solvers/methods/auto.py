@@ -18,7 +18,7 @@ class Auto(Method):
         "surface-uzawa; "
         "goes on with a safer method when one stalls"
     )
-    WORKS_WITH: ClassVar = Applicability(floating=True)
+    WORKS_WITH: ClassVar = Applicability(floating=True, worn=True)
     ROW: ClassVar = 0
 
     def build(self, setup: Setup) -> Ready:

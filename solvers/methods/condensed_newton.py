@@ -120,7 +120,7 @@ class CondensedNewton(Stateless):
     WHEN: ClassVar = (
         "1–16 iterations at every mesh size tried, some tens where plain Newton cycles; needs the condensed form"
     )
-    WORKS_WITH: ClassVar = Applicability(floating=True, matrix_free=False)
+    WORKS_WITH: ClassVar = Applicability(floating=True, worn=True, matrix_free=False)
     ROW: ClassVar = 1
     ROWS_ALONE: ClassVar = True
     TURNS: ClassVar = (Turn("condensed", 1),)

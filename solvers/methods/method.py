@@ -46,6 +46,7 @@ class Applicability:
     friction: tuple[str, ...] | None = None  # names of the supported friction laws; None: all
     k_T: bool = True  # tangential stiffness before slip
     rates: bool = True  # friction by slip rate
+    worn: bool = False  # prescribed sliding, and wear
     fields: bool = True  # gap offsets and mu that change over a side or in time
     shared: bool = True  # several contacts of one side
     operators: tuple[str, ...] | None = None  # supported contact operators: RIGID, and those between bodies; None: all

@@ -38,7 +38,7 @@ class SurfaceUzawa(Method):
 
     NAME: ClassVar = "surface-uzawa"
     WHEN: ClassVar = "few volume solves, as many at every mesh size: bodies too large to condense"
-    WORKS_WITH: ClassVar = Applicability(floating=True)
+    WORKS_WITH: ClassVar = Applicability(floating=True, worn=True)
     ROW: ClassVar = 2
     TURNS: ClassVar = (Turn("matrix-free", 1), Turn("matrix-free", 2, safe=True), Turn("condensed", 2))
     COARSE_MESH: ClassVar = True

@@ -28,12 +28,17 @@ class ActiveSet:
     problem: SurfaceProblem
     k: Array  # (rows,) spring stiffness [Pa/m], 0 where there is no spring
     held: Bools  # (rows,) closed or stick without springs
-    slip: Bools  # (rows,)
+    slip: Bools  # (rows,) and closed rows that give
     A_p: Sparse  # (rows, rows) [-]
     A_w: Sparse  # (rows, rows) [Pa/m]
     rhs: Array  # (rows,) [Pa]
     weight: float = 0.0  # of the proximal term [-]
     hold: float = 0.0  # springs that hold rigid motions where they are, relative to the stiffness of the bodies [-]
+
+    @property
+    def sets(self) -> Array:
+        """Rows (3, rows) that are held, on springs, and slip."""
+        return np.array([self.held, self.k > 0, self.slip])
 
     @property
     def given(self) -> Bools:
@@ -81,8 +86,8 @@ class ActiveSet:
 class _Rows:
     """The active set under construction: every row is open at first."""
 
-    def __init__(self, cone: AdmissibleSet, gap: Array, gamma: Array) -> None:
-        self.cone, self.gap, self.gamma, self.rows = cone, gap, gamma, len(gap)
+    def __init__(self, cone: AdmissibleSet, p: Array, gap: Array, gamma: Array) -> None:
+        self.cone, self.p, self.gap, self.gamma, self.rows = cone, p, gap, gamma, len(gap)
         self.k, self.held, self.slips = np.zeros(self.rows), np.zeros(self.rows, bool), np.zeros(self.rows, bool)
         self.rhs = np.zeros(self.rows)
         self.on_p: list[tuple[Array, Ints, Ints]] = []  # entries besides the diagonals
@@ -92,6 +97,17 @@ class _Rows:
         """Hold the rows `at`: gamma (w - gap) = 0, so that all rows have the unit Pa."""
         self.held[at] = True
         self.rhs[at] = self.gamma[at] * self.gap[at]
+
+    def give(self, at: Ints, softness: Array) -> None:
+        """Let closed rows give by p softness (m,) [m/Pa]: p = J (p + gamma (w - gap)), J = 1 / (1 + gamma softness).
+
+        However little they give, the numbers of a row have one size: a spring that is so stiff would drown in rounding.
+        """
+        J = 1 / (1 + self.gamma[at] * softness)
+        self.slips[at] = True
+        self.on_p.append((-J, at, at))
+        self.on_w.append((-J * self.gamma[at], at, at))
+        self.rhs[at] = -J * self.gamma[at] * self.gap[at]
 
     def spring(self, at: Ints, k: Array | float, p_0: Array | float) -> None:
         """Make springs of the rows `at`: p = p_0 + k (w - gap)."""
@@ -160,19 +176,33 @@ def linearise(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> ActiveSet:
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991), of the projection and its derivative.
     """
+    return _rows(problem, p_hat, gamma).active_set(problem)
+
+
+def sets(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> tuple[Array, Array]:
+    """Rows (3, rows) that are held, on springs, and slip at trial tractions, see `linearise`; their projection [Pa]."""
+    rows = _rows(problem, p_hat, gamma)
+    return np.array([rows.held, rows.k > 0, rows.slips]), rows.p
+
+
+def _rows(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> _Rows:
     cone = problem.cone
     p = cone.project(p_hat, gamma)
-    rows = _Rows(cone, problem.gap, gamma)
+    rows = _Rows(cone, p, problem.gap, gamma)
     for place in cone.places:
         n, law = place.normal, place.rows.normal
         slope = law.stiffness(p[n], p_hat[n])
         closed, index = np.isinf(slope), np.arange(n.start, n.stop)
-        rows.hold(index[closed])
+        softness = np.broadcast_to(law.give, closed.shape)
+        gives = closed & (softness > 0)
+        rows.hold(index[closed & ~gives])
+        if gives.any():
+            rows.give(index[gives], softness[gives])
         soft = ~closed & (slope > 0)
         rows.spring(index[soft], slope[soft], p[n][soft] - slope[soft] * law.penetration(p[n])[soft])
     for place in cone.with_friction():
         _friction(rows, place, p_hat, p[place.normal], gamma)
-    return rows.active_set(problem)
+    return rows
 
 
 def _friction(rows: _Rows, place: ContactBlock, p_hat: Array, p_n: Array, gamma: Array) -> None:
@@ -180,7 +210,9 @@ def _friction(rows: _Rows, place: ContactBlock, p_hat: Array, p_n: Array, gamma:
     span, free = place.tangential, place.rows.free
     index = np.arange(span.start, span.stop).reshape(free.shape)
     trial = p_hat[span].reshape(free.shape) * free
-    length, s = np.linalg.norm(trial, axis=1), rows.cone.bound(place, p_n)
+    length = np.linalg.norm(trial, axis=1)
+    tried = Trial(length, gamma[index[:, 0]])
+    s = rows.cone.bound(place, p_n, tried)
     softness = place.rows.friction.softness  # type: ignore[union-attr]
     stick = (length <= s * (1 + gamma[index[:, 0]] * softness)) & (s > 0)
     slip = np.flatnonzero(~stick & (s > 0))
@@ -190,6 +222,6 @@ def _friction(rows: _Rows, place: ContactBlock, p_hat: Array, p_n: Array, gamma:
     else:
         rows.hold(stuck)
     if len(slip):
-        dragged = rows.cone.dragged(place, p_n, Trial(length, gamma[index[:, 0]]))
+        dragged = rows.cone.dragged(place, p_n, tried)
         own = Dragged(dragged.bound[slip], dragged.by_trial[slip], dragged.by_pressure[slip])
         rows.slip(index[slip], free[slip], trial[slip], own, p_n, place.normal)

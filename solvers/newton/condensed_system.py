@@ -38,7 +38,7 @@ def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
     few = not laws.k.any() and (~laws.given).sum() < 0.5 * (~laws.fixed).sum()
     if laws.weight and surface.floating:
         return by_tractions(laws, surface, laws.hold * surface.rho * np.eye(surface.R.shape[1]), u_c)
-    held = _unfelt(laws, surface)
+    held = unfelt(laws, surface)
     if held.any():
         p, u_c = by_tractions(laws, surface, surface.rho * held, u_c)
     else:
@@ -48,7 +48,7 @@ def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
     return p, u_c
 
 
-def _unfelt(laws: ActiveSet, surface: CondensedSurface) -> Array:
+def unfelt(laws: ActiveSet, surface: CondensedSurface) -> Array:
     """Projection (r, r) onto the rigid motions that no linearised law resists; zero if there are none."""
     if not surface.floating:
         return np.zeros((0, 0))

@@ -16,6 +16,7 @@ from stickslip.geometry.arrays import EXACT, LAST_DIGITS, Array
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, Solution
+from stickslip.solvers.laws.wear import WORN
 from stickslip.solvers.metrics import Secants
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import linearise
@@ -32,7 +33,7 @@ UNSURE = 3.0  # factor on a distance in the approximate flexibility
 
 
 def exact_problem(problem: SurfaceProblem, before: Correction) -> SurfaceProblem:
-    """The problem of a step as it is if all steps before were solved exactly: slip is counted from elsewhere.
+    """The problem of a step as it is if all steps before were solved exactly: slip is counted from elsewhere, wear too.
 
     Args:
         problem: that the method has solved.
@@ -40,6 +41,8 @@ def exact_problem(problem: SurfaceProblem, before: Correction) -> SurfaceProblem
     """
     n = problem.surface.normal_rows
     shift = np.concatenate([np.zeros(n), (before.w - problem.cone.softness * before.p)[n:]])
+    for place in problem.cone.places if before.memory else ():
+        shift[place.normal] += before.memory.get(f"{place.rows.name}{WORN}", 0.0)
     return replace(problem, gap=problem.gap + shift) if shift.any() else problem
 
 

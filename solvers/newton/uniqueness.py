@@ -25,6 +25,7 @@ from stickslip.geometry.arrays import EXACT, ROUNDING, Array, Ints
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.laws.friction import CappedCoulomb, Proportional
+from stickslip.solvers.laws.wear import Worn
 
 MOST = 200  # rows up to which it is asked: on 160 rows others take 0.1 s a step, on 640 rows 6 s
 _known: WeakKeyDictionary[CondensedSurface, dict[bytes, tuple[bool, float]]] = WeakKeyDictionary()
@@ -62,7 +63,7 @@ def _slopes(problem: SurfaceProblem) -> tuple[Array, bool]:
         law, normal = place.rows.friction, place.rows.normal
         assert law is not None
         follows = isinstance(law, Proportional | CappedCoulomb) and getattr(law, "most", None) is None
-        sure &= follows and not (law.remembers or law.drags or law.changes)
+        sure &= follows and not (law.remembers or law.drags or law.changes or isinstance(normal, Worn))
         mu: Array | float = law.lines(normal, problem.cone.time, problem.cone.end)[2]
         if follows and isinstance(law, Proportional):
             mu = law.coefficient_now

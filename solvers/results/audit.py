@@ -27,6 +27,7 @@ from stickslip.solvers.effects import active
 from stickslip.solvers.fem.contact_forms import ComplianceForms
 from stickslip.solvers.fem.elastic_energy import forces_of_energy
 from stickslip.solvers.laws.normal import Compliance
+from stickslip.solvers.laws.wear import SLID, WORN, Turned
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.results.closed_formulas import (
@@ -36,6 +37,7 @@ from stickslip.solvers.results.closed_formulas import (
     prescribed,
     pressure,
     remembered,
+    slid,
     stored_energy,
 )
 from stickslip.solvers.results.resultants import acting
@@ -136,6 +138,7 @@ class Auditor:
         self._j_n: dict[str, tuple[ComplianceForms, CompiledForm]] = {}  # likewise
         self._largest, self._unseen = 0.0, set[str]()  # traction so far [Pa]; numbers without a second formula
         self._second, self._last = SecondNumbers(self.start), Balance(self.start.vector(), np.zeros(0), 0.0, 0.0)
+        self._before: Record | None = None  # the step before that which is judged
         self._set_system(self.start)
 
     @cached_property
@@ -146,6 +149,10 @@ class Auditor:
     def _set_system(self, system: System, time: float = 0.0) -> None:
         """Use the contact rows of `system` as they are at a time [s]."""
         self.system, self.cone = system, AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end).at(time)
+
+    @property
+    def _sectors(self) -> Array:
+        return self.start.constraints.periodic.sectors
 
     @property
     def shared(self) -> tuple[str, ...]:
@@ -178,6 +185,7 @@ class Auditor:
             return Audit(**{f.name: np.inf for f in fields(Audit)})
         self._set_system(self.start.searched(record.searched) if record.searched else self.start, record.time)
         recall(self.start, record.time, record.shortened)
+        self._before = before
         u = self.system.vector()
         u.array[:] = record.displacement[self.system.nodes.input[: self.system.nodes.owned]].ravel()
         inner, w = self._inner(u), self._relative(record)
@@ -202,7 +210,7 @@ class Auditor:
 
     def _motion(self, rows: ContactRows, record: Record) -> Array:
         """Displacement (n_all, d) [m] of a contact's nodes, less that of its obstacle."""
-        moved = record.displacement[rows.input]
+        moved = rows.of_mesh(record.displacement, self._sectors)
         if rows.master is not None:
             return moved
         return moved - self._second.motion(rows.name, rows.points, record)
@@ -216,7 +224,16 @@ class Auditor:
         return found
 
     def _gap(self, rows: ContactRows, record: Record) -> tuple[Array, Array]:
-        """Gaps (m_n,) at the points of pressure and (n,) at the nodes [m], from the closed formula if there is one."""
+        """Gaps (m_n,) at the points of pressure and (n,) at the nodes [m], from the closed formula if there is one.
+
+        What has worn off is a part of them.
+        """
+        found = self._gap_at_rest(rows, record)
+        worn = record.memory.get(f"{rows.name}{WORN}")
+        return found if worn is None else (found[0] + worn, found[1] + rows.node_pressure(worn))
+
+    def _gap_at_rest(self, rows: ContactRows, record: Record) -> tuple[Array, Array]:
+        """The same without wear."""
         pair, side = self.system.problem.pairs[rows.name], rows.surface
         offset, node_offset = rows.fields.offsets(record.time) if rows.fields else (0.0, 0.0)
         if rows.normal.ties:
@@ -313,7 +330,7 @@ class Auditor:
     def _moment(self, place: ContactBlock, record: Record) -> float:
         """Moment of a contact that its other side does not feel, see `Audit` [-]."""
         system, rows, told = self.system, place.rows, record.stored.moments.get(place.rows.name)
-        pair, moved = system.problem.pairs[rows.name], record.displacement[rows.input]
+        pair, moved = system.problem.pairs[rows.name], rows.of_mesh(record.displacement, self._sectors)
         forces = rows.nodal_forces(record.p[place.normal], record.p[place.tangential].reshape(-1, place.components))
         acts = acting(system, rows, forces, moved, record.searched, (record.time, record.driven))
         size = np.linalg.norm(acts.forces, axis=1)
@@ -421,7 +438,10 @@ class Auditor:
         """What is seen of a contact: fields at its nodes, forces where they act, and the work of friction."""
         rows, told = place.rows, record.stored.told["contacts"][place.rows.name]
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
-        moved, before = record.displacement[rows.input], record.stored.told_before.get("contacts", {})
+        moved, before = (
+            rows.of_mesh(record.displacement, self._sectors),
+            record.stored.told_before.get("contacts", {}),
+        )
         acts = acting(
             self.system, rows, rows.nodal_forces(p_n, t), moved, record.searched, (record.time, record.driven)
         )
@@ -435,7 +455,7 @@ class Auditor:
         slid = (w - record.reference)[place.tangential].reshape(t.shape) - (t / soft if soft else 0.0)
         total = before[rows.name]["dissipation_total"] if before else 0.0
         whole = told["dissipation_total"] - total  # of several substeps the parts are not known
-        work = float(rows.W_t @ (t * slid).sum(axis=1))
+        work, beside = float(rows.W_t @ (t * slid).sum(axis=1)), self._beside(place, record)
         counts = dict(zip(STATUS_WORDS, np.bincount(status, minlength=len(STATUS_WORDS)).tolist(), strict=True))
         return self._second.acting(
             acts.points,
@@ -446,11 +466,35 @@ class Auditor:
             slips=status == SLIP,
             peaks=self._pressure_of_law(rows, record) if isinstance(rows.normal, Compliance) else shown["pressure"],
             closing=w[place.normal] - self._gap(rows, record)[0],
-            dissipation=work if record.stored.told["substeps"] == 1 else whole,
+            dissipation=whole if beside is None or record.stored.told["substeps"] > 1 else work + beside,
             dissipation_total=total + told["dissipation"],
             wrong=float(counts != told["statuses"]),
+            normal_weight=rows.W_n,
+            wear=record.memory.get(f"{rows.name}{WORN}", np.zeros(0)),
             **shown,
         )
+
+    def _beside(self, place: ContactBlock, record: Record) -> float | None:
+        """Work in a step of friction on the sliding out of the plane, and of pressure on what wears away [J].
+
+        None: it is not known, for the step before is not.
+        """
+        if not (place.rows.wears or place.rows.slides):
+            return 0.0
+        if self._before is None and record.stored.told_before:
+            return None
+        rows, law, p_n, before = place.rows, place.rows.friction, record.p[place.normal], self._before
+        lasts = record.time - (before.time if before is not None else 0.0)
+        found, key = 0.0, f"{rows.name}{WORN}"
+        if key in record.memory:
+            worn = record.memory[key] - (before.memory[key] if before is not None else 0.0)
+            found += float(rows.W_n @ (p_n * worn))
+        if isinstance(law, Turned) and law.points is not None:
+            far, share = slid(law.slide, law.points, record.time, lasts, law.end), record.memory[rows.name]
+            whole = bound(law.of, rows.normal, p_n, rows.average, record.time, law.end, share)
+            whole = whole if whole is not None else law.of.limit(p_n, rows.average, rows.normal, record.time, law.end)
+            found += float(rows.W_t @ (whole * np.sqrt(np.maximum(1 - share**2, 0.0)) * far))
+        return found
 
     def _fields(self, record: Record, before: Record | None, w: Array, scales: Scales) -> float:
         """Largest difference of a stored field, see `Audit` [-]; collective."""
@@ -499,12 +543,16 @@ class Auditor:
             closes = np.repeat(pressed & ~was & (rows.normal.sides == 1), rows.free.shape[1])
             reference = np.where(closes, start, record.reference[place.tangential])
             found.append(difference(reference, start, scales.u[rows.name], scales.rounding))
-        if law is not None and rows.name in record.memory and not self._searched(rows, record):
+        wears = f"{rows.name}{WORN}" in record.memory
+        if (wears or rows.name in record.memory) and not self._searched(rows, record):
             moves = rows.N_t @ self._motion(rows, record).ravel() - record.reference[place.tangential]
             moves -= record.p[place.tangential] / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
+            lasts = record.time - before.time
+            found += self._wear(place, record, before, length, scales) if wears else []
             length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
-            known, lasts = before.memory[rows.name], record.time - before.time
+        if law is not None and rows.name in record.memory and not self._searched(rows, record):
+            known = before.memory[rows.name]
             own = remembered(law, known, length, lasts)
             expected = law.after(known, length, lasts) if own is None else own
             unit = lasts if law.timed else 1.0  # of a rate; what it makes of a step is a length
@@ -518,6 +566,23 @@ class Auditor:
                 slip = np.asarray(now[name], float)[:, : rows.surface.dim]
                 found.append(difference(slip, expected, scales.u[rows.name], scales.rounding))
         return found
+
+    def _wear(self, place: ContactBlock, record: Record, before: Record, slip: Array, scales: Scales) -> list[float]:
+        """Differences of worn depths, and of the path that wears, from those of pressure and slip (m_t,) [m] [-]."""
+        rows, now, found = place.rows, record.memory, list[float]()
+        assert rows.fields is not None
+        assert rows.fields.wear is not None
+        points = np.asarray(rows.fields.to_points @ rows.fields.points)
+        path = slid(rows.fields.slide, points, record.time, record.time - before.time, rows.fields.end)
+        if (key := f"{rows.name}{SLID}") in now:
+            near = rows.average.T @ rows.W_t
+            path = np.sqrt(path**2 + (rows.average.T @ (rows.W_t * slip) / np.where(near > 0, near, np.inf)) ** 2)
+            found.append(difference(now[key], before.memory[key] + path, scales.u[rows.name], scales.rounding))
+        key, shown = f"{rows.name}{WORN}", record.stored.contacts.get(rows.name, {}).get("wear")
+        if shown is not None:
+            found.append(difference(np.asarray(shown, float), rows.node_pressure(now[key]), rounding=scales.rounding))
+        off = sum(np.ravel(rows.fields.wear.k)) * path * record.p[place.normal]
+        return [*found, difference(now[key], before.memory[key] + off, scales.u[rows.name], scales.rounding)]
 
     def _inner(self, u: Vec) -> Vec:
         """Inner forces of bodies and of effects that stiffen them [N]; u: displacement of all dofs [m]."""
@@ -569,7 +634,8 @@ class Auditor:
         assert isinstance(law, Compliance)
         pair = system.problem.pairs[rows.name]
         formula = pair.obstacle is not None and system.problem.obstacles[pair.obstacle].written_in_operators
-        if rows.name in record.searched or not formula or not isinstance(pair.contact.gap_offset, float | int):
+        formula &= isinstance(pair.contact.gap_offset, float | int) and pair.contact.wear is None
+        if rows.name in record.searched or not formula:
             p_n = self._pressure_of_law(rows, record)
             return system.interface.force_of(rows, p_n, np.zeros(rows.free.shape))
         if rows.name not in self._j_n:

@@ -33,6 +33,7 @@ from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.wear import Slide, Turned
 from stickslip.solvers.scene.loads import Direction
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Place
@@ -107,6 +108,9 @@ def bound(
         end: last time of the scene [s].
         memory: of laws that remember slip (m_t,): length of slip so far [m], or slip rate [m/s].
     """
+    if type(law) is Turned:  # of which the memory is the share that is left in the plane
+        whole = bound(law.of, normal, p, average, time, end, memory)
+        return None if whole is None else whole * memory
     mean = average @ p
     if type(law) is StaticKinetic:
         fallen = np.minimum(memory / law.slip_length, 1.0)
@@ -114,10 +118,9 @@ def bound(
     if type(law) is RateDependent:
         mu = law.coefficient(memory) if isinstance(law.mu, str) else _in_table(law.mu, memory)
         return np.asarray(mu * np.where(mean > 0, mean, 0.0))
-    if type(law) is SlipDependent:
-        return np.asarray(_in_table(law.mu, memory) * np.where(mean > 0, mean, 0.0))
-    if type(law) is PressureDependent:
-        return np.asarray(_in_table(law.mu, mean) * np.where(mean > 0, mean, 0.0))
+    if isinstance(law, SlipDependent | PressureDependent):
+        by = memory if isinstance(law, SlipDependent) else mean
+        return np.asarray(_in_table(law.mu, by) * np.where(mean > 0, mean, 0.0))
     if type(law) is OrthotropicCoulomb:  # of tractions along the law's own directions
         return max(law.mu_1, law.mu_2) * np.where(mean > 0, mean, 0.0)
     if isinstance(law, Coulomb | CoulombByPoint):
@@ -146,7 +149,28 @@ def remembered(law: FrictionLaw, before: Array, slip: Array, step: float) -> Arr
     """
     if type(law) in (SlipDependent, StaticKinetic):
         return before + slip
+    if type(law) is Turned and law.points is not None:
+        beside = slid(law.slide, law.points, law.time, step, law.end)
+        return np.where(beside > 0, slip / np.maximum(np.sqrt(slip**2 + beside**2), TINY), 1.0)
     return slip * (1 / step) if type(law) is RateDependent and step else None
+
+
+def slid(slide: Slide | None, points: Array, time: float, step: float, end: float) -> Array:
+    """Sliding out of the plane (m,) [m] of points (m, d) [m] in a step of a length [s] that no time of its table parts.
+
+    >>> slid(Slide(given=((0.0, 1.0), (2.0, 3.0)), speed=True), np.zeros((1, 2)), 2.0, 1.0, 2.0)
+    array([2.5])
+    """
+    if slide is None:
+        return np.zeros(len(points))
+    given = slide.given
+    if slide.speed and isinstance(given, float | int):
+        given = ((0.0, given), (end, given))  # constant
+    a, b = (in_time(given, t, end) for t in (time - step, time))
+    far = abs(b - a)
+    if slide.speed:  # of one that passes zero the triangles on both sides
+        far = step * abs(a + b) / 2 if a * b >= 0 else step * (a * a + b * b) / (2 * far)
+    return np.asarray(far * (points[:, 0] if slide.turns else np.ones(len(points))))
 
 
 def prescribed(problem: Problem, support: str, axis: Direction, points: Array, time: float) -> Array:

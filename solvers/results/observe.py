@@ -18,6 +18,7 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.effects.effect import Equilibrium
+from stickslip.solvers.laws.wear import WORN
 from stickslip.solvers.parallel.gather import Gather, cells_of, nodes_of
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.resultants import acting, moved_along
@@ -28,6 +29,7 @@ from stickslip.solvers.results.step_result import (
     ContactState,
     MeshData,
     Numbers,
+    Quantity,
     StepResult,
     SurfaceMesh,
     von_mises,
@@ -39,11 +41,14 @@ from stickslip.solvers.scene.record import (
     ProbeValue,
     Reaction,
     Record,
+    Value,
+    numbers_of,
 )
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.law_memory import with_memory
 from stickslip.solvers.stepping.state import State
-from stickslip.solvers.stepping.stepper import Accepted, Stepper
+from stickslip.solvers.stepping.stepper import Accepted
+from stickslip.solvers.stepping.substep import SubstepSolver
 from stickslip.solvers.system.system import System
 
 Estimate = Callable[["Observer", "Accepted", StepResult], StepResult]
@@ -186,7 +191,7 @@ class CellStress:
 class Observer:
     """Makes the `StepResult` of an accepted step; made once for a simulation with `of`, then called."""
 
-    stepper: Stepper
+    stepper: SubstepSolver
     stress: CellStress
     by_node: Gather  # own nodes to all nodes, on rank 0
     by_cell: Gather  # own cells to all cells, on rank 0
@@ -196,7 +201,7 @@ class Observer:
     estimate: Estimate | None  # adds errors of numbers to a result
 
     @classmethod
-    def of(cls, stepper: Stepper, data: MeshData | None = None, estimate: Estimate | None = None) -> Observer:
+    def of(cls, stepper: SubstepSolver, data: MeshData | None = None, estimate: Estimate | None = None) -> Observer:
         """Compile the strain and find the cells of the probes; collective.
 
         Args:
@@ -292,6 +297,7 @@ class Observer:
         merged: dict[str, Any] = {
             key: (np.max if key.startswith("max") else np.sum)([getattr(part, key) for part in parts], axis=0)
             for key in (number.name for number in fields(ContactNumbers))
+            if getattr(parts[0], key) is not None
         }
         merged = {key: value if np.ndim(value) else float(value) for key, value in merged.items()}
         return ContactNumbers(**merged | {"tangential_force": float(np.linalg.norm(np.sum(tangential, axis=0)))})
@@ -361,6 +367,9 @@ class Observer:
         state = accepted.state
         stepper = accepted.stepper
         p_n, t = (parts[index] for parts in stepper.split(state.p))
+        if c.wears:
+            depth = state.memory[f"{c.name}{WORN}"]
+            c = c.worn(depth)
         displaced = stepper.system.interface.displacement(state.u)[index]
         u_n = c.node_motion(displaced - state.motion[c.name])[0]
         if state.surplus_motion is not None:
@@ -372,6 +381,8 @@ class Observer:
             bound = cone.bound_at_nodes(cone.places[index], state.p)
         lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)
         status = _status(c, pressure, multiplier, bound, increment, accepted)
+        if c.slides and c.path(None, state.time, state.time - accepted.substep_start.time).any():
+            status[status == STICK] = SLIP  # out of the plane
         weight = c.node_weights
         own = np.arange(len(c.points)) < len(c.surface.points)
         on = own if c.sense > 0 else ~own  # nodes of the side that the scene calls the surface
@@ -393,6 +404,7 @@ class Observer:
             bound=bound,
             lam=c.sense * lam,
             status=status,
+            wear=c.node_pressure(depth) if c.wears else None,
             force=resultant,
             moment=moment,
             normal_force=float(c.W_n @ p_n),
@@ -405,6 +417,8 @@ class Observer:
             max_slip=float(np.linalg.norm(slip[status != OPEN], axis=1).max(initial=0.0)),
             dissipation=float(state.energy.dissipation[index] - accepted.start.energy.dissipation[index]),
             dissipation_total=float(state.energy.dissipation[index]),
+            max_wear=float(depth.max(initial=0.0)) if c.wears else None,
+            worn_volume=float(c.W_n @ depth) if c.wears else None,
         )
 
     def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, ObstacleState]:
@@ -419,6 +433,19 @@ class Observer:
             axis_point = np.array(obstacle.rotation.point) + moved if obstacle.rotation else np.zeros(system.mesh.dim)
             found[name] = ObstacleState(displacement=moved, force=force, moment=moment - cross(axis_point, force))
         return found
+
+    def at_probes(self, accepted: Accepted) -> dict[Quantity, Value]:
+        """Numbers at the probes, without anything else of the volume; collective."""
+        if not self.probes:
+            return {}
+        state = accepted.state
+        cell_stress = self.stress(state.u, state.initial)
+        found = self._probes(self.stress.displacement.x.array, cell_stress, state.initial)
+        return {
+            Quantity("probes", name, key): number.value(getattr(probe, key))
+            for name, probe in found.items()
+            for key, number in numbers_of(ProbeValue).items()
+        }
 
     def _probes(self, nodal: Array, cell_stress: Array, initial: Array) -> dict[str, ProbeValue]:
         """Fields at the probes, on every rank; collective.

@@ -374,7 +374,8 @@ def _told(told: Told) -> Iterator[tuple[tuple[str, str, str], Number, Array]]:
     for table, record in records().items():
         for name, own in by_name(table, told[table]).items():
             for key, number in numbers_of(record).items():
-                yield (table, name, key), number, np.asarray(own[key], float)
+                if key in own:
+                    yield (table, name, key), number, np.asarray(own[key], float)
 
 
 def _together(parts: list[SimpleNamespace]) -> SimpleNamespace:

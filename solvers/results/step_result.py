@@ -15,7 +15,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.geometry.arrays import AnyArray, Array, Ints
+from stickslip.geometry.arrays import SLIGHT, AnyArray, Array, Ints
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import DataFrame
 from stickslip.solvers.effects import is_single, records
@@ -131,6 +131,40 @@ class ErrorParts:
         return ErrorParts(**vars(self) | known | {"dear": {**(self.dear or {}), **(other.dear or {})} or None})
 
 
+@dataclass(frozen=True)
+class Slope:
+    """Derivative of a number by a number of the scene: one, or two where points are at their bound; None: none."""
+
+    value: Value | None = None
+    below: Value | None = None  # by a smaller one
+    above: Value | None = None  # by a larger one
+
+    @classmethod
+    def of(cls, below: Value, above: Value, rounding: float) -> Slope:
+        """Of both one-sided differences; where they are one, the error of second order cancels in their mean.
+
+        Args:
+            rounding: what it leaves in them.
+        """
+        apart, size = np.abs(above - below).max(), max(np.abs(below).max(), np.abs(above).max())
+        return cls(below=below, above=above) if apart > max(SLIGHT * size, rounding) else cls((below + above) / 2)
+
+    @property
+    def square(self) -> Value | None:
+        """Its square, of two sides their mean."""
+        if self.below is not None and self.above is not None:
+            sides: Value = (np.square(self.below) + np.square(self.above)) / 2
+            return sides
+        found: Value | None = None if self.value is None else np.square(self.value)
+        return found
+
+    @property
+    def plain(self) -> Plain:
+        """A number, a vector, a table of both sides, or null."""
+        sides = {"below": _plain(self.below), "above": _plain(self.above)}
+        return sides if self.below is not None else _plain(self.value)
+
+
 PARTS = ("mesh", "geometry", "time_step", "law", "iteration", "linear_solver")
 Errors = Mapping[Quantity, ErrorParts]  # of one step
 
@@ -163,6 +197,7 @@ class ContactState(ContactNumbers):
     bound: Array  # (n,) friction bound s on |sigma_T| [Pa]; inf: never slips, 0: no friction
     lam: Array  # (n, d) lambda = -sigma_T / s [-]; its length is 1 where the node slips; 0 where s = 0
     status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
+    wear: Array | None = None  # (n,) worn depth of both sides together [m]; None: nothing wears
 
     def columns(self) -> dict[str, AnyArray]:
         """Values at the nodes, by the columns of contact_NAME.csv but `arc`: arrays (n,); a status is a word."""
@@ -171,6 +206,7 @@ class ContactState(ContactNumbers):
         parts = (("", self.points), *((f"{name}_", values) for name, values in (*vectors, ("lambda", self.lam))))
         (place, *at_nodes) = ({f"{name}{a}": v for a, v in zip(axes, values.T, strict=True)} for name, values in parts)
         numbers = {"weight": self.weight, "gap": self.gap, "pressure": self.pressure}
+        numbers |= {} if self.wear is None else {"wear": self.wear}
         words = {"status": np.array(STATUS_WORDS)[self.status]}
         return reduce(or_, (place, numbers, *at_nodes, words))
 
@@ -193,7 +229,13 @@ class ContactState(ContactNumbers):
 
     def _repr_html_(self) -> str:
         """A table of the resultants, for notebooks."""
-        return html_table("contact", {"": self.counts() | {key: getattr(self, key) for key in CONTACT_NUMBERS}})
+        return html_table("contact", {"": self.counts() | numbers_shown(self)})
+
+
+def numbers_shown(contact: ContactNumbers) -> dict[str, float]:
+    """Numbers that a contact has, by name."""
+    found = {key: getattr(contact, key) for key in CONTACT_NUMBERS}
+    return {key: value for key, value in found.items() if value is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,6 +306,8 @@ class StepResult(Numbers):
     jump: float | None = None  # energy [J] set free where no solution goes on from the step before; None: one does
     corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
     errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
+    sensitivity: Mapping[str, Mapping[str, Slope]] = field(default_factory=dict)  # by `Quantity`, and by scene's number
+    deviations: Mapping[str, float] = field(default_factory=dict)  # standard uncertainty of uncertain ones of these
     bodies: Mapping[str, BodyState] = field(default_factory=dict)
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
@@ -272,7 +316,7 @@ class StepResult(Numbers):
 
     def _repr_html_(self) -> str:
         """A table of the contacts' resultants, for notebooks."""
-        numbers = {name: {key: getattr(c, key) for key in CONTACT_NUMBERS} for name, c in self.contacts.items()}
+        numbers = {name: numbers_shown(c) for name, c in self.contacts.items()}
         return html_table(f"t = {self.time:g}", numbers)
 
     def without_fields(self) -> StepResult:
@@ -300,7 +344,8 @@ def walk(step: Numbers) -> Iterator[tuple[Quantity, Number, Value]]:
     for table, by_name in tables_of(step).items():
         for name, record in by_name.items():
             for key, number in numbers_of(kinds[table]).items():
-                yield Quantity(table, name, key), number, number.value(getattr(record, key))
+                if (found := getattr(record, key)) is not None:
+                    yield Quantity(table, name, key), number, number.value(found)
 
 
 def quantities(step: Numbers) -> dict[Quantity, Value]:
@@ -359,7 +404,7 @@ def from_plain(plain: Plain) -> StepResult:
         for table, record in records().items()
         if table not in RECORDS and plain.get(table)
     }
-    return deserialise(StepResult, plain, effects=found)
+    return deserialise(StepResult, {"sensitivity": {}, "deviations": {}} | plain, effects=found)
 
 
 def told(step: StepResult, errors: Errors | None) -> Plain:
@@ -384,6 +429,7 @@ def told(step: StepResult, errors: Errors | None) -> Plain:
                 if key[:2] == (table, name)
             }
             own["error"] = stated or None
+            own |= _by_inputs(step, (table, name), errors or {})
     return {
         **{key: getattr(step, key) for key in numbers_of(StepResult)},
         **{table: by_name.get("") if is_single(table) else by_name for table, by_name in found.items()},
@@ -393,6 +439,56 @@ def told(step: StepResult, errors: Errors | None) -> Plain:
         "unique": step.unique,
         "jump": step.jump,
     }
+
+
+def _by_inputs(step: StepResult, owner: tuple[str, str], errors: Errors) -> Plain:
+    """Derivatives of the numbers of a record, and its uncertainties; nothing where the scene asks for none."""
+    slopes = {
+        key: step.sensitivity[str(key)] for key in quantities(step) if key[:2] == owner and str(key) in step.sensitivity
+    }
+    found = {"sensitivity": {key.quantity: {by: s.plain for by, s in own.items()} for key, own in slopes.items()}}
+    uncertain = {key.quantity: uncertainty(own, step.deviations, errors.get(key)) for key, own in slopes.items()}
+    return {**(found if slopes else {}), **({"uncertainty": uncertain} if slopes and step.deviations else {})}
+
+
+def uncertainty(slopes: Mapping[str, Slope], deviations: Mapping[str, float], error: ErrorParts | None) -> Plain:
+    """Standard uncertainty of a number, k = 1, by those of the scene's numbers and by its own error, to first order.
+
+    The stated error is half the width of an interval: its standard uncertainty is that of a uniform distribution in it.
+    Where a derivative has two sides it is the root mean square of both; null where there is none.
+
+    Args:
+        slopes: derivatives of the number.
+        deviations: standard uncertainties of numbers that do not depend on each other.
+        error: of the number.
+
+    Source: Evaluation of measurement data: Guide to the expression of uncertainty in measurement, JCGM 100 (2008), 5.1.
+    """
+    parts, none = {by: slopes[by].square for by in deviations}, {"inputs": None, "combined": None, "shares": None}
+    known = {by: part * deviations[by] ** 2 for by, part in parts.items() if part is not None}
+    if len(known) < len(parts):
+        return none
+    variance, total = reduce(add, known.values()), None if error is None else error.total
+    some = np.where(variance > 0, variance, 1.0)
+    return {
+        "inputs": _plain(np.sqrt(variance)),
+        "combined": None if total is None else _plain(np.sqrt(variance + np.square(total) / 3)),
+        "shares": {by: _plain(part / some) for by, part in known.items()},
+    }
+
+
+def slope_columns(step: StepResult) -> dict[str, float]:
+    """Derivatives by column, NAME.sensitivity.NUMBER, and uncertainties by inputs; NaN: none, or two sides."""
+    found = dict[str, float]()
+    for key, value in quantities(step).items() if step.sensitivity else ():
+        slopes = step.sensitivity.get(str(key), {})
+        uncertain = step.deviations and slopes
+        inputs = uncertainty(slopes, step.deviations, None)["inputs"] if uncertain else None
+        for name, axis in names_of(key, value):
+            each = {f"{name}.sensitivity.{by}": slope.value for by, slope in slopes.items()}
+            each |= {f"{name}.uncertainty": inputs} if uncertain else {}
+            found |= {column: np.nan if known is None else _part(known, axis) for column, known in each.items()}
+    return found
 
 
 def _corrected(step: StepResult, key: Quantity, parts: ErrorParts) -> Value | None:
@@ -417,7 +513,7 @@ def _parts(parts: ErrorParts) -> Plain:
 
 
 def _plain(value: object) -> Plain:
-    return value.tolist() if isinstance(value, np.ndarray) else value
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

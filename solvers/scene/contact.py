@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import combinations
 from typing import Annotated, Any, Literal
 
+from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.errors import SceneError, prefixed, require
 from stickslip.geometry.expression import Varying
 from stickslip.geometry.field import Field, check_field, in_time
@@ -15,6 +16,8 @@ from stickslip.geometry.shape import SKIN, Model
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.friction import Stick
 from stickslip.solvers.laws.normal import Unilateral
+from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.wear import Slide, Turned, Wear
 
 
 def table_of(name: str) -> str:
@@ -110,6 +113,15 @@ class Contact(Noun):
         bool, Key("-", "pairs, normals and gaps follow the motion; false: those of the start, for small slips")
     ] = False
 
+    slide: Annotated[
+        Amplitude | None,
+        Key("m", "sliding out of the plane, in time, that friction turns to; axisymmetric: a turn [rad]; not in 3D"),
+    ] = None
+    slide_speed: Annotated[
+        Amplitude | None, Key("m/s", "instead of it its speed, constant if it is a number; axisymmetric: [rad/s]")
+    ] = None
+    wear: Annotated[Wear | None, Key("-", "wear by all slip that friction or `slide` has; absent: none")] = None
+
     def __post_init__(self) -> None:
         reach = self.search_distance
         require(reach is None or reach > 0, "search_distance", reach, "must be positive, in metres")
@@ -119,10 +131,39 @@ class Contact(Noun):
         given = self.gap is not None
         require(not (given and self.sliding), "gap", self.gap, "a side that slides has the gap that its mesh has there")
         require(not (given and self.normal.ties), "gap", self.gap, "a tied surface closes none; see gap_offset")
+        self._check_wear()
         if self.friction is not None:
             reason = "a tied surface sticks, leave it out" if self.normal.ties else self.friction.refuses(self.normal)
             if reason:
                 raise SceneError(f"friction: {reason}")
+
+    def _check_wear(self) -> None:
+        given = {key: getattr(self, key) for key in ("slide", "slide_speed", "wear")}
+        skins = self.surface.endswith(SKIN) and any(each.endswith(SKIN) for each in self.partners)
+        for key, value in ((key, value) for key, value in given.items() if value is not None):
+            said = "true" if key == "wear" else value
+            if not isinstance(value, Wear):
+                check(value, key)
+            require(self.normal.sides == 1, key, said, "needs surfaces that only press: unilateral or compliance")
+            require(not self.sliding, key, said, "not where pairs are searched again, `sliding`, yet")
+            require(self.between is None and not skins, key, said, "not between whole skins yet; name two sides")
+        require(self.slide is None or self.slide_speed is None, "slide", self.slide, "leave it out, or `slide_speed`")
+        law = self.friction
+        slides = self.slide is not None or self.slide_speed is not None
+        if slides and law is not None and Turned.refuses_law(law):
+            raise SceneError(f"friction.law = {getattr(law, 'law', '')}: does not turn to `slide` yet; use coulomb")
+        if self.wear is not None:
+            require(law is not None or slides, "wear", "true", "needs friction or `slide`, which slip")
+            if isinstance(law, TangentialCompliance):
+                raise SceneError(f"friction.law = {law.law}: is bounded by the penetration, of which wear takes a part")
+
+    def law(self, turns: bool) -> tuple[FrictionLaw | None, Slide | None]:
+        """The friction law in force, turned towards the sliding out of the plane, and that; turns: about an axis."""
+        given, law = self.slide if self.slide_speed is None else self.slide_speed, self.tangential
+        if given is None:
+            return law, None
+        slide = Slide(given=given, speed=self.slide is None, turns=turns)
+        return law and Turned(of=law, normal=self.normal, slide=slide, k_T=law.k_T), slide
 
     def _check_sides(self) -> None:
         several = self.partners
@@ -184,10 +225,15 @@ class Contact(Noun):
     def amplitudes(self) -> dict[tuple[str, ...], Varying]:
         """Its values in time by key and component."""
         of_law = self.friction.amplitudes() if self.friction else {}
-        return {("friction", *part): value for part, value in of_law.items()} | in_time(self.gap_offset, "gap_offset")
+        found = {("friction", *part): value for part, value in of_law.items()} | in_time(self.gap_offset, "gap_offset")
+        slide = {("slide",): self.slide, ("slide_speed",): self.slide_speed}
+        return found | {key: value for key, value in slide.items() if value is not None}
 
     def check_model(self, model: Model) -> None:
-        """Refuse what friction does not have in the model."""
+        """Refuse what friction and sliding do not have in the model."""
+        for key in ("slide", "slide_speed"):
+            value = getattr(self, key)
+            require(model != "3d" or value is None, key, value, "there is no direction out of the plane in 3D")
         if self.friction is not None:
             with prefixed("friction"):
                 self.friction.check_model(model)

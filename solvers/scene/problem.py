@@ -32,6 +32,9 @@ class PlanRow:
     adds: str = ""  # what it adds to the problem, and what that costs
 
 
+BESIDE = ", in three sectors"  # behind the name of a side
+
+
 @dataclass(frozen=True, kw_only=True)
 class Pair:
     """One contact: a slave side, and the rigid obstacle or the master side of another body that it may touch."""
@@ -42,6 +45,7 @@ class Pair:
     master: str | None  # side of another body; None: contact with a rigid obstacle
     obstacle: str | None  # name of the rigid obstacle; None: contact with another body
     found: bool = False  # whether it is one of a contact between bodies, so that it may touch nowhere
+    cyclic: bool = False  # whether bodies are sectors of cyclic ones
 
     @property
     def skins(self) -> bool:
@@ -51,9 +55,13 @@ class Pair:
 
     @property
     def surfaces(self) -> tuple[str, str | None]:
-        """Names of the surfaces that touch: the sides, or of one that touches itself its halves."""
+        """Names of the surfaces that touch: the sides, or of one that touches itself its halves.
+
+        What sectors of cyclic bodies touch is also in the sectors beside them.
+        """
         halves = f"{self.slave}, one half", f"{self.slave}, other half"
-        return halves if self.slave == self.master else (self.slave, self.master)
+        one, two = halves if self.slave == self.master else (self.slave, self.master)
+        return one, f"{two}{BESIDE}" if two and self.cyclic else two
 
     @property
     def bodies(self) -> tuple[str, ...]:

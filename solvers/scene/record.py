@@ -26,6 +26,7 @@ STATUS_WORDS = ("open", "slip", "stick")  # of these values, in tables
 STRESSES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 KINDS = {  # of numbers that have one scale, by unit
     "N": "force", "N m": "moment", "m²": "area", "Pa": "pressure", "m": "length", "J": "energy", "rad": "rotation",
+    "m³": "volume",
 }  # fmt: skip
 
 
@@ -42,6 +43,7 @@ class Number(Key):
     column: bool = True  # whether steps.csv has it by the name that goals use
     error: bool = True  # whether its error is estimated
     again: Callable[[Seen], Value] | None = None  # its second formula; None: that of its name in `AGAIN`
+    needs: str = ""  # key of the record's table without which it is None, and stands nowhere
 
     @property
     def kind(self) -> str:
@@ -114,8 +116,10 @@ class ContactNumbers:
     max_slip: Annotated[
         float, Number("m", "largest slip since t = 0 where the contact is closed", words="largest slip")
     ]
-    dissipation: Annotated[float, Number("J", "work of friction in this step")]
-    dissipation_total: Annotated[float, Number("J", "work of friction since t = 0", words="dissipated")]
+    dissipation: Annotated[float, Number("J", "work of friction, and of pressure on what wears away, in this step")]
+    dissipation_total: Annotated[float, Number("J", "the same since t = 0", words="dissipated")]
+    max_wear: Annotated[float | None, Number("m", "largest worn depth", words="largest wear", needs="wear")] = None
+    worn_volume: Annotated[float | None, Number("m³", "worn off", words="worn volume", needs="wear")] = None
 
     @property
     def mean_pressure(self) -> Annotated[float, Number("Pa", "normal force over what touches", words="mean pressure")]:
@@ -138,7 +142,7 @@ class Energy:
     dissipation: Array  # (contacts,) by friction, in the scene's order of contacts, >= 0 [J]; end-of-step rule
 
     @property
-    def dissipated(self) -> Annotated[float, Number("J", "by friction", words="dissipated")]:
+    def dissipated(self) -> Annotated[float, Number("J", "by friction and wear", words="dissipated")]:
         """Dissipation of all contacts together [J]."""
         return float(self.dissipation.sum())
 
@@ -190,6 +194,8 @@ AGAIN: Mapping[str, Callable[[Seen], Value]] = {  # of numbers that are not seen
     "slip_area": lambda seen: weighted(seen, "slips"),
     "max_penetration": lambda seen: largest(seen.closing),
     "max_slip": lambda seen: largest(seen.slip[seen.touches]),
+    "max_wear": lambda seen: largest(seen.wear),
+    "worn_volume": lambda seen: seen.normal_weight @ seen.wear,
     "max_displacement": lambda seen: largest(seen.moved),
     "max_von_mises": lambda seen: largest(seen.von_mises),
 }
@@ -236,11 +242,16 @@ def flat_names(table: str, name: str, key: str, number: Number, size: int) -> li
     return [".".join(filter(None, (owner.strip("."), key, axis))) for axis in number.axes(size)]
 
 
-def names(dim: int, owners: Iterable[tuple[str, str, RecordType]]) -> tuple[str, ...]:
+def names(
+    dim: int,
+    owners: Iterable[tuple[str, str, RecordType]],
+    lacks: Callable[[str, str], bool] = lambda name, key: True,
+) -> tuple[str, ...]:
     """Names of all columns of records.
 
     Args:
         owners: table and name of each record.
+        lacks: whether a number that `needs` a key of a record's table, by its name, lacks it.
 
     >>> names(2, [("contacts", "base", ContactNumbers)])[:2], names(2, [("probes", "tip", ProbeValue)])[:2]
     (('base.normal_force', 'base.tangential_force'), ('probe.tip.displacement.x', 'probe.tip.displacement.y'))
@@ -249,6 +260,6 @@ def names(dim: int, owners: Iterable[tuple[str, str, RecordType]]) -> tuple[str,
         found
         for table, name, record in owners
         for key, number in numbers_of(record).items()
-        if number.column
+        if number.column and not (number.needs and lacks(name, number.needs))
         for found in flat_names(table, name, key, number, dim)
     )

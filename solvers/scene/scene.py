@@ -34,6 +34,7 @@ from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import REACH, Contact, table_of
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
 from stickslip.solvers.scene.material import Elastic
+from stickslip.solvers.scene.parameters import PHYSICAL, Sensitivity, chosen, deviations, parameters
 from stickslip.solvers.scene.record import RECORDS, RecordType, names
 from stickslip.solvers.scene.settings import LARGEST, SMALLEST, Accuracy, Exact, Output, Probe, Solver, Steps
 from stickslip.solvers.scene.timeline import Place, Timeline
@@ -117,6 +118,13 @@ class Scene(Noun):
     output: Output = Output()
     exact: Exact = Exact()
     accuracy: Accuracy = Accuracy()
+    sensitivity: Sensitivity = Sensitivity()
+    uncertainty: Annotated[
+        Mapping[str, float | str],
+        Key(
+            "-", 'one standard deviation of numbers of the scene, "bodies.hub.E" = "3 %", or in the unit of the number'
+        ),
+    ] = field(default_factory=dict)
     sections: Mapping[str, EffectTable | Mapping[str, EffectTable]] = field(default_factory=dict)
 
     @classmethod
@@ -275,7 +283,27 @@ class Scene(Noun):
         owners += [(table, name, RECORDS[table]) for table in named for name in getattr(self, table)]
         tables = [(*place, table.reports) for place, table in self.effect_tables().items()]
         of_effects = [(section, name, record) for section, name, record in tables if record is not None]
-        return names(self.dim, [*owners, *of_effects, ("energy", "", RECORDS["energy"])])
+
+        def lacks(name: str, key: str) -> bool:
+            return all(getattr(self.pairs[pair], key) is None for pair in self.sums.get(name, (name,)))
+
+        return names(self.dim, [*owners, *of_effects, ("energy", "", RECORDS["energy"])], lacks)
+
+    def parameters(self, geometry: bool = True) -> dict[str, float]:
+        """Numbers that results may be derived by, by key, with those of the geometry or without."""
+        tables = {key: getattr(self, key) for key in PHYSICAL} | dict(self.sections)
+        return parameters(tables | ({"geometry": self.geometry} if geometry else {}))
+
+    @property
+    def derived_by(self) -> tuple[str, ...]:
+        """Keys of those that derivatives are asked by."""
+        asked, uncertain = self.sensitivity.parameters, self.uncertainty
+        return chosen(asked, uncertain, self.parameters(), self.parameters(False)) if asked or uncertain else ()
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Standard uncertainties of those that have one, in their own units."""
+        return deviations(self.uncertainty, self.parameters()) if self.uncertainty else {}
 
     def effect_tables(self) -> dict[tuple[str, str], EffectTable]:
         """Tables that effects own, by (effect, name of the table); the name is "" if the effect has one table only."""
@@ -385,8 +413,9 @@ class Scene(Noun):
                     noun.check_model(self.model)
         for name, contact in self.contacts.items():
             with mistakes:
-                timed = contact.friction is not None and contact.friction.timed
-                said = f"contacts.{name}.friction depends on slip rates: say that times are seconds, seconds = true"
+                timed = (contact.friction is not None and contact.friction.timed) or contact.slide_speed is not None
+                key = "slide_speed is a rate" if contact.slide_speed is not None else "friction depends on slip rates"
+                said = f"contacts.{name}.{key}: say that times are seconds, seconds = true"
                 require(self.steps.seconds or not timed, "steps.seconds", "false", said)
 
     def _check_rest(self, mistakes: Mistakes) -> None:
@@ -397,6 +426,8 @@ class Scene(Noun):
         for key, table in self._tables_by_key().items():
             with mistakes:
                 table.check(self, key)
+        with mistakes:
+            _ = self.derived_by, self.deviations
         mistakes.report()  # effects know the quantities
         known = self.quantities()
         for key, asked in (("exact.values", self.exact.values), ("accuracy.goals", self.accuracy.goals)):

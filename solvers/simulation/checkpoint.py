@@ -22,7 +22,7 @@ from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 
 ROWS = "rows"  # field of State that is not stored: it is built again from the pairs of sliding contacts
-APART = ("surplus", "refined")  # fields with vectors of order 2, stored apart
+APART = ("surplus", "refined", "neighbours")  # fields with other states, or vectors of order 2, stored apart
 FOR_RESULTS = ("reactions", "ground")  # not needed by the next step
 
 
@@ -33,6 +33,7 @@ class Checkpoint:
     state: Plain  # of `State`, without its rows
     refined: Plain  # likewise of the state with bubbles, if it is followed
     surplus: Plain  # its bubbles, by node of order 2
+    neighbours: tuple[Plain, ...]  # likewise of states with other numbers in the scene, if they are followed
     reached: Reached  # methods that were tried and left, and the one in use
     counters: Counters  # work so far
     coarse: Counters | None  # work on the coarse mesh that helps the method, if there is one
@@ -57,6 +58,7 @@ class Checkpoints:
             state=plain(accepted.state),
             refined=refined and plain(refined),
             surplus=refined and refined.surplus and self._bubbles_of(refined.surplus),
+            neighbours=tuple(map(plain, accepted.state.neighbours)),
             reached=chain.reached,
             counters=replace(self.stepper.system.counters),
             coarse=replace(chain.coarse.counters) if chain.coarse else None,
@@ -88,8 +90,14 @@ class Checkpoints:
         system, chain = self.stepper.system, self.stepper.chain
         searched = checkpoint.state["searched"]
         rows = system.searched(searched).contacts if searched else system.contacts
-        given = {ROWS: rows, **dict.fromkeys((*FOR_RESULTS, *APART))}
+        given = {ROWS: rows, **dict.fromkeys((*FOR_RESULTS, *APART))} | {"neighbours": ()}
         state: State = deserialise(State, checkpoint.state, self._vector, **given)
+        if self.stepper.neighbours:
+            solvers = zip(checkpoint.neighbours, self.stepper.neighbours.solvers, strict=True)
+            others = (
+                deserialise(State, near, self._vector, **given | {ROWS: s.system.contacts}) for near, s in solvers
+            )
+            state = replace(state, neighbours=tuple(others))
         if checkpoint.refined is not None and self.stepper.companion:
             surplus = self._bubbles(checkpoint.surplus, self.stepper.companion.vector())
             refined = deserialise(State, checkpoint.refined, self._vector, **given | {"surplus": surplus})

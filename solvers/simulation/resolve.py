@@ -44,16 +44,24 @@ def resolve(scene: Scene) -> Problem:
 
 def set_up(scene: Scene) -> Setup:
     """The first step of `resolve`: all but rigid modes."""
-    plan, pairs = plan_rows(scene), {}
+    plan, request, pairs = plan_rows(scene), scene.request(), {}
     for name, contact in scene.pairs.items():
         slave, master = scene.slave_and_master(name)
         obstacle = str(contact.against) if master is None else None
         found = scene.contacts[table_of(name)].between is not None
-        pairs[name] = Pair(name=name, contact=contact, slave=slave, master=master, obstacle=obstacle, found=found)
+        pairs[name] = Pair(
+            name=name,
+            contact=contact,
+            slave=slave,
+            master=master,
+            obstacle=obstacle,
+            found=found,
+            cyclic=bool(request.turns),
+        )
     return Setup(
         model=scene.model,
         shape=scene.geometry,
-        request=scene.request(),
+        request=request,
         bodies=scene.bodies,
         obstacles=scene.obstacles,
         pairs=pairs,
@@ -118,7 +126,7 @@ def with_rigid_modes(setup: Setup) -> Problem:
     pairs, bedding = setup.pairs.values(), [*blocks]
     for pair in pairs:
         if pair.contact.normal.at_quadrature:
-            normal = replace(pair, contact=replace(pair.contact, friction=None))
+            normal = replace(pair, contact=replace(pair.contact, friction=None, wear=None))
             bedding.append(_reduced(np.concatenate(_touching(setup, normal, motions))))
         blocks.append(_reduced(np.concatenate(_touching(setup, pair, motions))))
     left = unresisted(np.concatenate(blocks))

@@ -249,7 +249,7 @@ class Script:
                 if changes and part in ("gap_offset", "plus"):
                     contacts[name] = replace(contacts[name], gap_offset=_from_rest(gap))
                 varying = contacts[name].amplitudes().items()
-                in_time = {path[-1] for path, value in varying if not isinstance(value, str)}
+                in_time = {path[-1] for path, value in varying if not isinstance(value, str)} - {"slide_speed"}
                 fixed = friction is None or friction.orthotropic  # its coefficients are in the rows
                 own = set() if friction is None or fixed else {f.name for f in fields(friction)} - NOT_LAWS
                 numbers = {part for part in own if _is_number(getattr(friction, part))} | in_time
@@ -333,7 +333,8 @@ def _with_laws(stepper: Stepper, contacts: Mapping[str, Contact], state: State) 
         for c in rows:
             contact = contacts.get(c.name, problem.pairs[c.name].contact)
             assert c.fields is not None
-            fields = replace(c.fields, gap_offset=contact.gap_offset, law=contact.tangential)
+            law, slide = contact.law(c.surface.axisymmetric)
+            fields = replace(c.fields, gap_offset=contact.gap_offset, law=law, slide=slide)
             found.append(c.with_fields(fields, c.time))
         return tuple(found)
 

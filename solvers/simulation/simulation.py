@@ -25,6 +25,7 @@ from stickslip.solvers.simulation.memory import Counts, Demand, affordable, memo
 from stickslip.solvers.simulation.plan import planned
 from stickslip.solvers.simulation.resolve import refuse_loose_parts
 from stickslip.solvers.simulation.script import Script
+from stickslip.solvers.simulation.sensitivity import Slopes, neighbours
 from stickslip.solvers.stepping.choice import Size, choose
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain, Reached
@@ -96,6 +97,7 @@ class Simulation:
         stepper: solves one step.
         observer: makes the `StepResult` of a solved step.
         demand: the memory that a run was foretold to take.
+        slopes: reads the derivatives that the scene asks for; None: it asks for none.
         short: a warning if that is more than there is, else empty; errors may be left out for it, see `affordable`.
         reported: the step that the last result of `steps` was read from.
     """
@@ -110,6 +112,7 @@ class Simulation:
     data: MeshData = field(repr=False)
     demand: Demand
     short: str = ""
+    slopes: Slopes | None = None
     reported: Accepted | None = None
 
     @property
@@ -166,7 +169,11 @@ class Simulation:
 
     def _observed(self, accepted: Accepted) -> StepResult:
         with self.clock.phase("output", "results"):
-            return self.observer(accepted)
+            found = self.observer(accepted)
+        if self.slopes is None:
+            return found
+        with self.clock.phase("output", "sensitivity"):
+            return replace(found, sensitivity=self.slopes(accepted), deviations=self.scene.deviations)
 
     def errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
@@ -299,6 +306,9 @@ def prepare(
     with counters.clock.phase("output", "results"):
         data = mesh_data(system)
         observer = Observer.of(stepper, data, with_errors) if scene.output.error else Observer.of(stepper)
+    with counters.clock.phase("prepare", "sensitivity"):
+        stepper.neighbours = neighbours(scene, stepper)
+    slopes = Slopes(observer, stepper.neighbours) if stepper.neighbours else None
     follows = scene.output.error and MeshCorrection.works_for(stepper)
     if follows and bubbles_follow(
         scene.output, size, choice.stages[0], mesh, problem.shape.meshing_time(problem.request)
@@ -316,4 +326,5 @@ def prepare(
         data=data,
         demand=demand,
         short=short,
+        slopes=slopes,
     )

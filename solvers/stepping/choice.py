@@ -10,6 +10,7 @@ from mpi4py import MPI
 from stickslip.geometry.errors import MachineError
 from stickslip.geometry.memory import available
 from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.surfaces.surface import SECTOR
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.interface.prepare import Form
@@ -39,6 +40,7 @@ PER_CONTACT_DOF = 2e-6  # of what is done on the surface beside it, for each con
 # Of conjugate gradients that a step takes, measured 40 to 75 and 20 to 50, and 9 to 31 with little else beside them
 ITERATIONS = {(2, "surface-uzawa"): 60, (3, "surface-uzawa"): 40, (3, "tangent-cg"): 15}
 FACTOR = {2: 40.0, 3: 60.0}  # entries of a factor, to be multiplied by N and N^(4/3)
+NEEDS = ("floating", "driven", "rates", "worn")  # fields of `Size` that a method may not work with
 SHARE = 0.7  # of the available memory that the condensed form may take
 
 
@@ -68,6 +70,7 @@ class Size:
     floating: bool = False  # whether contact or forces alone hold a body or an obstacle
     driven: bool = False  # whether a force moves an obstacle
     rates: bool = False  # whether friction depends on the slip rate
+    worn: bool = False  # whether a contact slides out of the plane, or wears
     slower: float = 1.0  # iterations of conjugate gradients, relative to those of bodies that are easy to compress
     mixed: float = 1.0  # seconds and entries of a factor, likewise
     parts: tuple[tuple[float, float], ...] = ()  # dofs and contact dofs of bodies that share no node; (): of all
@@ -76,7 +79,7 @@ class Size:
     def of(problem: Problem, mesh: Mesh, constraints: Constraints, contacts: tuple[ContactRows, ...]) -> Size:
         """Size from what is known before assembly; collective."""
         dofs = constraints.free_total
-        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in contacts)]))
+        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.nodes % SECTOR for c in contacts)]))
         kind = mesh.domain.topology.cell_type.name, mesh.degree
         averaged = _averaged(problem, mesh)
         machine = mesh.comm.Split_type(MPI.COMM_TYPE_SHARED)
@@ -93,6 +96,7 @@ class Size:
             floating=bool(problem.rigid_modes.shape[1] or problem.driven),
             driven=bool(problem.driven),
             rates=any(c.friction is not None and c.friction.drags for c in contacts),
+            worn=any(c.wears or c.slides for c in contacts),
             slower=slower(problem),
             mixed=mixed(kind, averaged),
             parts=_parts(mesh, dofs, contacts) if mesh.comm.size == 1 and mesh.part_count > 1 else (),
@@ -166,7 +170,9 @@ def _averaged(problem: Problem, mesh: Mesh) -> float:
 def _parts(mesh: Mesh, dofs: int, contacts: tuple[ContactRows, ...]) -> tuple[tuple[float, float], ...]:
     """About how many dofs, and how many contact dofs, each part of the mesh has, see `Size.parts`."""
     nodes = np.bincount(mesh.parts, minlength=mesh.part_count)  # on one rank these are all
-    _, first = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.input for c in contacts)]), return_index=True)
+    _, first = np.unique(
+        np.concatenate([np.zeros(0, np.int64), *(c.input % SECTOR for c in contacts)]), return_index=True
+    )
     part = np.concatenate([np.zeros(0, np.int64), *(c.part for c in contacts)])[first]
     on_sides = mesh.dim * np.bincount(part, minlength=mesh.part_count)
     return tuple(zip((dofs * nodes / nodes.sum()).tolist(), on_sides.tolist(), strict=True))
@@ -240,7 +246,7 @@ def chain(form: Form, size: Size) -> tuple[Stage, ...]:
     turns = [
         (turn, name)
         for name, method in METHODS.items()
-        if all(getattr(method.WORKS_WITH, need) or not getattr(size, need) for need in ("floating", "driven", "rates"))
+        if all(getattr(method.WORKS_WITH, need) or not getattr(size, need) for need in NEEDS)
         for turn in method.TURNS
         if turn.form == form and size.dim in turn.dims
     ]

@@ -1,5 +1,8 @@
 """Laws that remember slip: a substep is solved with the mu of each point, until mu is that of its own slip.
 
+So is wear by the slip that friction leaves: the path of the slip in the substep is found by the same turns. Their
+contraction is that of the pressure by the wear in a step, and small where the slip follows the obstacles and supports.
+
 With mu fixed the substep is one of Coulomb's law. From the mu at its start, slip and mu are found by turns. Where
 bodies unload by more than friction weakens, these turns approach the one solution. Where friction weakens faster, there
 may be several: slip then grows from turn to turn, up to the first solution, which is the nearest to the state before.
@@ -17,13 +20,15 @@ import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, EXACT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
-from stickslip.solvers.laws.law import FrictionLaw, touching
+from stickslip.solvers.laws.law import touching
+from stickslip.solvers.laws.wear import SLID, WORN, Worn
 from stickslip.solvers.newton import path
 from stickslip.solvers.newton.correction import ENOUGH
 
-Memory = Mapping[str, Array]  # by contact whose law remembers slip, what it does of each point (m_t,)
+Memory = Mapping[str, Array]  # by contact whose law remembers slip, what it does of each point (m_t,); see `WORN` too
 Solving = Callable[[SurfaceProblem, Array], tuple[Solution, SurfaceProblem]]  # from tractions (rows,) [Pa]
 Exact = Callable[[SurfaceProblem, Solution], tuple[Solution, float]]  # from a near solution, and their distance
 
@@ -31,26 +36,46 @@ Exact = Callable[[SurfaceProblem, Solution], tuple[Solution, float]]  # from a n
 def no_memory(cone: AdmissibleSet) -> dict[str, Array]:
     """Memory of laws at rest."""
     laws = ((c, c.friction) for c in cone.contacts)
-    return {c.name: law.memory(len(c.W_t)) for c, law in laws if law is not None and law.remembers}
+    found = {c.name: law.memory(len(c.W_t)) for c, law in laws if law is not None and law.remembers}
+    for c in (c for c in cone.contacts if c.wears):
+        keys = (WORN, SLID) if c.friction is not None else (WORN,)
+        found |= {f"{c.name}{key}": np.zeros(len(c.W_n)) for key in keys}
+    return found
 
 
-def with_memory(cone: AdmissibleSet, memory: Memory, step: float | None = None) -> AdmissibleSet:
+def worn_depth(cone: AdmissibleSet, memory: Memory) -> Array:
+    """Worn depth of each row (rows,) [m]."""
+    found = np.zeros(cone.size)
+    for place in cone.places if memory else ():
+        found[place.normal] = memory.get(f"{place.rows.name}{WORN}", 0.0)
+    return found
+
+
+def with_memory(
+    cone: AdmissibleSet, memory: Memory, step: float | None = None, start: Memory | None = None
+) -> AdmissibleSet:
     """The admissible set of points that remember so much at its time.
 
     Args:
         step: length [s] of a substep that is to be solved, in which what does not `remember` by turns is not known yet.
+        start: what they remember at its start; None: the same.
     """
     if not memory:
         return cone
+    start = memory if start is None else start
 
-    def now(law: FrictionLaw, known: Array) -> FrictionLaw:
-        return law.at(known) if step is None else law.within(known, step)
+    def now(c: ContactRows) -> ContactRows:
+        if (worn := start.get(f"{c.name}{WORN}")) is not None:
+            path = None if step is None else c.path(None, cone.time, step)
+            if path is not None and (slid := memory.get(f"{c.name}{SLID}")) is not None:
+                path = np.maximum(path, slid - start[f"{c.name}{SLID}"])
+            c = c.worn(worn, path)
+        if c.friction is None or c.name not in memory:
+            return c
+        known = memory[c.name]
+        return replace(c, friction=c.friction.at(known) if step is None else c.friction.within(known, step))
 
-    contacts = [
-        replace(c, friction=now(c.friction, memory[c.name])) if c.name in memory and c.friction else c
-        for c in cone.contacts
-    ]
-    return replace(cone, contacts=tuple(contacts))
+    return replace(cone, contacts=tuple(map(now, cone.contacts)))
 
 
 @dataclass(frozen=True)
@@ -72,21 +97,37 @@ class LawMemory:
         """
         if not self.start:
             return {}
-        moved, slips = w - problem.gap - problem.cone.give(p), dict[str, Array]()
-        for rows, place in ((place.rows, place) for place in self.cone.places if place.rows.name in self.start):
+        moved, worn = w - problem.gap - problem.cone.give(p), dict[str, Array]()
+        slips, ways = dict[str, Array](), dict[str, Array]()
+        for rows, place in ((place.rows, place) for place in self.cone.places):
             length = np.linalg.norm(moved[place.tangential].reshape(rows.free.shape) * rows.free, axis=1)
             slips[rows.name] = np.where(touching(p[place.normal], rows.average, rows.normal), length, 0.0)
-        return self._moved(slips)
+            ways[rows.name] = length
+        for place in problem.cone.places:
+            if isinstance(law := place.rows.normal, Worn):
+                key = f"{place.rows.name}{WORN}"
+                worn[key] = self.start[key] + law.softness * p[place.normal]
+        return self._moved(slips, ways) | worn
 
-    def _moved(self, slips: Mapping[str, Array]) -> dict[str, Array]:
-        """Memory after lengths of slip (m_t,) [m] in the substep, by contact."""
-        laws = {c.name: c.friction for c in self.cone.contacts if c.friction is not None}
-        return {name: laws[name].after(known, slips[name], self.step) for name, known in self.start.items()}
+    def _moved(self, slips: Mapping[str, Array], ways: Mapping[str, Array]) -> dict[str, Array]:
+        """Memory but for worn depths after a substep.
+
+        Args:
+            slips: by contact, its length (m_t,) [m] at points that touch.
+            ways: at all points: what wears does not jump where they part, for without pressure nothing wears.
+        """
+        found = dict[str, Array]()
+        for c in self.cone.contacts:
+            if c.name in self.start and c.friction is not None:
+                found[c.name] = c.friction.after(self.start[c.name], slips[c.name], self.step)
+            if (key := f"{c.name}{SLID}") in self.start:
+                found[key] = self.start[key] + c.path(ways[c.name], self.cone.time, self.step)
+        return found
 
     def around(self, solve: Solving) -> Solving:
         """Solve a problem with the mu of the slip in its own solution; the problem is returned as it is then."""
         laws = {c.name: c.friction for c in self.cone.contacts}
-        turns = [name for name in self.start if not (law := laws[name]) or not law.drags]
+        turns = [k for k in self.start if k.endswith(SLID) or ((law := laws.get(k)) is not None and not law.drags)]
         return lambda problem, p: self._by_turns(problem, p, solve, turns) if turns else solve(problem, p)
 
     def _by_turns(
@@ -94,7 +135,8 @@ class LawMemory:
     ) -> tuple[Solution, SurfaceProblem]:
         """Solve by turns of slip and mu of the contacts of these names."""
         solution, problem = solve(problem, start)
-        least = self._moved({name: np.zeros_like(known) for name, known in self.start.items()})
+        still = {c.name: np.zeros(len(c.W_t)) for c in self.cone.contacts}
+        least = self._moved(still, still)
         known, gap, omega, off, worst = self.start, None, 1.0, 0.0, 0.0
         for _ in range(200):  # near the edge of stability turns are slow
             if solution.status is not Status.CONVERGED:
@@ -111,8 +153,9 @@ class LawMemory:
             off = self._apart(problem, solution.p, found)
             if off <= self.tolerance:
                 return replace(solution, weakening=worst), problem
-            known = {name: np.maximum(known[name] + omega * (found[name] - known[name]), least[name]) for name in known}
-            solution, problem = solve(replace(problem, cone=with_memory(self.cone, known, self.step)), solution.p)
+            known = {name: np.maximum(known[name] + omega * (found[name] - known[name]), least[name]) for name in least}
+            cone = with_memory(self.cone, known, self.step, self.start)
+            solution, problem = solve(replace(problem, cone=cone), solution.p)
         return replace(solution, status=Status.MAX_IT), problem
 
     def exact(self, problem: SurfaceProblem, found: Solution, exact: Exact) -> tuple[Solution, float, dict[str, Array]]:
@@ -157,9 +200,15 @@ class LawMemory:
         return tuple(path.others(problem, p, keeps) if self.start else path.others(problem, p))
 
     def _apart(self, problem: SurfaceProblem, p: Array, memory: Memory) -> float:
-        """Largest difference of its friction bounds at p (rows,) [Pa] from those with a memory, relative to p [-]."""
-        own, other = problem.cone, with_memory(self.cone, memory, self.step)
+        """Largest difference of its friction bounds at p (rows,) [Pa] from those with a memory, relative to p [-].
+
+        A worn depth counts by the pressure that the bodies answer it with.
+        """
+        own, other = problem.cone, with_memory(self.cone, memory, self.step, self.start)
         pairs = zip(own.with_friction(), other.with_friction(), strict=True)
-        apart = (own.bound(a, p[a.normal]) - other.bound(b, p[b.normal]) for a, b in pairs)
+        apart = [own.bound(a, p[a.normal]) - other.bound(b, p[b.normal]) for a, b in pairs]
+        for a, b in zip(own.places, other.places, strict=True):
+            if isinstance(one := a.rows.normal, Worn) and isinstance(two := b.rows.normal, Worn):
+                apart.append(problem.gamma[a.normal] * (one.softness - two.softness) * p[a.normal])
         largest = max((float(np.abs(each[np.isfinite(each)]).max(initial=0.0)) for each in apart), default=0.0)
         return largest / (problem.scales.of_tractions(p) or 1.0)  # zero: nothing is loaded

@@ -100,6 +100,7 @@ class State:
     energy: Energy  # [J]
     previous: Previous | None = None  # None: the initial state, or one whose trend tells nothing of the next step
     guess: Array | None = None  # (rows,) tractions [Pa] near those of the next substep; None: not known
+    jumped: bool = False  # whether the next substep is known to jump, to the solution next to `guess`
     control: StepControl = StepControl()
     correction: Correction | None = None  # exact solution of the same steps minus this one; None: zero
     law_error: float = 0.0  # error of the method's approximate contact laws, summed since t = 0 [J^(1/2)]
@@ -110,6 +111,9 @@ class State:
     reactions: Mapping[str, tuple[Array, Array]] | None = None  # of each support with bubbles: force [N], moment [N m]
     ground: Array = field(default_factory=lambda: np.zeros(0))  # that springs to it exert, see `GroundSprings` [N, N m]
     refined: State | None = None  # the same history with bubbles, see `solvers/accuracy`; None: it is not followed
+    neighbours: tuple[
+        State, ...
+    ] = ()  # with other numbers in the scene, see `sensitivity`; empty: nobody asks for them
     peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded
 
     def ahead(self, time: float, turns: Iterable[float]) -> Array:

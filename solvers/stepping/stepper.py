@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SolverError
-from stickslip.geometry.mesh.nodes import Nodes
-from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.parallel.released import destroy_released
@@ -18,28 +15,12 @@ from stickslip.solvers.stepping.halving import Halving
 from stickslip.solvers.stepping.history import History, HistoryRow, OnIteration, count_iterations
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.pairs import PairSearch
+from stickslip.solvers.stepping.sensitivity import Neighbours
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.substep import Attempt, Loop, Methods, Substep, SubstepSolver
 from stickslip.solvers.stepping.tightening import BoltsAndSprings
 from stickslip.solvers.stepping.update import at_rest
 from stickslip.solvers.system.system import System
-
-
-class Companion(Protocol):
-    """Follows a history with other displacements, step by step."""
-
-    nodes: Nodes  # of the displacements that `State.surplus` holds
-
-    def vector(self) -> Vec:
-        """No displacement of these nodes."""
-
-    def __call__(self, stepper: SubstepSolver, old: State, new: State, problem: SurfaceProblem) -> State | None:
-        """Find the new `State.refined` after a substep from `old` to `new`; None: it was not found; collective.
-
-        Args:
-            stepper: with the contact rows of the substep.
-            problem: that was solved.
-        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,13 +86,14 @@ class Stepper(SubstepSolver):
             chain: shared by the steppers of the same bodies; None: made here.
         """
         super().__init__(system, chain or MethodChain(system))
-        self.companion: Companion | None = None  # follows each substep, see `State.refined`
         self.bolts: BoltsAndSprings = BoltsAndSprings(system)
+        self.neighbours: Neighbours | None = None  # derivatives follow each substep, see `State.neighbours`
         self.follow()
 
     def start(self) -> State:
         """The initial state: at rest at t = 0, without load, displacement or traction; collective."""
-        return at_rest(self.system, self.cone)
+        found = at_rest(self.system, self.cone)
+        return replace(found, neighbours=self.neighbours.start()) if self.neighbours else found
 
     def reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:
         """Solve one step; collective.
@@ -127,7 +109,9 @@ class Stepper(SubstepSolver):
         """
         history = self.chain.history = History(on_iteration)
         solves, pairs = self.system.counters.volume_solves, PairSearch(self)
-        halving = Halving(self.system, self.chain, (certified, with_others, self._accompanied))
+        halving = Halving(
+            self.system, self.chain, (certified, with_others, self._accompanied, *filter(None, [self.neighbours]))
+        )
         loops: tuple[Loop, ...] = (Methods(self.chain), pairs, halving, self.bolts)  # inside out
 
         def innermost(state: State, end: float) -> Attempt:

@@ -15,6 +15,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import SLIGHT, Array
 from stickslip.geometry.errors import SolverError
+from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.limit_analysis import unbalanced_motion
@@ -112,6 +113,23 @@ class AtOnce(Protocol):
         """The solution, and the problem with what was found; None: not this way; collective."""
 
 
+class Companion(Protocol):
+    """Follows a history with other displacements, step by step."""
+
+    nodes: Nodes  # of the displacements that `State.surplus` holds
+
+    def vector(self) -> Vec:
+        """No displacement of these nodes."""
+
+    def __call__(self, stepper: SubstepSolver, old: State, new: State, problem: SurfaceProblem) -> State | None:
+        """Find the new `State.refined` after a substep from `old` to `new`; None: it was not found; collective.
+
+        Args:
+            stepper: with the contact rows of the substep.
+            problem: that was solved.
+        """
+
+
 class SubstepSolver:
     """Bodies that are prepared once, with the contact rows of some pairs: it solves one substep."""
 
@@ -126,6 +144,7 @@ class SubstepSolver:
         self.cone = AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
         self.gamma, self.weight = elastic_stiffness(system)
         self.bolts: AtOnce | None = None
+        self.companion: Companion | None = None  # follows each substep, see `State.refined`
         self.latest: tuple[Mapping[str, Array], SubstepSolver] | None = None  # with other pairs, and where these lie
         self.volume, self.surface = chain.volume, prepare_surface(system, chain.volume)
         self.stage: Stage | None = None  # that `method_after` is of; None: of none yet
@@ -227,8 +246,8 @@ class SubstepSolver:
     ) -> tuple[Solution, SurfaceProblem]:
         """The solution that goes on from the state, if there are several; else the one that is found."""
         solution, problem = found
-        if solution.status is not Status.CONVERGED:
-            return found
+        if solution.status is not Status.CONVERGED or state.jumped:
+            return replace(solution, jumps=state.jumped), problem
         end, jumps = continued(problem, state.p, state.w, solution)
         own = _exactly(problem, solution) if end is not None else solution.p
         if end is not None and _apart(problem, end.p, [own]):
@@ -277,10 +296,11 @@ class SubstepSolver:
         """
         system, n = self.system, self.surface.normal_rows
         external, u_s = system.load(time), system.prescribed(time)
-        driving, cone = system.obstacles.driving_force(time), self.cone.at(time)
+        driving = system.obstacles.driving_force(time)
+        cone = with_memory(self.cone.at(time), state.memory, time - state.time)
         problem = SurfaceProblem(
             surface=self.surface,
-            cone=with_memory(cone, state.memory, time - state.time),
+            cone=cone,
             load=self.surface.load(system.pull(time, external, u_s), driving),
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
             u_before=self._at_contact(state) if self.surface.floating else np.zeros(self.surface.size),
@@ -289,6 +309,7 @@ class SubstepSolver:
             weight=self.weight,
             force=sum_of_sizes(external) + float(np.abs(driving).sum()),
             stiffness=system.problem.softest / system.extent,
+            again=state.guess is not None,
         )
         return problem, u_s, external
 

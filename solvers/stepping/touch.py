@@ -37,6 +37,7 @@ class Way:
     p: Array  # tractions (rows,) [Pa] there
     w: Array  # relative displacement (rows,) [m] there
     tolerance: float  # of the solutions [-]: changes that are this part of the scale of motion are none
+    added: Array | float = 0.0  # (c,) [N] to forces that hold points back, where bodies are softer than `problem` knows
 
     @property
     def any(self) -> bool:
@@ -76,7 +77,7 @@ class Way:
             w: relative displacement (rows,) [m] at the end.
         """
         problem, gap = self.problem, self.problem.gap.copy()
-        closes = [self.closing(place, p) for place in problem.cone.with_friction()]
+        closes = self._closes(p)
         rooms = [place.average @ self.room[place.normal] for place in problem.cone.with_friction()]
         if not any(which.any() for which in closes):
             return gap
@@ -113,6 +114,18 @@ class Way:
         along[own] = motions[own] @ motion
         return along if np.abs(along).max() > CLOSE * np.abs(pushed).max(initial=0.0) else np.zeros_like(p)
 
+    def _closes(self, p: Array) -> list[Bools]:
+        return [self.closing(place, p) for place in self.problem.cone.with_friction()]
+
+    def holding(self, p: Array, closes: list[Bools] | None = None) -> Array:
+        """Those of tractions p (rows,) [Pa] that hold back points that close; `closes`: these, None: they are found."""
+        acting, closes = np.zeros_like(p), self._closes(p) if closes is None else closes
+        for place, which in zip(self.problem.cone.with_friction(), closes, strict=True):
+            n, t = place.normal, place.tangential
+            acting[n] = np.where((place.average.T @ which.astype(float) > 0) & (self.p[n] == 0), p[n], 0.0)
+            acting[t] = np.where(np.repeat(which, place.components), p[t], 0.0)
+        return acting
+
     def _freed(self, p: Array, closes: list[Bools]) -> Array:
         """Relative displacement (rows,) [m] that the tractions of points that close have taken; collective.
 
@@ -123,12 +136,8 @@ class Way:
             p: tractions (rows,) [Pa] at the end.
             closes: by contact with friction, points that close.
         """
-        problem, surface, acting = self.problem, self.problem.surface, np.zeros_like(p)
-        for place, which in zip(problem.cone.with_friction(), closes, strict=True):
-            n, t = place.normal, place.tangential
-            acting[n] = np.where((place.average.T @ which.astype(float) > 0) & (self.p[n] == 0), p[n], 0.0)
-            acting[t] = np.where(np.repeat(which, place.components), p[t], 0.0)
-        u = surface.displacement(surface.forces(acting), self.tolerance * problem.u_ref)
+        problem, surface, acting = self.problem, self.problem.surface, self.holding(p, closes)
+        u = surface.displacement(surface.forces(acting) + self.added, self.tolerance * problem.u_ref)
         freed = surface.N @ (u - surface.R @ (surface.R.T @ u))
         if surface.floating:
             closed, wanted = self.p != 0, np.zeros_like(p)

@@ -12,6 +12,7 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.laws.wear import WORN
 from stickslip.solvers.scene.record import Energy
 from stickslip.solvers.stepping.law_memory import LawMemory, no_memory
 from stickslip.solvers.stepping.state import State
@@ -186,6 +187,15 @@ def new_state(
     external, contact = external - by_gaps, contact - by_gaps
     slipping = W * p * (w - problem.gap - cone.give(p))
     dissipated = np.array([slipping[place.tangential].sum() for place in cone.places])
+    lasting = LawMemory(replace(cone, contacts=contacts).at(time), old.memory, time - old.time)
+    memory = lasting.after(problem, p, w)
+    for k, place in enumerate(lasting.cone.places if memory else ()):
+        (p_n, law), name = (p[place.normal], place.rows.friction), place.rows.name
+        if (worn := f"{name}{WORN}") in memory:  # what the pressure does to what wears away is lost
+            dissipated[k] += W[place.normal] * p_n @ (memory[worn] - old.memory[worn])
+        if law is not None and name in memory:  # what drives it brings the work
+            beside = float(place.rows.W_t @ law.work_aside(p_n, place.average, memory[name], lasting.step))
+            external, contact, dissipated[k] = external + beside, contact + beside, dissipated[k] + beside
     if surplus is not None:
         external, contact = external + surplus.external, contact + surplus.contact
         dissipated += [surplus.friction[c.name][1] if c.name in surplus.friction else 0.0 for c in contacts]
@@ -212,7 +222,7 @@ def new_state(
         motion=motion,
         driven=driven,
         slip=slip,
-        memory=LawMemory(replace(cone, contacts=contacts), old.memory, time - old.time).after(problem, p, w),
+        memory=memory,
         forces=forces,
         rows=contacts,
         searched=old.searched,

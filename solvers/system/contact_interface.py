@@ -14,6 +14,7 @@ from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Ints
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import Mat, Sparse, Vec
+from stickslip.geometry.surfaces.surface import SECTOR, in_sectors
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import AXES, Constraints
 from stickslip.solvers.fem.rigid_modes import RigidModes
@@ -178,7 +179,7 @@ class ContactInterface:
 
     def displacement(self, u: Vec) -> list[Array]:
         """Displacement (n_all, d) [m] of each contact's nodes, on every rank; u over all displacements."""
-        values = self._nodes.read(u).reshape(-1, self.mesh.dim)
+        values = self._nodes.read(u)
         ends = np.cumsum([0, *(len(c.nodes) for c in self.contacts)])
         return [values[i:j] for i, j in pairwise(ends)]
 
@@ -194,14 +195,13 @@ class ContactInterface:
     def spread(self, forces: list[Array]) -> Vec:
         """Forces (n_all, d) [N] at the nodes of each contact, over all displacements."""
         total = self.T.createVecLeft()
-        self._nodes.add(total, np.concatenate([np.zeros(0), *(each.ravel() for each in forces)]))
+        self._nodes.add(total, np.concatenate([np.zeros((0, self.mesh.dim)), *forces]))
         return total
 
     def force_of(self, c: ContactRows, p_n: Array, t: Array) -> Vec:
         """B^T p of one contact over all displacements [N]."""
         total = self.T.createVecLeft()
-        scatter = Replicated(total, components(c.nodes, self.mesh.dim))
-        scatter.add(total, c.nodal_forces(p_n, t).ravel())
+        NodalVectors(total, c.nodes, self.constraints.periodic.sectors).add(total, c.nodal_forces(p_n, t))
         return total
 
     def resultant_on_driven(self, c: ContactRows, force: Vec) -> Array:
@@ -210,9 +210,27 @@ class ContactInterface:
         return self.obstacles.resultants(c.name, by_axis)
 
     @cached_property
-    def _nodes(self) -> Replicated:
+    def _nodes(self) -> NodalVectors:
         nodes = np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in self.contacts)])
-        return Replicated(self.T.createVecLeft(), components(nodes, self.mesh.dim))
+        return NodalVectors(self.T.createVecLeft(), nodes, self.constraints.periodic.sectors)
+
+
+class NodalVectors:
+    """Read and add vectors at nodes, on every rank; those at nodes of other sectors are turned."""
+
+    def __init__(self, like: Vec, nodes: Ints, sectors: Array) -> None:
+        """sectors: (s, d, d), see `Periodic`."""
+        self._nodes, self._sectors = nodes, sectors
+        self._entries = Replicated(like, components(nodes % SECTOR, sectors.shape[1]))
+
+    def read(self, vector: Vec) -> Array:
+        """Vectors (n, d) of a distributed one; collective."""
+        values = self._entries.read(vector).reshape(len(self._nodes), self._sectors.shape[1])
+        return in_sectors(values, self._nodes, self._sectors)
+
+    def add(self, vector: Vec, values: Array) -> None:
+        """Add vectors (n, d) to those of the nodes; each rank adds to its own."""
+        self._entries.add(vector, in_sectors(values, self._nodes, self._sectors.swapaxes(1, 2)).ravel())
 
 
 def loose_part(which: str, hinge: Array | None) -> SceneError:

@@ -16,8 +16,8 @@ from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Sparse, UflExpr, UflForm, Vec
-from stickslip.geometry.surfaces.faces import split_at_edges, with_sides_beside
-from stickslip.geometry.surfaces.surface import Surface, gather_surface, own_nodes
+from stickslip.geometry.surfaces.faces import part_of, split_at_edges, with_sides_beside
+from stickslip.geometry.surfaces.surface import SECTOR, Surface, gather_surface, of_sectors, own_nodes
 from stickslip.solvers.contact.pairing import pair_up, with_halves, with_images
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.contact.skins import NEAR
@@ -31,7 +31,7 @@ from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.fem.terms import InitialStrain
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.released import watch
-from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.problem import BESIDE, Problem
 from stickslip.solvers.scene.timeline import Course, Place
 from stickslip.solvers.system.applied_loads import AppliedLoads, InitialStrains
 from stickslip.solvers.system.contact_interface import ContactInterface, Obstacles
@@ -216,11 +216,9 @@ def contact_rows(
     found = with_halves(problem, with_sides_beside(faces))
     if problem.request.turns:
         found = {name: with_images(side, constraints) for name, side in found.items()}
-        for name, pair in problem.pairs.items():
-            one, two = pair.surfaces
-            if pair.contact.sliding and two is not None and found[one].images is not None:
-                why = "points slide past the cut of a cyclic sector, beyond which no body is meshed"
-                raise SceneError(f"contacts.{name}.sliding = true: {why}; leave it out, or mesh the whole")
+        for two in filter(None, (pair.surfaces[1] for pair in problem.pairs.values())):
+            problem.request.refuse_other_sectors()
+            found[two] = of_sectors(found[two.removesuffix(BESIDE)], problem.request.sectors)
     return pair_up(problem, found, constraints, {})
 
 
@@ -367,6 +365,8 @@ def contact_sides(system: System) -> Iterator[tuple[str, Surface, Sparse]]:
             if side is not None and name is not None:
                 last, key = first + side.dim * len(side.nodes), (name, side.nodes.tobytes())
                 if key not in seen:
-                    yield name, side, trace[first:last]
+                    if pair.cyclic:
+                        side = part_of(side, (side.nodes[side.facets] < SECTOR).all(axis=1))
+                    yield name, side, trace[first : first + side.dim * len(side.nodes)]
                 seen.add(key)
                 first = last

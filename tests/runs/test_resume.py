@@ -75,13 +75,14 @@ HISTORIES = {
     "compliance": ("foundation", ["geometry.mesh_size=0.4", "output.pictures=false", "steps.count=4"]),
     "friction by slip rate": ("block", [*SMALL, "contacts.base.friction={law='rate_dependent',mu='0.2+V'}", SECONDS]),
     "friction by slip": ("stick_slip", ["geometry.mesh_size=0.025", "output.pictures=false", "steps.count=6"]),
+    "wear": ("block", [*SMALL, "contacts.base.wear.k=0.05", "contacts.base.slide=[[0,0],[1,0],[2,0.01]]"]),
     "orthotropic": ("spruce", ["geometry.mesh_size=0.012", "output.pictures=false", "steps.count=6"]),
     "springs of one way": ("block", [*SMALL, STOP, "solver.method=condensed-newton"]),
     "floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"]),
 }
 QUICK = (
     *("springs of one way", "substeps", "friction by slip", "friction by slip rate", "tangent-cg"),
-    *("surface-uzawa", "sliding", "block-uzawa, compliance"),
+    *("surface-uzawa", "sliding", "block-uzawa, compliance", "wear"),
 )
 WITHOUT_ERRORS = ("springs of one way", "friction by slip")  # others are resumed with them
 EACH = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in HISTORIES]

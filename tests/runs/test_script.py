@@ -218,6 +218,7 @@ DRIVEN: dict[str, dict[str, Any]] = {  # what is changed at t = 2 and 3, and the
     "bolt by force": {"bolts": {"m8": {"force": (0.02, 0.01)}}},
     "gap": {"contacts": {"base": {"gap_offset": (-0.01, 0.01)}}},
     "map of the gap": {"contacts": {"base": {"plus": (-0.01, 0.01)}}},
+    "slide": {"contacts": {"base": {"slide": (0.02, 0.01)}}},
 }
 TABLES: dict[str, Any] = {  # the tables of each that are not those of the ready block; None is what changes
     "normal support": {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "normal": None}}}},
@@ -241,6 +242,7 @@ TABLES: dict[str, Any] = {  # the tables of each that are not those of the ready
     "bolt": {"bolts": {"m8": SHANK | {"shortening": None}}},
     "bolt by force": {"bolts": {"m8": ACROSS | {"force": None}}},
     "gap": {"contacts": {"base": BASE | {"gap_offset": None}}},
+    "slide": {"contacts": {"base": BASE | {"slide": None, "wear": {"k": 0.5}}}},
     "map of the gap": {
         "contacts": {"base": BASE | {"gap_offset": {"over": ["x"], "rows": [[0.0, 0.0], [4.0, 0.01]], "plus": None}}}
     },

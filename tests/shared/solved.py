@@ -28,6 +28,7 @@ FEWER = {  # steps, of scenes that have many for the accuracy of their dissipati
     "spheres": 2,
     "spruce": 8,
     "stick_slip": 12,
+    "worn_roller": 6,
 }
 ZERO = 1e-8  # the tolerance of the ready scenes: balances hold to it, relative to their largest term
 ROUNDING = 1e-12

@@ -117,6 +117,7 @@ SCENES: dict[str, dict[str, Any]] = {
         remote_points={"grip": {"boundary": "block.top", "point": [0.5, 1.5], "coupling": "rigid",
                                 "displacement": {"x": DRAWN["x"], "y": DRAWN["y"]}, "moment": {"z": 0.001}}},
     ),
+    "wear": scene(contacts={"base": BASE | {"friction": COULOMB, "slide": 0.04, "wear": {"k": 1.0}}}),
     "partners": scene(
         obstacles={
             name: {"shape": "plane", "point": [x, 0.0], "normal": [lean, 1.0]}
@@ -172,7 +173,7 @@ def components(told: dict[str, Any]) -> dict[tuple[str, str, str, int], float]:
     found, units = dict[tuple[str, str, str, int], float](), dict[tuple[str, str, str, int], str]()
     for table, record in records().items():
         for name, own in by_name(table, told[table]).items():
-            for key, number in numbers_of(record).items():
+            for key, number in ((key, number) for key, number in numbers_of(record).items() if key in own):
                 for k, value in enumerate(np.ravel(own[key]).tolist()):
                     found[table, name, key, k], units[table, name, key, k] = value, number.unit
     largest = {unit: max(abs(found[at]) for at, own in units.items() if own == unit) for unit in units.values()}

@@ -1,5 +1,6 @@
 """A sector of a cyclic body, whose sides turn into each other, has the answer of the whole body."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.audited import audit
-from stickslip import GeometryError, SceneError, Simulation, StepResult
+from stickslip import GeometryError, SceneError, Simulation, SolverError, StepResult
+from stickslip.geometry.shape import Request, Turn
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -99,11 +101,35 @@ def test_it_is_so_for_other_operators_and_methods(contact: Tables, solver: Table
     assert max(audit(simulation, sector).values()) < 1e-7
 
 
-def test_points_that_would_slide_past_a_cut_are_refused() -> None:
-    fit = press_fit(90, 1, RIGID, 0.25) | {"periodic": cut("inner", "outer")}
-    fit["contacts"]["fit"]["sliding"] = True
-    with pytest.raises(SceneError, match="slide past the cut of a cyclic sector"):
+def sliding_fit(angle: int, turn: float, **contact: Any) -> Tables:
+    """The outer ring turns on the inner one by a few degrees, its points slide past facets and past the cut."""
+    fit = press_fit(angle, 1, RIGID, 0.1)
+    fit["geometry"] |= {"mesh_size": 0.25, "interference": 0.02}
+    fit["supports"]["housing"]["displacement"] = {"x": f"-{turn}*y*max(t-1,0)", "y": f"{turn}*x*max(t-1,0)"}
+    fit["contacts"]["fit"] |= {"sliding": True} | contact
+    return fit | ({"periodic": cut("inner", "outer")} if angle == 90 else {})
+
+
+@pytest.mark.parametrize(
+    ("turn", "contact"),
+    [
+        (0.12, {}),
+        (-0.12, {"normal": {"law": "compliance", "c_n": 10.0}}),
+        (0.12, {"operator": "node-to-segment", "surface": "inner.outside", "against": "outer.inside"}),
+    ],
+)
+def test_points_slide_past_the_cut_on_what_lies_in_the_sectors_beside_it(turn: float, contact: Tables) -> None:
+    (_, whole), (simulation, sector) = (last_of(sliding_fit(angle, turn, **contact)) for angle in (360, 90))
+    same(sector, whole, 4, 1e-7)  # pairs are searched to that
+    assert max(audit(simulation, sector).values()) < 1e-7
+
+
+def test_points_that_would_slide_past_the_sectors_beside_theirs_are_told(caplog: pytest.LogCaptureFixture) -> None:
+    fit = sliding_fit(90, 0.0)
+    fit["supports"]["housing"]["displacement"] = {"x": "(-1.5*x-0.9*y)*max(t-1,0)", "y": "(0.9*x-1.5*y)*max(t-1,0)"}
+    with pytest.raises(SolverError):
         last_of(fit)
+    assert "past the sectors beside theirs; mesh more of the whole" in caplog.text
 
 
 @pytest.mark.parametrize("sliding", [False, True])
@@ -190,10 +216,14 @@ def test_a_sector_may_reach_its_axis_whose_points_stay_on_it(dim: int, rtol: flo
     assert max(audit(simulation, sector).values()) < 1e-7
 
 
-def test_meshes_that_do_not_match_are_close_and_either_side_may_follow() -> None:
-    _, whole = last_of(press_fit(360, 1, RIGID, 0.19))
-    _, sector = last_of(press_fit(90, 1, RIGID, 0.19) | {"periodic": cut("inner", "outer")})
-    same(sector, whole, 4, 0.02)
+@pytest.mark.parametrize(("order", "normal"), [(1, RIGID), (2, RIGID), (1, {"law": "compliance", "c_n": 10.0})])
+def test_meshes_of_both_sides_need_not_match(order: int, normal: Tables) -> None:
+    _, whole = last_of(press_fit(360, order, normal, 0.19))
+    _, sector = last_of(press_fit(90, order, normal, 0.19) | {"periodic": cut("inner", "outer")})
+    same(sector, whole, 4)
+
+
+def test_either_side_of_a_cut_may_follow() -> None:
     other = cut("inner", "outer", first="x_axis", second="y_axis", angle=-90.0)
     same(last_of(press_fit(90, 1, RIGID, 0.25) | {"periodic": other})[1], last_of(press_fit(360, 1, RIGID, 0.25))[1], 4)
 
@@ -279,6 +309,87 @@ def test_an_edge_may_run_from_cut_to_cut_in_3d(tmp_path: Path) -> None:
     _, both = turned_on_its_axis(tmp_path, 3, 90, rim=1)
     for key in ("normal_force", "contact_area", "slip_area", "dissipation_total"):
         assert getattr(both.contacts["c"], key) == pytest.approx(getattr(bottom.contacts["c"], key), rel=1e-8)
+
+
+PINS = """
+DefineConstant[ angle = 90 ]; n = angle / 90; m = 8;
+Point(1) = {0, 0, 0};
+For k In {0:3}
+  For j In {1:2}
+    r = (j == 1 ? 0.5 : 1); Point(10 * j + k) = {r * Cos(k * Pi / 2), r * Sin(k * Pi / 2), 0};
+  EndFor
+  Line(10 + k) = {10 + k, 20 + k};
+EndFor
+For k In {0:n-1}
+  e = (k + 1) % 4;
+  Circle(20 + k) = {10 + k, 1, 10 + e}; Circle(30 + k) = {20 + k, 1, 20 + e};
+  Curve Loop(1 + k) = {10 + k, 30 + k, -(10 + e), -(20 + k)}; Plane Surface(1 + k) = {1 + k};
+  a = k * Pi / 2 + 0.04; x = 0.405 * Cos(a); y = 0.405 * Sin(a); q = 100 * (k + 1); Point(q) = {x, y, 0};
+  For i In {0:3}
+    b = a + i * Pi / 2; c = Cos(b); s = Sin(b);
+    Point(q + 1 + i) = {x + 0.04 * c, y + 0.04 * s, 0}; Point(q + 11 + i) = {x + 0.1 * c, y + 0.1 * s, 0};
+    Line(q + 1 + i) = {q + 1 + i, q + 11 + i};
+  EndFor
+  For i In {0:3}
+    j = (i + 1) % 4;
+    Circle(q + 11 + i) = {q + 1 + i, q, q + 1 + j}; Circle(q + 21 + i) = {q + 11 + i, q, q + 11 + j};
+    Curve Loop(q + i) = {q + 1 + i, q + 21 + i, -(q + 1 + j), -(q + 11 + i)}; Plane Surface(q + i) = {q + i};
+    Transfinite Curve{q + 1 + i} = 3; Transfinite Curve{q + 11 + i, q + 21 + i} = 6;
+  EndFor
+EndFor
+Transfinite Curve{10:13} = 5; Transfinite Curve{20:20+n-1, 30:30+n-1} = 20; Transfinite Surface{:};
+Physical Surface("ring") = {1:n}; Physical Curve("ring.inner") = {20:19+n}; Physical Curve("ring.rim") = {30:29+n};
+p() = {}; r() = {}; b() = {};
+For k In {0:n-1}
+  q = 100 * (k + 1); p() += {q:q+3}; r() += {q+21:q+24}; b() += {q+11:q+14};
+EndFor
+Physical Surface("pin") = {p()}; Physical Curve("pin.rim") = {r()}; Physical Curve("pin.bore") = {b()};
+If (n < 4)
+  Physical Curve("ring.first") = {10}; Physical Curve("ring.second") = {10+n};
+EndIf
+"""
+
+
+def pins(folder: Path, angle: int, contact: Tables) -> tuple[Simulation, StepResult]:
+    """A ring about four pins on springs that lie across the cuts, which do not meet their mesh; it turns by 0.1 rad."""
+    (folder / "pins.geo").write_text(PINS)
+    drive = {"x": "-0.1*y*max(t-1,0)", "y": "0.1*x*max(t-1,0)"}
+    tables: Tables = {
+        "model": "plane strain",
+        "geometry": {"file": "pins.geo", "angle": angle},
+        "bodies": {"ring": {"E": 1.0, "nu": 0.3}, "pin": {"E": 2.0, "nu": 0.2}},
+        "contacts": {"fit": {"friction": {"law": "coulomb", "mu": 0.2}, "sliding": True} | contact},
+        "supports": {"rim": {"boundary": "ring.rim", "displacement": drive}},
+        "elastic_support": {"bed": {"boundary": "pin.bore", "tangential": 1.0, "normal": 1.0}},
+        "steps": {"end": 2.0, "count": 2},
+    }
+    sector = {"periodic": cut("ring", first="second", second="first", angle=float(angle))}
+    return last_of(tables | (sector if angle < 360 else {}), folder)
+
+
+@pytest.mark.parametrize(
+    ("angle", "contact"),
+    [
+        (90, {"surface": "ring.inner", "against": "pin.rim"}),
+        (180, {"surface": "pin.rim", "against": "ring.inner"}),
+        (90, {"between": "all"}),
+    ],
+)
+def test_a_body_across_the_cut_touches_the_sectors_on_both_sides(angle: int, contact: Tables, tmp_path: Path) -> None:
+    _, whole = pins(tmp_path, 360, contact)
+    simulation, sector = pins(tmp_path, angle, contact)
+    assert sector.contacts[next(iter(sector.contacts))].contact_area > 0
+    same(sector, whole, 360 // angle, 1e-6)  # gmsh's meshes are alike to 1e-9
+    assert max(audit(simulation, sector).values()) < 1e-6
+
+
+def test_bodies_that_touch_turn_alike() -> None:
+    quarter, back = (Turn(angle=angle, point=(0.0, 0.0)) for angle in (90.0, -90.0))
+    alike = Request(model="plane strain", turns={"hub.cut": quarter, "shaft.cut": back})
+    alike.refuse_other_sectors()
+    for other in (Turn(angle=60.0, point=(0.0, 0.0)), Turn(angle=90.0, point=(1.0, 0.0))):
+        with pytest.raises(SceneError, match=r"shaft\.cut turns as no other side"):
+            replace(alike, turns={"hub.cut": quarter, "shaft.cut": other}).refuse_other_sectors()
 
 
 SECTOR = """

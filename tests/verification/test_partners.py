@@ -192,3 +192,93 @@ def test_methods_that_write_forms_of_the_whole_side_refuse_a_part_of_it(tmp_path
     scene = blocks(tmp_path, solver={"method": "block-uzawa"})
     with pytest.raises(SceneError, match="takes one contact a side"):
         solved(from_dict(scene, tmp_path))
+
+
+HALVES = """
+Point(1) = {0, 0, 0}; Point(2) = {1, 0, 0}; Point(3) = {2, 0, 0}; Point(4) = {2, 1, 0}; Point(5) = {0, 1, 0};
+Point(11) = {0, 0, 0}; Point(12) = {1, 0, 0}; Point(13) = {2, 0, 0}; Point(14) = {2, -1, 0}; Point(15) = {0, -1, 0};
+For k In {0:1}
+  q = 10 * k; Line(q + 1) = {q + 1, q + 2}; Line(q + 2) = {q + 2, q + 3}; Line(q + 3) = {q + 3, q + 4};
+  Line(q + 4) = {q + 4, q + 5}; Line(q + 5) = {q + 5, q + 1}; Curve Loop(q + 1) = {q + 1:q + 5};
+  Plane Surface(q + 1) = {q + 1}; Transfinite Curve{q + 1:q + 5} = 5;
+EndFor
+Physical Surface("up") = {1}; Physical Curve("up.left") = {1}; Physical Curve("up.right") = {2};
+Physical Surface("low") = {11}; Physical Curve("low.left") = {11}; Physical Curve("low.right") = {12};
+Physical Curve("up.top") = {4}; Physical Curve("low.bottom") = {14};
+"""
+
+
+@pytest.mark.parametrize("law", ["unilateral", "tied"])
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_sides_of_the_same_bodies_that_meet_share_no_multiplier(law: str, exchanged: bool, tmp_path: Path) -> None:
+    """A uniform pressure has one answer, though both contacts see the motion of the node between them."""
+    (tmp_path / "halves.geo").write_text(HALVES)
+    free = {} if law == "tied" else {"friction": {"law": "coulomb", "mu": 0.3}}
+    right = ("low.right", "up.right") if exchanged else ("up.right", "low.right")
+    coulomb = {"law": "coulomb", "mu": 0.3}
+    scene = {
+        "model": "plane strain",
+        "geometry": {"file": "halves.geo"},
+        "bodies": {name: {"E": 1.0, "nu": 0.0} for name in ("up", "low")},
+        "contacts": {
+            "r": {"surface": right[0], "against": right[1], "friction": coulomb},
+            "l": {"surface": "up.left", "against": "low.left", "normal": {"law": law}} | free,
+        },
+        "supports": {
+            "top": {"boundary": "up.top", "displacement": {"x": 0.0, "y": -0.02}},
+            "bottom": {"boundary": "low.bottom", "displacement": {"x": 0.0, "y": 0.0}},
+        },
+    }
+    result = run(tmp_path, scene)
+    for contact in result.contacts.values():
+        assert contact.normal_force == pytest.approx(0.01, rel=1e-8)
+        assert contact.max_pressure == pytest.approx(0.01, rel=1e-8)
+
+
+CORNER = """
+SetFactory("OpenCASCADE"); DefineConstant[ seat = 0 ];
+Rectangle(1) = {0, 0, 0, 2, 1}; Physical Surface("b") = {1}; Physical Curve("b.bottom") = {1};
+Physical Curve("b.left") = {4}; Physical Curve("b.ends") = {2, 3};
+If (seat)
+  Rectangle(2) = {-1, -1, 0, 3, 2}; Rectangle(3) = {0, 0, 0, 2, 1};
+  s() = BooleanDifference{ Surface{2}; Delete; }{ Surface{3}; Delete; }; Physical Surface("s") = {s()};
+  f() = Curve In BoundingBox {-0.01, -0.01, -1, 2.01, 0.01, 1}; f() -= {1}; Physical Curve("s.floor") = {f()};
+  w() = Curve In BoundingBox {-0.01, -0.01, -1, 0.01, 1.01, 1}; w() -= {4}; Physical Curve("s.wall") = {w()};
+  u() = Curve In BoundingBox {-1.01, -1.01, -1, 2.01, -0.99, 1}; Physical Curve("s.under") = {u()};
+EndIf
+MeshSize{:} = 0.5;
+"""
+
+
+@pytest.mark.parametrize("seat", [False, True])
+def test_each_face_at_a_corner_has_its_own_compliance_and_friction(seat: bool, tmp_path: Path) -> None:
+    """A stiff block sinks in along a floor and a wall: one slips as far as friction bounds it, the other by k_T."""
+    (tmp_path / "corner.geo").write_text(CORNER)
+    bodies = ("b", "s") if seat else ("b",)
+    planes = {"floor": [0.0, 1.0], "wall": [1.0, 0.0]}
+    moved = {"boundary": "b.ends", "displacement": {"x": -0.01, "y": -0.02}}
+    scene: dict[str, Any] = {
+        "model": "plane strain",
+        "geometry": {"file": "corner.geo", "seat": int(seat)},
+        "bodies": {name: {"E": 1e7, "nu": 0.0} for name in bodies},
+        "obstacles": {}
+        if seat
+        else {n: {"shape": "plane", "point": [0.0, 0.0], "normal": x} for n, x in planes.items()},
+        "contacts": {
+            side: {
+                "surface": f"b.{side}",
+                "against": f"s.{face}" if seat else face,
+                "normal": {"law": "compliance", "c_n": c_n},
+                "friction": {"law": "coulomb", **friction},
+            }
+            for side, face, c_n, friction in (
+                ("bottom", "floor", 10.0, {"mu": 0.2}),
+                ("left", "wall", 30.0, {"mu": 4.0, "k_T": 5.0}),
+            )
+        },
+        "supports": {"ends": moved, **({"under": {"boundary": "s.under", "displacement": [0.0, 0.0]}} if seat else {})},
+    }
+    found = run(tmp_path, scene).contacts
+    floor, wall = 10.0 * 0.02 * 2, 30.0 * 0.01 * 1
+    assert_allclose(found["bottom"].force, [0.2 * floor, floor], rtol=3e-5)  # c_n / E is 3e-6
+    assert_allclose(found["left"].force, [wall, 5.0 * 0.02 * 1], rtol=3e-5)

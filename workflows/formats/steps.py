@@ -40,6 +40,7 @@ class StoredContact:
     slip_increment: Array  # (n, 3) since the last accepted step [m]
     lam: Array  # (n, 3) [-]
     status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
+    wear: Array | None = None  # (n,) worn depth [m]; None: nothing wears
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,6 +209,8 @@ def _arrays(path: Path, but: str = "") -> tuple[dict[str, AnyArray], dict[str, f
 def _columns(contact: ContactState) -> dict[str, AnyArray]:
     found: dict[str, AnyArray] = {"status": np.asarray(contact.status, np.int8)}
     for name in (field.name for field in fields(StoredContact) if field.name != "status"):
+        if getattr(contact, name) is None:
+            continue
         values = np.asarray(getattr(contact, name), np.float64)
         found[name] = values if values.ndim == 1 else three(values)
     return found

@@ -25,7 +25,7 @@ from stickslip.workflows.pictures.rigid import Rigid
 from stickslip.workflows.pictures.sheet import LINE, PALE, STATUS_COLOURS, Sheet, frame
 from stickslip.workflows.pictures.view import focus
 
-PRESSURE, TANGENTIAL = "#1b1b1b", "#b2182b"
+PRESSURE, TANGENTIAL, WORN = "#1b1b1b", "#b2182b", "#2166ac"
 
 
 def draw(
@@ -140,6 +140,13 @@ def draw_line(
             drawn = axes.plot(*line_of(line, sign * bound), color=TANGENTIAL, linewidth=1.0, linestyle=(0, (4, 2)))[0]
             drawn.set_label(label)
             lines += [drawn] if sign == 1 else []
+    if contact.wear is not None and contact.wear.any():
+        depth = axes.twinx()
+        lines += depth.plot(*line_of(line, contact.wear[line.nodes]), color=WORN, linewidth=1.0, label="worn depth [m]")
+        frame(depth, "top")
+        depth.tick_params(labelsize=8, direction="in", pad=-4, colors=WORN)
+        for text in depth.get_yticklabels():
+            text.set_horizontalalignment("right")
     axes.legend(
         handles=lines, loc="lower right", bbox_to_anchor=(1.01, 1.0), ncols=3, fontsize=8, frameon=False, borderpad=0.2
     )

@@ -82,14 +82,8 @@ def audit_files(
 def _judged(
     simulation: Simulation, steps: Sequence[StepResult], audits: Sequence[Audit | None], shared: tuple[str, ...]
 ) -> Audited:
-    known = [(audit, k) for k, audit in enumerate(audits) if audit is not None]
-    over = passed(
-        [audit for audit, _ in known],
-        [steps[k].time for _, k in known],
-        [steps[k].law_error for _, k in known],
-        simulation.scene.solver.tolerance,
-        [k + 1 for _, k in known],
-    )
+    times, errors = [step.time for step in steps], [step.law_error for step in steps]
+    over = passed(audits, times, errors, simulation.scene.solver.tolerance)
     return Audited(audits=tuple(audits), shared=shared, passed=tuple(over))
 
 

@@ -39,6 +39,7 @@ from stickslip.solvers.results.step_result import (
     energy_norm,
     is_estimated,
     told,
+    uncertainty,
 )
 from stickslip.solvers.results.verdict import limits
 from stickslip.solvers.scene.problem import PlanRow
@@ -263,6 +264,13 @@ def _reported_step() -> Any:
     errors = SAID[
         DICT[str, _table("Error", error, ErrorParts.__doc__)] | None, Key("", "by number; null: not estimated")
     ]
+    sides = _table("Sides", dict.fromkeys(("below", "above"), Numbers), "Derivatives by a smaller and a larger number.")
+    parts = {"inputs": Numbers | None, "combined": Numbers | None, "shares": dict[str, Numbers] | None}
+    said = "by number, and by number of the scene; null: none; two sides: points are at their bound"
+    inputs: dict[str, Any] = {
+        "sensitivity": OPTIONAL[SAID[DICT[str, DICT[str, Numbers | sides | None]], Key("", said)]],
+        "uncertainty": OPTIONAL[DICT[str, _table("Uncertainty", parts, uncertainty.__doc__)]],
+    }
     shapes: dict[str, Any] = {"": float, "vector": list[float], "turn": Numbers, "stress": list[float]}
     hints = get_type_hints(StepResult, include_extras=True)
     keys = {key: hints[key] for key in numbers_of(StepResult)}
@@ -271,10 +279,11 @@ def _reported_step() -> Any:
     for table, record in records().items():
         if record not in made:
             own: dict[str, Any] = {
-                key: SAID[shapes[number.shape], number] for key, number in numbers_of(record).items()
+                key: OPTIONAL[SAID[float, number]] if number.needs else SAID[shapes[number.shape], number]
+                for key, number in numbers_of(record).items()
             }
             own |= {"statuses": statuses} if table == "contacts" else {}
-            own |= {"error": errors} if is_estimated(record) else {}
+            own |= {"error": errors, **inputs} if is_estimated(record) else {}
             made[record] = _table(record.__name__, own, record.__doc__)
         single = made[record] if table == "energy" else made[record] | None  # null: the effect is off
         keys[table] = single if is_single(table) else DICT[str, made[record]]

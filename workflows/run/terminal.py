@@ -211,7 +211,9 @@ class Reporter(Speaker):
             energy, units = content["steps"][-1]["energy"], Units.of(content["scene"].get("units", "SI"))
             unit = units("J/m" if content["scene"]["model"].startswith("plane") else "J")
             dissipated = with_error(energy["dissipated"], _parts(energy, "dissipated"), unit)
-            out.print(f"friction dissipated {dissipated}, time remainder {energy['time_remainder']:.2g} {unit}")
+            wears = any("max_wear" in contact for contact in content["steps"][-1]["contacts"].values())
+            left = f"{energy['time_remainder']:.2g} {unit}"
+            out.print(f"friction{' and wear' * wears} dissipated {dissipated}, time remainder {left}")
 
     def files(self, outcome: Outcome) -> None:
         """Print what to doubt, and which files to open."""

@@ -79,7 +79,7 @@ class Fields:
                 inverted=self.seen.inverted,
             )
         for rows in self._rubbing:
-            lean = _lean(rows, step.contacts[rows.name], step.displacement)
+            lean = _lean(rows, step.contacts[rows.name], rows.of_mesh(step.displacement, self._problem.request.turned))
             self.seen = replace(self.seen, lean=max(self.seen.lean, (lean, rows.name)))
 
     def _seen_strains(self, name: str, cells: Ints, step: StepResult) -> float:
@@ -143,7 +143,7 @@ def _gradients(mesh: MeshData, cells: Ints, displacement: Array) -> tuple[Array,
     return np.einsum("ikc,kjc->cij", change, inverse), np.abs(det)
 
 
-def _lean(rows: ContactRows, state: ContactState, displacement: Array) -> float:
+def _lean(rows: ContactRows, state: ContactState, moved: Array) -> float:
     """Resultant of the pressure along the turn of the normals, relative to that of the friction bounds [-].
 
     The smaller of both sides' turns counts, and none where they oppose each other: contact acts half way between
@@ -154,7 +154,7 @@ def _lean(rows: ContactRows, state: ContactState, displacement: Array) -> float:
         return 0.0
     assert rows.master is not None
     n = len(rows.surface.points)
-    motions = np.split(displacement[rows.input], [n])
+    motions = np.split(moved, [n])
     own, other = (
         replace(side, points=side.points + motion).node_normals() - side.node_normals()
         for side, motion in zip((rows.surface, rows.master), motions, strict=True)
@@ -174,6 +174,18 @@ def _jump(cells: Ints, stress: Array, von_mises: Array) -> float:
     return float(np.linalg.norm(mean - around[cells].mean(axis=1))) / size if size else 0.0
 
 
+def unsettled_pairs(simulation: Simulation) -> str:
+    """Why an answer is doubtful where pairs of a sliding contact do not settle; else empty."""
+    times = simulation.stepper.chain.unsettled
+    if not times:
+        return ""
+    return (
+        f"the pairs of a sliding contact change from search to search at t = {times[0]:g}"
+        f"{f' and {len(times) - 1} other times' * (len(times) > 1)}: those that change least are kept there; take more "
+        "steps, or finer sides"
+    )
+
+
 def doubts(
     simulation: Simulation, steps: Sequence[StepResult], errors: Sequence[Errors] | None = None
 ) -> Iterator[str]:
@@ -183,14 +195,10 @@ def doubts(
         errors: of the numbers of each step; None: not estimated.
     """
     problem, contacts = simulation.problem, simulation.system.contacts
-    if unsettled := simulation.stepper.chain.unsettled:
-        yield (
-            f"the pairs of a sliding contact change from search to search at t = {unsettled[0]:g}"
-            f"{f' and {len(unsettled) - 1} other times' * (len(unsettled) > 1)}: tractions there are those of the last "
-            "ones; take more steps, or finer sides"
-        )
     if steps and all(step.bodies and not any(b.max_displacement for b in step.bodies.values()) for step in steps):
         yield "nothing loads or moves the bodies: all displacements and forces are zero"
+    if simulation.slopes and (lost := [step.time for step in steps if not step.sensitivity]):
+        yield f"derivatives are not known from t = {lost[0]:g} on: the laws of a step, linearised, have no one solution"
     yield from _carried_at_points(problem, steps)
     yield from _several_solutions(steps, problem.labels("N/m" if problem.model.startswith("plane") else "N"))
     yield from _jumps(steps, problem.labels("J/m" if problem.model.startswith("plane") else "J"))
@@ -203,6 +211,7 @@ def doubts(
         if not problem.pairs[rows.name].contact.sliding:
             yield from _slid_far(rows, problem, states)
         yield from _at_corners(rows, states)
+        yield from _worn_far(rows, states[-1], problem.labels.length)
         peak = max(states, key=lambda state: state.max_pressure)
         if (peak.status != OPEN).any() and peak.max_pressure > 0:
             yield from _few_points(rows, problem, peak)
@@ -342,6 +351,17 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
         yield (
             f"contacts.{rows.name}: slips by up to {worst:.3g} {length} on a curved obstacle, while each point keeps "
             f"the normal it began with; set contacts.{table_of(rows.name)}.sliding = true"
+        )
+
+
+def _worn_far(rows: ContactRows, state: ContactState, length: str) -> Iterator[str]:
+    """A worn depth beside the part that touches: bodies keep their shape, and the stiffness of what has worn off."""
+    touching = rows.surface.points[state.status != OPEN]
+    extent = float(np.ptp(touching, axis=0).max()) if len(touching) else 0.0
+    if state.max_wear is not None and state.max_wear > LARGE * extent > 0:
+        yield (
+            f"contacts.{rows.name}: wears by {state.max_wear:.3g} {length}, {state.max_wear / extent:.0%} of the part "
+            "that touches, while the bodies keep what has worn off: they are stiffer and flatter than they would be"
         )
 
 

@@ -82,7 +82,7 @@ class WrittenFiles:
         reported, plain = set[str](), told(step, errors)
         for table, record in records().items():
             for name, own in by_name(table, plain[table]).items():
-                for key, number in numbers_of(record).items():
+                for key, number in ((key, n) for key, n in numbers_of(record).items() if key in own):
                     parts = np.ravel(own[key])
                     stated = ((own.get("error") or {}).get(key) or {}).get("total")
                     for k, flat in enumerate(flat_names(table, name, key, number, len(parts))):
@@ -117,7 +117,7 @@ class WrittenFiles:
         axes, expected = "xyz"[: self._dim], {"time": np.full(len(points), time)}
         expected |= {axis: points[:, k] for k, axis in enumerate(axes)}
         for key, found in contact.items():
-            if key != "status":
+            if key != "status" and found is not None:
                 each = {f"_{axis}": found[:, k] for k, axis in enumerate(axes)} if found.ndim == 2 else {"": found}
                 expected |= {f"{shown_as(key)}{axis}": part for axis, part in each.items()}
         if not {*expected, "status"} <= columns.keys():

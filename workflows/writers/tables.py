@@ -15,8 +15,16 @@ import numpy as np
 
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.results.step_result import ContactState, Errors, StepResult, total_errors, values
-from stickslip.solvers.scene.record import CONTACT_NUMBERS, ContactNumbers, ProbeValue, flat_names, numbers_of
+from stickslip.solvers.results.step_result import (
+    ContactState,
+    Errors,
+    StepResult,
+    numbers_shown,
+    slope_columns,
+    total_errors,
+    values,
+)
+from stickslip.solvers.scene.record import ContactNumbers, ProbeValue, flat_names, numbers_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.history import HistoryTuple
 from stickslip.workflows.formats.contact_line import walk
@@ -182,12 +190,12 @@ def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
             found[column(place)] = value_at(amplitude, step.time, scene.steps.end)
     numbers = values(step)
     for name, contact in step.contacts.items():
-        found |= {f"{name}.{key}": numbers.pop(f"{name}.{key}") for key in CONTACT_NUMBERS}
+        found |= {f"{name}.{key}": numbers.pop(f"{name}.{key}") for key in numbers_shown(contact)}
         found |= _vectors(name, contact, scene.axisymmetric)
     for name, whole in step.sums.items():
         found |= _columns(name, {"force": whole.force, "moment": whole.moment})
     effort = {key: getattr(step, key) for key in numbers_of(StepResult) if key != "time"}
-    every = found | dict(step.columns) | numbers | effort
+    every = found | dict(step.columns) | numbers | effort | slope_columns(step)
     return {name: float(n) if isinstance(n, float) else int(n) for name, n in every.items()}
 
 

@@ -159,7 +159,8 @@ class VtuFiles(SeriesWriter):
         for name, (points, facets, kind) in self.job.mesh.surfaces.items():
             shape, contact = shape_of(kind, facets), step.contacts[name]
             block = Block(three(points), facets[:, shape.order], shape.vtk, slice(None), slice(None))
-            at_nodes = {shown_as(field.name): getattr(contact, field.name) for field in fields(contact)}
+            found = {shown_as(field.name): getattr(contact, field.name) for field in fields(contact)}
+            at_nodes = {key: values for key, values in found.items() if values is not None}
             yield name, block.content(at_nodes | {"displacement": step.displacement[self.job.mesh.slaves[name]]}, {})
 
 

@@ -140,15 +140,24 @@ class FieldFiles(SeriesWriter):
         # a step without it would be shown with that of another one: VTK's reader keeps fields that it has read first
         fields = (*BODY_FIELDS, ERROR) if self._with_error else BODY_FIELDS
         _write(folder / "fields.xdmf", "mesh", "bodies", (mesh.points, mesh.cells, mesh.shape), fields, steps)
+        worn = {name: pair.wear is not None for name, pair in self.job.scene.pairs.items()}
         for name, surface in mesh.surfaces.items():
-            _write(folder / f"contact_{name}.xdmf", f"contacts/{name}", name, surface, contact_fields(name), steps)
+            _write(
+                folder / f"contact_{name}.xdmf",
+                f"contacts/{name}",
+                name,
+                surface,
+                contact_fields(name, worn[name]),
+                steps,
+            )
 
 
-def contact_fields(name: str) -> tuple[Field, ...]:
+def contact_fields(name: str, wears: bool = False) -> tuple[Field, ...]:
     """Fields at the nodes of a contact surface."""
 
     kinds = {"pressure": "Scalar", "traction": "Vector", "slip": "Vector", "slip_increment": "Vector", "gap": "Scalar"}
     place = f"{{step}}:/contacts/{name}/"
+    kinds |= {"wear": "Scalar"} if wears else {}
     fields = (Field(shown_as(key), kind, "Node", place + key) for key, kind in (kinds | {"lam": "Vector"}).items())
     return (*fields, Field("status", "Scalar", "Node", f"{place}status", "Int", 1))
 

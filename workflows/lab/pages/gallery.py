@@ -27,7 +27,7 @@ PAGES = ROOT / "docs" / "gallery"
 RUNS = ROOT / "build" / "gallery"
 MACHINES = (  # what is built and worn
     "arch", "cad_part", "dam", "dovetail", "fretting", "lap_joint", "ring", "rotor", "rubber_mount", "shaft",
-    "shrink_fit", "split_clamp", "spruce",
+    "shrink_fit", "split_clamp", "spruce", "worn_roller",
 )  # fmt: skip
 FACTS = re.compile(r"^<!-- facts: (.*) -->$", re.MULTILINE)
 WIDTH, COLOURS = 1000, 256  # of the pictures
@@ -38,6 +38,8 @@ NUMBERS = {
     "stick_area": "sticks on",
     "max_pressure": "largest pressure",
     "dissipation_total": "dissipated since t = 0",
+    "max_wear": "worn off at the most",
+    "worn_volume": "worn volume",
 }
 
 
@@ -133,7 +135,7 @@ def page(name: str, fact: dict[str, Any], result: dict[str, Any]) -> str:
         facts=json.dumps(fact, ensure_ascii=False),
         lesson=lessons(name)[1],
         contact=contact,
-        amounts={word: amount(last[key], last["error"][key]) for key, word in NUMBERS.items()},
+        amounts={word: amount(last[key], last["error"][key]) for key, word in NUMBERS.items() if key in last},
         loop=(PAGES / f"{name}_loop.png").exists(),
         scene=scene_text(name),
     )

@@ -29,6 +29,7 @@ FILE = Path(__file__).parents[2] / "SCENE.md"
 NO_KEYS: Mapping[Any, Sequence[str]] = {Output: ("writers",), UserFile: ("scene_length",)}
 TABLES = (
     "bodies", "obstacles", "contacts", "supports", "loads", "probes", "steps", "solver", "output", "exact", "accuracy",
+    "sensitivity",
 )  # fmt: skip
 METHODS_PAGE = Path(__file__).resolve().parents[3] / "docs" / "theory" / "methods.md"
 COLUMNS = ("normal laws", "friction", "operators", "bodies", "`solver.surface`")
@@ -53,7 +54,7 @@ def reference() -> str:
         several = get_origin(kind) is Mapping
         noun = get_args(kind)[1] if several else kind
         sections[f"{name}{'.NAME' if several else ''}"] = list(_kinds(name, noun))
-    top_level = [_row(f, hints[f.name]) for f in fields(Scene) if f.name in ("title", "model", "units")]
+    top_level = [_row(f, hints[f.name]) for f in fields(Scene) if f.name in ("title", "model", "units", "uncertainty")]
     return render("lab/pages/templates/scene.md", top_level=top_level, sections=sections)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from stickslip import ErrorParts, Quantity, Scene, Simulation, StepResult, prepare
 from stickslip.geometry.arrays import EXACT, Array
+from stickslip.geometry.surfaces.surface import SECTOR
 from stickslip.solvers.accuracy.areas import areas_inside_facets
 from stickslip.solvers.accuracy.histories import largest_stresses
 from stickslip.solvers.accuracy.mesh_error import at_ends, corrected
@@ -164,7 +165,9 @@ def _scales(simulation: Simulation, steps: Sequence[StepResult], values: Column)
     states = [contact for step in steps for contact in step.contacts.values()]
     force = max(contact.normal_force for contact in states)
     moved = {
-        c.name: max(_longest(step.displacement[side.input]) for step in steps for side in (c.surface, c.master) if side)
+        c.name: max(
+            _longest(step.displacement[side.input % SECTOR]) for step in steps for side in (c.surface, c.master) if side
+        )
         for c in contacts
     }
     pressure = max(contact.max_pressure for contact in states)

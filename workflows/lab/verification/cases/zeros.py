@@ -53,7 +53,7 @@ def not_finite(step: StepResult) -> int:
     found += [getattr(contact, f.name) for contact in step.contacts.values() for f in fields(contact)]
     found += [part for support in step.supports.values() for part in support]
     found += [getattr(step.energy, f.name) for f in fields(step.energy)]
-    return sum(int(np.sum(~np.isfinite(np.asarray(value, float)))) for value in found)
+    return sum(int(np.sum(~np.isfinite(np.asarray(value, float)))) for value in found if value is not None)
 
 
 def unmoved(name: str, step: StepResult, displacement: float, tractions: float, work: float) -> list[Check]:

@@ -96,6 +96,8 @@ EFFECTS: Mapping[str, Part] = {
     "quasistatic": Part(base="held, 2D", calls=STEPS),
     "multibody": Part(calls=TWO_BLOCKS, serves=("solvers/contact/mortar.py", "solvers/contact/coupling.py")),
     "sliding": Part(calls=SLIDING, serves=("solvers/stepping/pairs.py",)),
+    "slide": Part(calls=touching(2, friction=COULOMB, slide=0.02)),
+    "wear": Part(calls=touching(2, friction=COULOMB, wear={"k": 1e-3})),
     "gravity": Part(calls={"gravity": {"acceleration": [0.0, -9.81]}}),
     "body_force": Part(calls={"body_force": {"block": {"force": ["sin(pi*x)", 0.0]}}}),
     "centrifugal": Part(calls={"centrifugal": {"speed": 1.0}}),

@@ -1,0 +1,312 @@
+"""Derivatives of all numbers of a step by numbers of the scene, and what uncertain inputs leave in them."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from jsonschema import validate
+from numpy.testing import assert_allclose
+
+from shared.problems import on_floor, scene_of, two_blocks
+from shared.ranks import mpirun
+from stickslip import Scene, SceneError, prepare
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.accuracy.areas import areas_inside_facets
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.results.step_result import (
+    ErrorParts,
+    Quantity,
+    Slope,
+    StepResult,
+    number_of,
+    quantities,
+    slope_columns,
+    told,
+    uncertainty,
+)
+from stickslip.solvers.scene.parameters import Sensitivity, scaled
+from stickslip.solvers.simulation.checkpoint import Checkpoints
+from stickslip.workflows.commands.sensitivity import sensitivity
+from stickslip.workflows.lab.verification.prepared import solved
+from stickslip.workflows.run.result import result_schema
+from stickslip.workflows.scene_file.read import from_dict, read, with_keys
+
+EXACT = {"solver": {"tolerance": 1e-12, "surface": "condensed"}}
+COULOMB = {"law": "coulomb", "mu": 0.3}
+DRAG = {"x": [[0, 0], [1, 0], [2, 0.05]], "y": [[0, 0], [1, -0.1]]}
+TIP = {"probes": {"tip": {"point": [2.0, 1.0]}}}
+COLUMN = {"builder": "block", "length": 1.0, "height": 1.0, "mesh_size": 0.5, "cells": "tensor"}
+RINGS = """
+model = "plane strain"
+geometry = { builder = "rings", inner_radius = 1.0, radius = 2.0, outer_radius = 3.0, interference = 1e-3, angle = 90, \
+mesh_size = 0.5, inner_mesh_size = 0.4, cells = "tensor", order = 2 }
+bodies = { inner = { E = 2e5, nu = 0.3 }, outer = { E = 1e5, nu = 0.25 } }
+contacts.fit = { surface = "outer.inside", against = "inner.outside" }
+supports.one = { boundary = "inner.x_axis", displacement.y = 0.0 }
+supports.two = { boundary = "inner.y_axis", displacement.x = 0.0 }
+supports.three = { boundary = "outer.x_axis", displacement.y = 0.0 }
+supports.four = { boundary = "outer.y_axis", displacement.x = 0.0 }
+uncertainty = { "bodies.inner.E" = "10 %", "bodies.outer.E" = "10 %", "geometry.interference" = 3e-5 }
+sensitivity.parameters = ["bodies.inner.nu", "bodies.outer.nu"]
+"""
+
+
+def dragged(dim: int = 2, **tables: Any) -> Scene:
+    """A block pressed, then drawn until a part of it slips."""
+    top = DRAG if dim == 2 else {"x": DRAG["x"], "y": 0.01, "z": DRAG["y"]}
+    base = {"friction": COULOMB} | tables.pop("base", {})
+    return scene_of(dim, base=base, top=top, steps={"end": 2.0, "count": 2}, **EXACT | tables)
+
+
+def pressed_ball() -> Scene:
+    """An axisymmetric block of order 2 under pressure, on an elastic foundation."""
+    tables = on_floor(2, {"mesh_size": 0.5, "order": 2}, {}, {"normal": {"law": "compliance", "c_n": 9.0, "m_n": 1.5}})
+    tables |= {"model": "axisymmetric", "loads": {"top": {"boundary": "block.top", "pressure": 0.1}}} | EXACT
+    return from_dict(tables)
+
+
+SCENES: dict[str, tuple[Scene, tuple[str, ...]]] = {
+    "order 1": (
+        dragged(**TIP),
+        ("bodies.block.E", "bodies.block.nu", "contacts.base.friction.mu", "supports.top.displacement.x"),
+    ),
+    "points that close": (
+        dragged(geometry={"order": 2}, base={"gap_offset": 0.02}),
+        ("bodies.block.nu", "contacts.base.friction.mu", "contacts.base.gap_offset", "supports.top.displacement.y"),
+    ),
+    "friction that slip weakens": (
+        dragged(base={"friction": {"law": "static_kinetic", "mu_s": 0.4, "mu_k": 0.3, "slip_length": 0.2}}),
+        ("bodies.block.E", "contacts.base.friction.mu_s", "contacts.base.friction.slip_length"),
+    ),
+    "axisymmetric": (pressed_ball(), ("bodies.block.E", "contacts.base.normal.c_n", "loads.top.pressure")),
+    "3D": (dragged(3), ("bodies.block.nu", "contacts.base.friction.mu", "supports.top.displacement.y")),
+    "order 2 in 3D, springs before slip": (
+        dragged(3, geometry={"order": 2, "mesh_size": 1.0}, base={"friction": COULOMB | {"k_T": 9.0}}),
+        ("bodies.block.E", "contacts.base.friction.k_T", "contacts.base.friction.mu"),
+    ),
+    "tied": (
+        two_blocks(
+            2, {"x": 0.02, "y": -0.1}, {"normal": {"law": "tied"}}, probes={"tip": {"point": [1.0, 0.25]}}, **EXACT
+        ),
+        ("bodies.lower.E", "bodies.upper.nu", "supports.top.displacement.x", "geometry.height"),
+    ),
+    "a body that friction holds": (
+        from_dict(
+            on_floor(2, {"mesh_size": 0.5}, {"density": 0.01}, {"friction": {"law": "coulomb", "mu": 0.6}})
+            | {
+                "loads": {"side": {"boundary": "block.left", "pressure": 0.02}},
+                "gravity": {"acceleration": [0.0, -9.81]},
+            }
+            | TIP
+            | EXACT
+        ),
+        ("bodies.block.density", "gravity.acceleration.y", "loads.side.pressure", "bodies.block.E"),
+    ),
+}
+
+
+def numbers(scene: Scene) -> list[dict[Quantity, Any]]:
+    """The numbers of each step, areas with their edges between nodes."""
+    simulation, steps = solved(replace(scene, sensitivity=Sensitivity()))
+    return [quantities(step) | areas_inside_facets(simulation.system.contacts, step) for step in steps]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_derivatives_are_the_differences_of_two_runs(name: str) -> None:
+    scene, keys = SCENES[name]
+    _, steps = solved(replace(scene, sensitivity=Sensitivity(parameters=keys)))
+    own, known = numbers(scene), scene.parameters()
+    for key in keys:
+        size = 1e-5  # of the number: the sets do not change
+        below, above = (numbers(scaled(scene, key, 1 + sign * size)) for sign in (-1, 1))
+        for step, mine, low, high in zip(steps, own, below, above, strict=True):
+            assert len(step.sensitivity) > 20
+            units = {number_of(quantity).unit: [] for quantity in mine}
+            for quantity, value in mine.items():
+                units[number_of(quantity).unit].append(np.abs(value).max())
+            for quantity in mine:
+                slope = step.sensitivity.get(str(quantity), {}).get(key, Slope()).value
+                if slope is not None:
+                    true = (high[quantity] - low[quantity]) / (2 * size * known[key])
+                    floor = 1e-7 * max(units[number_of(quantity).unit]) / abs(known[key])
+                    assert_allclose(slope, true, rtol=2e-6, atol=floor, err_msg=f"{quantity} by {key}")
+
+
+def touching(size: float) -> Scene:
+    """A confined column that just touches the foundation, moved by `size` [m] more."""
+    held = {side: {"boundary": f"block.{side}", "displacement": {"x": 0.0}} for side in ("left", "right")}
+    top = {"top": {"boundary": "block.top", "displacement": {"y": -0.1 - size}}}
+    base = {"surface": "block.bottom", "against": "foundation", "gap_offset": 0.1}
+    return scene_of(geometry=COLUMN, contacts={"base": base}, supports=held | top, **EXACT)
+
+
+def test_a_point_at_its_bound_has_two_sides() -> None:
+    key, stiffness = "supports.top.displacement.y", 0.7 / (1.3 * 0.4)  # (1 - nu) / ((1 + nu) (1 - 2 nu)) E / height
+    _, (step,) = solved(replace(touching(0.0), sensitivity=Sensitivity(parameters=(key, "bodies.block.E"))))
+    slope = step.sensitivity["contacts.base.normal_force"][key]
+    assert slope.value is None
+    assert_allclose([slope.below, slope.above], [-stiffness, 0.0], atol=1e-6)  # a smaller y presses
+    assert step.sensitivity["contacts.base.normal_force"]["bodies.block.E"].value == pytest.approx(0.0, abs=1e-9)
+    _, (further,) = solved(touching(1e-6))
+    assert further.contacts["base"].normal_force == pytest.approx(1e-6 * stiffness, rel=1e-6)
+
+
+def test_a_worn_column_loses_pressure_by_its_coefficient_of_wear() -> None:
+    held = {side: {"boundary": f"block.{side}", "displacement": {"x": 0.0}} for side in ("left", "right")}
+    top = {"boundary": "block.top", "displacement": {"y": [[0, 0], [1, -0.01]]}}
+    base = {
+        "surface": "block.bottom",
+        "against": "foundation",
+        "wear": {"k": 1e-4},
+        "slide": [[0, 0], [1, 0], [2, 5.0]],
+    }
+    body, key = {"block": {"E": 1000.0, "nu": 0.3}}, "contacts.base.wear.k"
+    scene = scene_of(
+        geometry=COLUMN,
+        bodies=body,
+        contacts={"base": base},
+        supports=held | {"top": top},
+        steps={"end": 2.0, "count": 2},
+        **EXACT,
+    )
+    _, (_, step) = solved(replace(scene, sensitivity=Sensitivity(parameters=(key,))))
+    worn = 1346.15384615 * 1e-4 * 5.0  # M k s / H; one implicit step leaves p_0 / (1 + worn)
+    slope = step.sensitivity["contacts.base.normal_force"][key].value
+    assert slope * 1e-4 / step.contacts["base"].normal_force == pytest.approx(-worn / (1 + worn), rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def rings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, StepResult]:
+    """Lamé's shrink fit, with uncertain moduli and interference."""
+    path = tmp_path_factory.mktemp("rings") / "rings.toml"
+    path.write_text(RINGS)
+    scene = read(path)
+    return scene, solved(scene)[1][0]
+
+
+def test_the_shrink_fit_has_lames_derivatives(rings: tuple[Scene, StepResult]) -> None:
+    scene, step = rings
+    known, contact = scene.parameters(), step.contacts["fit"]
+    slopes = step.sensitivity["contacts.fit.mean_pressure"]
+    found = {key: slope.value * known[key] / contact.mean_pressure for key, slope in slopes.items()}
+    lame = {"bodies.inner.E": 0.170020121, "bodies.inner.nu": 0.117706237, "bodies.outer.E": 0.829979879}
+    lame |= {"bodies.outer.nu": -0.015090543, "geometry.interference": 1.0}  # complex step of Lamé's formulas
+    assert_allclose([found[key] for key in lame], [*lame.values()], atol=2.5e-3)  # of the mesh
+    assert slopes["bodies.inner.E"].value > 0
+
+
+def test_uncertain_inputs_add_up_by_the_law_of_propagation(rings: tuple[Scene, StepResult]) -> None:
+    scene, step = rings
+    stated = told(step, {Quantity("contacts", "fit", "mean_pressure"): ErrorParts(mesh=0.3)})["contacts"]["fit"]
+    found = stated["uncertainty"]["mean_pressure"]
+    assert found["inputs"] / step.contacts["fit"].mean_pressure == pytest.approx(0.08988, rel=1e-3)
+    assert_allclose([found["shares"][key] for key in scene.uncertainty], [0.0358, 0.8528, 0.1114], atol=5e-4)
+    assert found["combined"] == pytest.approx(np.hypot(found["inputs"], 0.3 / np.sqrt(3)))
+    assert stated["uncertainty"]["normal_force"]["combined"] is None  # its own error is not known
+    row = slope_columns(step)
+    assert row["fit.mean_pressure.uncertainty"] == pytest.approx(found["inputs"])
+    assert (
+        row["fit.mean_pressure.sensitivity.bodies.inner.E"] == stated["sensitivity"]["mean_pressure"]["bodies.inner.E"]
+    )
+
+
+def test_two_sides_and_none_are_said(rings: tuple[Scene, StepResult]) -> None:
+    sides, none = Slope.of(1.0, 3.0, 0.1), Slope()
+    assert sides.plain == {"below": 1.0, "above": 3.0}
+    assert uncertainty({"a": sides}, {"a": 2.0}, None)["inputs"] == pytest.approx(np.sqrt(20))
+    assert uncertainty({"a": none}, {"a": 2.0}, None) == {"inputs": None, "combined": None, "shares": None}
+    assert Slope.of(1.0, 1.0 + 1e-9, 0.0).plain == pytest.approx(1.0)
+    step = told(rings[1], None)
+    assert step["contacts"]["fit"]["sensitivity"]["contact_area"]["bodies.inner.E"] is None  # it has no edge
+    defined = {key: result_schema()[key] for key in ("$schema", "$defs")}
+    validate(step["contacts"], defined | result_schema()["$defs"]["StepRecord"]["properties"]["contacts"])
+
+
+def test_a_scene_that_asks_for_none_does_nothing_more() -> None:
+    scene = dragged()
+    simulation, steps = solved(scene)
+    asking, _ = solved(replace(scene, sensitivity=Sensitivity(parameters=("contacts.base.friction.mu",))))
+    assert simulation.stepper.neighbours is None
+    assert not steps[0].sensitivity
+    assert "sensitivity" not in told(steps[0], None)["contacts"]["base"]
+    assert not any("sensitivity" in column for column in slope_columns(steps[0]))
+    assert simulation.counters.error_solves < asking.counters.error_solves
+    assert simulation.counters.volume_solves == asking.counters.volume_solves
+
+
+def test_a_run_goes_on_from_a_checkpoint_with_its_neighbours() -> None:
+    scene = replace(dragged(), sensitivity=Sensitivity(parameters=("contacts.base.friction.mu",)))
+    first, other = solved(scene)[0], prepare(replace(scene, output=replace(scene.output, error=False)))
+    begun = prepare(first.scene)
+    next(begun.steps())
+    assert begun.reported is not None
+    state, _ = Checkpoints(other.stepper).put_back(Checkpoints(begun.stepper).take(begun.reported), None)
+    (resumed,) = other.steps(done=1, state=state)
+    (_, whole) = first.steps()
+    for quantity, slopes in whole.sensitivity.items():
+        for key, slope in slopes.items():
+            assert_allclose(_array(resumed.sensitivity[quantity][key]), _array(slope), rtol=1e-6, atol=1e-9)
+
+
+def _array(slope: Slope) -> Array:
+    return np.array(np.nan if slope.value is None else slope.value, float)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"sensitivity.parameters": ["contacts.base.friction.nu"]}, "no such number in the scene"),
+        ({"sensitivity.parameters": ["obstacles.foundation.point.x"]}, "is 0, which has no size to vary it by"),
+        ({"sensitivity.parameters": ["geometry.mesh_size"]}, "says how the scene is solved"),
+        ({"uncertainty": {"bodies.block.E": "x %"}}, 'a positive number or "3 %"'),
+        ({"uncertainty": {"bodies.block.E": -1.0}}, "expected one standard deviation"),
+    ],
+)
+def test_what_is_no_parameter_is_refused(keys: Mapping[str, Any], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        with_keys(dragged(), keys)
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"solver": {"surface": "matrix-free"}}, 'set solver.surface = "condensed"'),
+        ({"base": {"sliding": True}}, "contacts that slide"),
+        ({"base": {"normal": {"law": "compliance", "c_n": 9.0, "m_n": 2.0}}}, "gives a contact other points"),
+    ],
+)
+def test_what_has_no_derivative_yet_is_refused_with_the_reason(tables: dict[str, Any], words: str) -> None:
+    scene = dragged(**tables)
+    key = "contacts.base.normal.m_n" if "compliance" in str(tables) else "bodies.block.E"
+    with pytest.raises(SceneError, match=words):
+        prepare(replace(scene, sensitivity=Sensitivity(parameters=(key,))))
+
+
+def test_all_are_the_numbers_that_have_a_size() -> None:
+    scene = replace(dragged(), sensitivity=Sensitivity(parameters="all"))
+    simulation, _ = solved(scene)
+    assert simulation.stepper.neighbours is not None
+    assert isinstance(simulation.stepper.surface, CondensedSurface)
+    assert {"bodies.block.E", "contacts.base.friction.mu"} < {*simulation.stepper.neighbours.by}
+    assert "contacts.base.gap_offset" not in simulation.stepper.neighbours.by  # it is 0
+
+
+def rows(printed: str) -> dict[str, float]:
+    """Derivatives by number, of a table."""
+    cells = (line.split("│") for line in printed.splitlines() if line.count("│") > 2)
+    return {by.strip(): float(value) for _, by, value, *_ in cells}
+
+
+def test_two_ranks_print_the_derivatives_of_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["two_blocks", "--set", "geometry.mesh_size=0.5", "--set", "geometry.contact_mesh_size=0.2"]
+    words += ["--set", "geometry.lower_mesh_size=0.5", "--set", "solver.tolerance=1e-12", "--quantity", "energy.stored"]
+    sensitivity(words[0], quantity=["energy.stored"], override=words[2:-2:2])
+    alone_rows, done = rows(capsys.readouterr().out), mpirun(2, ["sensitivity", *words], tmp_path)
+    assert done.returncode == 0, done.stderr
+    (first, *_), both = alone_rows, rows(done.stdout)
+    assert first == "supports.top.displacement.y"  # what it depends on most
+    assert both.keys() == alone_rows.keys()
+    assert_allclose([*both.values()], [alone_rows[key] for key in both], rtol=1e-5)

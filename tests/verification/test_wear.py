@@ -1,0 +1,326 @@
+"""Wear: columns, an annulus and a roller that slide and wear, against their implicit rule and published figures."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import stickslip
+from shared.audited import record_of
+from shared.problems import on_floor
+from stickslip import SLIP, STICK, Quantity, Scene, SceneError
+from stickslip.solvers.results.audit import Audit, Auditor
+from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.scene_file.read import from_dict
+
+E, NU, PRESS, K = 1000.0, 0.3, 0.01, 1e-4
+M = E * (1 - NU) / ((1 + NU) * (1 - 2 * NU))  # of a confined column
+WALLS = {name: {"boundary": f"block.{name}", "displacement": {"x": 0.0}} for name in ("left", "right")}
+
+
+def column(steps: int, dim: int = 2, E: float = E, nu: float = NU, **tables: Any) -> Scene:
+    """A unit column that its top presses in the first second by `PRESS`; in the second it slides, in so many steps."""
+    walls = dict(WALLS)
+    if dim == 3:
+        walls |= {name: {"boundary": f"block.{name}", "displacement": {"y": 0.0}} for name in ("front", "back")}
+    top = {"boundary": "block.top", "displacement": {"xyz"[dim - 1]: [[0, 0], [1, -PRESS]]}}
+    whole = {
+        "supports": walls | {"top": top},
+        "steps": {"end": 2.0, "count": 2 * steps, "seconds": True},
+        "solver": {"tolerance": 1e-12} | tables.pop("solver", {}),
+    }
+    sizes = {"length": 1.0, "height": 1.0, "mesh_size": tables.pop("mesh_size", 0.5)}
+    return from_dict(on_floor(dim, sizes, {"E": E, "nu": nu}, tables.pop("base", {}), **whole | tables))
+
+
+def solved(scene: Scene) -> tuple[list[stickslip.StepResult], Audit]:
+    """Its steps, and the worst of their audits."""
+    simulation = prepare(scene)
+    steps = list(simulation.steps())
+    auditor, records = Auditor(simulation.problem, simulation.mesh), [record_of(step) for step in steps]
+    audits = [auditor(record, before) for record, before in zip(records, [None, *records], strict=False)]
+    return steps, Audit(**{key: found or 0.0 for key, found in Audit.worst(audits).items()})
+
+
+def sound(audit: Audit) -> None:
+    assert max(asdict(audit).values()) < 1e-9
+
+
+def rule(s: float, steps: int, k: float = K) -> float:
+    """Pressure [Pa] of the column after so many implicit steps."""
+    return M * PRESS / (1 + k * M * s / steps) ** steps
+
+
+@pytest.mark.parametrize("method", ["condensed-newton", "surface-uzawa"])
+@pytest.mark.parametrize(("s", "p"), [(1.0, 11.7766558), (5.0, 7.01775660), (20.0, 1.24076284)])
+def test_a_column_wears_by_its_implicit_rule(s: float, p: float, method: str) -> None:
+    base = {"slide": [[0, 0], [1, 0], [2, s]], "wear": {"k": K}}
+    steps, audit = solved(column(10, base=base, solver={"method": method}))
+    found = steps[-1].contacts["base"]
+    assert_allclose(found.max_pressure, p, rtol=1e-8)
+    assert_allclose(found.max_pressure, rule(s, 10), rtol=1e-9)
+    assert_allclose([found.max_wear, found.worn_volume], PRESS - rule(s, 10) / M, rtol=1e-9)
+    assert (found.status == SLIP).all()
+    energy = steps[-1].energy
+    assert_allclose(energy.external, energy.stored + energy.contact, rtol=1e-12)
+    sound(audit)
+
+
+def test_the_error_of_its_steps_is_stated() -> None:
+    base = {"slide": [[0, 0], [1, 0], [2, 5.0]], "wear": {"k": K}}
+    simulation = prepare(column(10, base=base))
+    steps = list(simulation.steps())
+    *_, errors = simulation.errors(steps)
+    exact = M * PRESS * np.exp(-K * M * 5.0)
+    for key, off in (
+        ("max_pressure", abs(steps[-1].contacts["base"].max_pressure - exact)),
+        ("max_wear", abs(steps[-1].contacts["base"].max_wear - (PRESS - exact / M))),
+    ):
+        stated = errors[Quantity("contacts", "base", key)].total
+        assert 0.9 * off < stated < 1.3 * off
+
+
+def test_a_path_back_and_forth_counts_and_shares_add_up() -> None:
+    """3 m there and 2 m back; a speed of 5 m/s for a second is the same path; so is one that turns within a step."""
+    there = {"slide": [[0, 0], [1, 0], [1.6, 3.0], [2, 1.0]], "wear": {"k": [0.25 * K, 0.75 * K]}}
+    speed = {"slide_speed": [[0, 0], [1, 0], [1.0001, 5.0], [2, 5.0]], "wear": {"k": K}}
+    turning = {"slide_speed": [[0, 0], [1, 0], [1.0001, 20.0], [2, -20.0]], "wear": {"k": K}}
+    press = {"press": {"boundary": "block.top", "pressure": [[0, 0], [1, 2.0]]}}
+    for base, path in ((there, 5.0), (speed, 5.0), (turning, 10.0)):
+        steps, audit = solved(column(5, base=base, supports=WALLS, loads=press))
+        assert_allclose(steps[-1].contacts["base"].max_wear, K * 2.0 * path, rtol=2e-4)
+        sound(audit)
+
+
+@pytest.mark.parametrize("law", ["unilateral", "compliance"])
+def test_a_column_under_a_force_wears_by_k_p_s_exactly(law: str) -> None:
+    """In any number of steps; a compliant law changes nothing of it, and the body follows."""
+    normal = {"law": law} | ({"c_n": 1e4, "m_n": 2.0} if law == "compliance" else {})
+    base = {"slide": [[0, 0], [1, 0], [2, 3.0]], "wear": {"k": K}, "normal": normal}
+    press = {"press": {"boundary": "block.top", "pressure": [[0, 0], [1, 2.0]]}}
+    steps, audit = solved(column(2, base=base, supports=WALLS, loads=press))
+    assert_allclose(steps[-1].contacts["base"].max_wear, K * 2.0 * 3.0, rtol=1e-9)
+    assert steps[1].contacts["base"].max_wear == 0
+    sound(audit)
+
+
+def test_friction_turns_towards_the_sliding_out_of_the_plane() -> None:
+    """A sheared column that slips by x in the plane and by s out of it bears mu p x / sqrt(x² + s²) there.
+
+    Periodic sides make it uniform: the floor goes x_floor, the base follows by t / G.
+    """
+    mu, s, floor, G = 0.3, 0.02, 0.01, E / 2
+    tables = {
+        "periodic": {"walls": {"boundary": "block.right", "with": "block.left"}},
+        "supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": [[0, 0], [1, -PRESS]]}}},
+        "obstacles": {
+            "floor": {
+                "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0],
+                "displacement": {"x": [[0, 0], [1, 0], [2, floor]]},
+            }
+        },
+    }  # fmt: skip
+    base = {"slide": [[0, 0], [1, 0], [2, s]], "friction": {"law": "coulomb", "mu": mu}}
+    for wear in ({}, {"wear": {"k": 1e-4}}):
+        steps, audit = solved(column(1, nu=0.0, base=base | wear, **tables))
+        found, k = steps[-1].contacts["base"], wear["wear"]["k"] if wear else 0.0
+        p, t = found.normal_force, found.tangential_force
+        x = floor - t / G
+        assert_allclose(t, mu * p * x / np.hypot(x, s), rtol=1e-9)
+        assert_allclose(p, E * (PRESS - k * p * np.hypot(x, s)), rtol=1e-9)
+        assert_allclose(found.dissipation, mu * p * np.hypot(x, s) + k * p**2 * np.hypot(x, s), rtol=1e-9)
+        assert (found.status == SLIP).all()
+        sound(audit)
+
+
+@pytest.mark.parametrize(("dim", "normal"), [(2, {}), (3, {}), (2, {"normal": {"law": "compliance", "c_n": 1e8}})])
+def test_the_contacts_own_slip_wears(dim: int, normal: dict[str, Any]) -> None:
+    """The floor drags a column along by x a step, whose base follows by mu p / G: one equation a step.
+
+    p = E (U - w), w += k p Δs, Δs = x - (mu / G) Δp, solved here by hand for each of three steps. A compliance that is
+    as good as rigid is another law, at other points.
+    """
+    mu, k, steps, U, far = 0.2, 2e-3, 3, PRESS, 0.3
+    G = E / 2
+    floor = {
+        "shape": "plane",
+        "point": [0.0] * dim,
+        "normal": [0.0] * (dim - 1) + [1.0],
+        "displacement": {"x": [[0, 0], [1, 0], [2, far]]},
+    }
+    periodic = {"walls": {"boundary": "block.right", "with": "block.left"}}
+    top = {
+        "boundary": "block.top",
+        "displacement": dict.fromkeys("xyz"[:dim], 0.0) | {"xyz"[dim - 1]: [[0, 0], [1, -U]]},
+    }
+    supports = {"top": top}
+    if dim == 3:
+        supports |= {name: {"boundary": f"block.{name}", "displacement": {"y": 0.0}} for name in ("front", "back")}
+    tables = {"periodic": periodic, "supports": supports, "obstacles": {"floor": floor}}
+    base = {"friction": {"law": "coulomb", "mu": mu}, "wear": {"k": k}} | normal
+    found, audit = solved(column(steps, dim=dim, nu=0.0, base=base, mesh_size=1.0, **tables))
+    p, w, dragged = E * U, 0.0, 0.0
+    for step in found[steps:]:
+        # p = E (U - w - k p (x - mu p / G + dragged)), the root near the last pressure
+        a, b = E * k * mu / G, -(1 + E * k * (far / steps + dragged))
+        now = (-b - np.sqrt(b * b - 4 * a * E * (U - w))) / (2 * a)
+        w, dragged, p = w + k * now * (far / steps + dragged - mu * now / G), mu * now / G, now
+        assert_allclose(step.contacts["base"].max_pressure, p, rtol=1e-4 if normal else 1e-9)
+        assert_allclose(step.contacts["base"].max_wear, w, rtol=1e-4 if normal else 1e-9)
+    sound(audit)
+
+
+PAD = """SetFactory("OpenCASCADE");
+Rectangle(1) = {0.5, 0, 0, 0.5, 0.1};
+Physical Surface("pad") = {1};
+Physical Curve("pad.bottom") = {1};
+Physical Curve("pad.top") = {3};
+"""
+
+
+def annulus(folder: Path, turn: Any, steps: int, E: float, **contact: Any) -> Scene:
+    """A pad from r = 0.5 to 1 under a rigid cover that a force of 1 N presses in a second, and that then turns."""
+    (folder / "pad.geo").write_text(PAD)
+    cover = {"shape": "plane", "point": [0.0, 0.1], "normal": [0.0, -1.0], "force": {"y": [[0, 0], [1, -1.0]]}}
+    return from_dict(
+        {
+            "model": "axisymmetric",
+            "geometry": {"file": str(folder / "pad.geo"), "mesh_size": 0.05},
+            "bodies": {"pad": {"E": E, "nu": NU}},
+            "obstacles": {"cover": cover},
+            "contacts": {
+                "face": {"surface": "pad.top", "against": "cover", "slide": turn, "wear": {"k": 0.01}} | contact
+            },
+            "supports": {"base": {"boundary": "pad.bottom", "displacement": {"y": 0.0}}},
+            "steps": {"end": 2.0, "count": 2 * steps},
+            "solver": {"tolerance": 1e-10},
+        }
+    )
+
+
+def test_an_annulus_on_a_bed_of_springs_wears_as_computed_elsewhere(tmp_path: Path) -> None:
+    """Approach and pressures after a turn by 1, of two integrators and 200 points (made for this project)."""
+    bed = {"normal": {"law": "compliance", "c_n": 100.0}}
+    steps, audit = solved(annulus(tmp_path, [[0, 0], [1, 0], [2, 1.0]], 60, 1e7, **bed))
+    for step, at_a, at_b, approach in (
+        (59, 0.424413182, 0.424413182, 0.004244132),
+        (-1, 0.514338472, 0.362357149, 0.007511379),
+    ):
+        found = steps[step]
+        r, p = found.contacts["face"].points[:, 0], found.contacts["face"].pressure
+        assert_allclose([p[r.argmin()], p[r.argmax()]], [at_a, at_b], rtol=1e-3)
+        assert_allclose(-found.obstacles["cover"].displacement[1], approach, rtol=1e-3)
+    sound(audit)
+
+
+def test_an_annulus_wears_until_its_pressure_is_one_by_r(tmp_path: Path) -> None:
+    """Whatever the body: p = F / (2 pi (b - a) r), for wear is uniform then. Friction wears nothing more in the plane.
+
+    Source: Galin & Goryacheva, J. Appl. Math. Mech. 41 (1977).
+    """
+    friction = {"friction": {"law": "coulomb", "mu": 0.3}}
+    steps, audit = solved(annulus(tmp_path, [[0, 0], [1, 0], [2, 1e4]], 8, 20.0, **friction))
+    face = steps[-1].contacts["face"]
+    assert_allclose(face.pressure, 1 / (2 * np.pi * 0.5 * face.points[:, 0]), rtol=1e-3)
+    # mu F r, r = 0.75 on the mean, and the work of the pressure on what wears, k F² / (2 pi (b - a))
+    assert_allclose(face.dissipation / (1e4 / 8), 0.3 * 0.75 + 0.01 / np.pi, rtol=2e-3)
+    sound(audit)
+
+
+@pytest.mark.parametrize(("count", "off"), [(5, 4.9), (10, 2.2), (20, 1.05)])
+def test_a_roller_wears_on_a_half_plane_as_boundary_elements_find_it(count: int, off: float) -> None:
+    """Boundary elements of 161 cells, in 4000 steps: 2.9706; fewer implicit steps are too large by so many per cent."""
+    scene = {
+        "model": "plane strain",
+        "geometry": {
+            "builder": "half_disc", "radius": 8.0, "mesh_size": 2.0, "contact_mesh_size": 0.1, "contact_radius": 2.2,
+        },
+        "bodies": {"disc": {"E": 200.0, "nu": NU}},
+        "obstacles": {"ground": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
+        "contacts": {
+            "pole": {
+                "surface": "disc.arc", "against": "ground", "slide": [[0, 0], [1, 0], [2, 2e4]], "wear": {"k": 2e-6},
+            }
+        },
+        "supports": {"top": {"boundary": "disc.top", "displacement": {"x": 0.0}}},
+        "loads": {"press": {"boundary": "disc.top", "force": [0.0, [[0, 0], [1, -10.0]]]}},
+        "steps": {"end": 2.0, "count": 2 * count},
+    }  # fmt: skip
+    simulation = prepare(from_dict(scene))
+    *_, last = simulation.steps()
+    pole = last.contacts["pole"]
+    assert abs(100 * (pole.max_pressure / 2.9706 - 1) - off) < 0.3
+    assert_allclose(pole.worn_volume, 2e-6 * 10.0 * 2e4, rtol=1e-9)
+    assert_allclose(pole.contact_area / 2, 1.75641, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("contact", "said"),
+    [
+        ({"wear": {"k": -1.0}}, "k = -1.0: must not be negative"),
+        ({"wear": {"k": 1.0}}, "needs friction or `slide`"),
+        ({"slide": 1.0, "slide_speed": 1.0}, "leave it out, or `slide_speed`"),
+        ({"slide": 1.0, "normal": {"law": "bilateral"}}, "needs surfaces that only press"),
+        ({"slide": 1.0, "sliding": True}, "`sliding`, yet"),
+        ({"slide": 1.0, "friction": {"law": "stick"}}, "does not turn to `slide` yet"),
+        ({"slide": 1.0, "friction": {"law": "rate_dependent", "mu": "0.3 + V"}}, "does not turn to `slide` yet"),
+        ({"slide_speed": 1.0}, "say that times are seconds"),
+        ({"slide": [[1.0, 0.0], [0.5, 1.0]]}, "times must increase"),
+    ],
+)
+def test_what_is_not_built_is_refused_in_a_line(contact: dict[str, Any], said: str) -> None:
+    sizes = {"length": 1.0, "height": 1.0, "mesh_size": 0.5}
+    with pytest.raises(SceneError) as refused:
+        from_dict(on_floor(2, sizes, {"E": E, "nu": NU}, contact, supports=WALLS))
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("method", ["uzawa", "tangent-cg", "nsgs"])
+def test_other_methods_refuse_wear(method: str) -> None:
+    base = {"slide": 1.0, "wear": {"k": K}}
+    with pytest.raises(SceneError, match=r"contacts\.base\.slide = true: .*no prescribed sliding, and no wear"):
+        prepare(column(1, base=base, solver={"method": method}))
+
+
+def test_fretting_wears_until_only_what_sticks_presses() -> None:
+    """So hard a case that a stroke wears off far more than the contact presses in: no pressure is left where it slips.
+
+    Source: Popov, Sci. Rep. 4:3749 (2014): the stick part of a fretted contact stays, and carries all in the end.
+    """
+    strokes = [[0, 0], [1, 0], *([2.0 + k, 0.02 * (-1) ** k] for k in range(5))]
+    scene = {
+        "model": "plane strain",
+        "geometry": {
+            "builder": "half_disc",
+            "radius": 8.0,
+            "mesh_size": 2.0,
+            "contact_mesh_size": 0.1,
+            "contact_radius": 1.3,
+        },
+        "bodies": {"disc": {"E": 1000.0, "nu": NU}},
+        "obstacles": {"ground": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
+        "contacts": {
+            "pole": {
+                "surface": "disc.arc",
+                "against": "ground",
+                "friction": {"law": "coulomb", "mu": 0.3},
+                "wear": {"k": 1.0},
+            }
+        },
+        "supports": {
+            "top": {"boundary": "disc.top", "displacement": {"x": strokes, "y": [[0, 0], [1, -0.1]]}},
+        },
+        "steps": {"end": 6.0, "count": 6},
+        "solver": {"tolerance": 1e-10},
+    }
+    steps, audit = solved(from_dict(scene))
+    pole = steps[-1].contacts["pole"]
+    assert (pole.status == STICK).any()
+    assert pole.pressure[pole.status != STICK].max() < 1e-3 * pole.max_pressure
+    assert pole.wear is not None
+    assert pole.wear[pole.status == STICK].max() < 0.1 * pole.max_wear
+    sound(audit)
