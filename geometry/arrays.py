@@ -10,6 +10,8 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -70,6 +72,16 @@ def inverse_and_determinant(matrices: Array) -> tuple[Array, Array]:
         cofactors = np.array([np.cross(edges[k - 2], edges[k - 1], axis=0) for k in range(3)])
     det = (cofactors[0] * matrices[:, 0]).sum(axis=0)
     return cofactors / det, det
+
+
+def connected(size: int, i: Ints, j: Ints) -> Ints:
+    """Number (size,) of the part that each of `size` places is in, of those that pairs i, j (n,) join.
+
+    >>> connected(4, np.array([0, 3]), np.array([2, 1])).tolist()
+    [0, 1, 0, 1]
+    """
+    graph = sparse.coo_matrix((np.ones(len(i), bool), (i, j)), shape=(size, size))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
 
 
 def inverses(matrices: Array) -> Array:

@@ -13,10 +13,9 @@ from itertools import combinations
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from stickslip.geometry.arrays import CLOSE, Array, Ints
+from stickslip.geometry.arrays import CLOSE, Array, Ints, connected
 from stickslip.geometry.protocols import Gmsh
 
 
@@ -99,8 +98,7 @@ def _sets_of_cells(gmsh: Gmsh, dim: int) -> tuple[Ints, Ints, Ints]:
     order = np.argsort(key, kind="stable")
     beside, owner = key[order][1:] == key[order][:-1], np.concatenate(of_facets)[order]
     pairs = owner[:-1][beside], owner[1:][beside]
-    graph = sparse.coo_matrix((np.ones(len(pairs[0]), bool), pairs), shape=(count, count))
-    return cell, node, connected_components(graph, directed=False)[1].astype(np.int64)
+    return cell, node, connected(count, *pairs)
 
 
 def _facets(gmsh: Gmsh, dim: int, kind: int) -> Ints:
@@ -141,10 +139,7 @@ def _merged(node: Ints, part: Ints, points: dict[int, Array]) -> Ints:
             for pair in combinations(np.unique(part[low:high]).tolist(), 2):
                 between[pair].append(x)
         held = [pair for pair, x in between.items() if is_rigid(np.array(x))]
-        count = int(part.max()) + 1
-        ends = np.array(held, np.int64).reshape(-1, 2).T
-        graph = sparse.coo_matrix((np.ones(len(held), bool), (ends[0], ends[1])), shape=(count, count))
-        part = connected_components(graph, directed=False)[1].astype(np.int64)[part]
+        part = connected(int(part.max()) + 1, *np.array(held, np.int64).reshape(-1, 2).T)[part]
         if not held:
             _, first, number = np.unique(part, return_index=True, return_inverse=True)
             return np.argsort(np.argsort(first))[number]

@@ -10,14 +10,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.arrays import Array, Bools, Ints, connected
 from stickslip.geometry.curved_facets import SMOOTH, angles, sharp, unit
 from stickslip.geometry.surfaces.search import pair
-from stickslip.geometry.surfaces.surface import Surface, joined
+from stickslip.geometry.surfaces.surface import Surface, joined, selected
 
 RIDGES = {  # nodes of a facet on each of its ends (2D) or edges (3D): corners first, then of order 2 the one between
     "interval": ((0,), (1,)),
@@ -53,10 +51,10 @@ def split_at_edges(surface: Surface, edges: Ints | None = None) -> Surface:
     first = np.zeros(len(surface.nodes), np.int64)
     first[facets.ravel()[::-1]] = corner.ravel()[::-1]
     plain = corner[~edge[facets]]
-    part = _components(
+    part = connected(
         f * k, np.concatenate([smooth[0], plain]), np.concatenate([smooth[1], first[facets.ravel()[plain]]])
     )
-    face = _components(f, one[~sharp, 0], other[~sharp, 0])
+    face = connected(f, one[~sharp, 0], other[~sharp, 0])
     _, at = np.unique(part, return_index=True)  # the first corner of each new node
     at = at[np.lexsort((at, facets.ravel()[at]))]
     number = np.empty(part.max() + 1, np.int64)
@@ -64,15 +62,8 @@ def split_at_edges(surface: Surface, edges: Ints | None = None) -> Surface:
     old, of_face = facets.ravel()[at], face[at // k]
     again = np.zeros(len(at), np.int64)  # a face that meets itself at an edge has several nodes there
     np.add.at(again, *_repeats(old, of_face))
-    return replace(
-        surface,
-        nodes=surface.nodes[old],
-        input=surface.input[old],
-        points=surface.points[old],
-        facets=number[part].reshape(f, k),
-        parts=None if surface.parts is None else surface.parts[old],
-        faces=of_face + (face.max() + 1) * again,
-    )
+    split = selected(surface, old, number[part].reshape(f, k))
+    return replace(split, faces=of_face + (face.max() + 1) * again)
 
 
 def with_sides_beside(sides: Mapping[str, Surface]) -> dict[str, Surface]:
@@ -81,12 +72,10 @@ def with_sides_beside(sides: Mapping[str, Surface]) -> dict[str, Surface]:
     for body in dict.fromkeys(name.partition(".")[0] for name in sides):
         names = [name for name in sides if name.partition(".")[0] == body]
         every = joined([sides[name] for name in names])
-        numbers, first, same = np.unique(every.nodes, return_index=True, return_inverse=True)
+        _, first, same = np.unique(every.nodes, return_index=True, return_inverse=True)
         facets = same[every.facets]
         once = np.sort(np.unique(np.sort(facets, axis=1), axis=0, return_index=True)[1])
-        whole = replace(every, nodes=numbers, input=every.input[first], points=every.points[first])
-        whole = replace(whole, parts=every.part[first], facets=facets[once], outward=every.outward[once], faces=None)
-        whole = split_at_edges(whole)
+        whole = split_at_edges(replace(selected(every, first, facets[once], once), faces=None))
         of_side = np.repeat(np.arange(len(names)), [len(sides[name].facets) for name in names])[once]
         corners, owner = whole.facets.ravel(), np.repeat(of_side, whole.facets.shape[1])
         meet = np.unique(np.column_stack([whole.nodes[corners], corners, owner]), axis=0)
@@ -155,19 +144,8 @@ def part_of(surface: Surface, kept: Bools) -> Surface:
         both = np.isin(images[:2], nodes).all(axis=0)
         here, there = np.searchsorted(nodes, np.array(images[:2])[:, both])
         images = here, there, images[2][both]
-    return replace(
-        surface,
-        nodes=surface.nodes[nodes],
-        input=surface.input[nodes],
-        points=surface.points[nodes],
-        facets=facets.reshape(-1, surface.facets.shape[1]),
-        outward=surface.outward[kept],
-        depth=None if surface.depth is None else surface.depth[kept],
-        parts=None if surface.parts is None else surface.parts[nodes],
-        ends=None if surface.ends is None else surface.ends[nodes],
-        faces=None if surface.faces is None else surface.faces[nodes],
-        images=images,
-    )
+    part = selected(surface, nodes, facets.reshape(-1, surface.facets.shape[1]), kept)
+    return replace(part, images=images)
 
 
 def _numbers(rows: Ints) -> Ints:
@@ -194,12 +172,6 @@ def _pairs(ridges: Ints) -> tuple[Ints, Ints]:
     beside = np.flatnonzero(key[order][1:] == key[order][:-1])
     one, other = (np.stack([rows // count, rows % count], axis=1) for rows in (order[beside], order[beside + 1]))
     return one, other
-
-
-def _components(size: int, i: Ints, j: Ints) -> Ints:
-    graph = sparse.coo_matrix((np.ones(len(i), bool), (i, j)), shape=(size, size))
-    found: Ints = connected_components(graph, directed=False)[1].astype(np.int64)
-    return found
 
 
 def _repeats(nodes: Ints, faces: Ints) -> tuple[Ints, Ints]:

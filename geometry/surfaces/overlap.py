@@ -9,11 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from stickslip.geometry import dolfinx_versions as dx
-from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, Rows
+from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, Rows, connected
 from stickslip.geometry.surfaces.cells import Cells
 from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.overlay import segments, triangles
@@ -74,9 +72,7 @@ def _layers(cells: Cells, master: Surface) -> tuple[Ints, Ints]:
     key = cells.slave_facet[:, None] * len(master.points) + nodes
     met, column = np.unique(key, return_inverse=True)
     row = np.repeat(np.arange(count), nodes.shape[1])
-    size = count + len(met)
-    graph = sparse.coo_matrix((np.ones(len(row)), (row, count + column.ravel())), shape=(size, size))
-    layer = connected_components(graph, directed=False)[1][:count].astype(np.int64)
+    layer = connected(count + len(met), row, count + column.ravel())[:count]
     pairs = np.unique(np.stack([cells.slave_facet, layer], axis=1), axis=0)
     facets, layers = np.unique(pairs[:, 0], return_counts=True)
     return layer, np.flatnonzero(np.isin(cells.slave_facet, facets[layers > 1]))

@@ -200,6 +200,18 @@ class Surface:
         return total
 
 
+def selected(surface: Surface, nodes: Ints, facets: Ints, of: Ints | Bools | slice = slice(None)) -> Surface:
+    """Surface of some of its nodes (n,), in this order, with facets (f, k) among them.
+
+    Args:
+        of: which of the surface's facets they are.
+    """
+    every = ("nodes", "input", "points", "parts", "ends", "faces"), ("outward", "depth")
+    found = {key: getattr(surface, key)[at] for keys, at in zip(every, (nodes, of), strict=True)
+             for key in keys if getattr(surface, key) is not None}  # fmt: skip
+    return replace(surface, facets=facets, **found)
+
+
 def joined(surfaces: Sequence[Surface]) -> Surface:
     """Several surfaces with facets of one kind as one, whose nodes and facets follow each other."""
     first, counts = surfaces[0], [len(surface.nodes) for surface in surfaces]

@@ -16,10 +16,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import Array, Ints, connected
 from stickslip.geometry.curved_facets import angles, normals_of, sharp
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.protocols import Gmsh
@@ -115,9 +113,7 @@ class Cells:
         cell = np.concatenate([start + own for start, own in zip(first, at, strict=False)])
         node = np.concatenate([rows.ravel() for _, rows in self.blocks]) + len(self.points) * (1 + body[cell])
         _, place = np.unique(node, return_inverse=True)
-        size = self.count + place.max() + 1
-        graph = sparse.coo_matrix((np.ones(len(cell)), (cell, self.count + place)), shape=(size, size))
-        return np.asarray(connected_components(graph, directed=False)[1][: self.count], np.int64)
+        return connected(self.count + place.max() + 1, cell, self.count + place)[: self.count]
 
     def smooth(self, rows: Ints) -> list[Ints]:
         """Part facets of the skin into those that join smoothly."""
@@ -137,9 +133,8 @@ class Cells:
         ridges, known = self.points[ends[order[:-1][same]]].mean(axis=1), (corners >= 0)[:, :, None]
         centres = np.nanmean(np.where(known, self.points[corners], np.nan), axis=1)
         near = ~sharp(angles(normals[one], normals[other]), np.stack([one, other]), normals, ridges, centres, corners)
-        graph = sparse.coo_matrix((np.ones(near.sum()), (one[near], other[near])), shape=(len(rows), len(rows)))
-        count, part = connected_components(graph, directed=False)
-        return [rows[part == k] for k in range(count)]
+        part = connected(len(rows), one[near], other[near])
+        return [rows[part == k] for k in range(part.max() + 1)]
 
     def put(self, gmsh: Gmsh, bodies: Mapping[str, Ints], sides: Mapping[str, Ints]) -> None:
         """Put bodies, each with its cells, and sides, each with facets of the skin, into the current gmsh model."""

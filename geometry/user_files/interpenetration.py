@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
+from stickslip.geometry.arrays import CLOSE, SLIGHT, Array, connected
 from stickslip.geometry.user_files.outline import RAY, Outline, crossings
 from stickslip.geometry.user_files.touching import sag_of, simplices
 
@@ -61,7 +62,65 @@ def _overlap(one: str, other: str, skins: dict[str, tuple[Array, float]], dim: i
     least = sag_a + sag_b + CLOSE * float(np.ptp(np.concatenate([a, b]).reshape(-1, dim), axis=0).max())
     if np.any(high - low <= least):
         return None
-    _, middles = _common(a, b, low, high, FEW)
+    _, starts = _common(a, b, low, high, FEW)
+    boxes = _regions(a, b, starts if len(starts) else _corners_inside(a, b, low, high, least), least)
+    if len(starts) and boxes:
+        boxes = [(np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0))]
+    found = [each for each in (_in_box(a, b, *box, least) for box in boxes) if each is not None]
+    if not found:
+        return None
+    depth, _, place = max(found, key=lambda each: each[0])
+    return Overlap((one, other), depth, sum(volume for _, volume, _ in found), place)
+
+
+def _corners_inside(a: Array, b: Array, low: Array, high: Array, least: float) -> Array:
+    """Return corners and middles (p, d) of facets of two skins (f, d, d) that lie in the other body, near its skin.
+
+    Those that lie less than `least` [m] behind it are left out.
+    """
+    dim, inside = len(low), [np.zeros((0, len(low)))]
+    for one, other in ((a, b), (b, a)):
+        points, middles = np.concatenate([one.reshape(-1, dim), one.mean(axis=1)]), other.mean(axis=1)
+        points = np.unique(points[np.all((points >= low) & (points <= high), axis=1)], axis=0)
+        near = np.linalg.norm(other - middles[:, None], axis=2).max()
+        points = points[cKDTree(middles).query(points)[0] <= near]
+        ways = [np.array(way) for way in crossings(other, points, RAY[:dim])] if len(points) else []
+        far = least / float(np.linalg.norm(RAY[:dim]))
+        inside.append(points[[np.sum(x > 0) % 2 == 1 and float(np.abs(x).min()) > far for x in ways]])
+    return np.concatenate(inside)
+
+
+def _regions(a: Array, b: Array, points: Array, least: float) -> list[tuple[Array, Array]]:
+    """Return boxes around what two skins have in common at points (p, d) of it, where it is `least` [m] wide."""
+    points = points[:: max(1, len(points) // (FEW * RAYS))]
+    slack = CLOSE * float(np.ptp(np.concatenate([a, b]).reshape(-1, points.shape[1]), axis=0).max())
+
+    def spans(points: Array) -> Iterator[tuple[int, int, float, float]]:
+        for axis, along in enumerate(np.eye(points.shape[1])):
+            for ray, begin, end in _inside_both(a, b, points, along) if len(points) else ():
+                if begin <= slack and end >= -slack and end - begin > least:
+                    yield ray, axis, begin, end
+
+    middles = points[[ray for ray, *_ in spans(points)]]
+    for row, (_, axis, begin, end) in zip(middles, spans(points), strict=True):
+        row[axis] += (begin + end) / 2
+    low, high = middles.copy(), middles.copy()
+    for ray, axis, begin, end in spans(middles):
+        low[ray, axis] += begin
+        high[ray, axis] += end
+    wide = np.all(high - low > least, axis=1)
+    low, high = low[wide], high[wide]
+    meet = np.all((low[:, None] <= high + slack) & (high[:, None] >= low - slack), axis=2)
+    part = connected(len(low), *np.nonzero(meet))
+    return [(low[part == k].min(axis=0), high[part == k].max(axis=0)) for k in np.unique(part)]
+
+
+def _in_box(a: Array, b: Array, low: Array, high: Array, least: float) -> tuple[float, float, Array] | None:
+    """Return depth [m], volume [m^d] and place (d,) [m] of what two skins have in common within a box.
+
+    Nothing is found where they lie in each other by `least` [m] at most.
+    """
+    dim, (_, middles) = len(low), _common(a, b, low, high, FEW)
     if not len(middles):
         return None
     chosen = middles[:: max(1, len(middles) // RAYS)]
@@ -76,8 +135,7 @@ def _overlap(one: str, other: str, skins: dict[str, tuple[Array, float]], dim: i
         return None
     deep = chosen[depth >= (1 - SLIGHT) * depth.max()]  # of equally deep ones the one in their middle
     place = deep[np.argmin(np.linalg.norm(deep - deep.mean(axis=0), axis=1))]
-    volume, _ = _common(a, b, low, high, RAYS)
-    return Overlap((one, other), float(depth.max()), volume, place)
+    return float(depth.max()), _common(a, b, low, high, RAYS)[0], place
 
 
 def _common(a: Array, b: Array, low: Array, high: Array, rays: int) -> tuple[float, Array]:
@@ -93,7 +151,8 @@ def _common(a: Array, b: Array, low: Array, high: Array, rays: int) -> tuple[flo
         ticks = [low[k] + (np.arange(rays) + RAY[0]) * d for k, d in zip(across, step, strict=True)]
         start = np.full((rays ** (dim - 1), dim), low[axis])
         start[:, across] = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, dim - 1)
-        spans = list(_inside_both(a, b, start, along))
+        width = float(high[axis] - low[axis])
+        spans = [(k, max(p, 0.0), min(q, width)) for k, p, q in _inside_both(a, b, start, along) if p < width and q > 0]
         volumes.append(sum(end - begin for _, begin, end in spans) * float(np.prod(step)))
         middles += [(start[ray] + (begin + end) / 2 * along)[None] for ray, begin, end in spans]
     return float(np.median(volumes)), np.concatenate(middles)

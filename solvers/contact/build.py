@@ -231,8 +231,8 @@ def build_rows(
         if contact.normal.at_quadrature:
             points = coupling.points(degree)
             N_n = along(points.relative, points.normals[:, None])
-            W_n, fold, folds = points.weights, coupling.surface.fold, coupling.surface.images is not None
-            psi, phi = (fold @ points.psi, fold @ points.phi) if folds else (points.psi, points.phi)
+            folded = points if coupling.surface.images is None else points.moved(coupling.surface.fold)
+            W_n, psi, phi = points.weights, folded.psi, folded.phi
             gap_n = points.gap if known is None else np.full_like(points.gap, known)
             to_points, directions = points.own.basis(coupling.surface), points.normals
             dropped = 0

@@ -12,7 +12,7 @@ Source of contact elements: Pop (1999), section 4.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -75,6 +75,10 @@ class Points:
     phi: Sparse  # (n, q): likewise to its integrals ∫ phi~_j, see `shares`
     own: On  # where they lie on the slave
     other: On | None  # the points that they face on the master; None: a rigid obstacle
+
+    def moved(self, share: Sparse) -> Points:
+        """The same points, integrals at nodes (n,) moved to others: share (n, n)."""
+        return replace(self, psi=(share @ self.psi).tocsr(), phi=(share @ self.phi).tocsr())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -371,11 +371,6 @@ def _once(coupling: Coupling) -> Coupling:
     each = np.where(kept & (weights != coupling.weights), 1 / np.where(weights > 0, weights, 1.0), 0.0)  # that changes
     mean = sparse.diags(each) @ share + sparse.diags((each == 0).astype(float))
     whole = _ones(better, n).T.tocsr()
-
-    def points(degree: int) -> Points:
-        found = coupling.points(degree)
-        return replace(found, psi=(whole @ found.psi).tocsr(), phi=(whole @ found.phi).tocsr())
-
     return replace(
         coupling,
         weights=weights,
@@ -383,5 +378,5 @@ def _once(coupling: Coupling) -> Coupling:
         turning=None if coupling.turning is None else (mean @ coupling.turning).tocsr(),
         gap=mean @ coupling.gap,
         carries=coupling.carries & kept,
-        points=points,
+        points=lambda degree: coupling.points(degree).moved(whole),
     )

@@ -133,9 +133,10 @@ def mortar_coupling(facing: Facing) -> Coupling:
     total = np.asarray(share @ weights)
     each = np.divide(1.0, total, out=np.zeros(len(total)), where=total > 0)
     mean = sparse.diags(each) @ share @ sparse.diags(weights)
+    share = share if slave.images is None else share @ slave.fold
     relative, turning = (mean @ sparse.hstack([own, -P])).tocsr(), None
     if slave.borrows:
-        cut = np.ravel(slave.fold.sum(axis=1) != 1).astype(float)
+        cut = np.ravel(slave.fold.sum(axis=1) != 1)
         turning = _turning(_points(facing, degree, sparse.diags(each) @ share), relative, normals, cut)
     return Coupling(
         surface=slave,
@@ -146,7 +147,7 @@ def mortar_coupling(facing: Facing) -> Coupling:
         gap=mean @ gap,
         normals=normals,
         carries=total > 0,
-        points=lambda degree: _points(facing, max(degree, product_degree(slave, master)), share @ slave.fold),
+        points=lambda degree: _points(facing, max(degree, product_degree(slave, master)), share),
     )
 
 
@@ -172,7 +173,7 @@ def _across_cuts(
     return total, (sparse.diags(each) @ sums).tocsr(), gap, (slave.fold @ psi).tocsr()
 
 
-def _turning(points: Points, relative: Sparse, normals: Array, cut: Array) -> Sparse | None:
+def _turning(points: Points, relative: Sparse, normals: Array, cut: Bools) -> Sparse | None:
     """Means with psi_j of the relative displacement along normals (n, n_all d), None if these turn nowhere.
 
     The dual basis of a side whose corners borrow reproduces constants only. With a node's own normal all around it, a
@@ -182,12 +183,12 @@ def _turning(points: Points, relative: Sparse, normals: Array, cut: Array) -> Sp
         points: the integration points, psi divided by the weights of the nodes.
         relative: of the nodes (n, n_all), whose entries are kept where nothing turns.
         normals: of the nodes (n, d).
-        cut: (n,) 1 at nodes whose facets are those of two sectors, where nothing turns; else 0.
+        cut: nodes (n,) whose facets are those of two sectors, where nothing turns.
     """
     nodal = along(relative, normals[:, None])
     turn = (points.psi @ along(points.relative, points.normals[:, None]) - nodal).tocsr()
-    turn = (sparse.diags(1.0 - cut) @ turn).tocsr()
-    turn.data[np.abs(turn.data) < ROUNDING] = 0.0  # entries of motions; those of both are about 1
+    # entries of motions; those of both are about 1
+    turn.data[(np.abs(turn.data) < ROUNDING) | np.repeat(cut, np.diff(turn.indptr))] = 0.0
     turn.eliminate_zeros()
     return (nodal + turn).tocsr() if turn.nnz else None
 

@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.geometry.arrays import CLOSE, Array, Bools
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.surfaces.faces import halves, split_at_edges
-from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.surfaces.surface import Surface, joined, selected
 from stickslip.geometry.user_files.touching import WITHIN
 from stickslip.solvers.contact.build import build_rows
 from stickslip.solvers.contact.coupling import Coupling, nodal_coupling
@@ -21,7 +21,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.contact.skins import NEAR, among_skins, nodes_near
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.scene.contact import REACH, Contact
-from stickslip.solvers.scene.problem import Pair, Problem
+from stickslip.solvers.scene.problem import BESIDE, Pair, Problem
 
 OPERATORS: Mapping[str, Operator] = {
     "mortar": mortar_coupling,
@@ -43,7 +43,7 @@ def with_halves(problem: Problem, sides: Mapping[str, Surface]) -> Mapping[str, 
             parts = halves(side, known.contact.search_distance or REACH * _spread(side))
             if not all(len(part.facets) for part in parts):
                 raise SceneError(f"contacts.{known.name}: nothing of {known.slave} can face itself: it is flat")
-            found |= zip(map(str, known.surfaces), parts, strict=True)
+            found |= zip((str(name).removesuffix(BESIDE) for name in known.surfaces), parts, strict=True)
     return found
 
 
@@ -133,20 +133,10 @@ def with_images(side: Surface, constraints: Constraints) -> Surface:
     moved = (side.points - side.points[at]) @ turn.T + side.points[there[0]]
     of_place = dict(zip(roots[there].tolist(), side.nodes[there].tolist(), strict=True))
     again = np.array([of_place.get(node, -1 - node) for node in side.nodes.tolist()])  # as the next sector's are
-    numbers, first, same = np.unique(np.append(side.nodes, again), return_index=True, return_inverse=True)
-    n = len(side.nodes)
-    both = replace(
-        side,
-        nodes=numbers,
-        input=numbers,
-        points=np.concatenate([side.points, moved])[first],
-        facets=same[np.concatenate([side.facets, side.facets + n])],
-        outward=np.tile(side.outward, 2),
-        depth=None,
-        parts=None,
-        faces=None,
-    )
-    sector, following = np.split(split_at_edges(both).facets.ravel(), 2)
+    both, n = joined([side, replace(side, nodes=again, points=moved)]), len(side.nodes)
+    _, first, same = np.unique(both.nodes, return_index=True, return_inverse=True)
+    both = split_at_edges(replace(selected(both, first, same[both.facets]), faces=None))
+    sector, following = np.split(both.facets.ravel(), 2)
     _, goes_on, begins = np.intersect1d(sector, following, return_indices=True)
     ends = np.isin(roots, roots[there])
     there, here = side.facets.ravel()[goes_on], side.facets.ravel()[begins]

@@ -27,7 +27,6 @@ from stickslip.solvers.contact.coupling import (
     Coupling,
     Facing,
     On,
-    Points,
     of_facets,
     on_nodes,
     rigid_coupling,
@@ -240,16 +239,11 @@ def _part(partner: Partner, parts: Array, points: Callable[[int], tuple[On, Arra
     elsewhere = sparse.diags((total == 0).astype(float))  # nodes of other partners keep their distance and motion
     mean = (sparse.diags(each) @ share @ sparse.diags(weights) + elsewhere).tocsr()
     own = (share @ taken).tocsr()
-
-    def of_part(degree: int) -> Points:
-        found = coupling.points(degree)
-        return replace(found, psi=(own @ found.psi).tocsr(), phi=(own @ found.phi).tocsr())
-
     return replace(
         coupling,
         weights=total,
         relative=(mean @ coupling.relative).tocsr(),
         gap=mean @ coupling.gap,
         carries=total > 0,
-        points=of_part,
+        points=lambda degree: coupling.points(degree).moved(own),
     )

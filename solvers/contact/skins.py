@@ -143,10 +143,8 @@ def _on_skins(coupling: Coupling, slave: Part, master: Part) -> Coupling:
         found = coupling.points(degree)
         assert found.other is not None
         return replace(
-            found,
+            found.moved(onto),
             relative=(found.relative @ both).tocsr(),
-            psi=(onto @ found.psi).tocsr(),
-            phi=(onto @ found.phi).tocsr(),
             own=On(slave.facets[found.own.facet], found.own.local),
             other=On(master.facets[found.other.facet], found.other.local),
         )

@@ -57,32 +57,27 @@ def limits(tolerance: float, law_error: float = 0.0, rounding: float = 0.0) -> A
 
 
 def passed(
-    audits: Sequence[Audit],
-    times: Sequence[float],
-    law_errors: Sequence[float],
-    tolerance: float,
-    numbers: Sequence[int] | None = None,
+    audits: Sequence[Audit | None], times: Sequence[float], law_errors: Sequence[float], tolerance: float
 ) -> Iterator[str]:
     """Sentences on the defects that pass their limits: for each its worst step, and what to do about it.
 
     Args:
-        audits: one a step that is judged.
+        audits: one a step; None: it is not judged.
         times: of the steps [s].
         law_errors: of the steps [-].
         tolerance: solver.tolerance.
-        numbers: of the steps; None: 1, 2, ...
     """
-    numbers = range(1, len(audits) + 1) if numbers is None else numbers
-    pairs = zip(audits, law_errors, strict=True)
-    allowed = [asdict(limits(tolerance, error, audit.rounding)) for audit, error in pairs]
-    found = [asdict(audit) for audit in audits]
-    for name in found[0] if found else ():
-        ratios = [values[name] / limit[name] for values, limit in zip(found, allowed, strict=True)]
+    steps = zip(audits, times, law_errors, strict=True)
+    judged = [
+        (f"step {k} (t = {time:g})", asdict(audit), asdict(limits(tolerance, error, audit.rounding)))
+        for k, (audit, time, error) in enumerate(steps, 1)
+        if audit is not None
+    ]
+    for name in judged[0][1] if judged else ():
+        ratios = [found[name] / limit[name] for _, found, limit in judged]
         over = [ratio if ratio == ratio else float("inf") for ratio in ratios]  # NaN passes every limit
-        worst = max(range(len(over)), key=over.__getitem__)
-        if over[worst] > 1:
-            step = f"step {numbers[worst]} (t = {times[worst]:g})"
+        step, found, limit = judged[max(range(len(over)), key=over.__getitem__)]
+        if max(over) > 1:
             yield (
-                f"{name.replace('_', ' ')} is {found[worst][name]:.1e} in {step}, more than "
-                f"{allowed[worst][name]:.1e}: {HINTS[name]}"
+                f"{name.replace('_', ' ')} is {found[name]:.1e} in {step}, more than {limit[name]:.1e}: {HINTS[name]}"
             )

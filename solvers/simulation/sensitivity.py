@@ -11,17 +11,17 @@ import logging
 from dataclasses import replace
 
 import numpy as np
+from mpi4py import MPI
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import ROUNDING
 from stickslip.geometry.errors import SceneError, StickslipError
-from stickslip.geometry.mesh.mesh import Mesh, build_mesh
+from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.accuracy.areas import areas_inside_facets
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import Quantity, Slope, number_of, quantities
 from stickslip.solvers.scene.parameters import scaled
-from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.record import Value
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
@@ -32,7 +32,6 @@ from stickslip.solvers.system.system import System, assemble
 
 log = logging.getLogger(__name__)
 WITHOUT_STIFFNESS = ("contacts", "obstacles", "supports", "loads")  # tables that the stiffness of bodies does not see
-OTHER_CELLS = "another value gives a mesh of other cells, so that differences are those of meshes"
 AREAS = ("contact_area", "stick_area", "slip_area")
 
 
@@ -50,20 +49,40 @@ def neighbours(scene: Scene, stepper: Stepper) -> Neighbours | None:
         names = ", ".join(f"{bolt.shortening.table}.{bolt.shortening.name}" for bolt in bolts)
         raise SceneError(f"sensitivity: is not built for {names}, whose lengths are found by solving each step again")
     refuse(stepper)
-    pairs = dict[str, tuple[SubstepSolver, SubstepSolver]]()
+    with stepper.system.counters.for_error():
+        scale = stepper.posed(stepper.start(), scene.requested_times()[0])[0].u_ref
+    pairs, by = dict[str, tuple[SubstepSolver, SubstepSolver]](), dict[str, float]()
     for key in asked:
         try:
-            below, above = (
-                beside(stepper, _changed(scene, stepper.system, key, sign * STEP))
-                for sign in np.sign([-values[key], values[key]])
+            pair, size = _pair(scene, stepper, key, STEP), STEP
+            moved = max(
+                (
+                    np.abs(one.gap - two.gap).max(initial=0.0) / 2
+                    for one, two in zip(*(each.cone.contacts for each in pair), strict=True)
+                ),
+                default=0.0,
             )
+            if moved > STEP * scale > 0:  # of a place far from the origin even a small part is a large gap
+                size = STEP * STEP * scale / moved
+                pair = _pair(scene, stepper, key, size)
         except StickslipError as error:
             if key in scene.sensitivity.parameters or key in scene.uncertainty:
                 raise SceneError(f"sensitivity: {key}: {error}") from None
             log.warning("sensitivity: %s is left out: %s", key, error)
         else:
-            pairs[key] = below, above
-    return Neighbours(stepper, pairs)
+            pairs[key], by[key] = pair, size * abs(values[key])
+    return Neighbours(stepper, pairs, by)
+
+
+def _pair(scene: Scene, stepper: Stepper, key: str, size: float) -> tuple[SubstepSolver, SubstepSolver]:
+    """Solvers of the scene with a number smaller and larger by a part of its size.
+
+    Raises:
+        StickslipError: see `_changed` and `beside`.
+    """
+    by = size * float(np.sign(scene.parameters()[key]))
+    below, above = (beside(stepper, _changed(scene, stepper.system, key, each)) for each in (-by, by))
+    return below, above
 
 
 def _changed(scene: Scene, system: System, key: str, by: float) -> System:
@@ -74,51 +93,44 @@ def _changed(scene: Scene, system: System, key: str, by: float) -> System:
     """
     problem, mesh = resolve(scaled(scene, key, 1 + by)), system.mesh
     if problem.shape != system.problem.shape:
-        mesh = _remeshed(problem, mesh)
+        mesh = build_mesh(problem.shape, problem.request, mesh.comm)
+        one, two = (dx.cell_nodes(each.domain) for each in (mesh, system.mesh))
+        same = np.array_equal(one, two) and mesh.sides == system.mesh.sides
+        if not mesh.comm.allreduce(same, MPI.MIN):
+            raise SceneError("another value gives a mesh of other cells, or divides it otherwise among ranks")
     found = assemble(problem, mesh, Counters())
-    if mesh is not system.mesh and not np.array_equal(dx.cell_dofs(found.space), dx.cell_dofs(system.space)):
-        raise SceneError(OTHER_CELLS)
     alike = key.partition(".")[0] in WITHOUT_STIFFNESS
     return replace(found, assembled=system.assembled) if alike else found
-
-
-def _remeshed(problem: Problem, mesh: Mesh) -> Mesh:
-    """The mesh of a changed shape.
-
-    Raises:
-        SceneError: it has other cells.
-    """
-    found = build_mesh(problem.shape, problem.request, mesh.comm)
-    if found.sides != mesh.sides or found.domain.geometry.x.shape != mesh.domain.geometry.x.shape:
-        raise SceneError(OTHER_CELLS)
-    return found
 
 
 class Slopes:
     """Reads the derivatives of the numbers of a step off its neighbours."""
 
-    def __init__(self, scene: Scene, observer: Observer, neighbours: Neighbours) -> None:
+    def __init__(self, observer: Observer, neighbours: Neighbours) -> None:
         """Prepare to read each neighbour; of probes the strain is compiled.
 
         Args:
             observer: of the solution.
             neighbours: of it.
         """
-        self.neighbours, own, values = neighbours, observer.without_errors(), scene.parameters()
-        self.by = {key: STEP * abs(values[key]) for key in neighbours.keys}
+        self.neighbours, own = neighbours, observer.without_errors()
         self._observers = [
             Observer.of(solver) if own.probes and at else replace(own, stepper=solver)
             for at, solver in enumerate(neighbours.solvers)
         ]
 
     def __call__(self, accepted: Accepted) -> dict[str, dict[str, Slope]]:
-        """By `Quantity`, and by number of the scene."""
+        """By `Quantity`, and by number of the scene; nothing where the neighbours are lost."""
+        if not accepted.state.neighbours:
+            return {}
         own, *others = (self._numbers(at, observer, accepted) for at, observer in enumerate(self._observers))
-        sizes, slopes = dict[str, float](), dict[str, dict[str, Slope]]()
+        slopes, extent = dict[str, dict[str, Slope]](), accepted.stepper.system.extent
+        sizes = {"m": max(float(np.abs(accepted.state.w).max(initial=0.0)), accepted.problem.u_ref)}
         for quantity, value in own.items():
             unit = number_of(quantity).unit
             sizes[unit] = max(sizes.get(unit, 0.0), float(np.abs(value).max()))
-        for (key, by), below, above in zip(self.by.items(), others[::2], others[1::2], strict=True):
+        sizes |= {"N m": sizes.get("N", 0.0) * extent, "rad": sizes["m"] / extent}  # of what these are made of
+        for (key, by), below, above in zip(self.neighbours.by.items(), others[::2], others[1::2], strict=True):
             for quantity, value in own.items():
                 one, two = (value - below[quantity]) / by, (above[quantity] - value) / by
                 slope = Slope.of(one, two, ROUNDING * sizes[number_of(quantity).unit] / by)

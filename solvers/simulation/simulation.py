@@ -154,7 +154,7 @@ class Simulation:
             NoEquilibriumError: so, and it is shown that contact and friction cannot balance the loads.
         """
         state = state or self.stepper.start()
-        for time in self.scene.requested_times()[done:]:
+        for time in self.clock.counted(self.scene.requested_times(), done):
             try:
                 with self.clock.phase("iterate"):
                     accepted = self.stepper.reach(state, time, on_iteration)
@@ -308,7 +308,7 @@ def prepare(
         observer = Observer.of(stepper, data, with_errors) if scene.output.error else Observer.of(stepper)
     with counters.clock.phase("prepare", "sensitivity"):
         stepper.neighbours = neighbours(scene, stepper)
-    slopes = Slopes(scene, observer, stepper.neighbours) if stepper.neighbours else None
+    slopes = Slopes(observer, stepper.neighbours) if stepper.neighbours else None
     follows = scene.output.error and MeshCorrection.works_for(stepper)
     if follows and bubbles_follow(
         scene.output, size, choice.stages[0], mesh, problem.shape.meshing_time(problem.request)

@@ -20,7 +20,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.scene.settings import Solver
 from stickslip.solvers.stepping.method_chain import MethodChain
-from stickslip.solvers.stepping.state import HALVINGS, State
+from stickslip.solvers.stepping.state import HALVINGS, State, StepControl
 from stickslip.solvers.stepping.substep import Attempt, Substep
 from stickslip.solvers.system.system import System
 
@@ -52,7 +52,8 @@ class _March:
         self._system, self._chain, self._observers = halving.system, halving.chain, halving.observers
         self._inner, self._state, self._target, self._control = inner, start, target, start.control
         self._step = target - start.time
-        self._smallest = self._step if self._chain.repeats else self._step / 2**HALVINGS
+        self._shortest = self._smallest = self._step if self._chain.repeats else self._step / 2**HALVINGS
+        self._whole: StepControl | None = None  # before the step was cut for a jump that lies ahead
         self._good: Attempt | None = None  # up to the present state
         self._unbalanced: Attempt | None = None  # at the earliest time at which bodies move on without end
         self._proved: Attempt | None = None  # at the earliest one that is shown to have no equilibrium
@@ -74,6 +75,7 @@ class _March:
             self._chain.begin(cut_first=not self._stuck and not self._least(size))
             attempt = self._inner(self._state, end)
             if attempt.solution.jumps and self._limit is None and not (self._least(size) or self._chain.repeats):
+                self._whole = self._whole or self._control
                 self._control = self._control.after_failure(size, self._smallest)  # it may lead on in between
                 self._jumped = (attempt, attempt.state, size) if attempt.state is not None else None
             elif attempt.state is not None:
@@ -104,6 +106,11 @@ class _March:
         # of the iterations allowed; a substep that takes more is not easy
         easy = solution.iterations <= 0.5 * self._system.problem.solver.max_iterations
         self._control = self._control.after_success(size, self._step, easy)
+        settled = new.time not in self._chain.unsettled[-1:]
+        if attempt.solution.jumps and settled and self._whole:  # what was cut for that alone lies behind
+            self._control, self._whole = self._whole, None
+        # where pairs do not settle shorter substeps do not either
+        self._smallest = self._shortest if settled else 2 * size
         begin, self._state = self._state, replace(attempt.state or new, control=self._control)
         self._failed, self._jumped, self._stuck = None, None, False
         if self._state.searched:
@@ -141,7 +148,7 @@ class _March:
                 log.warning("t = %g: %s; the step is cut", end, solution.status.value)
                 return None
         elif not scaled and not self._least(size):
-            self._control = self._control.after_failure(size, self._smallest)
+            self._control, self._whole = self._control.after_failure(size, self._smallest), None
             log.warning("t = %g: %s; the step is cut to %.3g s", end, solution.status.value, self._control.size)
             return None
         if self._unbalanced is not None:

@@ -24,10 +24,10 @@ from typing import TypeVar
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import lu_factor, lu_solve
+from scipy.linalg.lapack import dgetrf, dgetrs
 
 from stickslip.geometry.arrays import EPS, EXACT, SLIGHT, Array
-from stickslip.geometry.errors import SceneError
+from stickslip.geometry.errors import SceneError, SolverError
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
@@ -42,6 +42,7 @@ from stickslip.solvers.system.system import System
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
+NOT_CONDENSED = "needs the condensed form of the bodies"
 STEP = EPS ** (1 / 3)  # change of a number, relative: what differences leave and what rounding leaves are then alike
 MAX_IT = 100  # of the chord method; one that moves where points touch, or what friction remembers, takes a dozen
 
@@ -70,7 +71,13 @@ class Tangent:
         self._of, self._by = of, by  # blocks are scaled to one size, see `saddle_point`
         own = by * of * surface.rho * unfelt if unfelt.any() else np.zeros((R.shape[1], R.shape[1]))
         matrix = np.block([[held, of * moved], [by * balance, own]])
-        self._factor = lu_factor(matrix, check_finite=False) if len(matrix) else None
+        self._factor: Array = matrix
+        self._pivots: Array = np.zeros(0)
+        singular = 0
+        if len(matrix):
+            self._factor, self._pivots, singular = dgetrf(matrix)
+        if singular:
+            raise np.linalg.LinAlgError("the linearised laws are singular")
 
     def __call__(self, left: Array, unbalanced: Array) -> tuple[Array, Array]:
         """Changes of tractions (rows,) [Pa] and of b (r,) [m].
@@ -84,9 +91,9 @@ class Tangent:
         forces = surface.forces(given)
         moved = self._A_w @ (surface.N @ (surface.flexibility @ forces))
         right = [left[self._x] - self._A_p @ given + moved, self._by * (unbalanced - surface.R.T @ forces)]
-        if self._factor is None:
-            return given, np.zeros(0)
-        found = lu_solve(self._factor, np.concatenate(right), check_finite=False)
+        found = np.concatenate(right)
+        if len(found):
+            found = dgetrs(self._factor, self._pivots, found)[0]
         return given + self._E @ found[: len(self._x)], self._of * found[len(self._x) :]
 
 
@@ -163,18 +170,18 @@ class Posed:
 class Neighbours:
     """The solution of each substep once more, to rounding, and its neighbours with one number smaller and larger."""
 
-    def __init__(self, base: SubstepSolver, pairs: Mapping[str, tuple[SubstepSolver, SubstepSolver]]):
+    def __init__(
+        self, base: SubstepSolver, pairs: Mapping[str, tuple[SubstepSolver, SubstepSolver]], by: Mapping[str, float]
+    ) -> None:
         """Take over the neighbours' solvers.
 
         Args:
             base: that solves the history.
             pairs: by number of the scene, see `beside`, with a smaller and with a larger value.
+            by: how much smaller and larger these are.
         """
-        self.keys, self.base, self.solvers = (
-            tuple(pairs),
-            base,
-            (base, *(each for pair in pairs.values() for each in pair)),
-        )
+        self.by, self.base = by, base
+        self.solvers = (base, *(each for pair in pairs.values() for each in pair))
 
     def start(self) -> tuple[State, ...]:
         """The neighbours of the state at rest; collective."""
@@ -183,10 +190,28 @@ class Neighbours:
     def __call__(self, attempt: Attempt) -> Attempt:
         """An accepted substep with the neighbours of its state; collective."""
         counters = self.base.system.counters
-        with counters.clock.part("sensitivity"), counters.for_error():
-            found = _found(self.solvers, attempt)
         assert attempt.state is not None
+        if not attempt.begin.neighbours:
+            return attempt
+        try:
+            with counters.clock.part("sensitivity"), counters.for_error():
+                self._follow()
+                found = _found(self.solvers, attempt)
+        except (SolverError, np.linalg.LinAlgError) as error:  # the step is solved all the same
+            log.warning("t = %g: derivatives are not known from here on: %s", attempt.state.time, error)
+            found = ()
         return replace(attempt, state=replace(attempt.state, neighbours=found))
+
+    def _follow(self) -> None:
+        """Take over bodies that another method has prepared anew; collective.
+
+        Raises:
+            SolverError: they are not condensed.
+        """
+        if not isinstance(self.base.surface, CondensedSurface):
+            raise SolverError(NOT_CONDENSED)
+        if any(solver.volume is not self.base.volume for solver in self.solvers):
+            self.solvers = (self.base, *(beside(self.base, solver.system) for solver in self.solvers[1:]))
 
 
 def beside(base: SubstepSolver, system: System) -> SubstepSolver:
@@ -340,10 +365,10 @@ def refuse(base: SubstepSolver) -> None:
     """Refuse what has no derivative that is built, with the reason."""
     system, surface = base.system, base.surface
     why = ""
-    if system.mesh.comm.size > 1:
-        why = "is built for one rank; leave mpirun out"
-    elif not isinstance(surface, CondensedSurface):
-        why = 'needs the condensed form of the bodies; set solver.surface = "condensed"'
+    if not isinstance(surface, CondensedSurface):
+        why = f'{NOT_CONDENSED}; set solver.surface = "condensed"'
+    elif not base.chain.exact_laws:
+        why = 'needs a method with the contact laws as they are; set solver.method = "auto"'
     elif any(pair.contact.sliding or pair.skins for pair in system.problem.pairs.values()):
         why = "is not built for contacts that slide, whose pairs are searched anew"
     if why:

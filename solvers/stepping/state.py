@@ -100,6 +100,7 @@ class State:
     energy: Energy  # [J]
     previous: Previous | None = None  # None: the initial state, or one whose trend tells nothing of the next step
     guess: Array | None = None  # (rows,) tractions [Pa] near those of the next substep; None: not known
+    jumped: bool = False  # whether the next substep is known to jump, to the solution next to `guess`
     control: StepControl = StepControl()
     correction: Correction | None = None  # exact solution of the same steps minus this one; None: zero
     law_error: float = 0.0  # error of the method's approximate contact laws, summed since t = 0 [J^(1/2)]

@@ -246,8 +246,8 @@ class SubstepSolver:
     ) -> tuple[Solution, SurfaceProblem]:
         """The solution that goes on from the state, if there are several; else the one that is found."""
         solution, problem = found
-        if solution.status is not Status.CONVERGED:
-            return found
+        if solution.status is not Status.CONVERGED or state.jumped:
+            return replace(solution, jumps=state.jumped), problem
         end, jumps = continued(problem, state.p, state.w, solution)
         own = _exactly(problem, solution) if end is not None else solution.p
         if end is not None and _apart(problem, end.p, [own]):
@@ -309,6 +309,7 @@ class SubstepSolver:
             weight=self.weight,
             force=sum_of_sizes(external) + float(np.abs(driving).sum()),
             stiffness=system.problem.softest / system.extent,
+            again=state.guess is not None,
         )
         return problem, u_s, external
 

@@ -160,6 +160,26 @@ for normal, given in (({"law": "unilateral"}, rollers), ({"law": "compliance", "
         for contact in (*step.contacts.values(), *step.sums.values()):
             found.append([float(x) for x in (*contact.force, contact.normal_force, contact.contact_area)])
 """
+# a quarter of a press fit that slides past its cut, on nodes that another rank may own
+SECTORS = """
+from stickslip.workflows.scene_file.read import from_dict
+cut = {body: {"boundary": f"{body}.y_axis", "with": f"{body}.x_axis", "angle": 90.0} for body in ("inner", "outer")}
+scene = {
+    "model": "plane strain",
+    "geometry": {"builder": "rings", "inner_radius": 0.5, "radius": 1.0, "outer_radius": 2.0, "interference": 0.02,
+                 "angle": 90, "mesh_size": 0.25, "inner_mesh_size": 0.19},
+    "bodies": {"inner": {"E": 1.0, "nu": 0.3}, "outer": {"E": 2.0, "nu": 0.2}},
+    "contacts": {"fit": {"surface": "outer.inside", "against": "inner.outside", "sliding": True,
+                         "friction": {"law": "coulomb", "mu": 0.1}}},
+    "supports": {"rim": {"boundary": "outer.outside", "displacement": {"x": "-0.1*y*t", "y": "0.1*x*t"}}},
+    "elastic_support": {"bed": {"boundary": "inner.inside", "tangential": 5.0}},
+    "periodic": cut,
+    "solver": {"tolerance": 1e-11},
+}
+for step in stickslip.prepare(from_dict(scene)).steps():
+    fit = step.contacts["fit"]
+    found += [float(x) for x in (*fit.force, *fit.moment, fit.normal_force, fit.max_pressure, step.energy.stored)]
+"""
 SIZE = "0.2"  # MUMPS divides the last front among ranks, where it may
 SCRIPTS = {
     "audit": AUDIT,
@@ -172,6 +192,7 @@ SCRIPTS = {
     "lowered": LOWERED,
     "meeting": MEETING,
     "partners": PARTNERS,
+    "sectors": SECTORS,
 }
 Both = dict[str, tuple[Any, Any]]
 
@@ -242,6 +263,12 @@ def test_ranks_find_pairs_as_bodies_come_near(both: Both) -> None:
 def test_ranks_share_a_side_among_the_same_partners(both: Both) -> None:
     alone, one = both["partners"]
     assert_allclose(one, alone, rtol=1e-8, atol=1e-8 * np.max(np.abs(alone[0])))
+
+
+def test_ranks_slide_past_the_same_cut(both: Both) -> None:
+    alone, one = both["sectors"]
+    assert min(map(abs, alone)) > 0
+    assert_allclose(one, alone, rtol=1e-8)
 
 
 def test_ranks_halve_the_same_mesh_sizes(both: Both) -> None:

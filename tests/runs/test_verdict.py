@@ -64,6 +64,17 @@ def test_a_sound_run_has_a_verdict_and_no_warning(call: Call, folder: Path) -> N
     assert (verdict["passed"], verdict["shared"]) == ([], [])
 
 
+def test_an_answer_whose_pairs_do_not_settle_is_doubtful(
+    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stickslip.solvers.stepping.pairs.slid_since", lambda *given: 1.0)
+    coarse = sets("geometry.mesh_size=0.5", "geometry.lower_mesh_size=0.4", "steps.count=2", 'output.error="rough"')
+    code, _, err = call("run", "sliding", *coarse, "-o", "out")
+    assert code == 1
+    assert "stickslip: doubtful: the pairs of a sliding contact change from search to search at t = 1" in err
+    assert result(folder / "out")["status"] == "doubtful"
+
+
 def test_a_wrong_answer_is_doubtful_and_all_written(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     true = Coulomb.limit
     with monkeypatch.context() as patch:

@@ -24,6 +24,17 @@ FIT = """SetFactory("OpenCASCADE"); DefineConstant[ bore = 1 ];
 Cylinder(1) = {0, 0, 0, 0, 0, 4, 1}; Cylinder(2) = {0, 0, 1, 0, 0, 1, 2}; Cylinder(3) = {0, 0, 1, 0, 0, 1, bore};
 BooleanDifference(4) = { Volume{2}; Delete; }{ Volume{3}; Delete; };
 """
+FEET = """SetFactory("OpenCASCADE");
+Box(3) = {0, 0, 0, 10, 10, 1}; Box(4) = {0, 0, 0, 1, 10, 6}; Box(5) = {2, 0, 5, 8, 10, 1};
+Box(6) = {4.6, 3.1, 0.97, 0.2, 0.3, 4.5}; Box(7) = {8.6, 7.1, 0.98, 0.2, 0.2, 4.5};
+BooleanUnion(1) = { Volume{3}; Delete; }{ Volume{4}; Delete; };
+BooleanUnion(2) = { Volume{5}; Delete; }{ Volume{6, 7}; Delete; };
+"""
+FOOT = """SetFactory("OpenCASCADE"); Rectangle(3) = {0, 0, 0, 10, 1}; Rectangle(4) = {0, 0, 0, 1, 6};
+Rectangle(5) = {2, 5, 0, 8, 1}; Rectangle(6) = {4.6, 0.98, 0, 0.05, 4.5};
+BooleanUnion(1) = { Surface{3}; Delete; }{ Surface{4}; Delete; };
+BooleanUnion(2) = { Surface{5}; Delete; }{ Surface{6}; Delete; };
+"""
 SHEETS = """SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 4, 1}; Rectangle(2) = {0, 0.9, 0, 4, 1};
 Rotate{{0, 0, 1}, {0, 0, 0}, Pi/6} {Surface{1, 2};}
 """
@@ -59,6 +70,8 @@ def test_two_boxes_lie_in_each_other_by_a_slab(tmp_path: Path) -> None:
         (BALL, 3, {}, 0.2, np.pi * 0.2**2 * 2.8 / 3, 0.3),  # a cap of facets as an outline has them
         (FIT, 3, {"bore": 0.8}, 0.2, 0.36 * np.pi, 0.15),
         (SHEETS, 2, {}, 0.1, 0.4, 0.05),
+        (FEET, 3, {}, 0.03, 0.03 * 0.06 + 0.02 * 0.04, 0.05),  # far smaller than what both boxes have in common
+        (FOOT, 2, {}, 0.02, 0.001, 0.05),
         (
             SHEETS.replace("Rectangle(2) = {0, 0.9, 0, 4, 1}", "Disk(2) = {2, 0.5, 0, 0.3}"),
             2,

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from jsonschema import validate
 from numpy.testing import assert_allclose
 
 from shared.problems import on_floor, scene_of, two_blocks
+from shared.ranks import mpirun
 from stickslip import Scene, SceneError, prepare
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.accuracy.areas import areas_inside_facets
@@ -27,6 +29,7 @@ from stickslip.solvers.results.step_result import (
 )
 from stickslip.solvers.scene.parameters import Sensitivity, scaled
 from stickslip.solvers.simulation.checkpoint import Checkpoints
+from stickslip.workflows.commands.sensitivity import sensitivity
 from stickslip.workflows.lab.verification.prepared import solved
 from stickslip.workflows.run.result import result_schema
 from stickslip.workflows.scene_file.read import from_dict, read, with_keys
@@ -151,6 +154,31 @@ def test_a_point_at_its_bound_has_two_sides() -> None:
     assert further.contacts["base"].normal_force == pytest.approx(1e-6 * stiffness, rel=1e-6)
 
 
+def at_the_bound(dim: int) -> Scene:
+    """A sheared layer, periodic along it, whose tangential traction is that of its friction bound at the end."""
+    limit = 0.3 * 0.1 * 0.7 / (1.3 * 0.4) * 2.6  # mu p H / G with p = M U / H
+    down = {"x": limit, "y": -0.1} if dim == 2 else {"x": limit, "y": 0.0, "z": -0.1}
+    layers = {"one": {"boundary": "block.left", "with": "block.right"}}
+    layers |= {"two": {"boundary": "block.front", "with": "block.back"}} if dim == 3 else {}
+    return scene_of(
+        dim, COLUMN | ({"width": 1.0} if dim == 3 else {}), {"friction": COULOMB}, down, periodic=layers, **EXACT
+    )
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_points_at_the_bound_of_friction_stick_on_one_side_and_slip_on_the_other(dim: int) -> None:
+    key, mu = "supports.top.displacement.x", "contacts.base.friction.mu"
+    _, (step,) = solved(replace(at_the_bound(dim), sensitivity=Sensitivity(parameters=(key, mu))))
+    slopes = step.sensitivity["contacts.base.tangential_force"]
+    assert slopes[key].value is None
+    assert_allclose([slopes[key].below, slopes[key].above], [1 / 2.6, 0.0], atol=1e-5)  # G / H sticks
+    normal = step.contacts["base"].normal_force
+    assert_allclose([slopes[mu].below, slopes[mu].above], [normal, 0.0], atol=1e-5)  # a larger mu is not used
+    slip = step.sensitivity["contacts.base.dissipation"][mu]
+    assert slip.below == pytest.approx(-(normal**2) * 0.3 * 2.6, rel=1e-4)  # t times the slip mu p H / G
+    assert slip.above == pytest.approx(0.0, abs=1e-6)
+
+
 def test_a_worn_column_loses_pressure_by_its_coefficient_of_wear() -> None:
     held = {side: {"boundary": f"block.{side}", "displacement": {"x": 0.0}} for side in ("left", "right")}
     top = {"boundary": "block.top", "displacement": {"y": [[0, 0], [1, -0.01]]}}
@@ -271,6 +299,7 @@ def test_what_is_no_parameter_is_refused(keys: Mapping[str, Any], words: str) ->
     ("tables", "words"),
     [
         ({"solver": {"surface": "matrix-free"}}, 'set solver.surface = "condensed"'),
+        ({"solver": {"method": "regularised"}}, "the contact laws as they are"),
         ({"base": {"sliding": True}}, "contacts that slide"),
         ({"base": {"normal": {"law": "compliance", "c_n": 9.0, "m_n": 2.0}}}, "gives a contact other points"),
     ],
@@ -287,5 +316,23 @@ def test_all_are_the_numbers_that_have_a_size() -> None:
     simulation, _ = solved(scene)
     assert simulation.stepper.neighbours is not None
     assert isinstance(simulation.stepper.surface, CondensedSurface)
-    assert {"bodies.block.E", "contacts.base.friction.mu"} < {*simulation.stepper.neighbours.keys}
-    assert "contacts.base.gap_offset" not in simulation.stepper.neighbours.keys  # it is 0
+    assert {"bodies.block.E", "contacts.base.friction.mu"} < {*simulation.stepper.neighbours.by}
+    assert "contacts.base.gap_offset" not in simulation.stepper.neighbours.by  # it is 0
+
+
+def rows(printed: str) -> dict[str, float]:
+    """Derivatives by number, of a table."""
+    cells = (line.split("│") for line in printed.splitlines() if line.count("│") > 2)
+    return {by.strip(): float(value) for _, by, value, *_ in cells}
+
+
+def test_two_ranks_print_the_derivatives_of_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["two_blocks", "--set", "geometry.mesh_size=0.5", "--set", "geometry.contact_mesh_size=0.2"]
+    words += ["--set", "geometry.lower_mesh_size=0.5", "--set", "solver.tolerance=1e-12", "--quantity", "energy.stored"]
+    sensitivity(words[0], quantity=["energy.stored"], override=words[2:-2:2])
+    alone_rows, done = rows(capsys.readouterr().out), mpirun(2, ["sensitivity", *words], tmp_path)
+    assert done.returncode == 0, done.stderr
+    (first, *_), both = alone_rows, rows(done.stdout)
+    assert first == "supports.top.displacement.y"  # what it depends on most
+    assert both.keys() == alone_rows.keys()
+    assert_allclose([*both.values()], [alone_rows[key] for key in both], rtol=1e-5)

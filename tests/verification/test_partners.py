@@ -260,7 +260,7 @@ def test_each_face_at_a_corner_has_its_own_compliance_and_friction(seat: bool, t
     scene: dict[str, Any] = {
         "model": "plane strain",
         "geometry": {"file": "corner.geo", "seat": int(seat)},
-        "bodies": {name: {"E": 1e8, "nu": 0.0} for name in bodies},
+        "bodies": {name: {"E": 1e7, "nu": 0.0} for name in bodies},
         "obstacles": {}
         if seat
         else {n: {"shape": "plane", "point": [0.0, 0.0], "normal": x} for n, x in planes.items()},
@@ -280,5 +280,5 @@ def test_each_face_at_a_corner_has_its_own_compliance_and_friction(seat: bool, t
     }
     found = run(tmp_path, scene).contacts
     floor, wall = 10.0 * 0.02 * 2, 30.0 * 0.01 * 1
-    assert_allclose(found["bottom"].force, [0.2 * floor, floor], rtol=1e-5)
-    assert_allclose(found["left"].force, [wall, 5.0 * 0.02 * 1], rtol=1e-5)
+    assert_allclose(found["bottom"].force, [0.2 * floor, floor], rtol=3e-5)  # c_n / E is 3e-6
+    assert_allclose(found["left"].force, [wall, 5.0 * 0.02 * 1], rtol=3e-5)

@@ -44,7 +44,7 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
     comm, auditor = simulation.mesh.comm, Auditor(simulation.problem, simulation.mesh)
     files = WrittenFiles(simulation, folder) if comm.rank == 0 else None
     audits, before, told_before = list[Audit | None](), None, dict[str, Any]()
-    for index, step in enumerate(steps, start=1):
+    for index, step in enumerate(simulation.clock.counted(steps), start=1):
         record = from_rank_0(comm, partial(_record, folder, index, simulation.mesh.dim, step.time, files))
         now = told(step, None)
         if record is not None:
@@ -82,14 +82,8 @@ def audit_files(
 def _judged(
     simulation: Simulation, steps: Sequence[StepResult], audits: Sequence[Audit | None], shared: tuple[str, ...]
 ) -> Audited:
-    known = [(audit, k) for k, audit in enumerate(audits) if audit is not None]
-    over = passed(
-        [audit for audit, _ in known],
-        [steps[k].time for _, k in known],
-        [steps[k].law_error for _, k in known],
-        simulation.scene.solver.tolerance,
-        [k + 1 for _, k in known],
-    )
+    times, errors = [step.time for step in steps], [step.law_error for step in steps]
+    over = passed(audits, times, errors, simulation.scene.solver.tolerance)
     return Audited(audits=tuple(audits), shared=shared, passed=tuple(over))
 
 

@@ -174,6 +174,18 @@ def _jump(cells: Ints, stress: Array, von_mises: Array) -> float:
     return float(np.linalg.norm(mean - around[cells].mean(axis=1))) / size if size else 0.0
 
 
+def unsettled_pairs(simulation: Simulation) -> str:
+    """Why an answer is doubtful where pairs of a sliding contact do not settle; else empty."""
+    times = simulation.stepper.chain.unsettled
+    if not times:
+        return ""
+    return (
+        f"the pairs of a sliding contact change from search to search at t = {times[0]:g}"
+        f"{f' and {len(times) - 1} other times' * (len(times) > 1)}: those that change least are kept there; take more "
+        "steps, or finer sides"
+    )
+
+
 def doubts(
     simulation: Simulation, steps: Sequence[StepResult], errors: Sequence[Errors] | None = None
 ) -> Iterator[str]:
@@ -183,14 +195,10 @@ def doubts(
         errors: of the numbers of each step; None: not estimated.
     """
     problem, contacts = simulation.problem, simulation.system.contacts
-    if unsettled := simulation.stepper.chain.unsettled:
-        yield (
-            f"the pairs of a sliding contact change from search to search at t = {unsettled[0]:g}"
-            f"{f' and {len(unsettled) - 1} other times' * (len(unsettled) > 1)}: tractions there are those of the last "
-            "ones; take more steps, or finer sides"
-        )
     if steps and all(step.bodies and not any(b.max_displacement for b in step.bodies.values()) for step in steps):
         yield "nothing loads or moves the bodies: all displacements and forces are zero"
+    if simulation.slopes and (lost := [step.time for step in steps if not step.sensitivity]):
+        yield f"derivatives are not known from t = {lost[0]:g} on: the laws of a step, linearised, have no one solution"
     yield from _carried_at_points(problem, steps)
     yield from _several_solutions(steps, problem.labels("N/m" if problem.model.startswith("plane") else "N"))
     yield from _jumps(steps, problem.labels("J/m" if problem.model.startswith("plane") else "J"))

@@ -31,6 +31,7 @@ from stickslip.solvers.simulation.resolve import resolve
 from stickslip.workflows.lab.verification.hard.variations import Scale
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.units import Units
+from stickslip.workflows.run.warnings import unsettled_pairs
 
 SECOND = ("nsgs", "surface-uzawa", "uzawa")  # the first of these that can solve the scene gives a second opinion
 TOLERANCE = 1e-10  # of the second opinion
@@ -80,7 +81,7 @@ class Solved:
 
     @cached_property
     def complaints(self) -> tuple[str, ...]:
-        """Complaints of the audit."""
+        """Complaints of the audit, and of pairs that do not settle."""
         auditor = Auditor(self.simulation.problem, self.simulation.mesh)
         audits, before = list[Audit](), None
         for step in self.steps:
@@ -88,7 +89,8 @@ class Solved:
             audits.append(auditor(record, before if step.substeps == 1 else None))
             before = record
         times, errors = [s.time for s in self.steps], [s.law_error for s in self.steps]
-        return tuple(passed(audits, times, errors, self.simulation.scene.solver.tolerance))
+        found = passed(audits, times, errors, self.simulation.scene.solver.tolerance)
+        return tuple(filter(None, (*found, unsettled_pairs(self.simulation))))
 
     @property
     def spread(self) -> float:
