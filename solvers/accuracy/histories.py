@@ -139,7 +139,7 @@ class OtherHistory:
             StepError: one cannot be solved, in parts neither.
         """
         chain, state = self.stepper.chain, self.stepper.start()
-        for time in times:
+        for time in self._own.counters.clock.counted(times):
             try:
                 with chain.repeating(self.stepper.system):
                     accepted = self.stepper.reach(state, time, self._on_iteration)

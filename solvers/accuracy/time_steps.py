@@ -149,7 +149,7 @@ class TimeStepErrors:
         """
         observe, state = Observer.of(self._stepper), self._stepper.start()
         with self._stepper.chain.repeating(self._stepper.system):
-            for time in times:
+            for time in self._stepper.system.counters.clock.counted(times):
                 accepted = self._stepper.reach(state, time, self._on_iteration)
                 yield time, quantities(observe(accepted))
                 state = accepted.state

@@ -22,7 +22,7 @@ from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.protocols import KSP, Mat, Vec
 from stickslip.solvers.linear.block_diagonal import BlockDiagonal, joined
 from stickslip.solvers.linear.petsc_solver import call, petsc_library
-from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.counters import Clock, Counters
 from stickslip.solvers.parallel.replicated import Replicated
 
 BLOCK = 128  # right-hand sides solved together
@@ -75,12 +75,12 @@ class FactorisedVolume:
         self._number = np.zeros(0, np.int64)  # of the part that each dof is in; one rank's
         if K.comm.size > 1 or not several:
             pressures = A.getSize()[0] - K.getSize()[0]
-            self._parts = [_Factor(A, contact, low_rank, pressures=pressures)]
+            self._parts = [_Factor(A, contact, low_rank, counters.clock, pressures=pressures)]
             self.S = BlockDiagonal.whole(self._parts[0].S)
         else:
             self._number = number = _connected(A)
             self._parts = [
-                _part(A, np.flatnonzero(number == k), contact.rows, low_rank, displacements)
+                _part(A, np.flatnonzero(number == k), contact.rows, low_rank, counters.clock, displacements)
                 for k in range(number.max(initial=-1) + 1)
             ]
             belongs = number[contact.rows]
@@ -251,13 +251,13 @@ def _renumbered(dofs: Ints, K: Mat, mixed: Mat) -> Ints:
     return np.asarray(dofs + (np.array(mixed.getOwnershipRanges()) - begins)[rank])
 
 
-def _part(K: Mat, rows: Ints, contact_dofs: Ints, low_rank: bool, displacements: int) -> _Factor:
+def _part(K: Mat, rows: Ints, contact_dofs: Ints, low_rank: bool, clock: Clock, displacements: int) -> _Factor:
     """The factor of the rows and columns `rows` (n,) of K, on one rank; from `displacements` on they are pressures."""
     index = PETSc.IS().createGeneral(rows.astype(PETSc.IntType), comm=K.comm)
     own = K.createSubMatrix(index, index)
     at = np.searchsorted(rows, np.intersect1d(rows, contact_dofs))
     pressures = int(np.count_nonzero(rows >= displacements))
-    return _Factor(own, Replicated(own.createVecRight(), at), low_rank, rows, pressures)
+    return _Factor(own, Replicated(own.createVecRight(), at), low_rank, clock, rows, pressures)
 
 
 class _Factor:
@@ -267,13 +267,20 @@ class _Factor:
     _unit = 1.0  # [N/m] of the factorised matrix, a power of two
 
     def __init__(
-        self, K: Mat, contact: Replicated, low_rank: bool, rows: Ints | slice = slice(None), pressures: int = 0
+        self,
+        K: Mat,
+        contact: Replicated,
+        low_rank: bool,
+        clock: Clock,
+        rows: Ints | slice = slice(None),
+        pressures: int = 0,
     ) -> None:
         """
         Args:
             K: stiffness of these bodies alone, perhaps mixed.
             contact: of its contact dofs.
             low_rank: see `FactorisedVolume`.
+            clock: of the run.
             rows: this rank's dofs that they are, of all.
             pressures: number of unknowns that are pressures, on all ranks.
 
@@ -285,7 +292,7 @@ class _Factor:
         if K.comm.size == 1 and len(contact.rows) < K.size[0]:  # MUMPS refuses a Schur block without an interior
             self._factor_with_schur(contact.rows)
         else:
-            self._factor_interior(contact.rows)
+            self._factor_interior(contact.rows, clock)
 
     def interior(self, f: Array) -> Array:
         """K_ii^-1 f_i of this rank's forces f (owned,), zero at the contact dofs; collective."""
@@ -379,7 +386,7 @@ class _Factor:
         self.S = self._unit * _schur_complement(petsc_library(), factor, len(contact_dofs))
         factor.setMumpsIcntl(26, 0)  # from here on, solve with the interior block alone
 
-    def _factor_interior(self, contact_dofs: Ints) -> None:
+    def _factor_interior(self, contact_dofs: Ints, clock: Clock) -> None:
         self._unit = 1.0
         own = self.contact.rows[self.contact.mine]
         rows = PETSc.IS().createGeneral(own, comm=self.K.comm)
@@ -390,7 +397,7 @@ class _Factor:
         self.S = np.zeros((count, count))
         low, high = self.K.getOwnershipRange()
         every = PETSc.IS().createStride(high - low, first=low, step=1, comm=self.K.comm)
-        for first in range(0, count, BLOCK):
+        for first in clock.counted(range(0, count, BLOCK)):
             block = np.arange(first, min(first + BLOCK, count))
             mine = block[(self.contact.rows[block] >= low) & (self.contact.rows[block] < high)]
             columns = PETSc.IS().createGeneral(self.contact.rows[mine], comm=self.K.comm)

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, fields, replace
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from stickslip.geometry.keys import Key
 
@@ -28,6 +28,7 @@ PHASES = {  # what a row of the clock may be of, and what that is
     "other": "what is between these",
 }
 OTHER = "other"
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +73,7 @@ class Clock:
         self._worked = dict[tuple[str, str], float]()
         self.expected = 0.0  # s that preparing the bodies and solving all steps will take, once it is known
         self.on_phase: Callable[[Clock, str, str], None] = lambda clock, phase, part: None  # told where one begins
+        self._way: tuple[float, int, int] | None = None  # when it began [s], done and all, of what is counted now
 
     @contextmanager
     def phase(self, phase: str, part: str = "") -> Iterator[None]:
@@ -91,6 +93,33 @@ class Clock:
     def part(self, part: str) -> AbstractContextManager[None]:
         """Context that counts for a part of the phase that is on."""
         return self.phase(self._on[-1][0], part)
+
+    def counted(self, members: Sequence[T], done: int = 0) -> Iterator[T]:
+        """Go through what there is to do, each about as long; from it follows how long the rest will take.
+
+        Args:
+            members: all, those that are done among them.
+            done: how many that are.
+
+        >>> clock = Clock(now=iter([0.0, 0.0, 3.0, 4.0, 4.0]).__next__)
+        >>> [clock.left for _ in clock.counted("abc")]
+        [None, 6.0, 2.0]
+        """
+        before, began = self._way, self._now()
+        try:
+            for k, member in enumerate(members[done:]):
+                self._way = began, k, len(members) - done
+                yield member
+        finally:
+            self._way = before
+
+    @property
+    def left(self) -> float | None:
+        """How long what is counted now will go on [s]; None: nothing is, or none of it is done."""
+        if self._way is None or not self._way[1]:
+            return None
+        began, done, count = self._way
+        return (self._now() - began) / done * (count - done)
 
     def rows(self) -> tuple[Row, ...]:
         """Time spent until now, in the order of `PHASES`; of a phase, what is in no part comes first."""

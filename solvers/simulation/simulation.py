@@ -154,7 +154,7 @@ class Simulation:
             NoEquilibriumError: so, and it is shown that contact and friction cannot balance the loads.
         """
         state = state or self.stepper.start()
-        for time in self.scene.requested_times()[done:]:
+        for time in self.clock.counted(self.scene.requested_times(), done):
             try:
                 with self.clock.phase("iterate"):
                     accepted = self.stepper.reach(state, time, on_iteration)

@@ -25,8 +25,11 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
+from stickslip.workflows.commands import _sweep
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.terminal import Reporter
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.sweep.sweep import Member, Solved, Sweep
 
 
 class Hands:
@@ -299,3 +302,50 @@ def test_a_long_phase_is_spoken_of_while_it_lasts(
     assert said[0] == "meshing and preparing ..."
     assert 2 <= len(said[1:]) <= 4  # each when it has lasted twice as long
     assert all(line.startswith("drawing: ") and line.endswith(" s so far") for line in said[1:])
+
+
+def test_what_is_counted_tells_how_long_it_will_go_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("stickslip.workflows.run.terminal.ANNOUNCED", 0.05)
+    hands = [0.0]
+    clock = Clock(now=lambda: hands[0])
+    with Reporter(quiet=False, verbose=False) as reporter:
+        clock.on_phase = reporter.watch().on_phase
+        with clock.phase("audit"):
+            for number in clock.counted(range(3)):
+                hands[0] += 100.0
+                time.sleep(0.4 * (number == 1))
+    said = [line for line in capsys.readouterr().err.splitlines() if "so far" in line]
+    assert said[0].startswith("auditing: ")
+    assert said[0].endswith(" s so far, about 7 minutes left")  # 200 s for one of three
+    assert clock.left is None
+
+
+def test_each_step_that_is_solved_tells_how_long_the_others_take() -> None:
+    simulation = prepare(read("block", ["geometry.mesh_size=0.5", "steps.count=3"]))
+    left = [simulation.clock.left for _ in simulation.steps()]
+    assert left[0] is None
+    assert all(left[1:])
+    assert simulation.clock.left is None
+
+
+def test_members_of_a_sweep_tell_how_long_the_others_take(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    scene, hands = read("block"), [0.0]
+    member = Member("mu_1", {}, scene)
+
+    def solved(*given: Any) -> Sweep:
+        for number, seconds in enumerate((None, 200.0, 200.0), 1):  # one was solved before
+            hands[0] += seconds or 0.0
+            given[4](number, 5, Solved(member, tmp_path, "converged", "", seconds))
+        return Sweep((), tmp_path)
+
+    monkeypatch.setattr(_sweep, "monotonic", lambda: hands[0])
+    monkeypatch.setattr(_sweep, "sweep", solved)
+    monkeypatch.setattr(_sweep, "_print", lambda *given: None)
+    assert _sweep.sweep_scene(scene, [], tmp_path, tmp_path, 1, False) == 0
+    said = capsys.readouterr()
+    lines = [line for line in (said.out + said.err).splitlines() if "/5" in line]
+    assert [line.partition(", about ")[2] for line in lines] == ["", "10 minutes left", "7 minutes left"]

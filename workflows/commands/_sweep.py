@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from stickslip.geometry.errors import SceneError, shortened
@@ -12,7 +13,14 @@ from stickslip.workflows.commands.process import complain, say, speaks
 from stickslip.workflows.formats.marker import read_checked_json
 from stickslip.workflows.run.folder import RESULT, place_of
 from stickslip.workflows.run.resume import FINISHED
-from stickslip.workflows.run.terminal import console, contact_cells, contact_numbers, print_table, table_of
+from stickslip.workflows.run.terminal import (
+    console,
+    contact_cells,
+    contact_numbers,
+    print_table,
+    table_of,
+    time_left,
+)
 from stickslip.workflows.scene_file.read import value_of
 from stickslip.workflows.sweep.sweep import Solved, Sweep, said, short, sweep
 
@@ -29,11 +37,18 @@ def sweep_scene(scene: Scene, words: Sequence[str], files: Path, folder: Path, j
         SceneError: a key or a value is wrong.
     """
 
+    began, fresh = monotonic(), 0  # of solving; members that this process has solved
+
     def tell(number: int, count: int, solved: Solved) -> None:
+        nonlocal fresh
+        fresh += solved.seconds is not None
         if speaks() and not quiet:
-            say(f"{number:>{len(str(count))}}/{count}  {solved}")
+            left = time_left((monotonic() - began) / fresh * (count - number)) if fresh else ""
+            say(f"{number:>{len(str(count))}}/{count}  {solved}{left}")
 
     def checked(number: int, count: int) -> None:
+        nonlocal began
+        began = monotonic()
         if speaks() and not quiet and number % 50 == 0:
             say(f"{number} of {count} members are checked")
 

@@ -44,7 +44,7 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
     comm, auditor = simulation.mesh.comm, Auditor(simulation.problem, simulation.mesh)
     files = WrittenFiles(simulation, folder) if comm.rank == 0 else None
     audits, before, told_before = list[Audit | None](), None, dict[str, Any]()
-    for index, step in enumerate(steps, start=1):
+    for index, step in enumerate(simulation.clock.counted(steps), start=1):
         record = from_rank_0(comm, partial(_record, folder, index, simulation.mesh.dim, step.time, files))
         now = told(step, None)
         if record is not None:

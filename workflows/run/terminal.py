@@ -86,6 +86,7 @@ class Reporter(Speaker):
         self.began, self.done, self.count = monotonic(), 0, 0  # of solving; steps of this process; of them all
         self.told = np.inf  # when the last line on estimates was said
         self.since = self.spoke = monotonic()  # when what is done now began, and was last spoken of
+        self.clock: Clock | None = None  # of the run, once something began
         self.over = Event()
 
     def __enter__(self) -> Self:
@@ -107,7 +108,9 @@ class Reporter(Speaker):
         while not self.over.wait(ANNOUNCED / 5):
             now = monotonic()
             if now - max(self.spoke, self.since) >= max(ANNOUNCED, self.spoke - self.since):
-                self.line(f"{self.progress.tasks[0].description}: {now - self.since:.0f} s so far")
+                left = self.clock.left if self.clock else None
+                still = "" if left is None else time_left(left) or f", about {left:.0f} s left"
+                self.line(f"{self.progress.tasks[0].description}: {now - self.since:.0f} s so far{still}")
 
     def watch(self) -> Watch:
         """Callbacks for the run."""
@@ -158,7 +161,7 @@ class Reporter(Speaker):
 
     def _phase(self, clock: Clock, phase: str, part: str) -> None:
         """Say what begins: on a terminal always, else if it will take longer than others take to answer."""
-        self.since = monotonic()
+        self.since, self.clock = monotonic(), clock
         text = LONG.get((phase, part))
         if text is None or (phase == "prepare" and not clock.expected):
             return
