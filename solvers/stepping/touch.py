@@ -197,8 +197,8 @@ class Touch:
             before: gap (rows,) [m] that it was found with.
         """
         problem, gap = self.way.problem, self.way.touched(p, w)
-        change, allowed = gap - before, max(self.way.tolerance, EXACT) * problem.u_ref
-        allowed = np.maximum(allowed, problem.scales.no_motion(self.way.w))
+        change, settled = gap - before, max(self.way.tolerance, EXACT) * problem.u_ref
+        allowed = np.maximum(settled, problem.scales.no_motion(self.way.w))
         heard = self.way.felt(change, p) > allowed
         self.idle = np.where(heard | (np.abs(change) <= allowed), before, gap)
         if not heard.any():
