@@ -42,6 +42,7 @@ from stickslip.solvers.system.system import System
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
+NOT_CONDENSED = "needs the condensed form of the bodies"
 STEP = EPS ** (1 / 3)  # change of a number, relative: what differences leave and what rounding leaves are then alike
 MAX_IT = 100  # of the chord method; one that moves where points touch, or what friction remembers, takes a dozen
 
@@ -194,11 +195,23 @@ class Neighbours:
             return attempt
         try:
             with counters.clock.part("sensitivity"), counters.for_error():
+                self._follow()
                 found = _found(self.solvers, attempt)
         except (SolverError, np.linalg.LinAlgError) as error:  # the step is solved all the same
             log.warning("t = %g: derivatives are not known from here on: %s", attempt.state.time, error)
             found = ()
         return replace(attempt, state=replace(attempt.state, neighbours=found))
+
+    def _follow(self) -> None:
+        """Take over bodies that another method has prepared anew; collective.
+
+        Raises:
+            SolverError: they are not condensed.
+        """
+        if not isinstance(self.base.surface, CondensedSurface):
+            raise SolverError(NOT_CONDENSED)
+        if any(solver.volume is not self.base.volume for solver in self.solvers):
+            self.solvers = (self.base, *(beside(self.base, solver.system) for solver in self.solvers[1:]))
 
 
 def beside(base: SubstepSolver, system: System) -> SubstepSolver:
@@ -353,7 +366,9 @@ def refuse(base: SubstepSolver) -> None:
     system, surface = base.system, base.surface
     why = ""
     if not isinstance(surface, CondensedSurface):
-        why = 'needs the condensed form of the bodies; set solver.surface = "condensed"'
+        why = f'{NOT_CONDENSED}; set solver.surface = "condensed"'
+    elif not base.chain.exact_laws:
+        why = 'needs a method with the contact laws as they are; set solver.method = "auto"'
     elif any(pair.contact.sliding or pair.skins for pair in system.problem.pairs.values()):
         why = "is not built for contacts that slide, whose pairs are searched anew"
     if why:

@@ -154,6 +154,31 @@ def test_a_point_at_its_bound_has_two_sides() -> None:
     assert further.contacts["base"].normal_force == pytest.approx(1e-6 * stiffness, rel=1e-6)
 
 
+def at_the_bound(dim: int) -> Scene:
+    """A sheared layer, periodic along it, whose tangential traction is that of its friction bound at the end."""
+    limit = 0.3 * 0.1 * 0.7 / (1.3 * 0.4) * 2.6  # mu p H / G with p = M U / H
+    down = {"x": limit, "y": -0.1} if dim == 2 else {"x": limit, "y": 0.0, "z": -0.1}
+    layers = {"one": {"boundary": "block.left", "with": "block.right"}}
+    layers |= {"two": {"boundary": "block.front", "with": "block.back"}} if dim == 3 else {}
+    return scene_of(
+        dim, COLUMN | ({"width": 1.0} if dim == 3 else {}), {"friction": COULOMB}, down, periodic=layers, **EXACT
+    )
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_points_at_the_bound_of_friction_stick_on_one_side_and_slip_on_the_other(dim: int) -> None:
+    key, mu = "supports.top.displacement.x", "contacts.base.friction.mu"
+    _, (step,) = solved(replace(at_the_bound(dim), sensitivity=Sensitivity(parameters=(key, mu))))
+    slopes = step.sensitivity["contacts.base.tangential_force"]
+    assert slopes[key].value is None
+    assert_allclose([slopes[key].below, slopes[key].above], [1 / 2.6, 0.0], atol=1e-5)  # G / H sticks
+    normal = step.contacts["base"].normal_force
+    assert_allclose([slopes[mu].below, slopes[mu].above], [normal, 0.0], atol=1e-5)  # a larger mu is not used
+    slip = step.sensitivity["contacts.base.dissipation"][mu]
+    assert slip.below == pytest.approx(-(normal**2) * 0.3 * 2.6, rel=1e-4)  # t times the slip mu p H / G
+    assert slip.above == pytest.approx(0.0, abs=1e-6)
+
+
 def test_a_worn_column_loses_pressure_by_its_coefficient_of_wear() -> None:
     held = {side: {"boundary": f"block.{side}", "displacement": {"x": 0.0}} for side in ("left", "right")}
     top = {"boundary": "block.top", "displacement": {"y": [[0, 0], [1, -0.01]]}}
@@ -274,6 +299,7 @@ def test_what_is_no_parameter_is_refused(keys: Mapping[str, Any], words: str) ->
     ("tables", "words"),
     [
         ({"solver": {"surface": "matrix-free"}}, 'set solver.surface = "condensed"'),
+        ({"solver": {"method": "regularised"}}, "the contact laws as they are"),
         ({"base": {"sliding": True}}, "contacts that slide"),
         ({"base": {"normal": {"law": "compliance", "c_n": 9.0, "m_n": 2.0}}}, "gives a contact other points"),
     ],
