@@ -134,16 +134,19 @@ class ContactRows:
             own = np.divide(self.average.T @ (self.W_t * slip), near, out=own, where=near > 0)
         return np.hypot(own, aside)
 
+    def softness(self, slip: Array) -> Array:
+        """Worn depth by pressure (m_n,) [m/Pa] of a length of slip (m_n,) [m]."""
+        assert self.fields is not None
+        assert self.fields.wear is not None
+        return self.fields.wear.total * slip
+
     def worn(self, depth: Array, slip: Array | None = None) -> ContactRows:
         """The rows with gaps that are wider by a worn depth (m_n,) [m].
 
         Args:
             slip: of a step in which they wear on, length of the slip (m_n,) [m].
         """
-        assert self.fields is not None
-        wear, law = self.fields.wear, self.normal
-        if slip is not None and wear is not None:
-            law = Worn(of=self.normal, softness=wear.total * slip)
+        law = self.normal if slip is None else Worn(of=self.normal, softness=self.softness(slip))
         return replace(self, gap=self.gap + depth, node_gap=self.node_gap + self.node_pressure(depth), normal=law)
 
     @cached_property

@@ -142,8 +142,8 @@ class Turned(FrictionLaw):
 
     @staticmethod
     def refuses_law(law: FrictionLaw) -> bool:
-        """Whether a friction law cannot turn: its bound is infinite, or differs by direction or by what was."""
-        return bool(law.remembers or law.orthotropic or isinstance(law, Stick))
+        """Whether a friction law cannot turn: it gives before slip, holds at any traction, or differs by what was."""
+        return bool(law.remembers or law.orthotropic or law.k_T is not None or isinstance(law, Stick))
 
     @property
     def changes(self) -> bool:

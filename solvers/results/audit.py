@@ -350,6 +350,8 @@ class Auditor:
         open_now = self._gap(rows, record)[1] - rows.node_motion(self._motion(rows, record))[0]
         offset = rows.fields.offsets(record.time)[1] if rows.fields else 0.0
         allowed = np.linalg.norm(rows.tangential_part(apart), axis=1) + np.abs(open_now) + np.abs(offset)
+        if (worn := record.memory.get(f"{rows.name}{WORN}")) is not None:
+            allowed += rows.node_pressure(worn)
         return max(float(np.linalg.norm(told - other) - size @ allowed), 0.0) / float(size.sum() * system.extent)
 
     def _gap_digits(self, place: ContactBlock, record: Record) -> float:

@@ -151,8 +151,11 @@ class Contact(Noun):
         law = self.friction
         slides = self.slide is not None or self.slide_speed is not None
         if slides and law is not None and Turned.refuses_law(law):
-            raise SceneError(f"friction.law = {getattr(law, 'law', '')}: does not turn to `slide` yet; use coulomb")
+            key = "law" if law.k_T is None else "k_T"
+            raise SceneError(f"friction.{key} = {getattr(law, key, '')}: does not turn to `slide` yet; use coulomb")
         if self.wear is not None:
+            if law is not None and law.k_T is not None:
+                raise SceneError(f"friction.k_T = {law.k_T}: has no slip that wears yet; leave out k_T, or wear")
             require(law is not None or slides, "wear", "true", "needs friction or `slide`, which slip")
             if isinstance(law, TangentialCompliance):
                 raise SceneError(f"friction.law = {law.law}: is bounded by the penetration, of which wear takes a part")

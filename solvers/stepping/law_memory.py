@@ -103,10 +103,10 @@ class LawMemory:
             length = np.linalg.norm(moved[place.tangential].reshape(rows.free.shape) * rows.free, axis=1)
             slips[rows.name] = np.where(touching(p[place.normal], rows.average, rows.normal), length, 0.0)
             ways[rows.name] = length
-        for place in problem.cone.places:
-            if isinstance(law := place.rows.normal, Worn):
-                key = f"{place.rows.name}{WORN}"
-                worn[key] = self.start[key] + law.softness * p[place.normal]
+            if (key := f"{rows.name}{WORN}") in self.start:
+                way = length if f"{rows.name}{SLID}" in self.start else None
+                softness = rows.softness(rows.path(way, self.cone.time, self.step))
+                worn[key] = self.start[key] + softness * p[place.normal]
         return self._moved(slips, ways) | worn
 
     def _moved(self, slips: Mapping[str, Array], ways: Mapping[str, Array]) -> dict[str, Array]:
@@ -146,7 +146,7 @@ class LawMemory:
             if before is not None and before.any():
                 ratio = 1 - (1 - float(gap @ before) / float(before @ before)) / omega  # of turns without the step
                 # times the tolerance; differences of less may be what the method has left
-                if omega == 1.0 and off > 100.0 * self.tolerance:
+                if omega == 1.0 and off > 100.0 * self.tolerance and not any(name.endswith(SLID) for name in names):
                     worst = max(worst, ratio)
                 # steps, in units of the change of slip in a turn
                 omega = min(max(1 / (1 - ratio), 1e-3), 10.0) if ratio < 1 else 1.0

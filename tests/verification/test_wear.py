@@ -173,6 +173,17 @@ def test_the_contacts_own_slip_wears(dim: int, normal: dict[str, Any]) -> None:
     sound(audit)
 
 
+def test_turns_that_end_at_the_usual_tolerance_leave_a_sound_step() -> None:
+    """What the last turn leaves of slip is not held against the stored depths; large wear is no moment."""
+    top = {"x": [[0, 0], [1, 0], [2, 0.01]], "y": [[0, 0], [1, -PRESS]]}
+    tables = {"supports": {"top": {"boundary": "block.top", "displacement": top}}, "solver": {"tolerance": 1e-8}}
+    for k in (1e-3, 10.0):
+        _, audit = solved(column(3, base={"friction": {"law": "coulomb", "mu": 0.3}, "wear": {"k": k}}, **tables))
+        assert audit.fields < 1e-9
+        assert audit.moment < 1e-3
+        assert audit.penetration < 1e-6
+
+
 PAD = """SetFactory("OpenCASCADE");
 Rectangle(1) = {0.5, 0, 0, 0.5, 0.1};
 Physical Surface("pad") = {1};
@@ -265,6 +276,8 @@ def test_a_roller_wears_on_a_half_plane_as_boundary_elements_find_it(count: int,
         ({"slide": 1.0, "slide_speed": 1.0}, "leave it out, or `slide_speed`"),
         ({"slide": 1.0, "normal": {"law": "bilateral"}}, "needs surfaces that only press"),
         ({"slide": 1.0, "sliding": True}, "`sliding`, yet"),
+        ({"slide": 1.0, "friction": {"law": "coulomb", "mu": 0.3, "k_T": 1.0}}, "friction.k_T = 1.0: does not turn"),
+        ({"wear": {"k": 1.0}, "friction": {"law": "coulomb", "mu": 0.3, "k_T": 1.0}}, "has no slip that wears yet"),
         ({"slide": 1.0, "friction": {"law": "stick"}}, "does not turn to `slide` yet"),
         ({"slide": 1.0, "friction": {"law": "rate_dependent", "mu": "0.3 + V"}}, "does not turn to `slide` yet"),
         ({"slide_speed": 1.0}, "say that times are seconds"),
