@@ -44,11 +44,12 @@ def neighbours(scene: Scene, stepper: Stepper) -> Neighbours | None:
     asked, values = scene.derived_by, scene.parameters()
     if not asked:
         return None
-    bolts = stepper.system.initial.tightened
-    if bolts:
-        names = ", ".join(f"{bolt.shortening.table}.{bolt.shortening.name}" for bolt in bolts)
-        raise SceneError(f"sensitivity: is not built for {names}, whose lengths are found by solving each step again")
+    slack = [bolt.shortening for bolt in stepper.system.initial.tightened if bolt.tension is None]
+    if slack:
+        names = ", ".join(f"{place.table}.{place.name}" for place in slack)
+        raise SceneError(f"sensitivity: is not built for springs that act in one way, as {names}")
     refuse(stepper)
+    stepper.system.course.found = {bolt.shortening: 0.0 for bolt in stepper.system.initial.tightened}  # until a step
     with stepper.system.counters.for_error():
         scale = stepper.posed(stepper.start(), scene.requested_times()[0])[0].u_ref
     pairs, by = dict[str, tuple[SubstepSolver, SubstepSolver]](), dict[str, float]()

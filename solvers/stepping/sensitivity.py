@@ -130,6 +130,7 @@ class Near:
             load=posed.load,
             p=self.p,
             driven=self.u_c[len(self.u_c) - posed.surface.driven :],
+            initial=posed.initial,
         )
 
 
@@ -142,12 +143,18 @@ class Posed:
     way: Way  # of points that close in it
     prescribed: Vec  # u_s over all displacements [m]
     load: Vec  # external forces [N]
+    initial: Array  # (k,) values of the initial strains
 
     @classmethod
-    def of(cls, solver: SubstepSolver, old: State, time: float) -> Posed:
-        """From a state to a time [s]; collective."""
+    def of(cls, solver: SubstepSolver, old: State, shortened: Array | None, time: float) -> Posed:
+        """From a state to a time [s], with shortenings (b,) [m] of bolts that are tightened by force; collective."""
+        system = solver.system
+        if shortened is not None:
+            each = zip(system.initial.tightened, shortened.tolist(), strict=True)
+            system.course.found = {bolt.shortening: ((time, x),) for bolt, x in each}
         problem, u_s, load = solver.posed(old, time)
-        return cls(solver, old, Way(problem, old.p, old.w, 0.0), u_s, load)
+        initial = system.initial.values(system.course, time)
+        return cls(solver, old, Way(problem, old.p, old.w, 0.0), u_s, load, initial)
 
     @property
     def surface(self) -> CondensedSurface:
@@ -229,14 +236,72 @@ def beside(base: SubstepSolver, system: System) -> SubstepSolver:
 
 
 def _found(solvers: Sequence[SubstepSolver], attempt: Attempt) -> tuple[State, ...]:
-    """The states of the neighbours; collective."""
+    """The states of the neighbours, whose bolts have the tensions that they are given; collective."""
+    if not solvers[0].system.initial.tightened:
+        return _solved(solvers, attempt, attempt.begin.neighbours)
+    assert attempt.state is not None
+    assert attempt.problem is not None
+    course, before = solvers[0].system.course, solvers[0].system.course.found
+    try:
+        return _tightened(solvers, attempt, attempt.state, STEP * attempt.problem.u_ref)
+    finally:
+        course.found = before
+
+
+def _tightened(solvers: Sequence[SubstepSolver], attempt: Attempt, new: State, by: float) -> tuple[State, ...]:
+    """The same with bolts that are tightened by force: their shortenings follow from how tensions answer to them.
+
+    Args:
+        new: the solution.
+        by: change of a shortening [m] that this is found by.
+
+    Raises:
+        SolverError: the step is cut, so that no tension is given at its end.
+    """
+    (base, *_), olds = solvers, attempt.begin.neighbours
+    bolts = base.system.initial.tightened
+    places = [bolt.index for bolt in bolts]
+    if any(values[-1][0] > new.time for values in base.system.course.found.values()):  # type: ignore[index]
+        raise SolverError("a step with bolts that are tightened by force is cut")
+    free = np.array([attempt.begin.time < bolt.held_from * (1 - EXACT) for bolt in bolts])
+
+    def solve(those: Sequence[SubstepSolver], begun: Sequence[State], x: Array) -> tuple[tuple[State, ...], Array]:
+        """The states with shortenings x (n, b) [m], and their tensions (n, b) [N]."""
+        found = _solved(those, attempt, begun, x)
+        return found, np.array([-state.initial_work[places] for state in found])
+
+    def given(system: System) -> list[float]:
+        return [
+            0.0 if b.tension is None else system.course.value(b.tension, new.time) for b in system.initial.tightened
+        ]
+
+    x = np.array([np.where(free, new.initial[places], old.initial[places]) for old in olds])
+    steps = by * np.kron(np.eye(len(bolts)), [[-1.0], [1.0]])
+    _, answers = solve([base] * (1 + len(steps)), [olds[0]] * (1 + len(steps)), x[0] + np.vstack([0 * x[0], steps]))
+    J = ((answers[2::2] - answers[1::2]) / (2 * by)).T
+    _, tensions = solve(solvers, olds, x)
+    off = (np.array([given(solver.system) for solver in solvers]) - tensions)[:, free]
+    x[:, free] += np.linalg.solve(J[np.ix_(free, free)], off.T).T
+    return solve(solvers, olds, x)[0]
+
+
+def _solved(
+    solvers: Sequence[SubstepSolver], attempt: Attempt, olds: Sequence[State], shortened: Array | None = None
+) -> tuple[State, ...]:
+    """The states of the neighbours; collective.
+
+    Args:
+        olds: their states at the beginning.
+        shortened: shortenings (n, b) [m] of their bolts that are tightened by force; None: there are none.
+    """
     new, problem, (base, *_) = attempt.state, attempt.problem, solvers
     assert new is not None
     assert problem is not None
     p = attempt.solution.p
     tangent = Tangent(linearise(problem, p + problem.gamma * (new.w - problem.gap), problem.gamma))
     solution = _Solution(p, attempt.solution.u_c, base.system.free_part(new.u, new.time), tangent)
-    posed = [Posed.of(*each, new.time) for each in zip(solvers, attempt.begin.neighbours, strict=True)]
+    lengths = [None] * len(solvers) if shortened is None else [*shortened]
+    posed = [Posed.of(*each, new.time) for each in zip(solvers, olds, lengths, strict=True)]
     own, *nears = [solution.near(each) for each in solution.softened(posed)]
     if np.abs(own.p - p).max(initial=0.0) > SLIGHT * problem.scales.of_tractions(p):
         log.warning("t = %g: derivatives are those of another solution", new.time)

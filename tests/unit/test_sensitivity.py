@@ -38,6 +38,7 @@ EXACT = {"solver": {"tolerance": 1e-12, "surface": "condensed"}}
 COULOMB = {"law": "coulomb", "mu": 0.3}
 DRAG = {"x": [[0, 0], [1, 0], [2, 0.05]], "y": [[0, 0], [1, -0.1]]}
 TIP = {"probes": {"tip": {"point": [2.0, 1.0]}}}
+SLACK = {"at": "block.right", "stiffness": 0.1, "direction": [1.0, 0.0], "acts": "tension"}
 COLUMN = {"builder": "block", "length": 1.0, "height": 1.0, "mesh_size": 0.5, "cells": "tensor"}
 RINGS = """
 model = "plane strain"
@@ -80,6 +81,10 @@ SCENES: dict[str, tuple[Scene, tuple[str, ...]]] = {
     "friction that slip weakens": (
         dragged(base={"friction": {"law": "static_kinetic", "mu_s": 0.4, "mu_k": 0.3, "slip_length": 0.2}}),
         ("bodies.block.E", "contacts.base.friction.mu_s", "contacts.base.friction.slip_length"),
+    ),
+    "bolts": (
+        read("lap_joint", ["solver.tolerance=1e-12", "steps.count=2", "geometry.mesh_size=0.005"]),
+        ("bodies.upper.E", "contacts.joint.friction.mu", "bolts.bolt.force", "bolts.bolt.stiffness"),
     ),
     "axisymmetric": (pressed_ball(), ("bodies.block.E", "contacts.base.normal.c_n", "loads.top.pressure")),
     "3D": (dragged(3), ("bodies.block.nu", "contacts.base.friction.mu", "supports.top.displacement.y")),
@@ -127,6 +132,7 @@ def test_derivatives_are_the_differences_of_two_runs(name: str) -> None:
             units = {number_of(quantity).unit: [] for quantity in mine}
             for quantity, value in mine.items():
                 units[number_of(quantity).unit].append(np.abs(value).max())
+            units["m"] += [np.abs(step.w).max()]
             for quantity in mine:
                 slope = step.sensitivity.get(str(quantity), {}).get(key, Slope()).value
                 if slope is not None:
@@ -301,6 +307,7 @@ def test_what_is_no_parameter_is_refused(keys: Mapping[str, Any], words: str) ->
         ({"solver": {"surface": "matrix-free"}}, 'set solver.surface = "condensed"'),
         ({"solver": {"method": "regularised"}}, "the contact laws as they are"),
         ({"base": {"sliding": True}}, "contacts that slide"),
+        ({"springs": {"rope": SLACK}}, "springs that act in one way, as springs.rope"),
         ({"base": {"normal": {"law": "compliance", "c_n": 9.0, "m_n": 2.0}}}, "gives a contact other points"),
     ],
 )
