@@ -17,7 +17,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from stickslip.geometry.arrays import HALF_DIGITS, LAST_DIGITS, Array, Ints
+from stickslip.geometry.arrays import EXACT, HALF_DIGITS, LAST_DIGITS, Array, Ints
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import Mat, Sparse, Vec
 from stickslip.solvers.classical.block_matrices import (
@@ -354,7 +354,7 @@ class NestedSystem:
         """
         self.blocks, self.q, self.options = blocks, q, options
         # backward error, and relative force out of balance, above which the linear system counts as singular
-        self.enough = min(HALF_DIGITS, rtol)
+        self.enough = max(EXACT, min(HALF_DIGITS, rtol))
         self.u_c: Array | None = None  # of the last answer, the same object as it returned
         self.direct = True  # whether all solves were by a factor
 

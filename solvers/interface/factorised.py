@@ -288,11 +288,12 @@ class _Factor:
             MachineError: the factorisation failed.
         """
         self.K, self.contact, self.low_rank, self.rows, self.pressures = K, contact, low_rank, rows, pressures
+        self._clock = clock
         self._in, self._out = K.createVecs()
         if K.comm.size == 1 and len(contact.rows) < K.size[0]:  # MUMPS refuses a Schur block without an interior
             self._factor_with_schur(contact.rows)
         else:
-            self._factor_interior(contact.rows, clock)
+            self._factor_interior(contact.rows)
 
     def interior(self, f: Array) -> Array:
         """K_ii^-1 f_i of this rank's forces f (owned,), zero at the contact dofs; collective."""
@@ -386,7 +387,7 @@ class _Factor:
         self.S = self._unit * _schur_complement(petsc_library(), factor, len(contact_dofs))
         factor.setMumpsIcntl(26, 0)  # from here on, solve with the interior block alone
 
-    def _factor_interior(self, contact_dofs: Ints, clock: Clock) -> None:
+    def _factor_interior(self, contact_dofs: Ints) -> None:
         self._unit = 1.0
         own = self.contact.rows[self.contact.mine]
         rows = PETSc.IS().createGeneral(own, comm=self.K.comm)
@@ -397,7 +398,7 @@ class _Factor:
         self.S = np.zeros((count, count))
         low, high = self.K.getOwnershipRange()
         every = PETSc.IS().createStride(high - low, first=low, step=1, comm=self.K.comm)
-        for first in clock.counted(range(0, count, BLOCK)):
+        for first in self._clock.counted(range(0, count, BLOCK)):
             block = np.arange(first, min(first + BLOCK, count))
             mine = block[(self.contact.rows[block] >= low) & (self.contact.rows[block] < high)]
             columns = PETSc.IS().createGeneral(self.contact.rows[mine], comm=self.K.comm)

@@ -128,7 +128,7 @@ def continued(problem: SurfaceProblem, p: Array, w: Array, found: Solution) -> t
         fall of the load.
     """
     rubs = any(True for _ in problem.cone.with_friction())
-    if not rubs or len(p) > MOST or problem.p_ref == 0 or not applies(problem) or proved(problem):
+    if not rubs or len(p) > MOST or problem.p_ref == 0 or not applies(problem) or _falls(problem, p) or proved(problem):
         return None, False
     r = standing(problem, p, w)
     size = max(problem.scales.of_tractions(p), problem.scales.of_tractions(found.p))
@@ -145,6 +145,14 @@ def continued(problem: SurfaceProblem, p: Array, w: Array, found: Solution) -> t
     if end is None or np.abs(end.p - found.p).max(initial=0.0) <= SLIGHT * size:
         return None, path.turned
     return end, path.turned
+
+
+def _falls(problem: SurfaceProblem, p: Array) -> bool:
+    """Whether rows with tractions p (rows,) [Pa] cannot hold a body: it goes all the way under the least load."""
+    surface, force = problem.surface, problem.load.resultant
+    held = np.asarray(surface.N @ surface.R)[p != 0].T
+    left = force - held @ np.linalg.lstsq(held, force, rcond=None)[0]
+    return bool(np.abs(left).max(initial=0.0) > CLOSE * np.abs(force).max(initial=0.0))
 
 
 def standing(problem: SurfaceProblem, p: Array, w: Array) -> Array:

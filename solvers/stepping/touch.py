@@ -54,7 +54,7 @@ class Way:
         (solution, last), touch = found, Touch(self)
         while solution.status is Status.CONVERGED and (gap := touch(solution.p, solution.w, last.gap)) is not last.gap:
             solution, last = solve(replace(self.problem, gap=gap), solution.p)
-        return solution, last if touch.idle is None else replace(last, gap=touch.idle)
+        return solution, replace(last, gap=touch.idle) if touch.idle is not None else last
 
     @cached_property
     def room(self) -> Array:
@@ -175,16 +175,18 @@ class Way:
 class Touch:
     """Where points touch, found again from each iterate until the places stay, or go to and fro; collective.
 
-    While the same points are closed the gap is extrapolated through those before, on the way through the last two.
+    What friction does not feel stays; what goes to and fro goes half the way. While the same points are closed the gap
+    is extrapolated through those before, on the way through the last two.
 
     Source: Anderson, J. ACM 12 (1965).
     """
 
     way: Way
     on_the_way: bool = False  # whether it is asked of iterates that are no solutions yet
-    sizes: list[float] = field(default_factory=list)  # of all changes [m]
+    halved: float = np.inf  # size [m] of the last change that was halved
+    sizes: list[float] = field(default_factory=list)  # of changes since then [m]
     tried: dict[bytes, list[tuple[Array, Array]]] = field(default_factory=dict)  # gaps, changes
-    idle: Array | None = None  # gap (rows,) [m] with the changes that friction does not feel; None: there are none
+    idle: Array | None = None  # gap (rows,) [m] before, with the changes that friction does not feel; None: not yet
 
     def __call__(self, p: Array, w: Array, before: Array) -> Array:
         """Gap (rows,) [m] with slip counted from touch; that of before if it stays.
@@ -195,11 +197,13 @@ class Touch:
             before: gap (rows,) [m] that it was found with.
         """
         problem, gap = self.way.problem, self.way.touched(p, w)
-        change, allowed = gap - before, max(self.way.tolerance, EXACT) * problem.u_ref
-        self.idle, rounding = None, problem.scales.no_motion(self.way.w)
-        if np.all(self.way.felt(change, p) <= np.maximum(allowed, rounding)):
-            self.idle = np.where(np.abs(change) > np.maximum(allowed, rounding), gap, before)
+        change, settled = gap - before, max(self.way.tolerance, EXACT) * problem.u_ref
+        allowed = np.maximum(settled, problem.scales.no_motion(self.way.w))
+        heard = self.way.felt(change, p) > allowed
+        self.idle = np.where(heard | (np.abs(change) <= allowed), before, gap)
+        if not heard.any():
             return before
+        gap, change = np.where(heard, gap, before), np.where(heard, change, 0.0)
         if not np.any(before != problem.gap):  # slip has counted from the beginning
             return gap
         which = (p[: problem.surface.normal_rows] > 0).tobytes()
@@ -215,6 +219,9 @@ class Touch:
         else:
             falls = len(self.sizes) < 3 or sizes[-1] < self.sizes[-3]
         if not falls:  # to and fro
-            return before
+            if self.on_the_way or sizes[-1] >= self.halved:
+                return before
+            self.halved, self.sizes = float(sizes[-1]), []
+            return np.asarray(before + change / 2)
         turns = np.linalg.lstsq(np.diff(changes, axis=0).T, change, rcond=None)[0]  # Anderson's acceleration
         return np.asarray(gap - turns @ np.diff(gaps, axis=0))

@@ -120,7 +120,7 @@ WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in LEARNI
 @pytest.mark.parametrize("name", EACH)
 def test_every_method_goes_on_to_the_same_bits(name: str, tmp_path: Path) -> None:
     ready, words = HISTORIES[name]
-    scene = read(ready, [*words, *(["output.error=false"] * (name in WITHOUT_ERRORS))])
+    scene = read(ready, [*words, f"output.error={'false' if name in WITHOUT_ERRORS else 'full'}"])
     _, content = run(scene, tmp_path / "whole")
     assert (max(step["substeps"] for step in content["steps"]) > 1) == (name == "substeps")
     outcome, _ = run(scene, tmp_path / "out", Watch(on_step=Stop(3)))
