@@ -372,6 +372,8 @@ def _line(problem: Any, path: Sequence[str], node: Any, known: set[str], beside:
         texts = any(e["type"] == "string_type" for e in beside)
         more = ", or an expression in quotes" if texts else ""
         number = f"a number{f' in {unit}' if unit else ''}"
+        if any("tuple[float, float]" in e["loc"] for e in beside):
+            return f"{key} = {found}: expected {number}, or two of them"
         return f"{key} = {found}: expected {number}, or a table [[time, value], ...]{more}"
     if what == "dataclass_exact_type":
         return f"{key} = {found}: expected a {context['class_name']}"

@@ -28,6 +28,7 @@ from stickslip.solvers.accuracy.model_error import model_errors
 from stickslip.solvers.accuracy.nested_run import Corners, NestedRun
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.laws.wear import WORN
 from stickslip.solvers.results.observe import LINEAR, Observer
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import (
@@ -74,6 +75,8 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
         "energy": worked + left.size * float(np.sqrt(2 * state.peak)),
         "pressure": float(np.abs(left.p).max(initial=0.0)),
     }
+    worn = [float(np.abs(ahead).max(initial=0.0)) for key, ahead in left.memory.items() if key.endswith(WORN)]
+    bounds["length"] += max(worn, default=0.0)
     area = float(W[: accepted.stepper.surface.normal_rows].sum())
     for known in (sizes, bounds):
         known["volume"] = area * known["length"]

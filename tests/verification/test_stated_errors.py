@@ -183,6 +183,8 @@ def stated_and_true_numbers(scene: str, words: tuple[str, ...]) -> list[tuple[Qu
     [
         ("lap_joint", ("geometry.mesh_size=0.005", "steps.count=4"), "bolts", "tension", 3e5),
         ("sledge", ("geometry.mesh_size=0.04", "steps.count=2"), "remote_points", "rotation", 1e-4),
+        # what steps before have worn off wrongly is off in a gap, too
+        ("worn_roller", (*coarse("worn_roller"), "steps.count=6"), "contacts", "max_penetration", 1e-2),
     ],
 )
 def test_tensions_are_no_works(scene: str, words: tuple[str, ...], kind: str, quantity: str, most: float) -> None:
