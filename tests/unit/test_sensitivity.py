@@ -137,7 +137,7 @@ def test_derivatives_are_the_differences_of_two_runs(name: str) -> None:
                 slope = step.sensitivity.get(str(quantity), {}).get(key, Slope()).value
                 if slope is not None:
                     true = (high[quantity] - low[quantity]) / (2 * size * known[key])
-                    floor = 1e-7 * max(units[number_of(quantity).unit]) / abs(known[key])
+                    floor = 5e-7 * max(units[number_of(quantity).unit]) / abs(known[key])
                     assert_allclose(slope, true, rtol=2e-6, atol=floor, err_msg=f"{quantity} by {key}")
 
 
