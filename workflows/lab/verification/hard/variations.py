@@ -56,7 +56,7 @@ def mirrored(tables: Tables, random: Random) -> Tables | None:
     found = over_drives(tables, _turned)
     found["geometry"]["cells"] = "tensor"
     for contact in found["contacts"].values():
-        contact["surface"], contact["against"] = _other(contact["surface"]), _other(contact["against"])
+        contact |= {key: _other(contact[key]) for key in ("surface", "against") if key in contact}
         _mirror(contact.get("friction", {}), middle)
     for body in found["bodies"].values():
         for key in {"axis_1", "axis_2"} & body.keys():
@@ -86,11 +86,13 @@ def _mirror(entry: dict[str, Any], middle: float) -> None:
             entry[key][0] *= -1
 
 
-def _other(side: str) -> str:
+def _other(side: Any) -> Any:
     """
-    >>> _other("block.left"), _other("block.top"), _other("table")
-    ('block.right', 'block.top', 'table')
+    >>> _other("block.left"), _other(["block.top", "table"])
+    ('block.right', ['block.top', 'table'])
     """
+    if isinstance(side, list):
+        return [_other(each) for each in side]
     body, dot, name = side.rpartition(".")
     return f"{body}{dot}{OTHER.get(name, name)}"
 
