@@ -57,7 +57,7 @@ def mirrored(tables: Tables, random: Random) -> Tables | None:
     found["geometry"]["cells"] = "tensor"
     for contact in found["contacts"].values():
         contact |= {key: _other(contact[key]) for key in ("surface", "against") if key in contact}
-        _mirror(contact.get("friction", {}), middle)
+        _mirror(contact.get("friction") or {}, middle)
     for body in found["bodies"].values():
         for key in {"axis_1", "axis_2"} & body.keys():
             body[key][0] *= -1
@@ -82,7 +82,7 @@ def _mirror(entry: dict[str, Any], middle: float) -> None:
         if "point" in table:
             table["point"][0] = middle - table["point"][0]
     for key in ("normal", "axis", "direction"):
-        if key in entry:
+        if entry.get(key) is not None:
             entry[key][0] *= -1
 
 
@@ -325,7 +325,8 @@ def gap(share: float, tables: Tables, random: Random) -> Tables | None:
 
 def contact_key(key: str, value: object, tables: Tables, random: Random) -> Tables | None:
     """A key of contacts between bodies."""
-    pairs = [c for c in tables["contacts"].values() if c["against"] not in tables["obstacles"]]
+    partners = [(c, {*np.atleast_1d(c.get("against") or [])}) for c in tables["contacts"].values()]
+    pairs = [contact for contact, others in partners if others.isdisjoint(tables.get("obstacles", {}))]
     for contact in pairs:
         contact[key] = value
     return tables if pairs else None
