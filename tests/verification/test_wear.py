@@ -278,7 +278,7 @@ def test_fretting_wears_until_only_what_sticks_presses() -> None:
 
     Source: Popov, Sci. Rep. 4:3749 (2014): the stick part of a fretted contact stays, and carries all in the end.
     """
-    strokes = [[0, 0], [1, 0], *([2.0 + k, 0.02 * (-1) ** k] for k in range(5))]
+    strokes = [[0, 0], [1, 0], *([2.0 + k, 0.02 * (-1) ** k] for k in range(7))]
     scene = {
         "model": "plane strain",
         "geometry": {
@@ -295,13 +295,13 @@ def test_fretting_wears_until_only_what_sticks_presses() -> None:
                 "surface": "disc.arc",
                 "against": "ground",
                 "friction": {"law": "coulomb", "mu": 0.3},
-                "wear": {"k": 1.0},
+                "wear": {"k": 0.5},
             }
         },
         "supports": {
             "top": {"boundary": "disc.top", "displacement": {"x": strokes, "y": [[0, 0], [1, -0.1]]}},
         },
-        "steps": {"end": 6.0, "count": 6},
+        "steps": {"end": 8.0, "count": 8},
         "solver": {"tolerance": 1e-10},
     }
     steps, audit = solved(from_dict(scene))
