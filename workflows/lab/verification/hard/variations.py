@@ -88,13 +88,13 @@ def _mirror(entry: dict[str, Any], middle: float) -> None:
 
 def _other(side: Any) -> Any:
     """
-    >>> _other("block.left"), _other(["block.top", "table"])
-    ('block.right', ['block.top', 'table'])
+    >>> _other("block.left"), _other(["block.top", "left"])  # "left" is an obstacle, which is where its point is
+    ('block.right', ['block.top', 'left'])
     """
     if isinstance(side, list):
         return [_other(each) for each in side]
     body, dot, name = side.rpartition(".")
-    return f"{body}{dot}{OTHER.get(name, name)}"
+    return f"{body}{dot}{OTHER.get(name, name) if dot else name}"
 
 
 STEEPEST = 2.0  # of the vertical component; bodies that rest even there have no limit
