@@ -261,9 +261,9 @@ class Driver:
         return Status.CONVERGED if enough else None
 
     def _keep(self, solution: Solution) -> None:
-        """Keep a solution if it is the best one so far; of those equal to rounding the last, and NaN is worst."""
-        best = self.best
-        if best is None or np.isnan(best.residual) or solution.residual <= best.residual * (1 + EXACT):
+        """Keep a solution if it is an answer, or the best one so far; of those equal to rounding the last, not NaN."""
+        best, ended = self.best, solution.status is Status.CONVERGED
+        if best is None or np.isnan(best.residual) or ended or solution.residual <= best.residual * (1 + EXACT):
             self.best = solution
         elif solution.status is Status.MAX_IT:
             self.best = replace(best, status=Status.MAX_IT)
