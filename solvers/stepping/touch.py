@@ -199,7 +199,7 @@ class Touch:
         problem, gap = self.way.problem, self.way.touched(p, w)
         change, settled = gap - before, max(self.way.tolerance, EXACT) * problem.u_ref
         allowed = np.maximum(settled, problem.scales.no_motion(self.way.w))
-        heard = self.way.felt(change, p) > allowed
+        heard = (np.abs(change) if self.on_the_way else self.way.felt(change, p)) > allowed
         self.idle = np.where(heard | (np.abs(change) <= allowed), before, gap)
         if not heard.any():
             return before
