@@ -91,7 +91,8 @@ def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     """The page of a ready scene."""
     folder = tmp_path_factory.mktemp(request.param)
     run(read(request.param), folder / "out")
-    return report(folder / "out", folder / "page.html")
+    report(folder / "out", folder / "page.html")
+    return folder / "page.html"
 
 
 def chromium(page: Path, *words: str) -> tuple[str, str]:
