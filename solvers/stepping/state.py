@@ -111,9 +111,7 @@ class State:
     reactions: Mapping[str, tuple[Array, Array]] | None = None  # of each support with bubbles: force [N], moment [N m]
     ground: Array = field(default_factory=lambda: np.zeros(0))  # that springs to it exert, see `GroundSprings` [N, N m]
     refined: State | None = None  # the same history with bubbles, see `solvers/accuracy`; None: it is not followed
-    neighbours: tuple[
-        State, ...
-    ] = ()  # with other numbers in the scene, see `sensitivity`; empty: nobody asks for them
+    neighbours: tuple[State, ...] = ()  # with other numbers in the scene, see `sensitivity`; empty: nobody asks
     peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded
 
     def ahead(self, time: float, turns: Iterable[float]) -> Array:

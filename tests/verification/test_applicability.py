@@ -85,6 +85,20 @@ def test_sample(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
     assert judged(cell, monkeypatch) is None
 
 
+@pytest.mark.parametrize("method", ["surface-uzawa", "tangent-cg"])
+def test_a_body_that_falls_does_not_jump(method: str) -> None:
+    """The least load moves it all the way, however short the step: cut steps would have slip of another history."""
+    cell = Cell(method, model="plane strain", more="floating")
+    assert wrong(cell) is None
+    for step in reference(replace(cell, method=REFERENCE), TOLERANCE):
+        assert step.substeps == 1
+
+
+def test_places_of_touch_that_go_to_and_fro_settle() -> None:
+    """Of five points four or five close, by turns: the places of the others depend on which."""
+    assert wrong(Cell("nsgs", model="3d", more="sliding")) is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("method", METHODS)
