@@ -263,9 +263,6 @@ class Run:
         if unsettled := unsettled_pairs(simulation):
             warnings += (unsettled,) * (status != "converged")
             status, sentence = ("doubtful", unsettled) if status == "converged" else (status, sentence)
-        if unsettled := unsettled_pairs(simulation):
-            warnings += (unsettled,) * (status != "converged")
-            status, sentence = ("doubtful", unsettled) if status == "converged" else (status, sentence)
         outcome = Outcome(status, sentence, self._place, warnings)
         ended = Ended(status=status, steps=self.steps, errors=self._errors)
         reference: LinearReference | None = None
