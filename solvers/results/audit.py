@@ -534,7 +534,7 @@ class Auditor:
     def _history(self, place: ContactBlock, record: Record, before: Record, scales: Scales) -> list[float]:
         """Differences of what slip is counted from, and of the stored slip, from those of the step before [-]."""
         rows, t, found = place.rows, before.p[place.tangential], []
-        law = rows.friction
+        law, wears = rows.friction, f"{rows.name}{WORN}" in record.memory
         softness, moved = law.k_T if law is not None else None, self._motion(rows, before)
         if not (softness and rows.name in record.searched):  # t turns with the frames of other rows
             start = rows.N_t @ moved.ravel() - (t / softness if softness else 0.0)
@@ -545,21 +545,19 @@ class Auditor:
             closes = np.repeat(pressed & ~was & (rows.normal.sides == 1), rows.free.shape[1])
             reference = np.where(closes, start, record.reference[place.tangential])
             found.append(difference(reference, start, scales.u[rows.name], scales.rounding))
-        wears = f"{rows.name}{WORN}" in record.memory
         if (wears or rows.name in record.memory) and not self._searched(rows, record):
             moves = rows.N_t @ self._motion(rows, record).ravel() - record.reference[place.tangential]
             moves -= record.p[place.tangential] / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
             lasts = record.time - before.time
             found += self._wear(place, record, before, length, scales) if wears else []
-            length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
-        if law is not None and rows.name in record.memory and not self._searched(rows, record):
-            known = before.memory[rows.name]
-            own = remembered(law, known, length, lasts)
-            expected = law.after(known, length, lasts) if own is None else own
-            unit = lasts if law.timed else 1.0  # of a rate; what it makes of a step is a length
-            now_known = record.memory[rows.name]
-            found.append(difference(unit * now_known, unit * expected, scales.u[rows.name], scales.rounding))
+            if law is not None and rows.name in record.memory:
+                length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
+                known, now_known = (each.memory[rows.name] for each in (before, record))
+                own = remembered(law, known, length, lasts)
+                expected = law.after(known, length, lasts) if own is None else own
+                unit = lasts if law.timed else 1.0  # of a rate; what it makes of a step is a length
+                found.append(difference(unit * now_known, unit * expected, scales.u[rows.name], scales.rounding))
         now, then = (each.stored.contacts.get(rows.name) for each in (record, before))
         if now is not None and then is not None:
             step = slip_of(rows, self._motion(rows, record) - moved)

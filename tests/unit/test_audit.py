@@ -22,7 +22,7 @@ from stickslip.solvers.parallel.gather import nodes_of
 from stickslip.solvers.results import audit as module
 from stickslip.solvers.results.audit import Audit, Auditor, Record, Scales, _largest
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, StepResult
-from stickslip.solvers.results.stored_fields import MultiplierForces
+from stickslip.solvers.results.stored_fields import MultiplierForces, StoredFields
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
@@ -659,6 +659,107 @@ def test_what_slip_counts_from_is_that_of_the_step_before(name: str, case_of: Ca
         assert sum(found) == found[k]
     bare = replace(before, stored=replace(before.stored, contacts={}))
     assert audit._history(place, record, bare, scales) == [0.0]
+
+
+WORN = {"friction": COULOMB, "slide": [[0, 0.3], [1, 0.5], [2, 0.9]], "wear": {"k": [0.5, 1.0]}}
+REMEMBERING: dict[str, tuple[int, dict[str, Any]]] = {  # dimension, and the contact
+    "wear": (2, WORN),
+    "wear, held": (2, WORN),
+    "wear without friction": (2, {"slide": 0.3, "wear": {"k": 2.0}}),
+    "wear by slip alone": (2, {"friction": COULOMB, "wear": {"k": 2.0}}),
+    "slip, springs": (3, {"friction": {"law": "slip_dependent", "mu": [[0, 0.4], [1, 0.2]], "k_T": 7.0}}),
+    "bilateral": (3, {"normal": {"law": "bilateral"},
+                      "friction": {"law": "static_kinetic", "mu_s": 0.4, "mu_k": 0.2, "slip_length": 0.1}}),
+    "rate": (3, {"friction": {"law": "rate_dependent", "mu": [[0, 0.1], [1, 0.4]]}}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REMEMBERING)
+def test_what_contacts_remember_is_that_of_the_definition(name: str) -> None:
+    """In a step from 0.75 s to 1 s, after which each number in turn is changed by 0.01."""
+    dim, contact = REMEMBERING[name]
+    held = "block.bottom" if "held" in name else "block.right"  # no row, or a row or a direction less
+    supports = {"side": {"boundary": held, "displacement": {"x": 0.0}}}
+    base = {"surface": "block.bottom", "against": "foundation"} | contact
+    tables = {"supports": supports, "steps": {"end": 2.0, "count": 2, "seconds": True}}
+    scene = scene_of(dim, {"mesh_size": 0.5 if dim == 2 else 1.0}, contacts={"base": base}, **tables)
+    audit, _, record, _, _ = judged(scene, seed=2)
+    audit._set_system(audit.start, record.time)
+    (place,) = audit.cone.places
+    rows, law, random, lasts = place.rows, place.rows.friction, np.random.default_rng(4), 0.25
+    k, size = np.arange(len(rows.W_n)), np.abs(record.p[place.normal]) + 0.01
+    before = replace(record, time=1 - lasts, p=record.p.copy())
+    record.p[place.normal], before.p[place.normal] = size * np.array([1, 1, 1, -1, 0])[k % 5], -size * (-1) ** k
+    scales, k_T = Scales(p=1.0, u={"base": 100.0}, rounding=1e-6), (law.k_T if law else None) or np.inf
+    u, p_n = record.displacement[rows.input].ravel(), record.p[place.normal]
+    two, shape = rows.normal.sides == 2, rows.free.shape
+    pressed, was = (rows.average @ each.p[place.normal] > 0 for each in (record, before))
+    closes = np.repeat(pressed & ~was & (not two), shape[1])
+    assert closes.any() == (len(rows.W_t) > 0 and not two)
+
+    counted = np.array(record.reference)
+    start = rows.N_t @ u - before.p[place.tangential] / k_T
+    counted[place.tangential] = np.where(closes, counted[place.tangential], start)
+    moves = (rows.N_t @ u - counted[place.tangential] - record.p[place.tangential] / k_T).reshape(shape)
+    slips = np.array([np.hypot.reduce(each[free]) for each, free in zip(moves, rows.free, strict=True)])
+    touched = np.where(pressed | two, slips, 0.0)
+    then, now = dict[str, Array](), dict[str, Array]()
+    points, aside = np.zeros(len(rows.W_n)), 0.5 - 0.45 if contact is WORN else 0.0
+    if "wear" in name:
+        aside = 0.3 * lasts / 2 if name == "wear without friction" else aside
+        own = [w @ slips / w.sum() if w.sum() > 0 else 0.0 for w in rows.average.T.toarray() * rows.W_t]
+        path = np.hypot(own if law else 0.0, aside) + points
+        then = {"base.worn": 0.1 + points} | ({"base.slid": 0.2 + points} if law else {})
+        now = {"base.worn": 0.1 + (1.5 if contact is WORN else 2.0) * path * p_n}
+        now |= {"base.slid": 0.2 + path} if law else {}
+    if law and law.remembers:
+        then["base"] = random.uniform(0.0, 0.1, len(slips))
+        now["base"] = then["base"] + touched
+        if contact is WORN:
+            now["base"] = touched / np.hypot(touched, aside)
+        if name == "rate":
+            now["base"] = touched / lasts
+
+    shown = {"base": {"wear": rows.node_pressure(now["base.worn"])}} if "wear" in name else {}
+    record = replace(record, reference=counted, memory=now, stored=StoredFields(contacts=shown))
+    before = replace(before, memory=then)
+
+    def found(**changed: Any) -> list[float]:
+        return audit._history(place, replace(record, **changed), before, scales)
+
+    assert_allclose(found(), 0.0)
+    assert len(found()) == 1 + len(now) + len(shown)
+    for row, free in enumerate(closes):
+        other = counted.copy()
+        other[place.tangential][row] += 0.01
+        assert found(reference=other)[0] == pytest.approx(0.0 if free else (0.01 - 1e-6) / 100, rel=1e-9)
+    for key, values in now.items():
+        by = 0.01 / lasts if name == "rate" else 0.01
+        for point in range(len(values)):
+            other = values.copy()
+            other[point] += by
+            assert max(found(memory=now | {key: other})) >= (0.01 - 1e-6) / 100 * (1 - 1e-9)
+        assert np.isclose(found(memory=now | {key: values + by}), (0.01 - 1e-6) / 100, rtol=1e-9).any() == (len(values) > 0)
+    for contacts in shown.values():
+        wrong = contacts["wear"] + 0.01 * (np.arange(len(rows.node_gap)) == 1)
+        stored = StoredFields(contacts={"base": {"wear": wrong}})
+        expected = (0.01 - 1e-6) / np.abs([*wrong, *contacts["wear"]]).max()
+        assert max(found(stored=stored)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_points_that_were_not_paired_before_were_not_pressed() -> None:
+    """Where pairs are found anew there are other rows: what slip counts from is known where nothing presses alone."""
+    base = {"surface": "block.bottom", "against": "foundation", "friction": COULOMB, "sliding": True}
+    audit, place, record, _, scales = judged(scene_of(contacts={"base": base}), seed=1)
+    u = place.rows.N_t @ record.displacement[place.rows.input].ravel()
+    pressed = place.rows.average @ record.p[place.normal] > 0
+    assert 0 < np.count_nonzero(pressed) < len(pressed)
+    before = replace(record, p=np.append(np.abs(record.p) + 1.0, 0.0))
+    for wrong, told in ((pressed, False), (~pressed, True)):
+        reference = record.reference.copy()
+        reference[place.tangential] = u + wrong
+        found = audit._history(place, replace(record, reference=reference), before, scales)
+        assert (found != [0.0]) is told
 
 
 def test_springs_of_a_sliding_contact_turn_with_it(case_of: Callable[[str], Solved]) -> None:
