@@ -624,7 +624,7 @@ def test_it_does_not_ask_the_laws_of_the_solver(
         raise AssertionError(f"the solver's own formula of {self.law}")
 
     # a compliance's stiffness, which its own penetration serves, decides what rounding is, and no more
-    forbidden = [(Compliance, "pressure"), (Coulomb, "limit"), (Tresca, "limit")]
+    forbidden = [(Compliance, "pressure"), (Compliance, "energy"), (Coulomb, "limit"), (Tresca, "limit")]
     for law, formula in forbidden:
         monkeypatch.setattr(law, formula, asked)
     for found in case.audits():
