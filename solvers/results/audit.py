@@ -27,6 +27,7 @@ from stickslip.solvers.effects import active
 from stickslip.solvers.fem.contact_forms import ComplianceForms
 from stickslip.solvers.fem.elastic_energy import forces_of_energy
 from stickslip.solvers.laws.normal import Compliance
+from stickslip.solvers.laws.rate_and_state import RateAndStateByPoint
 from stickslip.solvers.laws.wear import SLID, WORN, Turned
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
@@ -557,7 +558,9 @@ class Auditor:
             known = before.memory[rows.name]
             own = remembered(law, known, length, lasts)
             expected = law.after(known, length, lasts) if own is None else own
-            unit = lasts if law.timed else 1.0  # of a rate; what it makes of a step is a length
+            unit = np.asarray(lasts if law.timed else 1.0)  # of a rate; what it makes of a step is a length
+            if isinstance(law, RateAndStateByPoint):
+                unit = np.column_stack([law.Dc, np.full(len(law.Dc), lasts)])
             now_known = record.memory[rows.name]
             found.append(difference(unit * now_known, unit * expected, scales.u[rows.name], scales.rounding))
         now, then = (each.stored.contacts.get(rows.name) for each in (record, before))

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude
-from stickslip.geometry.arrays import TINY, Array
+from stickslip.geometry.arrays import EPS, TINY, Array
 from stickslip.geometry.obstacles.cone import Cone
 from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.obstacles.plane import Plane
@@ -30,6 +30,7 @@ from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.mu_table import MuTable
 from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
+from stickslip.solvers.laws.rate_and_state import RateAndStateByPoint
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
@@ -115,9 +116,8 @@ def bound(
     if type(law) is StaticKinetic:
         fallen = np.minimum(memory / law.slip_length, 1.0)
         return np.asarray((law.mu_s * (1 - fallen) + law.mu_k * fallen) * np.where(mean > 0, mean, 0.0))
-    if type(law) is RateDependent:
-        mu = law.coefficient(memory) if isinstance(law.mu, str) else _in_table(law.mu, memory)
-        return np.asarray(mu * np.where(mean > 0, mean, 0.0))
+    if isinstance(law, RateDependent | RateAndStateByPoint):
+        return np.where(mean > 0, _by_rate(law, mean, memory), 0.0)
     if isinstance(law, SlipDependent | PressureDependent):
         by = memory if isinstance(law, SlipDependent) else mean
         return np.asarray(_in_table(law.mu, by) * np.where(mean > 0, mean, 0.0))
@@ -141,6 +141,16 @@ def bound(
     return None
 
 
+def _by_rate(law: RateDependent | RateAndStateByPoint, mean: Array, memory: Array) -> Array:
+    """Traction (m_t,) [Pa] at mean pressures (m_t,) [Pa] of points that touch; memory as in `bound`."""
+    if isinstance(law, RateDependent):
+        mu = law.coefficient(memory) if isinstance(law.mu, str) else _in_table(law.mu, memory)
+        return np.asarray(mu * mean + law.damping * memory)
+    (aged, V), of = memory.T, law.of
+    z = V / of.V0 / 2 * np.exp(of.f0 / law.a + law.b / law.a * aged)
+    return np.asarray(law.a * np.log1p(z + z * z / (1 + np.sqrt(1 + z * z))) * mean + of.damping * V)
+
+
 def remembered(law: FrictionLaw, before: Array, slip: Array, step: float) -> Array | None:
     """Memory (m_t,) after a substep of length [s] in which points slip by (m_t,) [m]; None: no second formula.
 
@@ -152,6 +162,15 @@ def remembered(law: FrictionLaw, before: Array, slip: Array, step: float) -> Arr
     if type(law) is Turned and law.points is not None:
         beside = slid(law.slide, law.points, law.time, step, law.end)
         return np.where(beside > 0, slip / np.maximum(np.sqrt(slip**2 + beside**2), TINY), 1.0)
+    if type(law) is RateAndStateByPoint and step:
+        aged, V0 = before[:, 0], law.of.V0
+        turned, decay = slip / step / V0, np.exp(-slip / law.Dc)  # V / V0, and what is left of the past
+        steady = np.maximum(turned, TINY)
+        if law.of.evolution == "aging":
+            long = slip > EPS * law.Dc  # else nothing but time has passed
+            theta = np.where(long, 1 / steady + (np.exp(aged) - 1 / steady) * decay, np.exp(aged) + step * V0 / law.Dc)
+            return np.column_stack([np.log(theta), slip / step])
+        return np.column_stack([decay * aged + (decay - 1) * np.log(steady), slip / step])
     return slip * (1 / step) if type(law) is RateDependent and step else None
 
 
