@@ -40,6 +40,7 @@ from stickslip.solvers.results.closed_formulas import (
     remembered,
     slid,
     stored_energy,
+    worn_rate,
 )
 from stickslip.solvers.results.resultants import acting
 from stickslip.solvers.results.second_forces import SecondForces
@@ -586,7 +587,8 @@ class Auditor:
         key, shown = f"{rows.name}{WORN}", record.stored.contacts.get(rows.name, {}).get("wear")
         if shown is not None:
             found.append(difference(np.asarray(shown, float), rows.node_pressure(now[key]), rounding=scales.rounding))
-        off = sum(np.ravel(rows.fields.wear.k)) * path * record.p[place.normal]
+        p_n, far = record.p[place.normal], now.get(f"{rows.name}{SLID}", np.zeros(0))
+        off = worn_rate(rows.fields.wear, points, record.time, rows.fields.end, p_n, far) * path * p_n
         return [*found, difference(now[key], before.memory[key] + off, scales.u[rows.name], scales.rounding)]
 
     def _inner(self, u: Vec) -> Vec:

@@ -34,7 +34,7 @@ from stickslip.solvers.laws.rate_and_state import RateAndStateByPoint
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
-from stickslip.solvers.laws.wear import Slide, Turned
+from stickslip.solvers.laws.wear import Slide, Turned, Wear
 from stickslip.solvers.scene.loads import Direction
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Place
@@ -190,6 +190,23 @@ def slid(slide: Slide | None, points: Array, time: float, step: float, end: floa
     if slide.speed:  # of one that passes zero the triangles on both sides
         far = step * abs(a + b) / 2 if a * b >= 0 else step * (a * a + b * b) / (2 * far)
     return np.asarray(far * (points[:, 0] if slide.turns else np.ones(len(points))))
+
+
+def worn_rate(wear: Wear, points: Array, time: float, end: float, p: Array, slid: Array) -> Array | float:
+    """k of both sides [1/Pa] at points (m, d) [m]; expressions have no second formula.
+
+    Args:
+        p: pressures (m,) [Pa].
+        slid: way so far (m,) [m].
+
+    >>> worn_rate(Wear(k=((0.0, 1.0), (2.0, 3.0))), np.zeros((1, 2)), 1.0, 1.0, np.ones(1), np.zeros(1))
+    array([2.])
+    """
+    if isinstance(wear.k, str):
+        return wear.rate(points, time, end, None, None)
+    if wear.table:
+        return _in_table(wear.table, np.maximum(p, 0.0) if wear.by == "pressure" else slid)
+    return float(np.sum(wear.k))
 
 
 def prescribed(problem: Problem, support: str, axis: Direction, points: Array, time: float) -> Array:

@@ -123,7 +123,7 @@ def contact_differences(
     if not limit.any():
         wrong |= status == STICK
     elif exact:
-        wrong |= (status == SLIP) & ((size < limit * (1 - 2 * CLOSE)) | ((slid == 0) & (not rows.slides)))
+        wrong |= (status == SLIP) & ((size + noise < limit * (1 - 2 * CLOSE)) | ((slid == 0) & (not rows.slides)))
         wrong |= (status == STICK) & (size >= limit * (1 - CLOSE / 2)) & (slid > CLOSE * u_top)
     yield float(wrong.any() and np.abs(p_n).max(initial=0.0) > noise)
     # where the edge of contact crosses a facet, dual means of compliant pressures may be below zero beside it
