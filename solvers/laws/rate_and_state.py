@@ -71,7 +71,7 @@ class RateAndState(FrictionLaw):
             }
             for key in ("a", "Dc"):
                 require(bool(np.all(found[key] > 0)), key, getattr(self, key), "must be positive everywhere")
-        return RateAndStateByPoint(of=self, **found)
+        return RateAndStateByPoint(of=self, a=found["a"], b=found["b"], Dc=found["Dc"])
 
     def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
         return np.asarray(self.f0 * np.maximum(average @ p, 0.0))

@@ -67,7 +67,7 @@ class Wear(Noun):
     @property
     def table(self) -> MuTable:
         """k by pressure or slip, [[., k], ...]; empty: it is not given so."""
-        return () if isinstance(self.k, str | float | int) or isinstance(self.k[0], float | int) else self.k  # type: ignore[return-value]
+        return () if isinstance(self.k, str | float | int) or isinstance(self.k[0], float | int) else self.k
 
     def asks_for(self, what: str) -> bool:
         """Whether k depends on "pressure" or "slip"."""

@@ -183,9 +183,9 @@ class LawMemory:
             without: the solution without wear in the step, which presses hardest.
         """
         worst, p, give = 0.0, without.p, problem.give
-        for place in problem.cone.with_friction() if give is not None else ():
+        for place in problem.cone.with_friction():
             rows = place.rows
-            if f"{rows.name}{SLID}" in self.start:
+            if give is not None and f"{rows.name}{SLID}" in self.start:
                 p_n, slid = np.maximum(p[place.normal], 0.0), self.start[f"{rows.name}{SLID}"]
                 lost = rows.wear_rate(self.cone.time, p_n, slid) * p_n / give[place.normal]  # [Pa/m]
                 fall = problem.cone.bound_slope(place, p[place.normal]) @ lost

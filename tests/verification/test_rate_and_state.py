@@ -83,9 +83,14 @@ def test_a_column_is_a_spring_slider() -> None:
 
     Source: stress and state by LSODA, and ln V and ln theta by Radau, made for this project.
     """
-    k, start = 1.5 * 5e8, 200.0
+    k, start = 1.5 * 5e8, 800.0
     far = 0.6 * SIGMA / k
-    drive = [[0.0, 0.0], [1.0, far], [start, far + (start - 1) * 1e-6], [250.0, far + 199e-6 + 50 * 1.01e-6]]
+    drive = [
+        [0.0, 0.0],
+        [1.0, far],
+        [start, far + (start - 1) * 1e-6],
+        [start + 50, far + (start - 1) * 1e-6 + 50 * 1.01e-6],
+    ]
     before = np.append(1.0, 1 + (start - 1) * np.linspace(0, 1, 41)[1:] ** 1.5)
     exact, off = np.array([0.60004202, 0.60001669, 0.59989378]), list[Array]()
     for step in (2.0, 1.0):
@@ -94,7 +99,7 @@ def test_a_column_is_a_spring_slider() -> None:
         seen = len(before) + np.searchsorted(after, [10.0, 20.0, 50.0])
         off.append(f[seen] - exact)
     assert np.abs(off[1]).max() < 1.5e-5
-    assert_allclose(off[0] / off[1], 2.0, rtol=0.15)
+    assert np.all((off[0] / off[1] > 1.6) & (off[0] / off[1] < 2.2))  # of first order
     assert_allclose(V[seen], [1.009133e-6, 1.016869e-6, 1.008361e-6], rtol=1e-3)
 
 
