@@ -90,6 +90,7 @@ class RateAndStateByPoint(FrictionLaw):
     remembers: ClassVar[str] = RateAndState.remembers
     timed: ClassVar[bool] = True
     drags: ClassVar[bool] = True
+    rests: ClassVar[bool] = False
     of: RateAndState
     a: Array  # (m_t,) [-], like the next
     b: Array

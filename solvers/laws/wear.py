@@ -61,13 +61,15 @@ class Wear(Noun):
             )
             require(not falls, "k", [list(line) for line in self.table], "k p must not fall as the pressure p grows")
         else:
+            require(self.k != (), "k", "[]", "a table needs at least one [value, k]")
             for k in np.ravel(self.k).tolist():
                 require(k >= 0, "k", k, "must not be negative, in 1/Pa")
 
     @property
     def table(self) -> MuTable:
         """k by pressure or slip, [[., k], ...]; empty: it is not given so."""
-        return () if isinstance(self.k, str | float | int) or isinstance(self.k[0], float | int) else self.k
+        listed = self.k if isinstance(self.k, tuple) else ()
+        return tuple(line for line in listed if isinstance(line, tuple))
 
     def asks_for(self, what: str) -> bool:
         """Whether k depends on "pressure" or "slip"."""

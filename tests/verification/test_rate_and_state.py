@@ -6,10 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import sparse
 
 from shared.audited import record_of
 from stickslip import Scene, SceneError, Simulation
 from stickslip.geometry.arrays import Array
+from stickslip.solvers.laws.law import Trial
+from stickslip.solvers.laws.normal import Unilateral
 from stickslip.solvers.laws.rate_and_state import RateAndState
 from stickslip.solvers.results.audit import Auditor
 from stickslip.workflows.lab.verification.prepared import prepare
@@ -66,6 +69,30 @@ def test_a_state_at_constant_rate_is_exact_in_any_number_of_steps(evolution: str
         for _ in range(substeps):
             memory = law.after(memory, slip / substeps * one, slip / substeps / 1e-5)
         assert_allclose(law.coefficient(*memory.T)[0], f, rtol=2e-9)
+
+
+@pytest.mark.parametrize("evolution", STEP)
+@pytest.mark.parametrize("size", [1e-3, 0.7, 3.0, 50.0])  # |t_hat| over the pressure, from 1e-30 to 1 m/s
+def test_the_traction_of_a_rate_is_that_of_its_law_and_has_its_derivatives(evolution: str, size: float) -> None:
+    one, gamma, step, h = np.ones(1), np.array([1e8]), 1e-3, 1e-4
+    keys = {key: value for key, value in LAW.items() if key != "law"}
+    law = RateAndState(**keys, evolution=evolution, damping=1e4).placed(one[:, None], 1.0, 1.0)
+    start, p, average = law.memory(1), np.array([2e5]), sparse.identity(1, format="csr")
+    now = law.within(start, step)
+
+    def bound(size: float, p: Array) -> Array:
+        return now.dragged(p, average, Trial(np.array([size]), gamma)).bound
+
+    whole = size * p[0]
+    found = now.dragged(p, average, Trial(np.array([whole]), gamma))
+    slip = (whole - found.bound) / gamma
+    ended = law.at(law.after(start, slip, step)).limit(p, average, Unilateral(), 1.0, 1.0)
+    assert_allclose(found.bound, ended if size > 0.1 else whole, rtol=1e-6)  # the slowest slip is lost in rounding
+    for derivative, low, high, at in (
+        (found.by_trial, bound(whole * (1 - h), p), bound(whole * (1 + h), p), whole),
+        (found.by_pressure.toarray()[0], bound(whole, p * (1 - h)), bound(whole, p * (1 + h)), p[0]),
+    ):
+        assert_allclose(derivative, (high - low) / (2 * h * at), rtol=1e-4, atol=1e-7)
 
 
 @pytest.mark.parametrize("evolution", STEP)
