@@ -244,7 +244,8 @@ def _connected(K: Mat) -> Ints:
     graph.eliminate_zeros()  # rows of prescribed nodes hold some
     number = connected_components(graph, directed=False)[1]
     sizes = np.bincount(number)
-    return np.unique(np.where(sizes[number] > 1, number, np.argmax(sizes)), return_inverse=True)[1]
+    _, part = np.unique(np.where(sizes[number] > 1, number, np.argmax(sizes)), return_inverse=True)
+    return np.asarray(part)
 
 
 def _renumbered(dofs: Ints, K: Mat, mixed: Mat) -> Ints:
