@@ -322,7 +322,7 @@ class _Path:
         maps = self.map
         follows = ((self.state == CLOSED) | (self.state == STICK))[maps.rows]
         push = (maps.share * maps.problem.gamma * self.wider)[maps.rows]
-        return np.concatenate([np.where(follows, push, 0.0), np.zeros(len(maps.H))]) - self.at_start
+        return np.asarray(np.append(np.where(follows, push, 0.0), np.zeros(len(maps.H))) - self.at_start)
 
     def _next_kink(self, dp: Array, db: Array) -> tuple[float, int, int]:
         """Distance to the next kink, the row that changes there, and its next state."""
