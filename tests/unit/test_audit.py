@@ -1210,8 +1210,11 @@ def test_numbers_are_relative_to_the_largest_of_their_unit(
     with caplog.at_level("DEBUG", module.log.name):
         assert audit(replace(record, stored=stored, w=many * record.w)).numbers == 0.25
     assert caplog.messages == ["t = 2: {'off': 0.25}"]
-    assert [name for name in audit.shared if name.endswith(": number")] == ["unseen: number"]
-    force, length = audit._last.size, 2.0
+    monkeypatch.setattr(audit._second, "differences", lambda *given: {"later": None})
+    last = audit._last
+    audit(record)
+    assert [name for name in audit.shared if name.endswith(": number")] == ["later: number", "unseen: number"]
+    force, length = last.size, 2.0
     motion = max(np.abs(record.displacement).max(), np.abs(many * record.w).max())
     least = 1e3 * EPS * audit._largest_stiffness * np.abs(vector_of(audit, record).array).sum()
     least += max(1e-5, 1e-6 * many) * 3.0
