@@ -232,22 +232,24 @@ def test_either_side_of_a_cut_may_follow() -> None:
 RINGS = """
 SetFactory("OpenCASCADE"); Mesh.ElementOrder = 2; Mesh.RandomFactor = 1e-9;
 For k In {1:2}
-  r = (k == 1 ? 0.5 : 1); s = (k == 1 ? 1 : 1.6); h = (k == 1 ? 0.6 : 0.8);
-  Point(10 * k + 1) = {r, 0, 0, h}; Point(10 * k + 2) = {s, 0, 0, h};
-  Point(10 * k + 3) = {s, 0, 0.4, h}; Point(10 * k + 4) = {r, 0, 0.4, h};
+  r = (k == 1 ? 0.5 : 1); s = (k == 1 ? 1 : 1.6); h = (k == 1 ? 0.6 : 0.8); n = 1000 * k;
+  Point(n + 1) = {r, 0, 0, h}; Point(n + 2) = {s, 0, 0, h};
+  Point(n + 3) = {s, 0, 0.4, h}; Point(n + 4) = {r, 0, 0.4, h};
   For j In {1:4}
-    Line(10 * k + j) = {10 * k + j, 10 * k + j % 4 + 1};
+    Line(n + j) = {n + j, n + j % 4 + 1};
   EndFor
-  Curve Loop(k) = {10 * k + 1:10 * k + 4}; Plane Surface(k) = {k};
-  out[] = Extrude {{0, 0, 1}, {0, 0, 0}, Pi / 2} { Surface{k}; };
-  names[] = Str("bottom", "outside", "top", "inside");
-  body = Str(k == 1 ? "inner" : "outer");
-  Physical Volume(body) = {out[1]}; Physical Surface(StrCat(body, ".first")) = {k};
-  Physical Surface(StrCat(body, ".second")) = {out[0]};
-  For j In {0:3}
-    Physical Surface(StrCat(body, ".", names[j])) = {out[2 + j]};
-  EndFor
-  Periodic Surface {out[0]} = {k} Rotate {{0, 0, 1}, {0, 0, 0}, Pi / 2};
+  Curve Loop(n) = {n + 1:n + 4}; Plane Surface(n) = {n};
+  out[] = Extrude {{0, 0, 1}, {0, 0, 0}, Pi / 2} { Surface{n}; };
+  If (k == 1)
+    Physical Volume("inner") = {out[1]}; Physical Surface("inner.first") = {n};
+    Physical Surface("inner.second") = {out[0]}; Physical Surface("inner.bottom") = {out[2]};
+    Physical Surface("inner.outside") = {out[3]}; Physical Surface("inner.inside") = {out[5]};
+  Else
+    Physical Volume("outer") = {out[1]}; Physical Surface("outer.first") = {n};
+    Physical Surface("outer.second") = {out[0]}; Physical Surface("outer.bottom") = {out[2]};
+    Physical Surface("outer.outside") = {out[3]}; Physical Surface("outer.inside") = {out[5]};
+  EndIf
+  Periodic Surface {out[0]} = {n} Rotate {{0, 0, 1}, {0, 0, 0}, Pi / 2};
 EndFor
 """
 
