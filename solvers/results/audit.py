@@ -27,6 +27,7 @@ from stickslip.solvers.effects import active
 from stickslip.solvers.fem.contact_forms import ComplianceForms
 from stickslip.solvers.fem.elastic_energy import forces_of_energy
 from stickslip.solvers.laws.normal import Compliance
+from stickslip.solvers.laws.rate_and_state import RateAndStateByPoint
 from stickslip.solvers.laws.wear import SLID, WORN, Turned
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
@@ -39,6 +40,7 @@ from stickslip.solvers.results.closed_formulas import (
     remembered,
     slid,
     stored_energy,
+    worn_rate,
 )
 from stickslip.solvers.results.resultants import acting
 from stickslip.solvers.results.second_forces import SecondForces
@@ -249,8 +251,9 @@ class Auditor:
         if not rows.normal.at_quadrature:
             return np.asarray(rows.psi.T @ nodal / rows.W_n), nodal
         assert rows.quadrature is not None
-        x = rows.quadrature(rows.degree).own.basis(side) @ at
-        return np.asarray(gap(obstacle, x)) + offset + rows.N_n @ moved.ravel(), nodal
+        points = rows.quadrature(rows.degree)
+        distance = points.projection() @ np.asarray(gap(obstacle, points.own.basis(side) @ at))
+        return distance + offset + rows.N_n @ moved.ravel(), nodal
 
     def _scales(self, record: Record, inner: Vec) -> Scales:
         """See `Audit`; tractions are never taken to be smaller than the rounding of all forces."""
@@ -560,7 +563,9 @@ class Auditor:
                 known, now_known = (each.memory[rows.name] for each in (before, record))
                 own = remembered(law, known, length, lasts)
                 expected = law.after(known, length, lasts) if own is None else own
-                unit = lasts if law.timed else 1.0  # of a rate; what it makes of a step is a length
+                unit = np.asarray(lasts if law.timed else 1.0)  # of a rate; what it makes of a step is a length
+                if isinstance(law, RateAndStateByPoint):
+                    unit = np.column_stack([law.Dc, np.full(len(law.Dc), lasts)])
                 found.append(difference(unit * now_known, unit * expected, scales.u[rows.name], scales.rounding))
         now, then = (each.stored.contacts.get(rows.name) for each in (record, before))
         if now is not None and then is not None:
@@ -585,7 +590,8 @@ class Auditor:
         key, shown = f"{rows.name}{WORN}", record.stored.contacts.get(rows.name, {}).get("wear")
         if shown is not None:
             found.append(difference(np.asarray(shown, float), rows.node_pressure(now[key]), rounding=scales.rounding))
-        off = sum(np.ravel(rows.fields.wear.k)) * path * record.p[place.normal]
+        p_n, far = record.p[place.normal], now.get(f"{rows.name}{SLID}", np.zeros(0))
+        off = worn_rate(rows.fields.wear, points, record.time, rows.fields.end, p_n, far) * path * p_n
         return [*found, difference(now[key], before.memory[key] + off, scales.u[rows.name], scales.rounding)]
 
     def _inner(self, u: Vec) -> Vec:
