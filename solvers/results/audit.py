@@ -447,10 +447,7 @@ class Auditor:
         """What is seen of a contact: fields at its nodes, forces where they act, and the work of friction."""
         rows, told = place.rows, record.stored.told["contacts"][place.rows.name]
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
-        moved, before = (
-            rows.of_mesh(record.displacement, self._sectors),
-            record.stored.told_before.get("contacts", {}),
-        )
+        moved, before = rows.of_mesh(record.displacement, self._sectors), record.stored.told_before.get("contacts")
         acts = acting(
             self.system, rows, rows.nodal_forces(p_n, t), moved, record.searched, (record.time, record.driven)
         )
