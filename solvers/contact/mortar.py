@@ -18,7 +18,7 @@ from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.overlap import Overlap
 from stickslip.geometry.surfaces.surface import SECTOR, Surface
-from stickslip.solvers.contact.build import along, distribute_to_neighbours, with_changes
+from stickslip.solvers.contact.build import along, distribute_to_neighbours
 from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On, Points, midway_normals, relative_to, shares
 
 WILD = 1e6  # larger psi is replaced by a constant; on a whole facet psi is at most about 10
@@ -184,8 +184,10 @@ def _turning(points: Points, relative: Sparse, normals: Array) -> Sparse | None:
         normals: of the nodes (n, d).
     """
     nodal = along(relative, normals[:, None])
-    turned = with_changes(nodal, points.psi @ along(points.relative, points.normals[:, None]))
-    return None if turned is nodal else turned
+    turn = (points.psi @ along(points.relative, points.normals[:, None]) - nodal).tocsr()
+    turn.data[np.abs(turn.data) < ROUNDING] = 0.0  # entries of motions; those of both are about 1
+    turn.eliminate_zeros()
+    return (nodal + turn).tocsr() if turn.nnz else None
 
 
 def positive_shares(slave: Surface, weights: Array, carries: Bools) -> Sparse:
@@ -238,5 +240,5 @@ def _points(facing: Facing, degree: int, share: Sparse) -> Points:
         phi=(share @ shares(own, slave, found.weights)).tocsr(),
         own=own,
         other=other,
-        projected=np.ones(len(found.weights), bool),
+        whole=np.ones(len(found.weights), bool),
     )
