@@ -59,6 +59,7 @@ from stickslip.solvers.system.system import System, assemble
 
 log = logging.getLogger(__name__)
 FRICTION = 0.1  # of the pressures; smaller friction bounds are judged as if so large: tolerances are of all tractions
+UNFOLLOWED = "in steps of several substeps, or after what is not known"
 SUMMED = 1e3  # times the rounding error of K u; smaller forces count as zero
 
 
@@ -398,12 +399,14 @@ class Auditor:
         for strain, value, pull in zip(system.initial.strains, values, work, strict=False):
             if strain.shrunk is not None and isinstance(strain.drive, Place):
                 seen["bolts"][strain.drive.name] = SimpleNamespace(tension=-float(pull), shortening=float(value))
-        compliance = (self._compliance(place, record) for place in places)
+        compliance, at_contacts = (self._compliance(place, record) for place in places), self._work(record)
+        if at_contacts is None:  # then by the balance alone
+            self._unseen.add(f"energy.contact: {UNFOLLOWED}")
         seen["energy"] = {
             "": SimpleNamespace(
                 external=works["stored"] + works["contact"],
                 stored=inner.dot(u) / 2 + system.initial.stored(values, work),
-                contact=works["external"] - works["stored"],
+                contact=works["external"] - works["stored"] if at_contacts is None else at_contacts,
                 compliance=sum(compliance),
                 dissipated=sum(told["contacts"][name]["dissipation_total"] for name in contacts),
                 time_remainder=works["contact"] - works["compliance"] - works["dissipated"],
@@ -427,6 +430,29 @@ class Auditor:
                 *(each.wrong for each in contacts.values()),
             ]
         )
+
+    def _work(self, record: Record) -> float | None:
+        """Work at contacts since t = 0 [J]: forces at both ends of the step, on what moves between them.
+
+        None: it is not known, for the step has several substeps, or the one before or where slacks close is not known.
+        """
+        before, told = self._before, record.stored.told_before
+        sliding = any(self._searched(place.rows, record) for place in self.cone.places)
+        if record.stored.told["substeps"] > 1 or (told and before is None) or sliding or len(self.start.initial.slacks):
+            return None
+        found = float(told["energy"]["contact"]) if told else 0.0
+        for place in self.cone.places:
+            rows = place.rows
+            force, pressed, moved, apart = 0.0, 0.0, 0.0, 0.0
+            for end, sign in ((record, 1.0), (before, -1.0)):
+                offset = rows.fields.offsets(end.time if end else 0.0)[0] if rows.fields else 0.0
+                apart = apart + sign * offset
+                if end is not None:
+                    p_n, t = end.p[place.normal], end.p[place.tangential].reshape(-1, place.components)
+                    force, pressed = force + rows.nodal_forces(p_n, t) / 2, pressed + p_n / 2
+                    moved = moved + sign * self._motion(rows, end)
+            found += float(np.sum(force * moved) - np.sum(rows.W_n * pressed * apart)) + self._aside(place, record)
+        return found
 
     def _compliance(self, place: ContactBlock, record: Record) -> float:
         """Energy that the laws of a contact store [J]."""
@@ -458,6 +484,10 @@ class Auditor:
         total = before[rows.name]["dissipation_total"] if before else 0.0
         whole = told["dissipation_total"] - total  # of several substeps the parts are not known
         work, beside = float(rows.W_t @ (t * slid).sum(axis=1)), self._beside(place, record)
+        if beside is None or record.stored.told["substeps"] > 1:
+            self._unseen.add(
+                f"contacts.{rows.name}.dissipation: in steps of several substeps, or after what is not known"
+            )
         counts = dict(zip(STATUS_WORDS, np.bincount(status, minlength=len(STATUS_WORDS)).tolist(), strict=True))
         return self._second.acting(
             acts.points,
@@ -485,18 +515,23 @@ class Auditor:
             return 0.0
         if self._before is None and record.stored.told_before:
             return None
-        rows, law, p_n, before = place.rows, place.rows.friction, record.p[place.normal], self._before
-        lasts = record.time - (before.time if before is not None else 0.0)
-        found, key = 0.0, f"{rows.name}{WORN}"
+        rows, key = place.rows, f"{place.rows.name}{WORN}"
+        found = self._aside(place, record)
         if key in record.memory:
-            worn = record.memory[key] - (before.memory[key] if before is not None else 0.0)
-            found += float(rows.W_n @ (p_n * worn))
-        if isinstance(law, Turned) and law.points is not None:
-            far, share = slid(law.slide, law.points, record.time, lasts, law.end), record.memory[rows.name]
-            whole = bound(law.of, rows.normal, p_n, rows.average, record.time, law.end, share)
-            whole = whole if whole is not None else law.of.limit(p_n, rows.average, rows.normal, record.time, law.end)
-            found += float(rows.W_t @ (whole * np.sqrt(np.maximum(1 - share**2, 0.0)) * far))
+            worn = record.memory[key] - (self._before.memory[key] if self._before is not None else 0.0)
+            found += float(rows.W_n @ (record.p[place.normal] * worn))
         return found
+
+    def _aside(self, place: ContactBlock, record: Record) -> float:
+        """Work in a step of friction on the sliding out of the plane [J]."""
+        rows, law, p_n = place.rows, place.rows.friction, record.p[place.normal]
+        if not isinstance(law, Turned) or law.points is None:
+            return 0.0
+        lasts = record.time - (self._before.time if self._before is not None else 0.0)
+        far, share = slid(law.slide, law.points, record.time, lasts, law.end), record.memory[rows.name]
+        whole = bound(law.of, rows.normal, p_n, rows.average, record.time, law.end, share)
+        whole = whole if whole is not None else law.of.limit(p_n, rows.average, rows.normal, record.time, law.end)
+        return float(rows.W_t @ (whole * np.sqrt(np.maximum(1 - share**2, 0.0)) * far))
 
     def _fields(self, record: Record, before: Record | None, w: Array, scales: Scales) -> float:
         """Largest difference of a stored field, see `Audit` [-]; collective."""
