@@ -44,7 +44,7 @@ def sensitivity(
     asked = loaded if loaded.derived_by else replace(loaded, sensitivity=Sensitivity(parameters="all"))
     asked, steps = replace(asked, output=replace(asked.output, pictures=False)), list[StepResult]()
     reporter = Reporter(quiet=not speaks(), verbose=False)
-    watch = reporter.watch()
+    watch = replace(reporter.watch(), kept="")
 
     def keep(step: StepResult) -> None:
         steps[:] = [step.without_fields()]

@@ -390,7 +390,7 @@ def _solve(
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
-    with Interrupt(watch.answer) as interrupt:
+    with Interrupt(watch.answer, watch.kept) as interrupt:
         reached = earlier.last.checkpoint.reached if earlier.last else None
         simulation = prepare(scene, comm, reached, sizes, bodies, counters)
         scene = simulation.scene  # without estimates of errors where they do not fit
