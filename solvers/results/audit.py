@@ -580,16 +580,16 @@ class Auditor:
             closes = np.repeat(pressed & ~was & (rows.normal.sides == 1), rows.free.shape[1])
             reference = np.where(closes, start, record.reference[place.tangential])
             found.append(difference(reference, start, scales.u[rows.name], scales.rounding))
-        wears = f"{rows.name}{WORN}" in record.memory
-        if (wears or rows.name in record.memory) and not self._searched(rows, record):
+        wears = f"{rows.name}{WORN}" in record.memory and not self._searched(rows, record)
+        if wears or rows.name in record.memory:
             moves = rows.N_t @ self._motion(rows, record).ravel() - record.reference[place.tangential]
             moves -= record.p[place.tangential] / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
             lasts = record.time - before.time
             found += self._wear(place, record, before, length, scales) if wears else []
             length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
-        if law is not None and rows.name in record.memory and not self._searched(rows, record):
-            known = before.memory[rows.name]
+        if law is not None and rows.name in record.memory:
+            known = self._carried(rows, before) if rows.name in record.searched else before.memory[rows.name]
             own = remembered(law, known, length, lasts)
             expected = law.after(known, length, lasts) if own is None else own
             unit = lasts if law.timed else 1.0  # of a rate; what it makes of a step is a length
@@ -603,6 +603,12 @@ class Auditor:
                 slip = np.asarray(now[name], float)[:, : rows.surface.dim]
                 found.append(difference(slip, expected, scales.u[rows.name], scales.rounding))
         return found
+
+    def _carried(self, rows: ContactRows, before: Record) -> Array:
+        """What the points of a step remember, at the points of rows whose pairs were found since (m_t,)."""
+        system = self.start.searched(before.searched) if before.searched else self.start
+        (old,) = (c for c in system.contacts if c.name == rows.name)
+        return rows.tangential_mean(old.share_t.T @ before.memory[rows.name])
 
     def _wear(self, place: ContactBlock, record: Record, before: Record, slip: Array, scales: Scales) -> list[float]:
         """Differences of worn depths, and of the path that wears, from those of pressure and slip (m_t,) [m] [-]."""
