@@ -442,17 +442,20 @@ class Auditor:
             return None
         found = float(told["energy"]["contact"]) if told else 0.0
         for place in self.cone.places:
-            rows = place.rows
-            force, pressed, moved, apart = 0.0, 0.0, 0.0, 0.0
-            for end, sign in ((record, 1.0), (before, -1.0)):
-                offset = rows.fields.offsets(end.time if end else 0.0)[0] if rows.fields else 0.0
-                apart = apart + sign * offset
-                if end is not None:
-                    p_n, t = end.p[place.normal], end.p[place.tangential].reshape(-1, place.components)
-                    force, pressed = force + rows.nodal_forces(p_n, t) / 2, pressed + p_n / 2
-                    moved = moved + sign * self._motion(rows, end)
-            found += float(np.sum(force * moved) - np.sum(rows.W_n * pressed * apart)) + self._aside(place, record)
+            force, moved, pressed, offset = self._end(place, record)
+            old_force, old_moved, old_pressed, old_offset = self._end(place, before)
+            found += float(np.sum((force + old_force) / 2 * (moved - old_moved))) + self._aside(place, record)
+            found -= float(np.sum(place.rows.W_n * (pressed + old_pressed) / 2 * (offset - old_offset)))
         return found
+
+    def _end(self, place: ContactBlock, record: Record | None) -> tuple[Array, Array, Array, Array | float]:
+        """Forces [N] and motions [m] of a contact's nodes, its pressures [Pa] and gap offsets [m]; None: at rest."""
+        rows = place.rows
+        offset = rows.fields.offsets(record.time if record else 0.0)[0] if rows.fields else 0.0
+        if record is None:
+            return np.zeros_like(rows.points), np.zeros_like(rows.points), np.zeros(len(rows.W_n)), offset
+        p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
+        return rows.nodal_forces(p_n, t), self._motion(rows, record), p_n, offset
 
     def _compliance(self, place: ContactBlock, record: Record) -> float:
         """Energy that the laws of a contact store [J]."""

@@ -235,7 +235,7 @@ def test_files_that_are_missing_are_said(copied: Path, call: Call) -> None:
         _ = loaded.steps[1]
     (copied / "fields.h5").unlink()
     (copied / "fields.h5").mkdir()
-    assert_said(call("report", str(copied)), 4, "fields.h5: cannot be read: not a regular file")
+    assert_said(call("report", str(copied)), 4, "fields.h5: cannot be read: Is a directory")
     (copied / RESULT).unlink()
     assert_said(call("report", str(copied)), 4, "result.json: cannot be read: No such file")
 
