@@ -260,6 +260,8 @@ def test_a_scene_that_asks_for_none_does_nothing_more() -> None:
     scene = dragged()
     simulation, steps = solved(scene)
     asking, told_too = solved(replace(scene, sensitivity=Sensitivity(parameters=("contacts.base.friction.mu",))))
+    with pytest.raises(SceneError, match="sensitivity: follows no script"):
+        asking.script()
     assert simulation.stepper.neighbours is None
     assert not steps[0].sensitivity
     assert "sensitivity" not in told(steps[0], None)["contacts"]["base"]
