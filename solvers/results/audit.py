@@ -138,8 +138,9 @@ class Auditor:
         self._multiplier_forces: dict[str, MultiplierForces] = {}  # by contact, compiled at the first step
         self._j_n: dict[str, tuple[ComplianceForms, CompiledForm]] = {}  # likewise
         self._largest, self._unseen = 0.0, set[str]()  # traction so far [Pa]; numbers without a second formula
-        self._second, self._last = SecondNumbers(self.start), Balance(self.start.vector(), np.zeros(0), 0.0, 0.0)
-        self._before: Record | None = None  # the step before that which is judged
+        self._second = SecondNumbers(self.start)
+        self._last: Balance  # of the step that is judged
+        self._before: Record | None  # the step before that
         self._set_system(self.start)
 
     @cached_property
@@ -236,7 +237,8 @@ class Auditor:
     def _gap_at_rest(self, rows: ContactRows, record: Record) -> tuple[Array, Array]:
         """The same without wear."""
         pair, side = self.system.problem.pairs[rows.name], rows.surface
-        offset, node_offset = rows.fields.offsets(record.time) if rows.fields else (0.0, 0.0)
+        assert rows.fields is not None
+        offset, node_offset = rows.fields.offsets(record.time)
         if rows.normal.ties:
             return np.full(len(rows.gap), offset), np.full(len(rows.node_gap), node_offset)
         if pair.obstacle is None or gap(obstacle := self.system.problem.obstacles[pair.obstacle], side.points) is None:
@@ -349,7 +351,8 @@ class Auditor:
             apart[pushed] = obstacle.signed_gap(x)[:, None] * obstacle.normals(x)
         other = replace(acts, points=acts.points - apart).moment * rows.sense
         open_now = self._gap(rows, record)[1] - rows.node_motion(self._motion(rows, record))[0]
-        offset = rows.fields.offsets(record.time)[1] if rows.fields else 0.0
+        assert rows.fields is not None
+        offset = rows.fields.offsets(record.time)[1]
         allowed = np.linalg.norm(rows.tangential_part(apart), axis=1) + np.abs(open_now) + np.abs(offset)
         if (worn := record.memory.get(f"{rows.name}{WORN}")) is not None:
             allowed += rows.node_pressure(worn)
@@ -397,7 +400,8 @@ class Auditor:
         values = system.initial.values(system.course, record.time)
         work, works = system.initial.stress_work(values, u), told["energy"]
         for strain, value, pull in zip(system.initial.strains, values, work, strict=False):
-            if strain.shrunk is not None and isinstance(strain.drive, Place):
+            if strain.shrunk is not None:
+                assert isinstance(strain.drive, Place)
                 seen["bolts"][strain.drive.name] = SimpleNamespace(tension=-float(pull), shortening=float(value))
         compliance, at_contacts = (self._compliance(place, record) for place in places), self._work(record)
         if at_contacts is None:  # then by the balance alone
@@ -413,13 +417,13 @@ class Auditor:
             )
         }
         motion, length = float(max(np.abs(record.displacement).max(), np.abs(record.w).max(initial=0.0))), system.extent
-        pressure = max(scales.p, float(np.abs(record.stored.stress).max(initial=0.0)))
+        pressure = max(scales.p, float(np.abs(record.stored.stress).max()))
         rest = max(scales.noise, scales.rest)
         noise = SUMMED * EPS * self._largest_stiffness * sum_of_sizes(u) + rest * scales.area
         largest = {"N": balance.size, "N m": balance.size * length, "J": balance.size * motion, "m": motion}
         largest |= {"Pa": pressure, "m²": scales.area, "rad": motion / length}
         least = {"N": noise, "N m": noise * length, "J": noise * motion, "m": scales.rounding}
-        least |= {"Pa": rest + noise / (scales.area or 1.0), "rad": scales.rounding / length}
+        least |= {"Pa": rest + noise / scales.area, "rad": scales.rounding / length}
         found = self._second.differences(record.stored, seen, largest, least)
         self._unseen |= {f"{name}: number" for name, off in found.items() if off is None}
         log.debug("t = %g: %s", record.time, {name: off for name, off in found.items() if off})
@@ -572,7 +576,7 @@ class Auditor:
     def _history(self, place: ContactBlock, record: Record, before: Record, scales: Scales) -> list[float]:
         """Differences of what slip is counted from, and of the stored slip, from those of the step before [-]."""
         rows, t, found = place.rows, before.p[place.tangential], []
-        law = rows.friction
+        law, wears = rows.friction, f"{rows.name}{WORN}" in record.memory
         softness, moved = law.k_T if law is not None else None, self._motion(rows, before)
         if not (softness and rows.name in record.searched):  # t turns with the frames of other rows
             start = rows.N_t @ moved.ravel() - (t / softness if softness else 0.0)
@@ -583,21 +587,19 @@ class Auditor:
             closes = np.repeat(pressed & ~was & (rows.normal.sides == 1), rows.free.shape[1])
             reference = np.where(closes, start, record.reference[place.tangential])
             found.append(difference(reference, start, scales.u[rows.name], scales.rounding))
-        wears = f"{rows.name}{WORN}" in record.memory and not self._searched(rows, record)
         if wears or rows.name in record.memory:
             moves = rows.N_t @ self._motion(rows, record).ravel() - record.reference[place.tangential]
             moves -= record.p[place.tangential] / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
             lasts = record.time - before.time
             found += self._wear(place, record, before, length, scales) if wears else []
-            length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
-        if law is not None and rows.name in record.memory:
-            known = self._carried(rows, before) if rows.name in record.searched else before.memory[rows.name]
-            own = remembered(law, known, length, lasts)
-            expected = law.after(known, length, lasts) if own is None else own
-            unit = lasts if law.timed else 1.0  # of a rate; what it makes of a step is a length
-            now_known = record.memory[rows.name]
-            found.append(difference(unit * now_known, unit * expected, scales.u[rows.name], scales.rounding))
+            if law is not None and rows.name in record.memory:
+                length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
+                known = self._carried(rows, before) if rows.name in record.searched else before.memory[rows.name]
+                own, now_known = remembered(law, known, length, lasts), record.memory[rows.name]
+                expected = law.after(known, length, lasts) if own is None else own
+                unit = lasts if law.timed else 1.0  # of a rate; what it makes of a step is a length
+                found.append(difference(unit * now_known, unit * expected, scales.u[rows.name], scales.rounding))
         now, then = (each.stored.contacts.get(rows.name) for each in (record, before))
         if now is not None and then is not None:
             step = slip_of(rows, self._motion(rows, record) - moved)
@@ -679,9 +681,8 @@ class Auditor:
         system, law = self.system, rows.normal
         assert isinstance(law, Compliance)
         pair = system.problem.pairs[rows.name]
-        formula = pair.obstacle is not None and system.problem.obstacles[pair.obstacle].written_in_operators
-        formula &= isinstance(pair.contact.gap_offset, float | int) and pair.contact.wear is None
-        if rows.name in record.searched or not formula:
+        formula = system.problem.obstacles[str(pair.obstacle)].written_in_operators and pair.contact.wear is None
+        if rows.name in record.searched or not (formula and isinstance(pair.contact.gap_offset, float | int)):
             p_n = self._pressure_of_law(rows, record)
             return system.interface.force_of(rows, p_n, np.zeros(rows.free.shape))
         if rows.name not in self._j_n:

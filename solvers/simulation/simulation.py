@@ -253,9 +253,7 @@ class Simulation:
             SceneError: the scene asks for derivatives, which follow no script.
         """
         if self.slopes is not None:
-            raise SceneError(
-                "sensitivity: follows no script; leave it out, and `uncertainty`, until the history is run"
-            )
+            raise SceneError("sensitivity: follows no script; leave it out, and `uncertainty`, until its scene is run")
         stepper = Stepper(self.system, self.stepper.chain)
         if self.scene.output.error not in (False, "rough") and MeshCorrection.works_for(stepper):
             stepper.companion = self.stepper.companion or MeshCorrection(stepper)
