@@ -299,6 +299,7 @@ def _array(slope: Slope) -> Array:
         ({"sensitivity.parameters": ["geometry.mesh_size"]}, "says how the scene is solved"),
         ({"uncertainty": {"bodies.block.E": "x %"}}, 'a positive number or "3 %"'),
         ({"uncertainty": {"bodies.block.E": -1.0}}, "expected one standard deviation"),
+        ({"uncertainty": {"bodies.block.E": True}}, "expected a number, or a text$"),
         ({"uncertainty": {"bodies.block.E": "inf %"}}, "expected one standard deviation"),
         ({"uncertainty": {"bodies.block.E": "1e200 %"}}, "expected one standard deviation"),
     ],
