@@ -210,9 +210,7 @@ def _refuse_faint(setup: Setup) -> None:
             raise SceneError(f"contacts.{name}.normal.c_n = {law.c_n:g}: {wrong}")
         if (wear := pair.contact.wear) is not None:
             largest = 1 / (ROUNDING * setup.softest)
-            wrong = (
-                f"a slip that is rounding takes off all that presses, at most {largest:.1e} {setup.labels('1/Pa')} here"
-            )
+            wrong = f"takes off all that presses within rounding, at most {largest:.1e} {setup.labels('1/Pa')} here"
             require(wear.total <= largest, f"contacts.{name}.wear.k", wear.total, wrong)
     least = least_springs(setup) * (extent if setup.model.startswith("plane") else extent**2)
     per_length = setup.labels("N/m")
