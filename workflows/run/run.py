@@ -427,6 +427,7 @@ def _solve(
                 raise MachineError(f"{error}{kept}") from None
         if status == "abandoned":
             raise_together(comm, lambda: results[0].abandon())
+            interrupt.check(comm)  # there is no other place to stop before the next round
             return Outcome(status, sentence, place), {}
         raise_together(comm, lambda: _close(results[0], outcome.status))
     return outcome, content
