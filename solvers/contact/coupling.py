@@ -75,6 +75,25 @@ class Points:
     phi: Sparse  # (n, q): likewise to its integrals ∫ phi~_j, see `shares`
     own: On  # where they lie on the slave
     other: On | None  # the points that they face on the master; None: a rigid obstacle
+    projected: Bools | None = None  # (q,) where the law takes u_n - g by `projection`; None: nowhere
+
+    def projection(self) -> Sparse:
+        """Values at the points to those that the law takes (q, q): projected onto the span of phi~ with the dual basis.
+
+        A surface has more points than displacements along the normal, and slip along a curved one closes or opens them
+        each by a little of its own. A stiff law would press by that; projected, it tends to the rigid one.
+
+        Source: Oden & Kikuchi, Int. J. Numer. Meth. Engng 18 (1982), of penalties and the quadrature that they bear.
+        """
+        if self.projected is None:
+            return sparse.identity(len(self.weights), format="csr")
+        size, total = self.psi.sum(axis=1).A1, self.phi.sum(axis=0).A1
+        there = self.projected & (total > 0)
+        each, of_point = (
+            sparse.diags(np.divide(1.0, sums, out=np.zeros(len(sums)), where=where))
+            for sums, where in ((size, size > 0), (total, there))
+        )
+        return (of_point @ self.phi.T @ each @ self.psi + sparse.diags((~there).astype(float))).tocsr()
 
     def moved(self, share: Sparse) -> Points:
         """The same points, integrals at nodes (n,) moved to others: share (n, n)."""
@@ -233,8 +252,14 @@ def _points(surface: Surface, obstacle: Obstacle, degree: int, own: On, weights:
     relative = own.basis(surface)
     gap, normals = seen_from(obstacle, relative @ surface.points)
     return Points(
-        weights=weights, relative=relative, gap=gap, normals=-normals, psi=psi.tocsr(), phi=phi, own=own, other=None
-    )
+        weights=weights, relative=relative, gap=gap, normals=-normals, psi=psi.tocsr(), phi=phi, own=own, other=None,
+        projected=amid(psi, phi, plain[own.facet]),
+    )  # fmt: skip
+
+
+def amid(psi: Sparse, phi: Sparse, kept: Bools) -> Bools:
+    """Which of the points (q,) have functions phi~ whose dual ones, whole facets of them, act at kept points alone."""
+    return np.asarray(abs(phi.T) @ (abs(psi) @ ~kept) == 0)
 
 
 def nodal_coupling(facing: Facing) -> Coupling:

@@ -85,6 +85,7 @@ class ContactRows:
     dropped: int  # nodes whose multiplier a support or another contact makes redundant, or that end a crack
     quadrature: Callable[[int], Points] | None = None  # integration points by degree; None: the rows are given without
     degree: int = 0  # of that at which a compliance law gives pressure by displacement
+    projected: bool = False  # whether it takes u_n - g at points by other values than those there, see `projection`
     turning: Sparse | None = None  # (n, n_all d) see `Coupling`
     fields: Fields | None = None  # None: the rows are given without
     tips: Array | None = None  # (n,) see `Coupling`
@@ -156,8 +157,8 @@ class ContactRows:
 
     @cached_property
     def of_facets(self) -> bool:
-        """Whether its normal points are those of whole facets, as a form over the side has them."""
-        return len(self.W_n) == self.surface.quadrature(self.degree)[0].size
+        """Whether its normal points are those of whole facets, u_n there its own, as a form over the side has them."""
+        return not self.projected and len(self.W_n) == self.surface.quadrature(self.degree)[0].size
 
     @cached_property
     def near_nodes(self) -> Ints:

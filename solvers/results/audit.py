@@ -250,8 +250,9 @@ class Auditor:
         if not rows.normal.at_quadrature:
             return np.asarray(rows.psi.T @ nodal / rows.W_n), nodal
         assert rows.quadrature is not None
-        x = rows.quadrature(rows.degree).own.basis(side) @ at
-        return np.asarray(gap(obstacle, x)) + offset + rows.N_n @ moved.ravel(), nodal
+        points = rows.quadrature(rows.degree)
+        distance = points.projection() @ np.asarray(gap(obstacle, points.own.basis(side) @ at))
+        return distance + offset + rows.N_n @ moved.ravel(), nodal
 
     def _scales(self, record: Record, inner: Vec) -> Scales:
         """See `Audit`; tractions are never taken to be smaller than the rounding of all forces."""
