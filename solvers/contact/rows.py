@@ -135,19 +135,20 @@ class ContactRows:
             own = np.divide(self.average.T @ (self.W_t * slip), near, out=own, where=near > 0)
         return np.hypot(own, aside)
 
-    def softness(self, slip: Array) -> Array:
-        """Worn depth by pressure (m_n,) [m/Pa] of a length of slip (m_n,) [m]."""
+    def wear_rate(self, time: float, pressed: Array | None, slid: Array | None) -> Array:
+        """Worn depth by pressure and length of slip (m_n,) [1/Pa], see `Wear.rate`."""
         assert self.fields is not None
         assert self.fields.wear is not None
-        return self.fields.wear.total * slip
+        points = np.asarray(self.fields.to_points @ self.fields.points)
+        return self.fields.wear.rate(points, time, self.fields.end, pressed, slid)
 
-    def worn(self, depth: Array, slip: Array | None = None) -> ContactRows:
+    def worn(self, depth: Array, softness: Array | None = None) -> ContactRows:
         """The rows with gaps that are wider by a worn depth (m_n,) [m].
 
         Args:
-            slip: of a step in which they wear on, length of the slip (m_n,) [m].
+            softness: of a step in which they wear on, worn depth by pressure in it (m_n,) [m/Pa].
         """
-        law = self.normal if slip is None else Worn(of=self.normal, softness=self.softness(slip))
+        law = self.normal if softness is None else Worn(of=self.normal, softness=softness)
         return replace(self, gap=self.gap + depth, node_gap=self.node_gap + self.node_pressure(depth), normal=law)
 
     @cached_property

@@ -27,6 +27,7 @@ from stickslip.solvers.effects import active
 from stickslip.solvers.fem.contact_forms import ComplianceForms
 from stickslip.solvers.fem.elastic_energy import forces_of_energy
 from stickslip.solvers.laws.normal import Compliance
+from stickslip.solvers.laws.rate_and_state import RateAndStateByPoint
 from stickslip.solvers.laws.wear import SLID, WORN, Turned
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import sum_of_sizes
@@ -39,6 +40,7 @@ from stickslip.solvers.results.closed_formulas import (
     remembered,
     slid,
     stored_energy,
+    worn_rate,
 )
 from stickslip.solvers.results.resultants import acting
 from stickslip.solvers.results.second_forces import SecondForces
@@ -593,13 +595,16 @@ class Auditor:
             moves -= record.p[place.tangential] / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
             lasts = record.time - before.time
-            found += self._wear(place, record, before, length, scales) if wears else []
+            if wears and not self._searched(rows, record):
+                found += self._wear(place, record, before, length, scales)
             if law is not None and rows.name in record.memory:
                 length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
                 known = self._carried(rows, before) if rows.name in record.searched else before.memory[rows.name]
                 own, now_known = remembered(law, known, length, lasts), record.memory[rows.name]
                 expected = law.after(known, length, lasts) if own is None else own
-                unit = lasts if law.timed else 1.0  # of a rate; what it makes of a step is a length
+                unit = np.asarray(lasts if law.timed else 1.0)  # of a rate; what it makes of a step is a length
+                if isinstance(law, RateAndStateByPoint):
+                    unit = np.column_stack([law.Dc, np.full(len(law.Dc), lasts)])
                 found.append(difference(unit * now_known, unit * expected, scales.u[rows.name], scales.rounding))
         now, then = (each.stored.contacts.get(rows.name) for each in (record, before))
         if now is not None and then is not None:
@@ -630,7 +635,8 @@ class Auditor:
         key, shown = f"{rows.name}{WORN}", record.stored.contacts.get(rows.name, {}).get("wear")
         if shown is not None:
             found.append(difference(np.asarray(shown, float), rows.node_pressure(now[key]), rounding=scales.rounding))
-        off = sum(np.ravel(rows.fields.wear.k)) * path * record.p[place.normal]
+        p_n, far = record.p[place.normal], now.get(f"{rows.name}{SLID}", np.zeros(0))
+        off = worn_rate(rows.fields.wear, points, record.time, rows.fields.end, p_n, far) * path * p_n
         return [*found, difference(now[key], before.memory[key] + off, scales.u[rows.name], scales.rounding)]
 
     def _inner(self, u: Vec) -> Vec:
