@@ -476,10 +476,7 @@ class Auditor:
         """What is seen of a contact: fields at its nodes, forces where they act, and the work of friction."""
         rows, told = place.rows, record.stored.told["contacts"][place.rows.name]
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
-        moved, before = (
-            rows.of_mesh(record.displacement, self._sectors),
-            record.stored.told_before.get("contacts", {}),
-        )
+        moved, before = rows.of_mesh(record.displacement, self._sectors), record.stored.told_before.get("contacts")
         acts = acting(
             self.system, rows, rows.nodal_forces(p_n, t), moved, record.searched, (record.time, record.driven)
         )
@@ -495,9 +492,7 @@ class Auditor:
         whole = told["dissipation_total"] - total  # of several substeps the parts are not known
         work, beside = float(rows.W_t @ (t * slid).sum(axis=1)), self._beside(place, record)
         if beside is None or record.stored.told["substeps"] > 1:
-            self._unseen.add(
-                f"contacts.{rows.name}.dissipation: in steps of several substeps, or after what is not known"
-            )
+            self._unseen.add(f"contacts.{rows.name}.dissipation: {UNFOLLOWED}")
         counts = dict(zip(STATUS_WORDS, np.bincount(status, minlength=len(STATUS_WORDS)).tolist(), strict=True))
         return self._second.acting(
             acts.points,
