@@ -18,7 +18,7 @@ from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.overlap import Overlap
 from stickslip.geometry.surfaces.surface import SECTOR, Surface
-from stickslip.solvers.contact.build import along, distribute_to_neighbours, with_changes
+from stickslip.solvers.contact.build import along, distribute_to_neighbours
 from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On, Points, midway_normals, relative_to, shares
 
 WILD = 1e6  # larger psi is replaced by a constant; on a whole facet psi is at most about 10
@@ -186,9 +186,11 @@ def _turning(points: Points, relative: Sparse, normals: Array, cut: Bools) -> Sp
         cut: nodes (n,) whose facets are those of two sectors, where nothing turns.
     """
     nodal = along(relative, normals[:, None])
-    means = points.psi @ along(points.relative, points.normals[:, None])
-    turned = with_changes(nodal, (sparse.diags((~cut).astype(float)) @ means + sparse.diags(cut.astype(float)) @ nodal))
-    return None if turned is nodal else turned
+    turn = (points.psi @ along(points.relative, points.normals[:, None]) - nodal).tocsr()
+    # entries of motions; those of both are about 1
+    turn.data[(np.abs(turn.data) < ROUNDING) | np.repeat(cut, np.diff(turn.indptr))] = 0.0
+    turn.eliminate_zeros()
+    return (nodal + turn).tocsr() if turn.nnz else None
 
 
 def positive_shares(slave: Surface, weights: Array, carries: Bools) -> Sparse:
@@ -241,5 +243,5 @@ def _points(facing: Facing, degree: int, share: Sparse) -> Points:
         phi=(share @ shares(own, slave, found.weights)).tocsr(),
         own=own,
         other=other,
-        projected=np.ones(len(found.weights), bool),
+        whole=np.ones(len(found.weights), bool),
     )

@@ -253,7 +253,7 @@ class Auditor:
             return np.asarray(rows.psi.T @ nodal / rows.W_n), nodal
         assert rows.quadrature is not None
         points = rows.quadrature(rows.degree)
-        distance = points.projection() @ np.asarray(gap(obstacle, points.own.basis(side) @ at))
+        distance = rows.at_points(np.asarray(gap(obstacle, points.own.basis(side) @ at)))
         return distance + offset + rows.N_n @ moved.ravel(), nodal
 
     def _scales(self, record: Record, inner: Vec) -> Scales:
