@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from stickslip.geometry.errors import SceneError, require, require_known
 from stickslip.geometry.keys import AXES, Key, Noun
+from stickslip.solvers.scene.settings import LARGEST
 
 T = TypeVar("T")
 PHYSICAL = ("bodies", "contacts", "obstacles", "supports", "loads")  # tables, beside those of effects
@@ -80,7 +81,8 @@ def deviations(uncertain: Mapping[str, float | str], known: Mapping[str, float])
         if isinstance(said, str) and said.endswith("%"):
             with suppress(ValueError):
                 size = float(said.removesuffix("%")) / 100 * abs(known[key])
-        require(size > 0, f"uncertainty.{key}", said, 'expected one standard deviation, a positive number or "3 %"')
+        wanted = 'expected one standard deviation, a positive number or "3 %"'
+        require(0 < size <= LARGEST, f"uncertainty.{key}", said, wanted)
         found[key] = size
     return found
 

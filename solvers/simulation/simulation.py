@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 
+from stickslip.geometry.errors import SceneError
 from stickslip.geometry.keys import typed
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh_sizes import SizeField
@@ -247,7 +248,12 @@ class Simulation:
         Each script has a history of its own, apart from that of `steps`. Errors of the mesh come from bubbles that
         follow each step, as long as `output.error_budget` pays for them; those of other meshes and of the time steps
         come when a history is over: `run` the `scene` of the script.
+
+        Raises:
+            SceneError: the scene asks for derivatives, which follow no script.
         """
+        if self.slopes is not None:
+            raise SceneError("sensitivity: follows no script; leave it out, and `uncertainty`, until its scene is run")
         stepper = Stepper(self.system, self.stepper.chain)
         if self.scene.output.error not in (False, "rough") and MeshCorrection.works_for(stepper):
             stepper.companion = self.stepper.companion or MeshCorrection(stepper)

@@ -385,7 +385,7 @@ def _solve(
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
-    with Interrupt(watch.answer) as interrupt:
+    with Interrupt(watch.answer, watch.kept) as interrupt:
         reached = earlier.last.checkpoint.reached if earlier.last else None
         simulation = prepare(scene, comm, reached, sizes, bodies, counters)
         scene = simulation.scene  # without estimates of errors where they do not fit
@@ -422,6 +422,7 @@ def _solve(
                 raise MachineError(f"{error}{kept}") from None
         if status == "abandoned":
             raise_together(comm, lambda: results[0].abandon())
+            interrupt.check(comm)  # there is no other place to stop before the next round
             return Outcome(status, sentence, place), {}
         raise_together(comm, lambda: _close(results[0], outcome.status))
     return outcome, content
