@@ -315,6 +315,10 @@ def _array(slope: Slope) -> Array:
         ({"uncertainty": {"bodies.block.E": "x %"}}, 'a positive number or "3 %"'),
         ({"uncertainty": {"bodies.block.E": -1.0}}, "expected one standard deviation"),
         ({"uncertainty": {"bodies.block.E": True}}, "expected a number, or a text$"),
+        (
+            {"uncertainty": {"bodies": {"block": {"E": "3 %"}}}},
+            "expected a number, or a text; write a key with dots in",
+        ),
         ({"uncertainty": {"bodies.block.E": "inf %"}}, "expected one standard deviation"),
         ({"uncertainty": {"bodies.block.E": "1e200 %"}}, "expected one standard deviation"),
     ],
