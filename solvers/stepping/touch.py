@@ -129,8 +129,8 @@ class Way:
     def _freed(self, p: Array, closes: list[Bools]) -> Array:
         """Relative displacement (rows,) [m] that the tractions of points that close have taken; collective.
 
-        Obstacles stay where they are at the end, floating bodies where points were closed before, or give way across
-        the surface as points of their softness do.
+        Obstacles stay where they are at the end, floating bodies where points were closed before, or give way as points
+        of their softness do: on the mean of points, by the force that they carry.
 
         Args:
             p: tractions (rows,) [Pa] at the end.
@@ -140,13 +140,24 @@ class Way:
         u = surface.displacement(surface.forces(acting) + self.added, self.tolerance * problem.u_ref)
         freed = surface.N @ (u - surface.R @ (surface.R.T @ u))
         if surface.floating:
-            closed, wanted = self.p != 0, np.zeros_like(p)
-            if not closed.any():
-                closed = (acting != 0) & (np.arange(len(p)) < surface.normal_rows)
-                wanted = wanted + (p / problem.gamma)[closed].mean()
+            holds, wanted = self.p, np.zeros_like(p)
+            if not holds.any():
+                holds, wanted = acting, acting / problem.gamma
             bodies = np.asarray(surface.N @ surface.R)[:, : surface.R.shape[1] - surface.driven]
-            freed = freed + bodies @ np.linalg.lstsq(bodies[closed], (wanted - freed)[closed], rcond=None)[0]
+            weight = self._carried(holds)
+            freed = freed + bodies @ np.linalg.lstsq(weight[:, None] * bodies, weight * (wanted - freed), rcond=None)[0]
         return np.asarray(freed)
+
+    def _carried(self, p: Array) -> Array:
+        """Root of the force [N^(1/2)] that the point of each row (rows,) carries across the surface; without friction 0.
+
+        Args:
+            p: tractions (rows,) [Pa].
+        """
+        pressed = np.where(np.arange(len(p)) < self.problem.surface.normal_rows, np.abs(p), 0.0)
+        for place in self.problem.cone.with_friction():
+            pressed[place.tangential] = np.repeat(place.average @ np.abs(p[place.normal]), place.components)
+        return np.sqrt(self.problem.surface.W * pressed)
 
     def felt(self, change: Array, p: Array) -> Array:
         """Size of the part of a change (rows,) [m] of gaps that friction feels: it goes from bound to bound at most.
