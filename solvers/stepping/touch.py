@@ -64,10 +64,10 @@ class Way:
         return np.where(room > np.maximum(scales.no_motion(self.w)[:n], ROUNDING * scales.motion), room, 0.0)
 
     def closing(self, place: ContactBlock, p: Array) -> Bools:
-        """Which points (m_t,) of a contact close before there are tractions p (rows,) [Pa]."""
+        """Which points (m_t,) of a contact close before there are tractions p (rows,) [Pa]: what presses had room."""
         law, average, n = place.rows.normal, place.average, place.normal
         closed = touching(self.p[n], average, law)
-        return np.asarray(touching(p[n], average, law) & ~closed & (average @ self.room[n] > 0))
+        return np.asarray(touching(p[n], average, law) & ~closed & (average @ (p[n] * self.room[n]) > 0))
 
     def touched(self, p: Array, w: Array) -> Array:
         """Gap (rows,) [m] with slip counted from where points touch that close; collective.
@@ -129,8 +129,8 @@ class Way:
     def _freed(self, p: Array, closes: list[Bools]) -> Array:
         """Relative displacement (rows,) [m] that the tractions of points that close have taken; collective.
 
-        Obstacles stay where they are at the end, floating bodies where points were closed before, or give way as points
-        of their softness do: on the mean of points, by the force that they carry.
+        Obstacles stay where they are at the end, floating bodies where points were closed before, or give way across
+        the surface as points of their softness do.
 
         Args:
             p: tractions (rows,) [Pa] at the end.
@@ -140,24 +140,13 @@ class Way:
         u = surface.displacement(surface.forces(acting) + self.added, self.tolerance * problem.u_ref)
         freed = surface.N @ (u - surface.R @ (surface.R.T @ u))
         if surface.floating:
-            holds, wanted = self.p, np.zeros_like(p)
-            if not holds.any():
-                holds, wanted = acting, acting / problem.gamma
+            closed, wanted = self.p != 0, np.zeros_like(p)
+            if not closed.any():
+                closed = (acting != 0) & (np.arange(len(p)) < surface.normal_rows)
+                wanted = wanted + (p / problem.gamma)[closed].mean()
             bodies = np.asarray(surface.N @ surface.R)[:, : surface.R.shape[1] - surface.driven]
-            weight = self._carried(holds)
-            freed = freed + bodies @ np.linalg.lstsq(weight[:, None] * bodies, weight * (wanted - freed), rcond=None)[0]
+            freed = freed + bodies @ np.linalg.lstsq(bodies[closed], (wanted - freed)[closed], rcond=None)[0]
         return np.asarray(freed)
-
-    def _carried(self, p: Array) -> Array:
-        """Root of the force [N^(1/2)] that the point of each row (rows,) carries across the surface; without friction 0.
-
-        Args:
-            p: tractions (rows,) [Pa].
-        """
-        pressed = np.where(np.arange(len(p)) < self.problem.surface.normal_rows, np.abs(p), 0.0)
-        for place in self.problem.cone.with_friction():
-            pressed[place.tangential] = np.repeat(place.average @ np.abs(p[place.normal]), place.components)
-        return np.sqrt(self.problem.surface.W * pressed)
 
     def felt(self, change: Array, p: Array) -> Array:
         """Size of the part of a change (rows,) [m] of gaps that friction feels: it goes from bound to bound at most.
@@ -187,7 +176,7 @@ class Touch:
     """Where points touch, found again from each iterate until the places stay, or go to and fro; collective.
 
     What friction does not feel stays; what goes to and fro goes half the way. While the same points are closed the gap
-    is extrapolated through those before, on the way through the last two.
+    is extrapolated through the last two.
 
     Source: Anderson, J. ACM 12 (1965).
     """
@@ -220,8 +209,7 @@ class Touch:
         which = (p[: problem.surface.normal_rows] > 0).tobytes()
         known = self.tried.setdefault(which, [])
         known.append((gap, change))
-        if self.on_the_way:  # the iterate moves too: what is older tells nothing of touch
-            del known[:-2]
+        del known[:-2]  # what is older is of other states of friction
         gaps, changes = (np.array(each) for each in zip(*known, strict=True))
         sizes = np.abs(changes).max(axis=1)
         self.sizes.append(float(sizes[-1]))
