@@ -173,7 +173,7 @@ class Simulation:
         if self.slopes is None:
             return found
         with self.clock.phase("output", "sensitivity"):
-            return replace(found, sensitivity=self.slopes(accepted), deviations=self.scene.deviations)
+            return replace(found, sensitivity=self.slopes(accepted), covariance=self.scene.covariance)
 
     def errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
