@@ -90,7 +90,7 @@ def covariance(uncertain: Mapping[str, Uncertain], known: Mapping[str, float]) -
     keys, R = [*found], np.eye(len(found))
     correlated = uncertain.get(CORRELATIONS, ())
     require(isinstance(correlated, tuple), owner, correlated, "expected [[KEY, KEY, CORRELATION], ...]")
-    for row in (row for row in correlated if isinstance(row, tuple)):
+    for row in correlated if isinstance(correlated, tuple) else ():
         one, two, size = row
         for key in (one, two):
             require_known(owner, key, found, "no number with an uncertainty")

@@ -12,17 +12,18 @@ from stickslip import Scene, SceneError, prepare
 from stickslip.solvers.results.step_result import values
 from stickslip.workflows.commands.fit import fit as command
 from stickslip.workflows.formats.files import read_json
-from stickslip.workflows.scene_file.read import from_dict, to_dict, with_keys
+from stickslip.workflows.scene_file.read import from_dict, read, with_keys
 from stickslip.workflows.sweep.fit import Columns, fit, read_data
 
+FORCE = "support.top.force.x"  # with its sign: lengths of forces fold where motions turn
 MU, K_T, C_N = "contacts.base.friction.mu", "contacts.base.friction.k_T", "contacts.base.normal.c_n"
 
 
 def drawn() -> Scene:
     """A block on a floor whose asperities bend, drawn until a part of it slips, and back."""
-    top = {"x": [[0, 0], [1, 0], [2, 0.06], [3, 0.0]], "y": [[0, 0], [1, -0.1]]}
+    top = {"x": [[0, 0], [1, 0], [2, 0.3], [3, 0.0]], "y": [[0, 0], [1, -0.1]]}
     friction = {"law": "coulomb", "mu": 0.3, "k_T": 1.0}
-    return scene_of(2, base={"friction": friction}, top=top, steps={"end": 3.0, "count": 6})
+    return scene_of(2, base={"friction": friction}, top=top, steps={"end": 3.0, "count": 12})
 
 
 def pressed() -> Scene:
@@ -44,7 +45,7 @@ def quiet(line: str) -> None:
 
 
 def test_a_loop_tells_friction_and_the_stiffness_of_asperities() -> None:
-    data = history(with_keys(drawn(), {MU: 0.36, K_T: 0.7}), "base.tangential_force", "support.top.force.x")
+    data = history(with_keys(drawn(), {MU: 0.36, K_T: 0.7}), FORCE)
     found = fit(drawn(), data, (MU, K_T), tell=quiet)
     assert_allclose([found.values[MU], found.values[K_T]], [0.36, 0.7], rtol=1e-4)
     assert not found.not_told
@@ -53,13 +54,13 @@ def test_a_loop_tells_friction_and_the_stiffness_of_asperities() -> None:
 
 
 def test_noise_is_in_the_covariance() -> None:
-    rng, true = np.random.default_rng(7), 0.36
-    data = history(with_keys(drawn(), {MU: true}), "base.tangential_force")
-    size = 0.02 * data["base.tangential_force"].max()
-    noisy = data | {"base.tangential_force": data["base.tangential_force"] + size * rng.standard_normal(6)}
+    rng, true = np.random.default_rng(1), 0.36
+    data = history(with_keys(drawn(), {MU: true}), FORCE)
+    size = 0.02 * np.abs(data[FORCE]).max()
+    noisy = data | {FORCE: data[FORCE] + size * rng.standard_normal(12)}
     found = fit(drawn(), noisy, (MU,), tell=quiet)
     assert abs(found.values[MU] - true) < 3 * found.deviations[MU] < 0.1 * true
-    assert found.remainder["base.tangential_force"] == pytest.approx(size, rel=0.6)
+    assert found.remainder[FORCE] == pytest.approx(size, rel=0.6)
 
 
 def test_what_data_do_not_tell_is_said() -> None:
@@ -73,16 +74,15 @@ def test_what_data_do_not_tell_is_said() -> None:
 
 
 def test_the_command_leaves_covariance_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    import json
-
-    scene, path, table = tmp_path / "scene.json", tmp_path / "fit", tmp_path / "data.csv"
-    scene.write_text(json.dumps(to_dict(pressed())))
-    data = history(with_keys(pressed(), {C_N: 12.0}), "base.max_penetration")
-    table.write_text("time,base.max_penetration\n" + "".join(f"{t},{x}\n" for t, x in zip(*data.values(), strict=True)))
-    command(str(scene), table, C_N, path)
-    assert read_json(path / "fit.json")["values"][C_N] == pytest.approx(12.0, rel=1e-3)
-    assert (path / "fit.png").stat().st_size > 10_000
-    assert C_N in capsys.readouterr().out
+    words = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5"]
+    data = history(read("block", [*words, f"{MU}=0.25"]), "base.tangential_force")
+    table, folder = tmp_path / "data.csv", tmp_path / "fit"
+    rows = zip(*data.values(), strict=True)
+    table.write_text("time, base.tangential_force\n" + "".join(f"{time}, {value}\n" for time, value in rows))
+    command("block", table, MU, folder, words)
+    assert read_json(folder / "fit.json")["values"][MU] == pytest.approx(0.25, rel=1e-4)
+    assert (folder / "fit.png").stat().st_size > 10_000
+    assert MU in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -350,8 +350,8 @@ def test_all_are_the_numbers_that_have_a_size() -> None:
     simulation, _ = solved(scene)
     assert simulation.stepper.neighbours is not None
     assert isinstance(simulation.stepper.surface, CondensedSurface)
-    assert {"bodies.block.E", "contacts.base.friction.mu"} < {*simulation.stepper.neighbours.by}
-    assert "contacts.base.gap_offset" not in simulation.stepper.neighbours.by  # it is 0
+    assert {"bodies.block.E", "contacts.base.friction.mu"} < {*simulation.stepper.neighbours.sizes}
+    assert "contacts.base.gap_offset" not in simulation.stepper.neighbours.sizes  # it is 0
 
 
 def rows(printed: str) -> dict[str, float]:
@@ -417,3 +417,18 @@ def test_the_budget_tells_parts_and_inputs(rings: tuple[Scene, StepResult]) -> N
     assert known["elastic energy [J/m]"][2] == "–"
     assert error_budget({"steps": []})[1] == []
     assert scene.covariance
+
+
+def test_a_script_has_the_derivatives_of_its_history() -> None:
+    key, away = "supports.top.displacement.x", {"x": 0.04, "y": -0.1}
+    script = prepare(replace(dragged(), sensitivity=Sensitivity(parameters=(key, MU)))).script()
+    first = script.step(to=1.0, supports={"top": {"x": 0.0, "y": -0.1}})
+    assert key not in first.sensitivity["contacts.base.tangential_force"]  # nothing has moved along x
+    step = script.step(to=2.0, supports={"top": away})
+    _, repeated = solved(replace(script.scene, sensitivity=Sensitivity(parameters=(key, MU))))
+    for by, slope in step.sensitivity["contacts.base.tangential_force"].items():
+        assert slope.value == pytest.approx(
+            repeated[-1].sensitivity["contacts.base.tangential_force"][by].value, rel=1e-5
+        )
+    changed = script.step(to=3.0, contacts={"base": {"mu": 0.5}})
+    assert not changed.sensitivity

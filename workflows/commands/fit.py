@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -33,7 +33,7 @@ def fit(
     if not speaks():
         return
     folder = output or Path("results") / f"{find(scene).stem}_fit"
-    told = {"values": found.values, "deviations": found.deviations, "not_told": found.not_told}
+    told: dict[str, Any] = {"values": found.values, "deviations": found.deviations, "not_told": found.not_told}
     told |= {"covariance": found.covariance.tolist(), "remainder": found.remainder, "runs": found.runs}
     write_output(folder / "fit.json", json_text(told).encode())
     draw_fit(folder / "fit.png", found.data, found.found, " ".join(loaded.title.split()), loaded.labels)
