@@ -243,4 +243,5 @@ def _points(facing: Facing, degree: int, share: Sparse) -> Points:
         phi=(share @ shares(own, slave, found.weights)).tocsr(),
         own=own,
         other=other,
+        whole=np.ones(len(found.weights), bool),
     )

@@ -448,9 +448,13 @@ def _by_inputs(step: StepResult, owner: tuple[str, str], errors: Errors) -> Plai
     slopes = {
         key: step.sensitivity[str(key)] for key in quantities(step) if key[:2] == owner and str(key) in step.sensitivity
     }
+    if not slopes:
+        return {}
     found = {"sensitivity": {key.quantity: {by: s.plain for by, s in own.items()} for key, own in slopes.items()}}
-    uncertain = {key.quantity: uncertainty(own, step.covariance, errors.get(key)) for key, own in slopes.items()}
-    return {**(found if slopes else {}), **({"uncertainty": uncertain} if slopes and step.covariance else {})}
+    if step.covariance:
+        by_inputs = {key.quantity: uncertainty(own, step.covariance, errors.get(key)) for key, own in slopes.items()}
+        found["uncertainty"] = by_inputs
+    return found
 
 
 def uncertainty(

@@ -16,6 +16,7 @@ import numpy as np
 from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.errors import SceneError, require, require_known
 from stickslip.geometry.keys import AXES, Key, Noun
+from stickslip.solvers.scene.settings import LARGEST
 
 T = TypeVar("T")
 Uncertain = float | str | tuple[tuple[str, str, float], ...]
@@ -85,7 +86,8 @@ def covariance(uncertain: Mapping[str, Uncertain], known: Mapping[str, float]) -
         if isinstance(said, str) and said.endswith("%"):
             with suppress(ValueError):
                 size = float(said.removesuffix("%")) / 100 * abs(known[key])
-        require(size > 0, f"uncertainty.{key}", said, 'expected one standard deviation, a positive number or "3 %"')
+        wanted = 'expected one standard deviation, a positive number or "3 %"'
+        require(0 < size <= LARGEST, f"uncertainty.{key}", said, wanted)
         found[key] = size
     keys, R = [*found], np.eye(len(found))
     correlated = uncertain.get(CORRELATIONS, ())

@@ -25,6 +25,7 @@ from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.scene import Scene, over, with_values
+from stickslip.solvers.scene.settings import LARGEST
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.simulation.sensitivity import Slopes, timelines
 from stickslip.solvers.stepping.history import HistoryRow
@@ -131,6 +132,8 @@ class Script:
             NoEquilibriumError: so, and it is shown that contact and friction cannot balance the loads.
         """
         require(_is_number(to), "to", _in_words(to), "expected a number")
+        require(to <= LARGEST, "to", to, f"expected at most {LARGEST:g}")
+        require(callable(on_iteration), "on_iteration", _in_words(on_iteration), "expected a function")
         begins = not self._times and to == 0
         require(to > self.time or begins, "to", to, f"expected a time after {self.time:g}")
         laws, of_contacts, altered = self._of_contacts(contacts)
@@ -172,10 +175,12 @@ class Script:
             SceneError: the scene prescribes no such value, or it is zero at all times.
             StepError: a step could not be solved, and it is not shown that there is no equilibrium.
         """
-        table, _, rest = load.partition(".")
-        require(table in ("loads", "obstacles"), "limit", load, "expected loads.NAME.COMPONENT, or of an obstacle")
-        name, _, part = rest.rpartition(".")
+        words = load.split(".") if isinstance(load, str) else []
+        known = len(words) == 3 and words[0] in ("loads", "obstacles")
+        require(known, "limit", _in_words(load), "expected loads.NAME.COMPONENT, or of an obstacle's force")
+        table, name, part = words
         (place,) = self._places(self._scene, {table: {name: {part: 0.0}}})
+        require(place.quantity not in ("displacement", "rotation"), load, place.quantity, "expected a force")
         end, drives = self._scene.steps.end, self._scene.drives()
         held = {key: value_at(a, self.time, end) for key, a in drives.items() if not isinstance(a, str)}
         amplitude = drives[place]
@@ -183,8 +188,9 @@ class Script:
         listed = [amplitude] if isinstance(amplitude, float | int) else [value for _, value in amplitude]
         largest, now = max(listed, key=abs), held[place]
         require(largest != 0, load, largest, "a load of zero has no multiples")
-        for doubled in range(20):
-            value = largest * 2.0**doubled
+        for value in (largest * 2.0**doubled for doubled in range(20)):
+            if value / largest <= now / largest:  # it bears more already
+                continue
             try:
                 self._reached(self.time + 1, held | {place: value}, self._scene, lambda row: None)
             except NoEquilibriumError as found:

@@ -281,10 +281,13 @@ def test_two_sides_and_none_are_said(rings: tuple[Scene, StepResult]) -> None:
 def test_a_scene_that_asks_for_none_does_nothing_more() -> None:
     scene = dragged()
     simulation, steps = solved(scene)
-    asking, _ = solved(replace(scene, sensitivity=Sensitivity(parameters=("contacts.base.friction.mu",))))
+    asking, told_too = solved(replace(scene, sensitivity=Sensitivity(parameters=("contacts.base.friction.mu",))))
     assert simulation.stepper.neighbours is None
     assert not steps[0].sensitivity
     assert "sensitivity" not in told(steps[0], None)["contacts"]["base"]
+    own = told(told_too[0], None)["contacts"]["base"]
+    assert own["sensitivity"]["normal_force"].keys() == {"contacts.base.friction.mu"}
+    assert "uncertainty" not in own  # of inputs, of which the scene names none
     assert not any("sensitivity" in column for column in slope_columns(steps[0]))
     assert simulation.counters.error_solves < asking.counters.error_solves
     assert simulation.counters.volume_solves == asking.counters.volume_solves
@@ -321,6 +324,9 @@ def _array(slope: Slope) -> Array:
         ({"uncertainty": BETWEEN | {"correlations": [[E, MU, 1.5]]}}, "a correlation from -1 to 1"),
         ({"uncertainty": BETWEEN | {"correlations": [[E, "bodies.block.G", 0.5]]}}, "no number with an uncertainty"),
         ({"uncertainty": BETWEEN | {"correlations": [[E, MU, 0.9], [E, NU, 0.9], [MU, NU, -0.9]]}}, "negative eigenv"),
+        ({"uncertainty": {"bodies.block.E": True}}, "expected a number, or a text$"),
+        ({"uncertainty": {"bodies.block.E": "inf %"}}, "expected one standard deviation"),
+        ({"uncertainty": {"bodies.block.E": "1e200 %"}}, "expected one standard deviation"),
     ],
 )
 def test_what_is_no_parameter_is_refused(keys: Mapping[str, Any], words: str) -> None:
@@ -360,11 +366,30 @@ def rows(printed: str) -> dict[str, float]:
     return {by.strip(): float(value) for _, by, value, *_ in cells}
 
 
+def test_derivatives_of_an_answer_in_doubt_say_so(capsys: pytest.CaptureFixture[str]) -> None:
+    coarse = [
+        "geometry.mesh_size=1.0",
+        "geometry.contact_mesh_size=1.0",
+        "supports.top.displacement.y=[[0, 0], [1, -0.6]]",
+    ]
+    with pytest.raises(SystemExit, match=r"^1$"):
+        sensitivity("block", quantity=["base.normal_force", "energy.time_remainder"], override=coarse)
+    alone, said = capsys.readouterr()
+    assert "stickslip: doubtful: " in said
+    assert "bodies.block.E" in alone
+    assert "energy.time_remainder = " in alone  # which has no error, and no derivatives
+
+
 def test_two_ranks_print_the_derivatives_of_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["two_blocks", "--set", "geometry.mesh_size=0.5", "--set", "geometry.contact_mesh_size=0.2"]
     words += ["--set", "geometry.lower_mesh_size=0.5", "--set", "solver.tolerance=1e-12", "--quantity", "energy.stored"]
-    sensitivity(words[0], quantity=["energy.stored"], override=words[2:-2:2])
-    alone_rows, done = rows(capsys.readouterr().out), mpirun(2, ["sensitivity", *words], tmp_path)
+    with pytest.raises(SystemExit, match=r"^0$"):
+        sensitivity(words[0], quantity=["energy.stored"], override=words[2:-2:2])
+    alone, said = capsys.readouterr()
+    assert "energy.stored = " in alone
+    assert " ± " in alone
+    assert said.startswith("meshing and preparing ...")
+    alone_rows, done = rows(alone), mpirun(2, ["sensitivity", *words], tmp_path)
     assert done.returncode == 0, done.stderr
     (first, *_), both = alone_rows, rows(done.stdout)
     assert first == "supports.top.displacement.y"  # what it depends on most

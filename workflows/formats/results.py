@@ -140,7 +140,7 @@ def read_results(folder: Path) -> Results:
         name=WORK.sub(r"\1", folder.resolve().name),
         content=content,
         steps=step_files(folder),
-        mesh=read_arrays(folder / MESH_FILE)[0] if (folder / MESH_FILE).is_file() else {},
+        mesh=read_arrays(folder / MESH_FILE)[0] if (folder / MESH_FILE).exists() else {},
         mesh_lines=tuple(dict.fromkeys(OF_MESH.findall(text_of(folder / LOG)))),
         pictures=tuple(sorted(path for path in own_files(folder) if path.suffix == ".png")),
     )

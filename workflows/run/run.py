@@ -36,7 +36,7 @@ from stickslip.workflows.run.folder import BEGUN, FORMER, ResultsFolder, work_of
 from stickslip.workflows.run.mesh_report import report_mesh
 from stickslip.workflows.run.ranks import Interrupt, all_act, raise_together
 from stickslip.workflows.run.result import Outcome, summary, write_result
-from stickslip.workflows.run.warnings import Fields, Seen, beyond_linear, doubts, unsettled_pairs
+from stickslip.workflows.run.warnings import Fields, Seen, beyond_linear, doubts, unsettled_pairs, wears_too_fast
 from stickslip.workflows.run.watch import RunLog, Watch, foreseen, tell
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
 from stickslip.workflows.writers.writer import Ended, Job, Turn, Writer, wanted
@@ -260,9 +260,9 @@ class Run:
         warnings += found
         if status == "converged" and (invalid := self._invalid()):
             status, sentence = "doubtful", f"{invalid}: the answer is that of small strain"
-        if unsettled := unsettled_pairs(simulation):
-            warnings += (unsettled,) * (status != "converged")
-            status, sentence = ("doubtful", unsettled) if status == "converged" else (status, sentence)
+        for doubt in filter(None, (unsettled_pairs(simulation), wears_too_fast(simulation, self.steps))):
+            warnings += (doubt,) * (status != "converged")
+            status, sentence = ("doubtful", doubt) if status == "converged" else (status, sentence)
         outcome = Outcome(status, sentence, self._place, warnings)
         ended = Ended(status=status, steps=self.steps, errors=self._errors)
         reference: LinearReference | None = None
@@ -390,7 +390,7 @@ def _solve(
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
-    with Interrupt(watch.answer) as interrupt:
+    with Interrupt(watch.answer, watch.kept) as interrupt:
         reached = earlier.last.checkpoint.reached if earlier.last else None
         simulation = prepare(scene, comm, reached, sizes, bodies, counters)
         scene = simulation.scene  # without estimates of errors where they do not fit
@@ -427,6 +427,7 @@ def _solve(
                 raise MachineError(f"{error}{kept}") from None
         if status == "abandoned":
             raise_together(comm, lambda: results[0].abandon())
+            interrupt.check(comm)  # there is no other place to stop before the next round
             return Outcome(status, sentence, place), {}
         raise_together(comm, lambda: _close(results[0], outcome.status))
     return outcome, content

@@ -186,6 +186,20 @@ def unsettled_pairs(simulation: Simulation) -> str:
     )
 
 
+def wears_too_fast(simulation: Simulation, steps: Sequence[StepResult]) -> str:
+    """Why an answer is doubtful where what slip wears off lets it slip on; else empty."""
+    wears = any(pair.contact.wear is not None for pair in simulation.problem.pairs.values())
+    found = [step for step in steps if wears and step.weakening >= 1]
+    if not found:
+        return ""
+    return (
+        f"t = {found[0].time:g}: what slip wears off takes friction away up to "
+        f"{max(step.weakening for step in found):.3g} times as fast as the bodies unload, in {len(found)} of "
+        f"{len(steps)} steps: such a step has several solutions, and one near to the step before is taken; k times the "
+        "pressure is the depth that wears off per length of slip"
+    )
+
+
 def doubts(
     simulation: Simulation, steps: Sequence[StepResult], errors: Sequence[Errors] | None = None
 ) -> Iterator[str]:
@@ -202,7 +216,7 @@ def doubts(
     yield from _carried_at_points(problem, steps)
     yield from _several_solutions(steps, problem.labels("N/m" if problem.model.startswith("plane") else "N"))
     yield from _jumps(steps, problem.labels("J/m" if problem.model.startswith("plane") else "J"))
-    yield from _slip_jumps(steps)
+    yield from _slip_jumps(simulation, steps)
     yield from large_time_errors(problem, steps, errors or ())
     for rows in contacts:
         states = [step.contacts[rows.name] for step in steps if rows.name in step.contacts]
@@ -280,10 +294,10 @@ def _jumps(steps: Sequence[StepResult], unit: str) -> Iterator[str]:
         )
 
 
-def _slip_jumps(steps: Sequence[StepResult]) -> Iterator[str]:
+def _slip_jumps(simulation: Simulation, steps: Sequence[StepResult]) -> Iterator[str]:
     """Warn where friction weakens faster than bodies unload: of the first such step."""
     found = [step for step in steps if step.weakening >= 1]
-    if found:
+    if found and not wears_too_fast(simulation, steps):
         yield (
             f"t = {found[0].time:g}: friction weakens by slip {max(step.weakening for step in found):.3g} times as "
             f"fast as the bodies unload, so slip jumps, in {len(found)} of {len(steps)} steps: such a step has several "
