@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from functools import reduce
 from html import escape
 from operator import add, or_
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,10 +155,11 @@ class Slope:
         return self.value if self.below is None or self.above is None else (self.below + self.above) / 2
 
     @property
-    def square(self) -> Any:
-        """Its square, of two sides their mean."""
+    def square(self) -> Value:
+        """Its square, of two sides their mean; NaN: there is none."""
         sides = (self.value,) if self.below is None else (self.below, self.above)
-        return np.mean(np.square(np.asarray(sides, float)), axis=0)
+        found: Value = np.mean(np.square(np.asarray(sides, float)), axis=0)
+        return found
 
     @property
     def plain(self) -> Plain:
