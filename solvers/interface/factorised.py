@@ -238,10 +238,14 @@ class _Added:
 
 
 def _connected(K: Mat) -> Ints:
-    """Number (dofs,) of the part that each dof of K is in; parts share no entry."""
-    first, columns = K.getRowIJ()[:2]
-    ones = np.ones(len(columns), np.int8)
-    return np.asarray(connected_components(sparse.csr_matrix((ones, columns, first), shape=K.size), directed=False)[1])
+    """Number (dofs,) of the part that each dof of K is in; parts share no entry, prescribed dofs are in the largest."""
+    first, columns, values = K.getValuesCSR()
+    graph = sparse.csr_matrix((values != 0, columns, first), shape=K.size)
+    graph.eliminate_zeros()  # rows of prescribed nodes hold some
+    number = connected_components(graph, directed=False)[1]
+    sizes = np.bincount(number)
+    _, part = np.unique(np.where(sizes[number] > 1, number, np.argmax(sizes)), return_inverse=True)
+    return np.asarray(part)
 
 
 def _renumbered(dofs: Ints, K: Mat, mixed: Mat) -> Ints:

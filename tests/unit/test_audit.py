@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from stickslip.solvers.parallel.gather import nodes_of
 from stickslip.solvers.results import audit as module
 from stickslip.solvers.results.audit import Audit, Auditor, Record, Scales, _largest
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, StepResult
-from stickslip.solvers.results.stored_fields import MultiplierForces
+from stickslip.solvers.results.stored_fields import MultiplierForces, StoredFields
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
@@ -257,6 +258,7 @@ def test_an_audit_without_contact_sees_equilibrium_only() -> None:
     assert 0 < found.pop("rounding") < 1e-13
     assert set(found.values()) == {0.0}
     assert audit(replace(record, displacement=1.1 * step.displacement)).equilibrium > 0.01
+    assert max(asdict(audit(replace(record, stored=stored_by(step)))).values()) < 1e-12
     assert Audit.worst([]) == dict.fromkeys(asdict(audit(record)))
 
 
@@ -623,7 +625,7 @@ def test_it_does_not_ask_the_laws_of_the_solver(
         raise AssertionError(f"the solver's own formula of {self.law}")
 
     # a compliance's stiffness, which its own penetration serves, decides what rounding is, and no more
-    forbidden = [(Compliance, "pressure"), (Coulomb, "limit"), (Tresca, "limit")]
+    forbidden = [(Compliance, "pressure"), (Compliance, "energy"), (Coulomb, "limit"), (Tresca, "limit")]
     for law, formula in forbidden:
         monkeypatch.setattr(law, formula, asked)
     for found in case.audits():
@@ -659,6 +661,177 @@ def test_what_slip_counts_from_is_that_of_the_step_before(name: str, case_of: Ca
         assert sum(found) == found[k]
     bare = replace(before, stored=replace(before.stored, contacts={}))
     assert audit._history(place, record, bare, scales) == [0.0]
+
+
+WORN = {"friction": COULOMB, "slide": [[0, 0.3], [1, 0.5], [2, 0.9]], "wear": {"k": [0.5, 1.0]}}
+REMEMBERING: dict[str, tuple[int, dict[str, Any]]] = {  # dimension, and the contact
+    "wear": (2, WORN),
+    "wear, held": (2, WORN),
+    "wear without friction": (2, {"slide": 0.3, "wear": {"k": 2.0}}),
+    "wear by slip alone": (2, {"friction": COULOMB, "wear": {"k": 2.0}}),
+    "slip, springs": (3, {"friction": {"law": "slip_dependent", "mu": [[0, 0.4], [1, 0.2]], "k_T": 7.0}}),
+    "bilateral": (3, {"normal": {"law": "bilateral"},
+                      "friction": {"law": "static_kinetic", "mu_s": 0.4, "mu_k": 0.2, "slip_length": 0.1}}),
+    "rate": (3, {"friction": {"law": "rate_dependent", "mu": [[0, 0.1], [1, 0.4]]}}),
+}  # fmt: skip
+
+
+def remembering(name: str) -> tuple[Auditor, Any, Record]:
+    """Tractions and motions that no solver has seen, at 1 s."""
+    dim, contact = REMEMBERING.get(name, (2, {"friction": COULOMB, "slide": WORN["slide"]}))
+    held = "block.bottom" if "held" in name else "block.right"  # no row, or a row or a direction less
+    supports = {"side": {"boundary": held, "displacement": {"x": 0.0}}}
+    base = {"surface": "block.bottom", "against": "foundation"} | contact
+    tables = {"supports": supports, "steps": {"end": 2.0, "count": 2, "seconds": True}}
+    scene = scene_of(dim, {"mesh_size": 0.5 if dim == 2 else 1.0}, contacts={"base": base}, **tables)
+    audit, _, record, _, _ = judged(scene, seed=2)
+    audit._set_system(audit.start, record.time)
+    (place,) = audit.cone.places
+    return audit, place, record
+
+
+@pytest.mark.parametrize("name", REMEMBERING)
+def test_what_contacts_remember_is_that_of_the_definition(name: str) -> None:
+    """In a step from 0.75 s to 1 s, after which each number in turn is changed by 0.01."""
+    (audit, place, record), contact = remembering(name), REMEMBERING[name][1]
+    rows, law, random, lasts = place.rows, place.rows.friction, np.random.default_rng(4), 0.25
+    k, size = np.arange(len(rows.W_n)), np.abs(record.p[place.normal]) + 0.01
+    before = replace(record, time=1 - lasts, p=record.p.copy())
+    record.p[place.normal], before.p[place.normal] = size * np.array([1, 1, 1, -1, 0])[k % 5], -size * (-1) ** k
+    scales, k_T = Scales(p=1.0, u={"base": 100.0}, rounding=1e-6), (law.k_T if law else None) or np.inf
+    u, p_n = record.displacement[rows.input].ravel(), record.p[place.normal]
+    two, shape = rows.normal.sides == 2, rows.free.shape
+    pressed, was = (rows.average @ each.p[place.normal] > 0 for each in (record, before))
+    closes = np.repeat(pressed & ~was & (not two), shape[1])
+    assert closes.any() == (len(rows.W_t) > 0 and not two)
+
+    counted = np.array(record.reference)
+    start = rows.N_t @ u - before.p[place.tangential] / k_T
+    counted[place.tangential] = np.where(closes, counted[place.tangential], start)
+    moves = (rows.N_t @ u - counted[place.tangential] - record.p[place.tangential] / k_T).reshape(shape)
+    slips = np.array([np.hypot.reduce(each[free]) for each, free in zip(moves, rows.free, strict=True)])
+    touched = np.where(pressed | two, slips, 0.0)
+    then, now = dict[str, Array](), dict[str, Array]()
+    points, aside = np.zeros(len(rows.W_n)), 0.5 - 0.45 if contact is WORN else 0.0
+    if "wear" in name:
+        aside = 0.3 * lasts / 2 if name == "wear without friction" else aside
+        own = [w @ slips / w.sum() if w.sum() > 0 else 0.0 for w in rows.average.T.toarray() * rows.W_t]
+        path = np.hypot(own if law else 0.0, aside) + points
+        then = {"base.worn": 0.1 + points} | ({"base.slid": 0.2 + points} if law else {})
+        now = {"base.worn": 0.1 + (1.5 if contact is WORN else 2.0) * path * p_n}
+        now |= {"base.slid": 0.2 + path} if law else {}
+    if law and law.remembers:
+        then["base"] = random.uniform(0.0, 0.1, len(slips))
+        now["base"] = then["base"] + touched
+        if contact is WORN:
+            now["base"] = touched / np.hypot(touched, aside)
+        if name == "rate":
+            now["base"] = touched / lasts
+
+    shown = {"base": {"wear": rows.node_pressure(now["base.worn"])}} if "wear" in name else {}
+    record = replace(record, reference=counted, memory=now, stored=StoredFields(contacts=shown))
+    before = replace(before, memory=then)
+
+    def found(**changed: Any) -> list[float]:
+        return audit._history(place, replace(record, **changed), before, scales)
+
+    assert_allclose(found(), 0.0)
+    assert len(found()) == 1 + len(now) + len(shown)
+    for row, free in enumerate(closes):
+        other = counted.copy()
+        other[place.tangential][row] += 0.01
+        assert found(reference=other)[0] == pytest.approx(0.0 if free else (0.01 - 1e-6) / 100, rel=1e-9)
+    for key, values in now.items():
+        by = 0.01 / lasts if name == "rate" else 0.01
+        for point in range(len(values)):
+            other = values.copy()
+            other[point] += by
+            assert max(found(memory=now | {key: other})) >= (0.01 - 1e-6) / 100 * (1 - 1e-9)
+        assert np.isclose(found(memory=now | {key: values + by}), (0.01 - 1e-6) / 100, rtol=1e-9).any() == (
+            len(values) > 0
+        )
+    for contacts in shown.values():
+        wrong = contacts["wear"] + 0.01 * (np.arange(len(rows.node_gap)) == 1)
+        stored = StoredFields(contacts={"base": {"wear": wrong}})
+        expected = (0.01 - 1e-6) / np.abs([*wrong, *contacts["wear"]]).max()
+        assert max(found(stored=stored)) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", [*REMEMBERING, "slide alone"])
+def test_work_beside_friction_in_the_plane_is_that_of_the_definition(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of pressure on what wears away, and of friction on what slides out of the plane."""
+    audit, place, record = remembering(name)
+    rows, record = place.rows, replace(record, p=np.abs(record.p) + 0.01)
+    p_n = record.p[place.normal]
+    worn, share = np.linspace(0.1, 1.0, len(p_n)), np.linspace(0.5, 1.1, len(rows.W_t))  # beyond 1 as if by rounding
+    memory = {"base": share} if rows.friction else {}
+    record = replace(record, memory=memory | ({"base.worn": worn} if "wear" in name else {}))
+    before = replace(record, time=0.75, memory={"base.worn": worn / 3})
+    bounds = 0.1 * np.maximum(rows.average @ p_n, 0.0)
+    both = [(before, 0.05, 2 / 3 * worn), (None, 0.2, worn)]
+    for known, aside, off in both:
+        audit._before = known
+        expected = float(rows.W_n @ (p_n * off)) if "wear" in name else 0.0
+        if rows.slides and rows.friction:
+            expected += float(rows.W_t @ (bounds * np.sqrt(np.maximum(1 - share**2, 0.0)))) * aside
+        assert audit._beside(place, record) == pytest.approx(expected, rel=1e-12)
+        assert (expected != 0.0) is (rows.slides or rows.wears)
+        with monkeypatch.context() as patch:
+            patch.setattr(module, "bound", lambda *given: None)
+            assert audit._beside(place, record) == pytest.approx(expected, rel=1e-12)
+    unknown = replace(record, stored=StoredFields(told_before={"time": 0.75}))
+    assert audit._beside(place, unknown) == (None if rows.slides or rows.wears else 0.0)
+
+
+FORMS: dict[str, tuple[bool, dict[str, Any], dict[str, Any]]] = {  # whether they know the gap; contact, and obstacle
+    "plane": (True, {"gap_offset": -0.05}, plane()),
+    "offset in time": (False, {"gap_offset": [[0, 0], [1, -0.05]]}, plane()),
+    "wear": (False, {"slide": 0.1, "wear": {"k": 1.0}}, plane()),
+    "graph": (False, {}, {"shape": "graph", "height": "0.05*x"}),
+    "graph that wears": (False, {"slide": 0.1, "wear": {"k": 1.0}}, {"shape": "graph", "height": "0.05*x"}),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_forces_of_compliant_pressures_are_those_of_a_form_that_knows_the_gap(name: str) -> None:
+    by_form, contact, obstacle = FORMS[name]
+    base = {"surface": "block.bottom", "against": "floor", "normal": COMPLIANCE} | contact
+    audit, _, record, _, scales = judged(
+        scene_of(
+            obstacles={"floor": obstacle | {"displacement": {"y": 0.03}}}, contacts={"base": base}, supports=DRAWN
+        ),
+        seed=1,
+    )
+    worn = np.linspace(0.0, 0.05, len(record.p))
+    record = replace(record, memory={"base.worn": worn} if "slide" in contact else {})
+    audit._set_system(audit.start, 1.0)
+    (place,) = audit.cone.places
+    rows = place.rows
+    closing = rows.N_n @ (record.displacement[rows.input] - [0.0, 0.03]).ravel() - rows.gap
+    closing -= worn if "slide" in contact else 0.0
+    pressures = 40 * np.maximum(closing, 0.0) ** 1.5
+    assert 0 < np.count_nonzero(pressures) < len(pressures)
+    expected = audit.system.interface.force_of(rows, pressures, np.zeros(rows.free.shape)).array
+    found = audit._contact_force(place, vector_of(audit, record), record, scales).array
+    assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    assert (list(audit._j_n) == ["base"]) is by_form
+
+
+def test_points_that_were_not_paired_before_were_not_pressed() -> None:
+    """Where pairs are found anew there are other rows: what slip counts from is known where nothing presses alone."""
+    base = {"surface": "block.bottom", "against": "foundation", "friction": COULOMB, "sliding": True}
+    audit, place, record, _, scales = judged(scene_of(contacts={"base": base}), seed=1)
+    u = place.rows.N_t @ record.displacement[place.rows.input].ravel()
+    pressed = place.rows.average @ record.p[place.normal] > 0
+    assert 0 < np.count_nonzero(pressed) < len(pressed)
+    before = replace(record, p=np.append(np.abs(record.p) + 1.0, 0.0))
+    for wrong, told in ((pressed, False), (~pressed, True)):
+        reference = record.reference.copy()
+        reference[place.tangential] = u + wrong
+        found = audit._history(place, replace(record, reference=reference), before, scales)
+        assert (found != [0.0]) is told
 
 
 def test_springs_of_a_sliding_contact_turn_with_it(case_of: Callable[[str], Solved]) -> None:
@@ -925,6 +1098,127 @@ def test_stored_fields_are_right_up_to_rounding_of_lengths(case_of: Callable[[st
         ):
             for earlier in (None, before):
                 assert (audit._fields(wrong, earlier, record.w, scales) > 1e-6) is seen
+
+
+MOVED = {"displacement": {"x": 0.01, "y": 0.02}}
+MOMENTS: dict[str, dict[str, Any]] = {
+    "hill": table({"friction": SPRINGS}, HILL | MOVED),
+    "hill that wears": table({"slide": 0.1, "wear": {"k": 1.0}}, HILL | MOVED),
+    "between bodies": SCENES["between bodies"],
+    "roles exchanged": SCENES["between bodies"]
+    | {"bodies": {"upper": {"E": 50.0, "nu": 0.3}, "lower": {"E": 1.0, "nu": 0.2}}},
+    "revolved": SCENES["revolved"],
+    "tied": SCENES["tied"],
+    "gap that is given": TWO | {"contacts": {"base": JOINT | {"gap": 0.0}}},
+}
+
+
+@pytest.mark.parametrize("name", MOMENTS)
+def test_a_moment_is_that_of_the_forces_on_the_other_side_up_to_slips_and_gaps(name: str) -> None:
+    audit, _, record, _, _ = judged(scene_of(**MOMENTS[name]), seed=1)
+    audit._set_system(audit.start, 1.0)
+    (place,) = audit.cone.places
+    rows, none = place.rows, np.zeros(0)
+    worn = np.linspace(0.0, 0.05, len(rows.W_n))
+    record = replace(record, p=record.p + 0.05, memory={"base.worn": worn} if "wears" in name else {})
+    if rows.friction is None or not rows.normal.ties:
+        record.p[place.normal][: len(rows.W_n) // 2] = record.p[place.tangential][: len(rows.W_t) // 2] = 0.0
+    shift = np.array([0.01, 0.02]) if "hill" in name else np.zeros(2)
+    u = record.displacement[rows.input]
+    forces = rows.nodal_forces(record.p[place.normal], record.p[place.tangential].reshape(-1, 1))
+    acts = module.acting(audit.system, rows, forces, u, {}, (1.0, none))
+    size, apart = np.linalg.norm(acts.forces, axis=1), np.zeros_like(acts.points)
+    assert 0 < np.count_nonzero(size) < len(size) or name == "tied"
+    if "hill" in name:
+        arm = acts.points - shift - [0.8, -4.05]
+        far = np.linalg.norm(arm, axis=1)[:, None]
+        apart = np.where(size[:, None] > 0, (far - 4.0) * arm / far, 0.0)
+    elif rows.master is not None:
+        apart = rows.relative @ (rows.points + u)
+    x, f = acts.points - apart, acts.forces + acts.turned
+    other = rows.sense * float(np.sum(x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0]))
+    assert rows.sense == (-1 if name == "roles exchanged" else 1)
+    n = rows.frames[:, 0]
+    open_now = rows.node_gap + rows.node_pressure(worn * ("wears" in name)) - rows.node_motion(u - shift)[0]
+    along = np.einsum("nd,nd->n", apart, n)[:, None] * n
+    allowed = np.linalg.norm(apart - along, axis=1) + np.abs(open_now) + (0.01 if "hill" in name else 0.0)
+    allowed += rows.node_pressure(worn) if "wears" in name else 0.0
+
+    def found(told: float, **changed: Any) -> float:
+        stored = StoredFields(moments={"base": np.array([told])})
+        return audit._moment(place, replace(record, stored=stored) if not changed else replace(record, **changed))
+
+    whole, least = float(size.sum()) * audit.system.extent, float(size @ allowed)
+    if name == "revolved":
+        assert found(-3.0) == pytest.approx(3.0 / whole)
+        return
+    judged_at_all = not (name == "tied" or "given" in name)
+    for by in (3 * least, -2 * least):
+        assert found(other + by) == pytest.approx((abs(by) - least) / whole if judged_at_all else 0.0, rel=1e-9)
+    assert found(other) == 0.0
+    assert found(0.0, stored=StoredFields()) == 0.0
+    silent = replace(record, p=0 * record.p, stored=StoredFields(moments={"base": np.array([1.0])}))
+    assert audit._moment(place, silent) == 0.0
+
+
+def test_bolts_are_off_by_what_their_tension_lacks() -> None:
+    """Springs of one way by the smaller one of their force and what their slack would take; those that are held not."""
+    values, work = np.array([0.2, 0.3, 0.4, 0.5]), np.array([-3.0, 0.5, -7.0, -8.0])
+    course = SimpleNamespace(value=lambda tension, time: {"given": 2.0, "later": 6.0}[tension] + time)
+    bolts = [("given", 2.0, 0.0), (None, np.inf, -0.6), ("later", 1.0, 0.0), (None, np.inf, 0.7)]
+    tightened = tuple(
+        SimpleNamespace(index=index, tension=tension, held_from=held_from, gap=gap, shortening=f"of {index}")
+        for index, (tension, held_from, gap) in enumerate(bolts)
+    )
+    initial = SimpleNamespace(
+        tightened=tightened,
+        coupling=np.diag([10.0, 20.0, 30.0, 4.0]) + 1.0 - np.eye(4),
+        values=lambda of, time: values if (of, time) == (course, 1.5) else None,
+        stress_work=lambda given, u: work if (given is values, u) == (True, "u") else None,
+    )
+    system: Any = SimpleNamespace(course=course, initial=initial)
+    u: Any = "u"
+    assert_allclose(module.tension_off(system, u, 1.5), [3.0 - 3.5, 20 * (0.3 - 0.6), min(8.0, 4 * (0.5 + 0.7))])
+    values, work = values + 0.0, work * [1.0, 1.0, 1.0, 0.1]
+    assert_allclose(module.tension_off(system, u, 1.5)[2], 0.8)
+    initial.tightened = tightened[2:3]
+    assert module.tension_off(system, u, 1.5).tolist() == []
+    initial.values = lambda of, time: values
+    assert_allclose(module.tension_off(system, u, 1.0), [7.0 - 7.0])  # held from then on
+    initial.tightened = tightened
+    module.recall(system, 1.5, np.array([1.0, 2.0, 3.0, 4.0]))
+    assert course.found == {f"of {k}": ((1.5, k + 1.0),) for k in range(4)}
+
+
+@pytest.mark.parametrize("many", [0.0, 100.0])  # times w, stress and what of tractions is rounding of the motions
+def test_numbers_are_relative_to_the_largest_of_their_unit(
+    many: float, case_of: Callable[[str], Solved], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A number that is off is said in the log, one that nothing shows is named."""
+    case = case_of("springs")
+    audit, record = case.auditor(), case.records[-1]
+    scales = Scales(p=0.3, u={"base": 0.1}, rounding=2e-4, noise=1e-5, rest=1e-6 * many, area=3.0)
+    given = dict[str, Mapping[str, float]]()
+
+    def differences(stored: Any, seen: Any, sizes: Any, rounding: Any) -> dict[str, float | None]:
+        given.update(sizes=sizes, rounding=rounding)
+        return {"right": 0.0, "unseen": None, "off": 0.25}
+
+    monkeypatch.setattr(audit, "_scales", lambda record, inner: scales)
+    monkeypatch.setattr(audit._second, "differences", differences)
+    stored = replace(record.stored, stress=many * record.stored.stress)
+    with caplog.at_level("DEBUG", module.log.name):
+        assert audit(replace(record, stored=stored, w=many * record.w)).numbers == 0.25
+    assert caplog.messages == ["t = 2: {'off': 0.25}"]
+    assert [name for name in audit.shared if name.endswith(": number")] == ["unseen: number"]
+    force, length = audit._last.size, 2.0
+    motion = max(np.abs(record.displacement).max(), np.abs(many * record.w).max())
+    least = 1e3 * EPS * audit._largest_stiffness * np.abs(vector_of(audit, record).array).sum()
+    least += max(1e-5, 1e-6 * many) * 3.0
+    sizes = {"N": force, "N m": force * length, "J": force * motion, "m": motion, "rad": motion / length, "m²": 3.0}
+    assert given["sizes"] == pytest.approx(sizes | {"Pa": max(0.3, np.abs(stored.stress).max())})
+    rounding = {"N": least, "N m": least * length, "J": least * motion, "m": 2e-4, "rad": 2e-4 / length}
+    assert given["rounding"] == pytest.approx(rounding | {"Pa": max(1e-5, 1e-6 * many) + least / 3.0})
 
 
 @pytest.mark.parametrize(("part", "judged_at_all"), [(0.8, False), (1.25, True)])

@@ -522,11 +522,20 @@ def test_without_a_load_another_one_is_taken(scene_of: SceneOf, system_of: Syste
     assert found.solvers[MULTIGRID].iterations > 1
 
 
+def test_a_looser_solve_is_timed_too(scene_of: SceneOf, system_of: SystemOf) -> None:
+    system = system_of(scene(scene_of, 2))
+    loose, tight = (linear_reference(system, MULTIGRID, rtol) for rtol in (1e-3, 1e-8))
+    assert 1e-8 < loose.solvers[MULTIGRID].residual <= 1e-3
+    assert 0 < loose.seconds < np.inf
+    assert loose.solvers[MULTIGRID].iterations < tight.solvers[MULTIGRID].iterations
+
+
 def test_a_solver_that_fails_is_said(scene_of: SceneOf, system_of: SystemOf, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MOST_ITERATIONS", 1)
     found = linear_reference(system_of(scene(scene_of, 2)))
     assert found.fastest == "mumps"
     assert found.solvers["cg+gamg"].seconds == np.inf
+    assert found.solvers["cg+gamg"].note.startswith("failed: residual")
 
 
 def test_figures_repeat_and_a_difference_is_noticed(
