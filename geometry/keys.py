@@ -374,7 +374,7 @@ def _line(problem: Any, path: Sequence[str], node: Any, known: set[str], beside:
         number = f"a number{f' in {unit}' if unit else ''}"
         if any("tuple[float, float]" in e["loc"] for e in beside):
             return f"{key} = {found}: expected {number}, or two of them"
-        if not any("tuple" in str(e["loc"]) for e in beside):
+        if not any("tuple[float" in str(e["loc"]) for e in beside):
             quoted = "; write a key with dots in quotes" if isinstance(node, Mapping) else ""
             return f"{key} = {found}: expected {number}, or a text{quoted}"
         return f"{key} = {found}: expected {number}, or a table [[time, value], ...]{more}"

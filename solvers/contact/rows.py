@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.geometry.arrays import ROUNDING, TINY, Array, Bools, Ints
+from stickslip.geometry.curved_facets import SHARP
 from stickslip.geometry.field import Field, in_time, values
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import SECTOR, Surface, in_sectors
@@ -49,9 +50,14 @@ class Fields:
 def of_both(surface: Surface, master: Surface | None) -> Bools:
     """Nodes (n,) of a slave surface that the master has, too: the ends of a crack, which cannot open.
 
-    They carry no contact; their neighbours carry theirs.
+    They carry no contact; their neighbours carry theirs. In a corner, whose faces do not lie on each other, they do.
     """
-    return np.asarray(np.isin(surface.nodes, [] if master is None else master.nodes))
+    if master is None or not (shared := np.isin(surface.nodes, master.nodes)).any():
+        return np.zeros(len(surface.nodes), bool)
+    found, same = np.zeros(len(shared), bool), surface.nodes[shared, None] == master.nodes
+    opposed = surface.node_normals()[shared] @ master.node_normals().T < -np.cos(np.radians(SHARP))
+    found[shared] = (same & opposed).any(axis=1)
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -178,16 +178,16 @@ class Neighbours:
     """The solution of each substep once more, to rounding, and its neighbours with one number smaller and larger."""
 
     def __init__(
-        self, base: SubstepSolver, pairs: Mapping[str, tuple[SubstepSolver, SubstepSolver]], by: Mapping[str, float]
+        self, base: SubstepSolver, pairs: Mapping[str, tuple[SubstepSolver, SubstepSolver]], sizes: Mapping[str, float]
     ) -> None:
         """Take over the neighbours' solvers.
 
         Args:
             base: that solves the history.
             pairs: by number of the scene, see `beside`, with a smaller and with a larger value.
-            by: how much smaller and larger these are.
+            sizes: how much smaller and larger these are, relative to the number.
         """
-        self.by, self.base = by, base
+        self.sizes, self.base = sizes, base
         self.solvers = (base, *(each for pair in pairs.values() for each in pair))
 
     def start(self) -> tuple[State, ...]:
