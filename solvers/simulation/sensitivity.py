@@ -165,7 +165,7 @@ class Slopes:
         """The numbers of a neighbour; collective."""
         near = replace(
             accepted,
-            stepper=self.neighbours.solvers[at],
+            stepper=self.neighbours.present[at],
             state=accepted.state.neighbours[at],
             start=accepted.start.neighbours[at],
             substep_start=accepted.substep_start.neighbours[at],
