@@ -21,6 +21,9 @@ class Status(Enum):
 
     CONVERGED = "converged"
     MAX_IT = "the iterations ran out: raise solver.max_iterations"
+    UNSTEADY = (
+        "slip and the friction that it leaves do not settle: friction weakens, or wears off, too fast for the step"
+    )
     STALLED = "the residual stopped falling: try a larger solver.tolerance"
     SLOW = 'the volume solves take too many iterations: try solver.surface = "condensed"'
     NOT_FINITE = "the iteration left the range of numbers: check the units of E, loads and lengths"
@@ -152,7 +155,9 @@ class Solution:
     proved: bool = False  # whether it is proved that there are none
     jumps: bool = False  # whether no solution goes on from the state before without a fall of the load
     jump: float = 0.0  # energy [J] that such jumps set free
-    weakening: float = 0.0  # how much faster than bodies unload friction weakens by slip [-]; above 1 slip jumps
+    weakening: float = (
+        0.0  # how much faster than bodies unload friction weakens by slip or its wear [-]; above 1 it jumps
+    )
     lacking: float = 1.0  # see `Mechanism`, with NO_EQUILIBRIUM, GIVES_WAY
     slack: float = CLOSE  # part of the friction bound by which the traction of a slipping point may be smaller
     gap: Array | None = None  # (rows,) [m] with slip counted from where points touch; None: that of the problem

@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import CLOSE, Array
-from stickslip.geometry.errors import require
+from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import Mat, Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
@@ -185,6 +185,10 @@ class Regularised(Method):
         require(0 < self.smoothing <= 1, "smoothing", self.smoothing, "must be above 0 and at most 1, for example 1e-4")
 
     def build(self, setup: Setup) -> Ready:
+        for c in setup.system.contacts:
+            if c.of_points is not None:
+                why = "regularised has the law at points of flat sides alone; use condensed-newton"
+                raise SceneError(f"contacts.{c.name}.normal.law = compliance: {why}")
         return OnVolume(self, setup.system, setup.surface)
 
 

@@ -24,7 +24,7 @@ from stickslip.geometry.surfaces.faces import RIDGES, edges_of
 from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.search import pair, through_body
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On, Points, on_nodes, relative_to
+from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On, Points, amid, on_nodes, relative_to
 
 
 @dataclass(frozen=True)
@@ -327,9 +327,11 @@ def _felt(coupling: Coupling, tips: _Points, rows: Ints, reach: float, degree: i
         areas.append(weights[met.facet >= 0])
         tip.append(at[nearest][met.facet >= 0])
     points, weights, at = _Points.joined(parts), np.concatenate(areas), np.concatenate(tip)
-    kept, left = left > ROUNDING, sparse.diags(np.maximum(left, 0.0)).tocsc()
+    kept, whole, left = left > ROUNDING, left >= 1 - ROUNDING, sparse.diags(np.maximum(left, 0.0)).tocsc()
     row = sparse.csr_matrix((weights, (rows[at], np.arange(len(at)))), (len(slave.nodes), len(at)))
     there = On(points.facet, points.local), On(points.other, points.other_local)
+    if (of_nodes := found.whole) is not None:
+        of_nodes = np.append((of_nodes & amid(found.psi, found.phi, whole))[kept], np.zeros(len(at), bool))
     return Points(
         weights=np.concatenate([(left @ found.weights)[kept], weights]),
         relative=sparse.vstack([found.relative[kept], relative_to(there[0], slave, there[1], master)], format="csr"),
@@ -339,6 +341,7 @@ def _felt(coupling: Coupling, tips: _Points, rows: Ints, reach: float, degree: i
         phi=sparse.hstack([(found.phi @ left)[:, kept], row], format="csr"),
         own=On.joined([found.own.at(kept), there[0]]),
         other=On.joined([found.other.at(kept), there[1]]),
+        whole=of_nodes,
     )
 
 

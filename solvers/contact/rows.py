@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.geometry.arrays import ROUNDING, TINY, Array, Bools, Ints
+from stickslip.geometry.curved_facets import SHARP
 from stickslip.geometry.field import Field, in_time, values
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import SECTOR, Surface, in_sectors
@@ -49,9 +50,14 @@ class Fields:
 def of_both(surface: Surface, master: Surface | None) -> Bools:
     """Nodes (n,) of a slave surface that the master has, too: the ends of a crack, which cannot open.
 
-    They carry no contact; their neighbours carry theirs.
+    They carry no contact; their neighbours carry theirs. In a corner, whose faces do not lie on each other, they do.
     """
-    return np.asarray(np.isin(surface.nodes, [] if master is None else master.nodes))
+    if master is None or not (shared := np.isin(surface.nodes, master.nodes)).any():
+        return np.zeros(len(surface.nodes), bool)
+    found, same = np.zeros(len(shared), bool), surface.nodes[shared, None] == master.nodes
+    opposed = surface.node_normals()[shared] @ master.node_normals().T < -np.cos(np.radians(SHARP))
+    found[shared] = (same & opposed).any(axis=1)
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +91,7 @@ class ContactRows:
     dropped: int  # nodes whose multiplier a support or another contact makes redundant, or that end a crack
     quadrature: Callable[[int], Points] | None = None  # integration points by degree; None: the rows are given without
     degree: int = 0  # of that at which a compliance law gives pressure by displacement
+    of_points: Sparse | None = None  # (m_n, q) see `Points.at_nodes`; None: the normal points are those of quadrature
     turning: Sparse | None = None  # (n, n_all d) see `Coupling`
     fields: Fields | None = None  # None: the rows are given without
     tips: Array | None = None  # (n,) see `Coupling`
@@ -134,19 +141,20 @@ class ContactRows:
             own = np.divide(self.average.T @ (self.W_t * slip), near, out=own, where=near > 0)
         return np.hypot(own, aside)
 
-    def softness(self, slip: Array) -> Array:
-        """Worn depth by pressure (m_n,) [m/Pa] of a length of slip (m_n,) [m]."""
+    def wear_rate(self, time: float, pressed: Array | None, slid: Array | None) -> Array:
+        """Worn depth by pressure and length of slip (m_n,) [1/Pa], see `Wear.rate`."""
         assert self.fields is not None
         assert self.fields.wear is not None
-        return self.fields.wear.total * slip
+        points = np.asarray(self.fields.to_points @ self.fields.points)
+        return self.fields.wear.rate(points, time, self.fields.end, pressed, slid)
 
-    def worn(self, depth: Array, slip: Array | None = None) -> ContactRows:
+    def worn(self, depth: Array, softness: Array | None = None) -> ContactRows:
         """The rows with gaps that are wider by a worn depth (m_n,) [m].
 
         Args:
-            slip: of a step in which they wear on, length of the slip (m_n,) [m].
+            softness: of a step in which they wear on, worn depth by pressure in it (m_n,) [m/Pa].
         """
-        law = self.normal if slip is None else Worn(of=self.normal, softness=self.softness(slip))
+        law = self.normal if softness is None else Worn(of=self.normal, softness=softness)
         return replace(self, gap=self.gap + depth, node_gap=self.node_gap + self.node_pressure(depth), normal=law)
 
     @cached_property
@@ -156,8 +164,12 @@ class ContactRows:
 
     @cached_property
     def of_facets(self) -> bool:
-        """Whether its normal points are those of whole facets, as a form over the side has them."""
-        return len(self.W_n) == self.surface.quadrature(self.degree)[0].size
+        """Whether its normal points are those of whole facets, u_n there its own, as a form over the side has them."""
+        return self.of_points is None and len(self.W_n) == self.surface.quadrature(self.degree)[0].size
+
+    def at_points(self, values: Array | Sparse) -> Array | Sparse:
+        """Values (m_n, ...) at the normal points from those (q, ...) at the integration points of a compliance law."""
+        return values if self.of_points is None else self.of_points @ values
 
     @cached_property
     def near_nodes(self) -> Ints:

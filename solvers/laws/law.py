@@ -99,6 +99,7 @@ class FrictionLaw(Choice):
     remembers: ClassVar[str] = ""  # what of the slip of a point it depends on, in words; empty: nothing; see `memory`
     timed: ClassVar[bool] = False  # whether the length of steps counts, so that times have to be seconds
     drags: ClassVar[bool] = False  # whether slip in a step raises its bound, see `dragged`
+    rests: ClassVar[bool] = True  # whether points stick; false: any traction has its slip, which rounding may hide
     orthotropic: ClassVar[bool] = False  # whether tangential rows are measured along its `directions`
     k_T: Annotated[float | None, Key("Pa/m", "tangential stiffness before slip; absent: rigid")] = None
 

@@ -19,7 +19,7 @@ def check(table: MuTable, key: str) -> None:
     require(
         at[0] >= 0 and all(a < b for a, b in pairwise(at)), key, at, "its first column must increase from 0 or more"
     )
-    require(min(mu) >= 0, key, min(mu), "mu must not be negative")
+    require(min(mu) >= 0, key, min(mu), f"{key} must not be negative")
 
 
 def read(table: MuTable, at: Array) -> Array:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.expression import FUNCTIONS, RATE, Expression, check_varying
 from stickslip.geometry.keys import Key
@@ -46,10 +46,14 @@ class RateDependent(FrictionLaw):
     mu: Annotated[
         MuTable | str, Key("m/s, -", "coefficient of friction by slip rate, [[V, mu], ...], or an expression in V")
     ]
+    damping: Annotated[
+        float, Key("Pa s/m", "radiation damping eta: eta V beside friction; G / (2 c_s) of a half-space")
+    ] = 0.0
     law: Annotated[Literal["rate_dependent"], Key("-", "the law's name")] = "rate_dependent"
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require(self.damping >= 0, "damping", self.damping, "must not be negative, in Pa s/m")
         falls = "mu falls as the slip rate grows, so that bodies slide in jumps without end; let it grow, or stay"
         rest = "is 0 at V = 0, so that nothing holds bodies at rest; give it a small value there, such as 1e-3"
         if not isinstance(self.mu, str):
@@ -124,8 +128,11 @@ class RateDependent(FrictionLaw):
         return slip / step if step > 0 else np.zeros_like(slip)
 
     def at(self, memory: Array) -> FrictionLaw:
-        """Coulomb's law with the mu of points that slip at rates `memory` (m_t,) [m/s]."""
-        return CoulombByPoint(mu=self.coefficient(memory), most=np.full(len(memory), self.most), k_T=self.k_T)
+        """Coulomb's law with the mu of points that slip at rates `memory` (m_t,) [m/s], and what they radiate."""
+        mu = self.coefficient(memory)
+        if self.damping:
+            return Sliding(f=mu, beside=self.damping * memory, k_T=self.k_T)
+        return CoulombByPoint(mu=mu, most=np.full(len(memory), self.most), k_T=self.k_T)
 
     def within(self, memory: Array, step: float) -> FrictionLaw:
         return _InStep(of=self, step=step, k_T=self.k_T) if step > 0 else self.at(np.zeros_like(memory))
@@ -155,6 +162,31 @@ class RateDependent(FrictionLaw):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Sliding(FrictionLaw):
+    """Traction of points that slide at known rates: friction, and what they radiate."""
+
+    f: Array  # coefficient of friction (m_t,) [-]
+    beside: Array  # eta V (m_t,) [Pa]
+
+    def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
+        pressure = np.maximum(average @ p, 0.0)
+        return np.where(pressure > 0, self.f * pressure + self.beside, 0.0)
+
+    def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
+        return average.multiply(np.where(average @ p > 0, self.f, 0.0)[:, None]).tocsr()
+
+    def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
+        return np.inf, float(self.f.min(initial=np.inf)), float(self.f.max(initial=0.0))
+
+    @property
+    def at_no_pressure(self) -> float:
+        return float(self.beside.max(initial=0.0))
+
+    def of_points(self, points: Ints) -> FrictionLaw:
+        return replace(self, f=self.f[points], beside=self.beside[points])
+
+
+@dataclass(frozen=True, kw_only=True)
 class _InStep(Proportional):
     """The law in a step: its bound is that of points at rest, and slip raises it; no scene asks for it."""
 
@@ -171,14 +203,15 @@ class _InStep(Proportional):
 
     def dragged(self, p: Array, average: Sparse, trial: Trial) -> Dragged:
         pressure, soft = np.maximum(average @ p, 0.0), 1 + trial.gamma * self.softness
-        V = self.of.rate(trial.size, soft * pressure, trial.gamma * self.step)
-        mu, slope = self.of.coefficient(V), self.of.slope(V) * pressure
+        eta = np.where(pressure > 0, self.of.damping, 0.0)
+        V = self.of.rate(trial.size, soft * pressure, trial.gamma * self.step + soft * eta)
+        mu, slope = self.of.coefficient(V), self.of.slope(V) * pressure + eta
         stiff = soft * slope + trial.gamma * self.step
         by_pressure = np.where(pressure > 0, mu * trial.gamma * self.step / stiff, 0.0)
-        return Dragged(mu * pressure, slope / stiff, average.multiply(by_pressure[:, None]).tocsr())
+        return Dragged(mu * pressure + eta * V, slope / stiff, average.multiply(by_pressure[:, None]).tocsr())
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
-        return np.inf, self.coefficient_now, self.of.most
+        return np.inf, self.coefficient_now, np.inf if self.of.damping else self.of.most
 
     def homogeneous(self, normal: NormalLaw, time: float, end: float) -> bool:
         return False

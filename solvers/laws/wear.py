@@ -11,22 +11,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
 from stickslip.geometry.arrays import EPS, ROUNDING, TINY, Array
-from stickslip.geometry.errors import require
-from stickslip.geometry.expression import Varying
+from stickslip.geometry.errors import prefixed, require
+from stickslip.geometry.expression import Varying, check_varying
+from stickslip.geometry.field import values
 from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.laws import mu_table
 from stickslip.solvers.laws.friction import Stick
 from stickslip.solvers.laws.law import Dragged, FrictionLaw, NormalLaw, Trial
+from stickslip.solvers.laws.mu_table import MuTable
 from stickslip.solvers.laws.normal import NEWTON_STEPS
 
-# behind the name of a contact that wears, in `State.memory`: worn depth, and with friction path of the slip (m_n,) [m]
-WORN, SLID = ".worn", ".slid"
+# behind the name of a contact that wears, in `State.memory`: worn depth, path of the slip where friction or k asks for
+# it (m_n,) [m], and pressure where k does [Pa]
+WORN, SLID, PRESSED = ".worn", ".slid", ".pressed"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,18 +38,61 @@ class Wear(Noun):
     """Archard's wear of a contact: the pressure times the slip takes off k of a depth."""
 
     k: Annotated[
-        float | tuple[float, float],
-        Key("1/Pa", "worn depth by pressure and slip; [surface, against]: that of each side, their sum counts"),
+        float | tuple[float, float] | MuTable | str,
+        Key(
+            "1/Pa",
+            "worn depth by pressure and slip; [surface, against]: that of each side, their sum counts; an expression "
+            "of place and time; or a table, see `by`",
+        ),
     ]
+    by: Annotated[
+        Literal["pressure", "slip"], Key("-", "what a table [[., k], ...] goes by: pressure, or the way slid so far")
+    ] = "pressure"
 
     def __post_init__(self) -> None:
-        for k in np.ravel(self.k).tolist():
-            require(k >= 0, "k", k, "must not be negative, in 1/Pa")
+        if isinstance(self.k, str):
+            check_varying(self.k, "k")
+        elif self.table:
+            mu_table.check(self.table, "k")
+            p, k = np.array(self.table).T
+            slope = np.diff(k) / np.diff(p)
+            falls = self.by == "pressure" and bool(
+                np.any(np.maximum(-slope * p[1:] - k[1:], -slope * p[:-1] - k[:-1]) > 0)
+            )
+            require(not falls, "k", [list(line) for line in self.table], "k p must not fall as the pressure p grows")
+        else:
+            require(self.k != (), "k", "[]", "a table needs at least one [value, k]")
+            for k in np.ravel(self.k).tolist():
+                require(k >= 0, "k", k, "must not be negative, in 1/Pa")
 
     @property
-    def total(self) -> float:
-        """That of both sides together [1/Pa]."""
-        return float(np.sum(self.k))
+    def table(self) -> MuTable:
+        """k by pressure or slip, [[., k], ...]; empty: it is not given so."""
+        listed = self.k if isinstance(self.k, tuple) else ()
+        return tuple(line for line in listed if isinstance(line, tuple))
+
+    def asks_for(self, what: str) -> bool:
+        """Whether k depends on "pressure" or "slip"."""
+        return bool(self.table) and self.by == what
+
+    def rate(self, points: Array, time: float, end: float, pressed: Array | None, slid: Array | None) -> Array:
+        """Both sides' k (m,) [1/Pa] at points (m, d) [m].
+
+        Args:
+            time, end: [s], of now and of the scene.
+            pressed: pressure (m,) [Pa]; None: k does not depend on it.
+            slid: way so far (m,) [m]; None: likewise.
+        """
+        if isinstance(self.k, str):
+            with prefixed("wear"):
+                found = values(self.k, "k", points, time, end)
+                require(float(found.min(initial=0.0)) >= 0, "k", f'"{self.k}"', "must not be negative, in 1/Pa")
+                return found
+        if self.table:
+            at = pressed if self.by == "pressure" else slid
+            assert at is not None
+            return mu_table.read(self.table, at)
+        return np.full(len(points), np.sum(self.k))
 
 
 @dataclass(frozen=True, kw_only=True)

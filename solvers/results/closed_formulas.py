@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude
-from stickslip.geometry.arrays import TINY, Array
+from stickslip.geometry.arrays import EPS, TINY, Array
 from stickslip.geometry.obstacles.cone import Cone
 from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.obstacles.plane import Plane
@@ -30,10 +30,11 @@ from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.mu_table import MuTable
 from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
+from stickslip.solvers.laws.rate_and_state import RateAndStateByPoint
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
-from stickslip.solvers.laws.wear import Slide, Turned
+from stickslip.solvers.laws.wear import Slide, Turned, Wear
 from stickslip.solvers.scene.loads import Direction
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Place
@@ -115,9 +116,8 @@ def bound(
     if type(law) is StaticKinetic:
         fallen = np.minimum(memory / law.slip_length, 1.0)
         return np.asarray((law.mu_s * (1 - fallen) + law.mu_k * fallen) * np.where(mean > 0, mean, 0.0))
-    if type(law) is RateDependent:
-        mu = law.coefficient(memory) if isinstance(law.mu, str) else _in_table(law.mu, memory)
-        return np.asarray(mu * np.where(mean > 0, mean, 0.0))
+    if isinstance(law, RateDependent | RateAndStateByPoint):
+        return np.where(mean > 0, _by_rate(law, mean, memory), 0.0)
     if isinstance(law, SlipDependent | PressureDependent):
         by = memory if isinstance(law, SlipDependent) else mean
         return np.asarray(_in_table(law.mu, by) * np.where(mean > 0, mean, 0.0))
@@ -141,6 +141,16 @@ def bound(
     return None
 
 
+def _by_rate(law: RateDependent | RateAndStateByPoint, mean: Array, memory: Array) -> Array:
+    """Traction (m_t,) [Pa] at mean pressures (m_t,) [Pa] of points that touch; memory as in `bound`."""
+    if isinstance(law, RateDependent):
+        mu = law.coefficient(memory) if isinstance(law.mu, str) else _in_table(law.mu, memory)
+        return np.asarray(mu * mean + law.damping * memory)
+    (aged, V), of = memory.T, law.of
+    z = V / of.V0 / 2 * np.exp(of.f0 / law.a + law.b / law.a * aged)
+    return np.asarray(law.a * np.log1p(z + z * z / (1 + np.sqrt(1 + z * z))) * mean + of.damping * V)
+
+
 def remembered(law: FrictionLaw, before: Array, slip: Array, step: float) -> Array | None:
     """Memory (m_t,) after a substep of length [s] in which points slip by (m_t,) [m]; None: no second formula.
 
@@ -152,6 +162,15 @@ def remembered(law: FrictionLaw, before: Array, slip: Array, step: float) -> Arr
     if type(law) is Turned and law.points is not None:
         beside = slid(law.slide, law.points, law.time, step, law.end)
         return np.where(beside > 0, slip / np.maximum(np.sqrt(slip**2 + beside**2), TINY), 1.0)
+    if type(law) is RateAndStateByPoint and step:
+        aged, V0 = before[:, 0], law.of.V0
+        turned, decay = slip / step / V0, np.exp(-slip / law.Dc)  # V / V0, and what is left of the past
+        steady = np.maximum(turned, TINY)
+        if law.of.evolution == "aging":
+            long = slip > EPS * law.Dc  # else nothing but time has passed
+            theta = np.where(long, 1 / steady + (np.exp(aged) - 1 / steady) * decay, np.exp(aged) + step * V0 / law.Dc)
+            return np.column_stack([np.log(theta), slip / step])
+        return np.column_stack([decay * aged + (decay - 1) * np.log(steady), slip / step])
     return slip * (1 / step) if type(law) is RateDependent and step else None
 
 
@@ -171,6 +190,23 @@ def slid(slide: Slide | None, points: Array, time: float, step: float, end: floa
     if slide.speed:  # of one that passes zero the triangles on both sides
         far = step * abs(a + b) / 2 if a * b >= 0 else step * (a * a + b * b) / (2 * far)
     return np.asarray(far * (points[:, 0] if slide.turns else np.ones(len(points))))
+
+
+def worn_rate(wear: Wear, points: Array, time: float, end: float, p: Array, slid: Array) -> Array | float:
+    """k of both sides [1/Pa] at points (m, d) [m]; expressions have no second formula.
+
+    Args:
+        p: pressures (m,) [Pa].
+        slid: way so far (m,) [m].
+
+    >>> worn_rate(Wear(k=((0.0, 1.0), (2.0, 3.0))), np.zeros((1, 2)), 1.0, 1.0, np.ones(1), np.zeros(1))
+    array([2.])
+    """
+    if isinstance(wear.k, str):
+        return wear.rate(points, time, end, None, None)
+    if wear.table:
+        return _in_table(wear.table, np.maximum(p, 0.0) if wear.by == "pressure" else slid)
+    return float(np.sum(wear.k))
 
 
 def prescribed(problem: Problem, support: str, axis: Direction, points: Array, time: float) -> Array:

@@ -1,7 +1,9 @@
 """Laws that remember slip: a substep is solved with the mu of each point, until mu is that of its own slip.
 
-So is wear by the slip that friction leaves: the path of the slip in the substep is found by the same turns. Their
-contraction is that of the pressure by the wear in a step, and small where the slip follows the obstacles and supports.
+So is wear by the slip that friction leaves: the path of the slip in the substep is found by the same turns. They
+contract by mu k p f_t / f_n, with f the flexibilities of a point: its slip s wears off k p s, which takes k p s / f_n
+of its pressure, and mu times that of its friction; that lets it slip by f_t times as much. From 1 on there may be
+several solutions, as with mu that falls by slip. Metals have some 1e-5.
 
 With mu fixed the substep is one of Coulomb's law. From the mu at its start, slip and mu are found by turns. Where
 bodies unload by more than friction weakens, these turns approach the one solution. Where friction weakens faster, there
@@ -24,7 +26,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.laws.law import touching
-from stickslip.solvers.laws.wear import SLID, WORN, Worn
+from stickslip.solvers.laws.wear import PRESSED, SLID, WORN, Worn
 from stickslip.solvers.newton import path
 from stickslip.solvers.newton.correction import ENOUGH
 
@@ -38,8 +40,10 @@ def no_memory(cone: AdmissibleSet) -> dict[str, Array]:
     laws = ((c, c.friction) for c in cone.contacts)
     found = {c.name: law.memory(len(c.W_t)) for c, law in laws if law is not None and law.remembers}
     for c in (c for c in cone.contacts if c.wears):
-        keys = (WORN, SLID) if c.friction is not None else (WORN,)
-        found |= {f"{c.name}{key}": np.zeros(len(c.W_n)) for key in keys}
+        wear = c.fields.wear if c.fields else None
+        asks = {what: wear is not None and wear.asks_for(what) for what in ("slip", "pressure")}
+        keys = {WORN: True, SLID: c.friction is not None or asks["slip"], PRESSED: asks["pressure"]}
+        found |= {f"{c.name}{key}": np.zeros(len(c.W_n)) for key, kept in keys.items() if kept}
     return found
 
 
@@ -66,10 +70,13 @@ def with_memory(
 
     def now(c: ContactRows) -> ContactRows:
         if (worn := start.get(f"{c.name}{WORN}")) is not None:
-            path = None if step is None else c.path(None, cone.time, step)
-            if path is not None and (slid := memory.get(f"{c.name}{SLID}")) is not None:
-                path = np.maximum(path, slid - start[f"{c.name}{SLID}"])
-            c = c.worn(worn, path)
+            softness = None
+            if step is not None:
+                path, slid = c.path(None, cone.time, step), memory.get(f"{c.name}{SLID}")
+                if slid is not None:
+                    path = np.maximum(path, slid - start[f"{c.name}{SLID}"])
+                softness = path * c.wear_rate(cone.time, memory.get(f"{c.name}{PRESSED}"), slid)
+            c = c.worn(worn, softness)
         if c.friction is None or c.name not in memory:
             return c
         known = memory[c.name]
@@ -104,9 +111,12 @@ class LawMemory:
             slips[rows.name] = np.where(touching(p[place.normal], rows.average, rows.normal), length, 0.0)
             ways[rows.name] = length
             if (key := f"{rows.name}{WORN}") in self.start:
-                way = length if f"{rows.name}{SLID}" in self.start else None
-                softness = rows.softness(rows.path(way, self.cone.time, self.step))
-                worn[key] = self.start[key] + softness * p[place.normal]
+                way, pressed = self.start.get(f"{rows.name}{SLID}"), self.start.get(f"{rows.name}{PRESSED}")
+                path = rows.path(None if way is None else length, self.cone.time, self.step)
+                if pressed is not None:
+                    pressed = worn[f"{rows.name}{PRESSED}"] = np.maximum(p[place.normal], 0.0)
+                rate = rows.wear_rate(self.cone.time, pressed, None if way is None else way + path)
+                worn[key] = self.start[key] + rate * path * p[place.normal]
         return self._moved(slips, ways) | worn
 
     def _moved(self, slips: Mapping[str, Array], ways: Mapping[str, Array]) -> dict[str, Array]:
@@ -122,12 +132,16 @@ class LawMemory:
                 found[c.name] = c.friction.after(self.start[c.name], slips[c.name], self.step)
             if (key := f"{c.name}{SLID}") in self.start:
                 found[key] = self.start[key] + c.path(ways[c.name], self.cone.time, self.step)
+            if (key := f"{c.name}{PRESSED}") in self.start:
+                found[key] = np.zeros(len(c.W_n))
         return found
 
     def around(self, solve: Solving) -> Solving:
         """Solve a problem with the mu of the slip in its own solution; the problem is returned as it is then."""
         laws = {c.name: c.friction for c in self.cone.contacts}
-        turns = [k for k in self.start if k.endswith(SLID) or ((law := laws.get(k)) is not None and not law.drags)]
+        turns = [
+            k for k in self.start if k.endswith((SLID, PRESSED)) or ((law := laws.get(k)) is not None and not law.drags)
+        ]
         return lambda problem, p: self._by_turns(problem, p, solve, turns) if turns else solve(problem, p)
 
     def _by_turns(
@@ -137,7 +151,7 @@ class LawMemory:
         solution, problem = solve(problem, start)
         still = {c.name: np.zeros(len(c.W_t)) for c in self.cone.contacts}
         least = self._moved(still, still)
-        known, gap, omega, off, worst = self.start, None, 1.0, 0.0, 0.0
+        known, gap, omega, off, worst = self.start, None, 1.0, 0.0, self._worn_off(problem, solution)
         for _ in range(200):  # near the edge of stability turns are slow
             if solution.status is not Status.CONVERGED:
                 return solution, problem
@@ -146,7 +160,11 @@ class LawMemory:
             if before is not None and before.any():
                 ratio = 1 - (1 - float(gap @ before) / float(before @ before)) / omega  # of turns without the step
                 # times the tolerance; differences of less may be what the method has left
-                if omega == 1.0 and off > 100.0 * self.tolerance and not any(name.endswith(SLID) for name in names):
+                if (
+                    omega == 1.0
+                    and off > 100.0 * self.tolerance
+                    and not any(name.endswith((SLID, PRESSED)) for name in names)
+                ):
                     worst = max(worst, ratio)
                 # steps, in units of the change of slip in a turn
                 omega = min(max(1 / (1 - ratio), 1e-3), 10.0) if ratio < 1 else 1.0
@@ -156,7 +174,23 @@ class LawMemory:
             known = {name: np.maximum(known[name] + omega * (found[name] - known[name]), least[name]) for name in least}
             cone = with_memory(self.cone, known, self.step, self.start)
             solution, problem = solve(replace(problem, cone=cone), solution.p)
-        return replace(solution, status=Status.MAX_IT), problem
+        return replace(solution, status=Status.UNSTEADY, weakening=worst), problem
+
+    def _worn_off(self, problem: SurfaceProblem, without: Solution) -> float:
+        """How much faster than bodies unload friction falls by what its slip wears off, at the most [-]; 0: unknown.
+
+        Args:
+            without: the solution without wear in the step, which presses hardest.
+        """
+        worst, p, give = 0.0, without.p, problem.give
+        for place in problem.cone.with_friction():
+            rows = place.rows
+            if give is not None and f"{rows.name}{SLID}" in self.start:
+                p_n, slid = np.maximum(p[place.normal], 0.0), self.start[f"{rows.name}{SLID}"]
+                lost = rows.wear_rate(self.cone.time, p_n, slid) * p_n / give[place.normal]  # [Pa/m]
+                fall = problem.cone.bound_slope(place, p[place.normal]) @ lost
+                worst = max(worst, float((fall * give[place.tangential][:: place.components]).max(initial=0.0)))
+        return worst
 
     def exact(self, problem: SurfaceProblem, found: Solution, exact: Exact) -> tuple[Solution, float, dict[str, Array]]:
         """The exact solution, with the mu of its own slip, from what a method found.

@@ -21,12 +21,14 @@ TYPICAL: dict[str, Any] = {
     "Pa": 0.008,
     "Pa/m^m_T": 0.2,
     "m": 0.02,
+    "m/s": 0.02,
     "Pa, -": [[0.0, 0.4], [0.1, 0.3]],
     "m, -": [[0.0, 0.3], [0.02, 0.2]],
     "m/s, -": [[0.0, 0.2], [0.02, 0.4]],
 }  # a value for a key of friction that has no default, by its unit
 SPECIAL: dict[str, dict[str, Any]] = {
     "static_kinetic": {"mu_k": 0.2},
+    "rate_and_state": {"a": 0.02, "b": 0.01},
     "orthotropic_coulomb": {"mu_2": 0.15, "axis": [0.6, 0.8, 0.0]},
 }  # where laws say more
 

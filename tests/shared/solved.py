@@ -20,6 +20,7 @@ OF_FILES = {
 FEWER = {  # steps, of scenes that have many for the accuracy of their dissipation
     "axisymmetric": 4,
     "dam": 12,
+    "disc_brake": 6,
     "half_ball": 2,
     "half_disc": 8,
     "half_space": 4,

@@ -463,7 +463,11 @@ def test_laws_by_slip_are_coulombs_with_the_mu_of_each_point() -> None:
     assert Coulomb(mu=0.3).at(slid) == Coulomb(mu=0.3)
 
 
-RATES = [RateDependent(mu=((0.1, 0.2), (0.5, 0.4), (2.0, 1.0))), RateDependent(mu="0.2 + 0.1*log(1 + V) + 0*abs(V)")]
+RATES = [
+    RateDependent(mu=((0.1, 0.2), (0.5, 0.4), (2.0, 1.0))),
+    RateDependent(mu="0.2 + 0.1*log(1 + V) + 0*abs(V)"),
+    RateDependent(mu=((0.1, 0.2), (0.5, 0.4), (2.0, 1.0)), damping=0.7),
+]
 
 
 @pytest.mark.parametrize("k_T", [None, 3.0])

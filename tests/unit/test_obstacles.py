@@ -20,6 +20,7 @@ from stickslip.geometry.obstacles.obstacle import Rotation
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.round import Cylinder, Sphere
 from stickslip.geometry.shape import Model
+from stickslip.solvers.contact.build import along
 from stickslip.solvers.results.step_result import SLIP
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.prepared import prepare, system_of
@@ -237,7 +238,7 @@ def test_symbols_have_the_gradient_that_numbers_have_on_the_surface_too(inside: 
 
 @pytest.mark.parametrize(("dim", "inside"), [(2, False), (3, False), (3, True)])
 def test_compliance_meets_a_cone_at_each_point(dim: int, inside: bool) -> None:
-    """The form in UFL and the rows in numbers: two ways of one distance."""
+    """The form in UFL and the points in numbers: two ways of one distance. Nodes stand for the points if they can."""
     law = {"law": "compliance", "c_n": 3.0, "m_n": 2.0}
     middle, low = ([0.0] if dim == 2 else [0.9, 0.45]), [1.0]  # between the nodes
     cone = {"shape": "cone", "apex": middle + ([-0.6] if inside else [0.05]), "half_angle": 70.0, "inside": inside}
@@ -250,11 +251,18 @@ def test_compliance_meets_a_cone_at_each_point(dim: int, inside: bool) -> None:
     (rows,), (contact,) = system.contacts, (pair.contact for pair in system.problem.pairs.values())
     form = dx.assemble_vector(system.weak.compile(system.weak.normal_compliance(u, contact, rows.normal))).array
     values = u.x.array.reshape(-1, dim)
-    pressure = 3.0 * np.maximum(rows.N_n @ values[rows.surface.nodes].ravel() - rows.gap, 0.0) ** 2
-    by_rows = np.zeros_like(values)
-    by_rows[rows.surface.nodes] = (rows.N_n.T @ (rows.W_n * pressure)).reshape(-1, dim)
+    assert rows.quadrature is not None
+    points = rows.quadrature(rows.degree)
+    N, gap = along(points.relative, points.normals[:, None]), points.gap - 0.2
+    pressure = 3.0 * np.maximum(N @ values[rows.surface.nodes].ravel() - gap, 0.0) ** 2
+    by_points = np.zeros_like(values)
+    by_points[rows.surface.nodes] = (N.T @ (points.weights * pressure)).reshape(-1, dim)
     assert np.any(pressure > 0)
-    assert_allclose(by_rows.ravel(), form, atol=1e-12 * np.abs(form).max())
+    assert_allclose(by_points.ravel(), form, atol=1e-12 * np.abs(form).max())
+    assert (len(rows.W_n) == len(rows.surface.nodes)) == (dim == 3)  # the cone's normals turn along the side
+    assert_allclose(rows.W_n.sum(), points.weights.sum(), rtol=1e-13)
+    assert_allclose(rows.gap, rows.at_points(gap), atol=1e-13)
+    assert_allclose(rows.N_n.toarray(), rows.at_points(N).toarray(), atol=1e-13)
 
 
 @pytest.mark.parametrize(

@@ -72,6 +72,22 @@ def test_a_block_at_a_given_speed_bears_mu_of_it_whatever_the_step(name: str, sp
     assert steps[count - 1].contacts["base"].tangential_force < 1e-10
 
 
+@pytest.mark.parametrize("k_T", [None, 1e7])
+def test_radiation_is_added_to_friction(k_T: float | None) -> None:
+    """eta V beside mu(V) p, where it presses; what it takes is dissipated."""
+    eta, speed = 0.3, 0.1
+    friction = {"damping": eta} | ({} if k_T is None else {"k_T": k_T})
+    simulation, steps = solved(scene(TABLE, 2, drawn(speed), friction=friction))
+    base, force = steps[-1].contacts["base"], (MU["table"][1](speed) * PRESS + eta * speed) * LENGTH
+    assert_allclose(base.tangential_force, force, rtol=1e-5)
+    assert_allclose(base.dissipation, force * speed / 2, rtol=1e-5)
+    records = [record_of(step) for step in steps]
+    audits = [
+        Auditor(simulation.problem, simulation.mesh)(r, b) for r, b in zip(records, [None, *records], strict=False)
+    ]
+    assert max(max(asdict(each).values()) for each in audits) < 1e-8
+
+
 @pytest.mark.parametrize("method", ["condensed-newton", "surface-uzawa"])
 @pytest.mark.parametrize("count", [2, 7])
 def test_a_block_that_a_force_pulls_slides_at_the_speed_at_which_friction_bears_it(count: int, method: str) -> None:

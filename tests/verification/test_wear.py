@@ -13,7 +13,9 @@ from shared.audited import record_of
 from shared.problems import on_floor
 from stickslip import SLIP, STICK, Quantity, Scene, SceneError
 from stickslip.solvers.results.audit import Audit, Auditor
+from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.run.warnings import wears_too_fast
 from stickslip.workflows.scene_file.read import from_dict
 
 E, NU, PRESS, K = 1000.0, 0.3, 0.01, 1e-4
@@ -93,6 +95,23 @@ def test_a_path_back_and_forth_counts_and_shares_add_up() -> None:
         steps, audit = solved(column(5, base=base, supports=WALLS, loads=press))
         assert_allclose(steps[-1].contacts["base"].max_wear, K * 2.0 * path, rtol=2e-4)
         sound(audit)
+
+
+@pytest.mark.parametrize(
+    ("wear", "far"),
+    [
+        ({"k": [[0.0, 1e-4], [4.0, 3e-4]]}, 2e-4 * 3.0),
+        ({"k": [[0.0, 0.0], [3.0, 3e-4]], "by": "slip"}, (1.5e-4 + 3e-4) * 1.5),  # at the end of both steps
+        ({"k": "1e-4*t"}, (1.5e-4 + 2e-4) * 1.5),
+    ],
+)
+@pytest.mark.parametrize("friction", [{}, {"friction": {"law": "coulomb", "mu": 0.3}}])
+def test_k_goes_by_pressure_slip_or_time(wear: dict[str, Any], far: float, friction: dict[str, Any]) -> None:
+    base = {"slide": [[0, 0], [1, 0], [2, 3.0]], "wear": wear} | friction
+    press = {"press": {"boundary": "block.top", "pressure": [[0, 0], [1, 2.0]]}}
+    steps, audit = solved(column(2, base=base, supports=WALLS, loads=press))
+    assert_allclose(steps[-1].contacts["base"].max_wear, 2.0 * far, rtol=1e-9)
+    sound(audit)
 
 
 @pytest.mark.parametrize("law", ["unilateral", "compliance"])
@@ -178,7 +197,9 @@ def test_turns_that_end_at_the_usual_tolerance_leave_a_sound_step() -> None:
     top = {"x": [[0, 0], [1, 0], [2, 0.01]], "y": [[0, 0], [1, -PRESS]]}
     tables = {"supports": {"top": {"boundary": "block.top", "displacement": top}}, "solver": {"tolerance": 1e-8}}
     for k in (1e-3, 10.0):
-        _, audit = solved(column(3, base={"friction": {"law": "coulomb", "mu": 0.3}, "wear": {"k": k}}, **tables))
+        scene = column(3, base={"friction": {"law": "coulomb", "mu": 0.3}, "wear": {"k": k}}, **tables)
+        steps, audit = solved(scene)
+        assert bool(wears_too_fast(prepare(scene), steps)) == (k == 10.0)
         assert audit.fields < 1e-9
         assert audit.moment < 1e-3
         assert audit.penetration < 1e-6
@@ -246,6 +267,8 @@ def test_an_annulus_wears_until_its_pressure_is_one_by_r(tmp_path: Path) -> None
     [
         ({"wear": {"k": -1.0}}, "k = -1.0: must not be negative"),
         ({"wear": {"k": [1.0, 2.0, 3.0]}}, "k = [1.0, 2.0, 3.0]: expected a number in 1/Pa, or two of them"),
+        ({"wear": {"k": [[0.0, 1.0], [1.0, 0.4]]}}, "k p must not fall"),
+        ({"wear": {"k": [[0.0, -1.0]]}}, "k = -1.0: k must not be negative"),
         ({"wear": {"k": 1.0}}, "needs friction or `slide`"),
         ({"slide": 1.0, "slide_speed": 1.0}, "leave it out, or `slide_speed`"),
         ({"slide": 1.0, "normal": {"law": "bilateral"}}, "needs surfaces that only press"),
@@ -264,6 +287,13 @@ def test_what_is_not_built_is_refused_in_a_line(contact: dict[str, Any], said: s
         from_dict(on_floor(2, sizes, {"E": E, "nu": NU}, contact, supports=WALLS))
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_wear_that_takes_off_all_within_rounding_names_k() -> None:
+    sizes = {"length": 1.0, "height": 1.0, "mesh_size": 0.5}
+    absurd = on_floor(2, sizes, {"E": E, "nu": NU}, {"slide": 1.0, "wear": {"k": 1e99}}, supports=WALLS)
+    with pytest.raises(SceneError, match=r"wear\.k = 1e\+99: takes off all that presses within rounding, at most "):
+        make_plan(from_dict(absurd))
 
 
 @pytest.mark.parametrize("method", ["uzawa", "tangent-cg", "nsgs"])

@@ -147,6 +147,7 @@ EFFECTS: Mapping[str, Part] = {
 }  # fmt: skip
 
 NEEDS: Tables = {"compliance": {"normal": SOFT}}  # laws that need more of the contact
+RATE_AND_STATE = {"f0": 0.3, "a": 0.01, "b": 0.005, "Dc": 0.02, "V0": 0.1}
 WEAKENS = ("solvers/laws/slip_dependent.py", "solvers/stepping/law_memory.py")
 LAWS: Mapping[str, Part] = {
     law: Part(
@@ -164,6 +165,7 @@ LAWS: Mapping[str, Part] = {
         ("pressure_dependent", 2, {"mu": [[0.0, 0.4], [40.0, 0.2]]}, ("solvers/laws/pressure_dependent.py",)),
         ("slip_dependent", 2, {"mu": [[0.0, 0.3], [0.02, 0.2]]}, WEAKENS),
         ("rate_dependent", 2, {"mu": [[0.0, 0.2], [0.1, 0.3]]}, ("solvers/laws/rate_dependent.py",)),
+        ("rate_and_state", 2, RATE_AND_STATE, ("solvers/laws/rate_and_state.py",)),
         ("static_kinetic", 2, {"mu_s": 0.3, "mu_k": 0.2, "slip_length": 0.02}, WEAKENS),
         ("orthotropic_coulomb", 3, {"mu_1": 0.3, "mu_2": 0.1, "axis": [1.0, 0.0, 0.0]}, ()),
     )
