@@ -6,6 +6,7 @@ import logging
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from numbers import Real
 from reprlib import repr as shortly
@@ -26,6 +27,7 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.scene import Scene, over, with_values
 from stickslip.solvers.scene.settings import LARGEST
 from stickslip.solvers.scene.timeline import Place
+from stickslip.solvers.simulation.sensitivity import Slopes, timelines
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, NoEquilibriumError, Stepper
@@ -71,15 +73,16 @@ class Script:
             step = script.step(to=script.time + 0.1, supports={"top": {"x": 0.05 * script.time}})
     """
 
-    def __init__(self, scene: Scene, stepper: Stepper, observer: Observer) -> None:
+    def __init__(self, scene: Scene, stepper: Stepper, observer: Observer, slopes: Slopes | None = None) -> None:
         """Start at rest; collective.
 
         Args:
             scene: which values there are, and what they are until a step names them.
             stepper: solves the steps.
             observer: makes their results.
+            slopes: reads derivatives of their numbers; None: the scene asks for none.
         """
-        self._stepper, self._observer = stepper, observer
+        self._stepper, self._observer, self._slopes = stepper, observer, slopes
         self._scene, self._named = scene, frozenset[Place]()
         self._state, self._altered = stepper.start(), False
         self._times: tuple[float, ...] = ()
@@ -139,8 +142,10 @@ class Script:
         self._keep_to_budget()
         with self._stepper.system.counters.clock.phase("iterate"):
             scene, times, stepper, accepted = self._reached(to, wanted, laws, on_iteration)
-        with stepper.system.course.following(scene.timeline()):
+        with _following(scene, stepper):
             result = self._observer(accepted)
+            if self._slopes:
+                result = self._slopes(result, accepted, scene.parameters())
         self._stepper, self._altered = stepper, self._altered or altered
         self._scene, self._named = scene, self._named | wanted.keys()
         self._state, self._times = accepted.state, (*self._times, *times)
@@ -206,7 +211,7 @@ class Script:
         if scene.contacts != self._scene.contacts:
             stepper, state = _with_laws(stepper, scene.pairs, state)
         system = stepper.system
-        with system.course.following(scene.timeline()):
+        with _following(scene, stepper):
             for time in times:
                 system.constraints.prescribed(time)  # raises here if supports contradict each other, before any solve
             return scene, times, stepper, _reach(stepper, state, times, on_iteration)
@@ -325,6 +330,15 @@ class Script:
         return found
 
 
+@contextmanager
+def _following(scene: Scene, stepper: Stepper) -> Iterator[None]:
+    """Context that uses the values in time of a scene, and for its neighbours theirs."""
+    with ExitStack() as held:
+        for course, timeline in timelines(scene, stepper):
+            held.enter_context(course.following(timeline))
+        yield
+
+
 def _with_laws(stepper: Stepper, contacts: Mapping[str, Contact], state: State) -> tuple[Stepper, State]:
     """A stepper of the same bodies with other parameters of contact laws and other gap offsets, and a state for it.
 
@@ -350,8 +364,10 @@ def _with_laws(stepper: Stepper, contacts: Mapping[str, Contact], state: State) 
     if other.volume is stepper.volume:
         other.surface.adopt(stepper.surface)
     other.companion = stepper.companion
+    if state.neighbours:
+        log.warning("t = %g: derivatives are not known from here on: laws are changed", state.time)
     rows = own if state.rows is system.contacts else changed(state.rows)
-    return other, replace(state, rows=rows, refined=state.refined and replace(state.refined, rows=rows))
+    return other, replace(state, neighbours=(), rows=rows, refined=state.refined and replace(state.refined, rows=rows))
 
 
 def _reach(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 
-from stickslip.geometry.errors import SceneError
 from stickslip.geometry.keys import typed
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh_sizes import SizeField
@@ -20,6 +19,7 @@ from stickslip.solvers.parallel.counters import Clock, Counters
 from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.observe import Observer, mesh_data
 from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult, quantities
+from stickslip.solvers.scene.parameters import Sensitivity
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.memory import Counts, Demand, affordable, memory_of, spare
@@ -174,7 +174,7 @@ class Simulation:
         if self.slopes is None:
             return found
         with self.clock.phase("output", "sensitivity"):
-            return replace(found, sensitivity=self.slopes(accepted), deviations=self.scene.deviations)
+            return self.slopes(found, accepted, self.scene.parameters())
 
     def errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
@@ -248,16 +248,15 @@ class Simulation:
         Each script has a history of its own, apart from that of `steps`. Errors of the mesh come from bubbles that
         follow each step, as long as `output.error_budget` pays for them; those of other meshes and of the time steps
         come when a history is over: `run` the `scene` of the script.
-
-        Raises:
-            SceneError: the scene asks for derivatives, which follow no script.
         """
-        if self.slopes is not None:
-            raise SceneError("sensitivity: follows no script; leave it out, and `uncertainty`, until its scene is run")
         stepper = Stepper(self.system, self.stepper.chain)
         if self.scene.output.error not in (False, "rough") and MeshCorrection.works_for(stepper):
             stepper.companion = self.stepper.companion or MeshCorrection(stepper)
-        return Script(self.scene, stepper, replace(self.observer, stepper=stepper))
+        stepper.neighbours = neighbours(self.scene, stepper)
+        observer = replace(self.observer, stepper=stepper)
+        slopes = Slopes(observer, stepper.neighbours, self.scene) if stepper.neighbours else None
+        asks_none = replace(self.scene, sensitivity=Sensitivity(), uncertainty={})  # of values that are 0 so far
+        return Script(asks_none, stepper, observer, slopes)
 
 
 @typed
@@ -314,7 +313,7 @@ def prepare(
         observer = Observer.of(stepper, data, with_errors) if scene.output.error else Observer.of(stepper)
     with counters.clock.phase("prepare", "sensitivity"):
         stepper.neighbours = neighbours(scene, stepper)
-    slopes = Slopes(observer, stepper.neighbours) if stepper.neighbours else None
+    slopes = Slopes(observer, stepper.neighbours, scene) if stepper.neighbours else None
     follows = scene.output.error and MeshCorrection.works_for(stepper)
     if follows and bubbles_follow(
         scene.output, size, choice.stages[0], mesh, problem.shape.meshing_time(problem.request)

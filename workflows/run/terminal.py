@@ -32,6 +32,7 @@ from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.workflows.formats.plus_minus import AT_LEAST, missing, of_parts, parts_of, stated, with_error
+from stickslip.workflows.formats.results import error_budget
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.watch import Watch
@@ -203,6 +204,9 @@ class Reporter(Speaker):
                 out.print(f"{AT_LEAST} without the error of the {listed(lacking)}: see docs")
         else:
             out.print("no step was solved")
+        head, rows = error_budget(content)
+        if rows:
+            print_table(table_of(head, rows, ("number",)), out)
         seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
         names = ("imports", "mesh", "assemble", "prepare", "iterate", "error", "audit", "output", "other")
         phases = ", ".join(f"{name} {seconds[name]:.2f}" for name in names)
