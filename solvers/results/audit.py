@@ -174,7 +174,9 @@ class Auditor:
                 found.append(f"contacts.{c.name}: forces of a cyclic sector")
             if penetration(c.normal, zero) is None:
                 found.append(f"contacts.{c.name}.normal")
-            if c.friction is not None and bound(c.friction, c.normal, zero, np.ones((1, 1)), 0.0, 1.0, zero) is None:
+            law, one = c.friction, np.ones((1, 1))
+            rest = law and np.zeros_like(law.memory(len(c.W_t)))[:1]
+            if law is not None and rest is not None and bound(law, c.normal, zero, one, 0.0, 1.0, rest) is None:
                 found.append(f"contacts.{c.name}.friction")
         return tuple(dict.fromkeys([*found, *sorted(self._unseen)]))
 
@@ -465,6 +467,9 @@ class Auditor:
         total = before[rows.name]["dissipation_total"] if before else 0.0
         whole = told["dissipation_total"] - total  # of several substeps the parts are not known
         work, beside = float(rows.W_t @ (t * slid).sum(axis=1)), self._beside(place, record)
+        memory, theta, law = record.memory.get(rows.name, np.zeros(0)), np.zeros(0), rows.friction
+        if isinstance(law, RateAndStateByPoint):
+            theta = law.Dc * np.exp(memory[:, 0]) / law.of.V0
         counts = dict(zip(STATUS_WORDS, np.bincount(status, minlength=len(STATUS_WORDS)).tolist(), strict=True))
         return self._second.acting(
             acts.points,
@@ -480,6 +485,8 @@ class Auditor:
             wrong=float(counts != told["statuses"]),
             normal_weight=rows.W_n,
             wear=record.memory.get(f"{rows.name}{WORN}", np.zeros(0)),
+            rates=memory[:, 1] if memory.ndim > 1 else memory,
+            ages=theta,
             **shown,
         )
 

@@ -136,7 +136,10 @@ def test_its_steps_pass_the_audit() -> None:
     records, auditor = [record_of(step) for step in steps], Auditor(simulation.problem, simulation.mesh)
     audits = [asdict(auditor(r, before)) for r, before in zip(records, [None, *records], strict=False)]
     assert max(max(each.values()) for each in audits) < 1e-8
-    assert steps[-1].contacts["base"].dissipation > 0
+    assert not auditor.shared
+    base, memory = steps[-1].contacts["base"], steps[-1].memory["base"]
+    assert base.dissipation > 0
+    assert_allclose([base.slip_rate, base.state], [memory[:, 1].max(), 10.0 * np.exp(memory[:, 0].max())])
 
 
 @pytest.mark.parametrize(
