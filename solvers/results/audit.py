@@ -175,8 +175,8 @@ class Auditor:
             if penetration(c.normal, zero) is None:
                 found.append(f"contacts.{c.name}.normal")
             law, one = c.friction, np.ones((1, 1))
-            rest = law and np.zeros_like(law.memory(len(c.W_t)))[:1]
-            if law is not None and rest is not None and bound(law, c.normal, zero, one, 0.0, 1.0, rest) is None:
+            rest = zero if law is None else np.zeros_like(law.memory(len(c.W_t)))[:1]
+            if law is not None and bound(law, c.normal, zero, one, 0.0, 1.0, rest) is None:
                 found.append(f"contacts.{c.name}.friction")
         return tuple(dict.fromkeys([*found, *sorted(self._unseen)]))
 
