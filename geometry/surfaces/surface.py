@@ -29,6 +29,11 @@ FACET_OF = {
 EDGES = {"interval": {2: (0, 1)}, "triangle": {3: (1, 2), 4: (0, 2), 5: (0, 1)}}  # midside node -> its corners
 ALPHA = 0.2  # share of a midside basis function that is added to those of the corners of its edge
 SECTOR = 1 << 40  # added to the numbers of nodes for each further sector of a cyclic body, see `of_sectors`
+HALVED = {
+    "interval": np.array([[0, 2], [2, 1]]),
+    "triangle": np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]]),
+    "quadrilateral": np.array([[0, 4, 5, 8], [4, 1, 8, 6], [5, 8, 2, 7], [8, 6, 7, 3]]),
+}  # nodes of order 2 at the corners of a facet's parts
 BERNSTEIN = np.array([[1, 1 / 4, 0], [0, 1 / 2, 0], [0, 1 / 4, 1]])  # (1-x)², 2x(1-x), x² at x = 0, 1/2, 1
 
 
@@ -141,6 +146,19 @@ class Surface:
         total = self.scatter((weights if part is None else weights * part[:, None]) @ basis @ self.change.T)
         assert part is not None or np.all(total > 0)
         return total
+
+    @cached_property
+    def all_weights(self) -> Array:
+        """`node_weights` over all facets."""
+        return self.node_weights()
+
+    @cached_property
+    def of_corners(self) -> tuple[Surface, Array]:
+        """This side of order 2 as one of order 1, its facets cut at their nodes, and the weights (n,) of its nodes."""
+        parts = HALVED[self.shape]
+        facets = self.facets[:, parts].reshape(-1, parts.shape[1])
+        found = replace(self, degree=1, facets=facets, outward=np.repeat(self.outward, len(parts)))
+        return found, found.node_weights()
 
     def dual_basis(self, degree: int) -> Array:
         """Dual (biorthogonal) basis psi (f, q, k): on each facet ∫ psi_i phi~_k ds = delta_ik ∫ phi~_k ds."""

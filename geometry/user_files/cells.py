@@ -141,7 +141,10 @@ def usable(gmsh: Gmsh, dim: int) -> str:
     Raises:
         GeometryError: a cell refers to a node that does not exist.
     """
-    blocks, every = [block for d in (dim - 1, dim) for block in _blocks(gmsh, d)], gmsh.model.mesh.getElementTypes(dim)
+    blocks, every = (
+        [block for d in (dim - 1, dim) for block in blocks_of(gmsh, d)],
+        gmsh.model.mesh.getElementTypes(dim),
+    )
     cells = [block for block in blocks if block.dim == dim]
     orders = {block.order for block in cells}
     mixed = len({block.kind for block in cells}) > 1 or any(block.kind in ("Prism", "Pyramid") for block in cells)
@@ -171,7 +174,7 @@ def usable(gmsh: Gmsh, dim: int) -> str:
     return said
 
 
-def _blocks(gmsh: Gmsh, dim: int) -> list[Block]:
+def blocks_of(gmsh: Gmsh, dim: int) -> list[Block]:
     """Return the elements of a dimension, with gmsh's tags of nodes, but for those of unknown kinds or orders."""
     found = []
     for _, tag in gmsh.model.getEntities(dim):

@@ -21,7 +21,7 @@ from stickslip.geometry.arrays import Array, Ints, connected
 from stickslip.geometry.curved_facets import angles, normals_of, sharp
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.protocols import Gmsh
-from stickslip.geometry.user_files.cells import SHAPES, Between
+from stickslip.geometry.user_files.cells import SHAPES, Between, blocks_of
 from stickslip.geometry.user_files.foreign_formats import Content, in_order_of_gmsh, read_foreign
 from stickslip.geometry.user_files.parts import SIDE, label, numbered
 from stickslip.geometry.user_files.raw_mesh import different
@@ -49,24 +49,95 @@ def put_foreign(gmsh: Gmsh, path: Path) -> None:
     cells.put(gmsh, bodies, sides)
 
 
-class Cells:
-    """The cells of largest dimension, and their skin."""
+class Skin:
+    """The facets that one cell of a mesh has alone."""
+
+    def __init__(self, points: Array, dim: int, blocks: list[tuple[str, Ints]]) -> None:
+        """
+        Args:
+            points: (n, 3).
+            dim: of the cells.
+            blocks: a key of SHAPES, and nodes (c, k) in gmsh's order, rows of the points.
+        """
+        self.points, self.dim, self.blocks = points, dim, blocks
+        facets, owner, count = list[Ints](), list[Ints](), 0
+        for word, rows in blocks:
+            for facet in SHAPES[word].facets:
+                facets.append(_padded(rows[:, facet]))
+                owner.append(count + np.arange(len(rows)))
+            count += len(rows)
+        every = np.concatenate(facets)
+        first, times = different(every)
+        self.count, self.skin = count, every[first[times == 1]]  # (f, 4) corners, -1 after the last one
+        self.owner = np.concatenate(owner)[first[times == 1]]  # (f,) cell
+
+    def smooth(self, rows: Ints) -> list[Ints]:
+        """Part facets of the skin into those that join smoothly."""
+        corners = self.skin[rows]
+        normals = normals_of(self.points[corners[:, : self.dim]])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        if self.dim == 2:
+            ends, of = corners[:, :2].reshape(-1, 1), np.repeat(np.arange(len(rows)), 2)
+        else:
+            third = np.where(corners[:, 3] < 0, corners[:, 0], corners[:, 3])
+            ring = np.column_stack([corners[:, :3], third, corners[:, 0]])
+            ends = np.sort(np.stack([ring[:, :-1], ring[:, 1:]], axis=2).reshape(-1, 2), axis=1)
+            of = np.repeat(np.arange(len(rows)), 4)
+        order = np.lexsort(ends.T)
+        same = np.all(ends[order][1:] == ends[order][:-1], axis=1)
+        one, other = of[order][:-1][same], of[order][1:][same]
+        ridges, known = self.points[ends[order[:-1][same]]].mean(axis=1), (corners >= 0)[:, :, None]
+        centres = np.nanmean(np.where(known, self.points[corners], np.nan), axis=1)
+        near = ~sharp(angles(normals[one], normals[other]), np.stack([one, other]), normals, ridges, centres, corners)
+        part = connected(len(rows), one[near], other[near])
+        return [rows[part == k] for k in range(part.max() + 1)]
+
+    @cached_property
+    def _between(self) -> Between:
+        """The nodes of order 2 on edges and faces."""
+        found = Between()
+        for word, rows in self.blocks:
+            if rows.shape[1] > SHAPES[word].corners:
+                found.learn(SHAPES[word], rows)
+        return found
+
+    def elements(self, facets: Ints) -> Iterator[tuple[str, Ints]]:
+        """Yield the kinds of facets of the skin and their nodes (f, k), in gmsh's order."""
+        sizes = (self.skin[facets] >= 0).sum(axis=1)
+        for word in ("Line", "Triangle", "Quadrilateral"):
+            shape = SHAPES[word]
+            rows = self.skin[facets[sizes == shape.corners], : shape.corners]
+            if len(rows) and len(self._between.keys):
+                rows = np.concatenate([rows, self._between.of(rows[:, np.array(shape.edges)])], axis=1)
+                if shape.quads and np.all((middle := self._between.of(rows[:, None, [0, 2]])) >= 0):
+                    rows = np.concatenate([rows, middle], axis=1)
+            if len(rows):
+                yield word, rows
+
+    def type_of(self, gmsh: Gmsh, word: str, rows: Ints) -> int:
+        """Return gmsh's type of elements with nodes (c, k)."""
+        shape = SHAPES[word]
+        family, second = word.replace("Quadrilateral", "Quadrangle"), rows.shape[1] > shape.corners
+        return int(gmsh.model.mesh.getElementType(family, 1 + second, second and rows.shape[1] < shape.all))
+
+
+class Cells(Skin):
+    """The cells of largest dimension of a file, and their skin."""
 
     def __init__(self, content: Content) -> None:
         ids = np.array(list(content.points), np.int64)
-        self.points = np.array([(*x, 0.0)[:3] for x in content.points.values()], float).reshape(-1, 3)
+        points = np.array([(*x, 0.0)[:3] for x in content.points.values()], float).reshape(-1, 3)
         self.row = dict(zip(ids.tolist(), range(len(ids)), strict=True))
         by_kind = defaultdict[str, list[int]](list)
         for number, (kind, _) in content.elements.items():
             if _stem(kind) in WORDS:
                 by_kind[kind].append(number)
-        self.dim = max((_dimension(kind) for kind in by_kind), default=0)
-        if self.dim < 2:
+        dim, blocks = max((_dimension(kind) for kind in by_kind), default=0), list[tuple[str, Ints]]()
+        if dim < 2:
             raise GeometryError("has no cells")
-        self.blocks = list[tuple[str, Ints]]()  # a key of SHAPES, and nodes (c, k) in gmsh's order
         self.number = dict[int, int]()  # of the file -> from 0
         for kind, numbers in by_kind.items():
-            if _dimension(kind) < self.dim:
+            if _dimension(kind) < dim:
                 continue
             try:
                 rows = np.array([self.rows(content.elements[number]) for number in numbers])
@@ -74,19 +145,10 @@ class Cells:
                 raise GeometryError("a cell refers to a node that does not exist") from None
             self.number |= {number: len(self.number) + k for k, number in enumerate(numbers)}
             word = WORDS[_stem(kind)]
-            self.blocks.append((word, _turned(word, in_order_of_gmsh(kind, rows), self.points)))
-        if len({rows.shape[1] > SHAPES[word].corners for word, rows in self.blocks}) > 1:
+            blocks.append((word, _turned(word, in_order_of_gmsh(kind, rows), points)))
+        if len({rows.shape[1] > SHAPES[word].corners for word, rows in blocks}) > 1:
             raise GeometryError("mixes cells of orders 1 and 2")
-        facets, owner, count = list[Ints](), list[Ints](), 0
-        for word, rows in self.blocks:
-            for facet in SHAPES[word].facets:
-                facets.append(np.pad(rows[:, facet], ((0, 0), (0, 4 - len(facet))), constant_values=-1))
-                owner.append(count + np.arange(len(rows)))
-            count += len(rows)
-        every = np.concatenate(facets)
-        first, times = different(every)
-        self.count, self.skin = count, every[first[times == 1]]  # (f, 4) corners, -1 after the last one
-        self.owner = np.concatenate(owner)[first[times == 1]]  # (f,) cell
+        super().__init__(points, dim, blocks)
         self.rim = set(np.unique(self.skin).tolist())  # corners of all its facets
         self.place = {_key(corners): k for k, corners in enumerate(self.skin.tolist())}
 
@@ -115,27 +177,6 @@ class Cells:
         _, place = np.unique(node, return_inverse=True)
         return connected(self.count + place.max() + 1, cell, self.count + place)[: self.count]
 
-    def smooth(self, rows: Ints) -> list[Ints]:
-        """Part facets of the skin into those that join smoothly."""
-        corners = self.skin[rows]
-        normals = normals_of(self.points[corners[:, : self.dim]])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        if self.dim == 2:
-            ends, of = corners[:, :2].reshape(-1, 1), np.repeat(np.arange(len(rows)), 2)
-        else:
-            third = np.where(corners[:, 3] < 0, corners[:, 0], corners[:, 3])
-            ring = np.column_stack([corners[:, :3], third, corners[:, 0]])
-            ends = np.sort(np.stack([ring[:, :-1], ring[:, 1:]], axis=2).reshape(-1, 2), axis=1)
-            of = np.repeat(np.arange(len(rows)), 4)
-        order = np.lexsort(ends.T)
-        same = np.all(ends[order][1:] == ends[order][:-1], axis=1)
-        one, other = of[order][:-1][same], of[order][1:][same]
-        ridges, known = self.points[ends[order[:-1][same]]].mean(axis=1), (corners >= 0)[:, :, None]
-        centres = np.nanmean(np.where(known, self.points[corners], np.nan), axis=1)
-        near = ~sharp(angles(normals[one], normals[other]), np.stack([one, other]), normals, ridges, centres, corners)
-        part = connected(len(rows), one[near], other[near])
-        return [rows[part == k] for k in range(part.max() + 1)]
-
     def put(self, gmsh: Gmsh, bodies: Mapping[str, Ints], sides: Mapping[str, Ints]) -> None:
         """Put bodies, each with its cells, and sides, each with facets of the skin, into the current gmsh model."""
         mesh, dim = gmsh.model.mesh, self.dim
@@ -147,42 +188,39 @@ class Cells:
             for (word, rows), start in zip(self.blocks, first, strict=False):
                 own = rows[cells[(cells >= start) & (cells < start + len(rows))] - start]
                 if len(own):
-                    mesh.addElementsByType(tag, self._type(gmsh, word, own), [], (own + 1).ravel())
+                    mesh.addElementsByType(tag, self.type_of(gmsh, word, own), [], (own + 1).ravel())
             gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, [tag]), name)
         for tag, (name, facets) in enumerate(sides.items(), start=1):
             gmsh.model.addDiscreteEntity(dim - 1, tag)
-            for word, own in self._facets(facets):
-                mesh.addElementsByType(tag, self._type(gmsh, word, own), [], (own + 1).ravel())
+            for word, own in self.elements(facets):
+                mesh.addElementsByType(tag, self.type_of(gmsh, word, own), [], (own + 1).ravel())
             if "." in name:
                 gmsh.model.setPhysicalName(dim - 1, gmsh.model.addPhysicalGroup(dim - 1, [tag]), name)
 
-    @cached_property
-    def _between(self) -> Between:
-        """The nodes of order 2 on edges and faces."""
-        found = Between()
-        for word, rows in self.blocks:
-            if rows.shape[1] > SHAPES[word].corners:
-                found.learn(SHAPES[word], rows)
-        return found
 
-    def _facets(self, facets: Ints) -> Iterator[tuple[str, Ints]]:
-        """Yield the kinds of facets of the skin and their nodes (f, k), in gmsh's order."""
-        sizes = (self.skin[facets] >= 0).sum(axis=1)
-        for word in ("Line", "Triangle", "Quadrilateral"):
-            shape = SHAPES[word]
-            rows = self.skin[facets[sizes == shape.corners], : shape.corners]
-            if len(rows) and len(self._between.keys):
-                rows = np.concatenate([rows, self._between.of(rows[:, np.array(shape.edges)])], axis=1)
-                if shape.quads and np.all((middle := self._between.of(rows[:, None, [0, 2]])) >= 0):
-                    rows = np.concatenate([rows, middle], axis=1)
-            if len(rows):
-                yield word, rows
+def close_skin(gmsh: Gmsh, dim: int) -> None:
+    """Put what no entity of a mesh has of its skin into entities of their own, one for each smooth face."""
+    cells, known = blocks_of(gmsh, dim), blocks_of(gmsh, dim - 1)
+    tags, x, _ = gmsh.model.mesh.getNodes()
+    order = np.argsort(tags)
+    tags, points = np.asarray(tags, np.int64)[order], np.reshape(x, (-1, 3))[order]
+    if len({block.order for block in cells}) != 1 or not all(np.isin(block.nodes, tags).all() for block in cells):
+        return  # no mesh, or one that is refused
+    skin = Skin(points, dim, [(block.kind, np.searchsorted(tags, block.nodes)) for block in cells])
+    there = [_padded(np.searchsorted(tags, block.nodes[:, : block.shape.corners])) for block in known] * 2
+    first, times = different(np.concatenate([skin.skin, *there]))
+    rest = np.sort(first[(times == 1) & (first < len(skin.skin))])
+    entity = np.repeat([block.tag for block in cells], [len(block.nodes) for block in cells])[skin.owner[rest]]
+    for rows in (rest[entity == tag] for tag in np.unique(entity)):
+        for face in skin.smooth(rows):
+            new = gmsh.model.addDiscreteEntity(dim - 1)
+            for word, own in skin.elements(face):
+                gmsh.model.mesh.addElementsByType(new, skin.type_of(gmsh, word, own), [], tags[own].ravel())
 
-    def _type(self, gmsh: Gmsh, word: str, rows: Ints) -> int:
-        """Return gmsh's type of elements with nodes (c, k)."""
-        shape = SHAPES[word]
-        family, second = word.replace("Quadrilateral", "Quadrangle"), rows.shape[1] > shape.corners
-        return int(gmsh.model.mesh.getElementType(family, 1 + second, second and rows.shape[1] < shape.all))
+
+def _padded(corners: Ints) -> Ints:
+    """Corners (f, 4) of facets, -1 after the last one."""
+    return np.pad(corners, ((0, 0), (0, 4 - corners.shape[1])), constant_values=-1)
 
 
 def _stem(kind: str) -> str:

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import CLOSE, SLIGHT, Array, connected
-from stickslip.geometry.user_files.outline import RAY, Outline, crossings
-from stickslip.geometry.user_files.touching import sag_of, simplices
+from stickslip.geometry.user_files.outline import RAY, Outline, crossings, simplices
+from stickslip.geometry.user_files.touching import sag_of
 
 FEW, RAYS = 8, 32  # across the common box, to find overlaps and their volume; depth is measured at as many points
 

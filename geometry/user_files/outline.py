@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 
@@ -77,8 +77,7 @@ class Outline:
 
     def skin(self, body: str) -> tuple[Array, Array]:
         """Sample points (k, 3) of all of a body's skin, and unit outward normals there."""
-        faces = [face for face in self.entities if face.bodies == (body,)]
-        return _sample(*(np.concatenate([x(face) for face in faces]) for x in (lambda f: f.corners, Facets.normals)))
+        return _sample([face for face in self.entities if face.bodies == (body,)], body)
 
     def times(self, factor: float, dim: int) -> Outline:
         """The same, its lengths multiplied by a factor: in another unit."""
@@ -131,7 +130,7 @@ def read_outline(gmsh: Gmsh, dim: int, parts: Parts, unit: float) -> Outline:
     }
     if raw is None and not of:
         raise GeometryError("has no boundary")
-    samples = {side: _sample(*_outward(dim, side, tags, of)) for side, tags in parts.sides.items()}
+    samples = {side: _sample(_faces(dim, side, tags, of), side.split(".")[0]) for side, tags in parts.sides.items()}
     points = unit * raw.points if raw else np.concatenate([f.corners.reshape(-1, 3) for f in of.values()])
     sides = {body: tuple(s.split(".")[1] for s in parts.sides if s.split(".")[0] == body) for body in parts.bodies}
     box = np.array([points.min(axis=0), points.max(axis=0)])
@@ -167,8 +166,8 @@ def _shared(nodes: dict[str, Ints], at: Callable[[Ints], Array]) -> dict[tuple[s
     return found
 
 
-def _outward(dim: int, side: str, tags: list[int], of: dict[int, Facets]) -> tuple[Array, Array]:
-    """Corners (f, k, 3) and outward normals (f, 3) of a side's facets."""
+def _faces(dim: int, side: str, tags: list[int], of: dict[int, Facets]) -> list[Facets]:
+    """The entities of a side, each on the boundary of its body alone."""
     body = side.split(".")[0]
     for tag in tags:
         if tag not in of or body not in of[tag].bodies:
@@ -177,8 +176,7 @@ def _outward(dim: int, side: str, tags: list[int], of: dict[int, Facets]) -> tup
             raise GluedError(
                 f"side {side}: {FACET_WORD[dim]} {tag} lies inside, {' and '.join(of[tag].bodies)} share it"
             )
-    normals = [of[tag].normals() * (1 if of[tag].bodies[0] == body else -1) for tag in tags]
-    return np.concatenate([of[tag].corners for tag in tags]), np.concatenate(normals)
+    return [of[tag] for tag in tags]
 
 
 Oriented = tuple[dict[int, tuple[str, ...]], dict[int, Array]]  # bodies and corners of each entity, as in `Facets`
@@ -275,9 +273,17 @@ def crossings(skin: Array, start: Array, direction: Array) -> list[list[float]]:
     return found
 
 
-def _sample(corners: Array, normals: Array) -> tuple[Array, Array]:
+def simplices(faces: Iterable[Array]) -> Array:
+    """Corners (f, d, 3) of all facets; a quadrilateral is two triangles."""
+    parts = [x if x.shape[1] < 4 else np.concatenate([x[:, :3], x[:, [0, 2, 3]]]) for x in faces]
+    return np.concatenate(parts)
+
+
+def _sample(of: list[Facets], body: str) -> tuple[Array, Array]:
     """Extreme points of a side in 26 directions, of each of its faces if they are flat; else also extreme normals."""
-    units = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    corners = simplices(face.corners if face.bodies[0] == body else face.corners[:, ::-1] for face in of)
+    units = normals_of(corners)
+    units /= np.linalg.norm(units, axis=1, keepdims=True)
     k = corners.shape[1]
     # a side is flat if the components of its unit normals differ by less
     faces, face = np.unique((units / CLOSE).round(), axis=0, return_inverse=True)

@@ -200,6 +200,9 @@ def _add_side(
 def _select(gmsh: Gmsh, dim: int, name: str, selection: Selection, unit: float) -> list[int]:
     """Tags of the entities that `[geometry.names]` selects for a side; `unit` is that of the model [m]."""
     word, known = FACET_WORD[dim], [int(tag) for _, tag in gmsh.model.getEntities(dim - 1)]
+    known = [
+        tag for tag in known if len(gmsh.model.mesh.getElementTypes(dim - 1, tag))
+    ] or known  # a mesh may list others
     key = f'names."{name}"'
     if isinstance(selection, Mapping):
         box = np.reshape(np.asarray(selection["box"], float), (2, 3)) / unit

@@ -27,6 +27,7 @@ from stickslip.geometry.memory import available, ended_for_memory, is_full
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.child_process import Ended, contain, end_with, run_child
+from stickslip.geometry.user_files.foreign import close_skin
 from stickslip.geometry.user_files.meshing import MeshOptions, mesh_parts
 from stickslip.geometry.user_files.open_file import Parameter, apart, kind_of, open_file, parameter_names, unpacked
 from stickslip.geometry.user_files.outline import Facets, Outline, read_outline
@@ -185,6 +186,8 @@ def gmsh_options(question: Question) -> list[str]:
 def read_parts(gmsh: Gmsh, question: Question) -> Parts:
     """Open the file in the current gmsh model and find its bodies and sides."""
     open_file(gmsh, question.path, question.parameters)
+    if question.mesh is None or question.names:
+        close_skin(gmsh, question.dim)
     is_cad = kind_of(question.path) == "cad"
     return find_parts(gmsh, question.dim, is_cad, question.names, question.unit)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
 from stickslip.geometry.shape import SKIN
 from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.geometry.user_files.outline import Facets, Form, Outline, fit
+from stickslip.geometry.user_files.outline import Facets, Form, Outline, fit, simplices
 
 WITHIN = 1e-3  # of the box's diagonal: as far as faces are paired unless the user says how far
 ACROSS = 24  # sample points across the part of a side that may touch
@@ -107,12 +107,6 @@ class Pair:
     @property
     def _small(self) -> float:
         return CLOSE * float(np.ptp(self.points, axis=0).max())
-
-
-def simplices(faces: Iterable[Array]) -> Array:
-    """Corners (f, d, 3) of all facets; a quadrilateral is two triangles."""
-    parts = [x if x.shape[1] < 4 else np.concatenate([x[:, :3], x[:, [0, 2, 3]]]) for x in faces]
-    return np.concatenate(parts)
 
 
 def joined(outline: Outline) -> dict[tuple[str, str], tuple[int, ...]]:

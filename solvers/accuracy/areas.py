@@ -9,7 +9,6 @@ Source: of the power K. L. Johnson, Contact Mechanics (1985), sections 4.2 and 7
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,12 +23,6 @@ PARTS: dict[str, list[tuple[int, ...]]] = {
     "triangle": [(0, 1, 2)],
     "quadrilateral": [(0, 1, 2), (1, 3, 2)],
 }  # corners of simplices
-HALVED = {
-    "interval": np.array([[0, 2], [2, 1]]),
-    "triangle": np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]]),
-    "quadrilateral": np.array([[0, 4, 5, 8], [4, 1, 8, 6], [5, 8, 2, 7], [8, 6, 7, 3]]),
-}  # nodes of order 2 at the corners of a facet's parts
-
 Edge = tuple[Bools, Array, Bools | None]  # inside, outside, among: see `beyond_nodes`
 
 
@@ -65,11 +58,10 @@ def areas_between_nodes(side: Surface, contact: ContactState, weights: Array) ->
         weights: (n,) area that each node stands for [m^(d-1)]; 0 where it faces nothing.
     """
     if side.degree > 1:
-        straight = _with_corners_alone(side)
-        own = side.node_weights()
+        (straight, size), own = side.of_corners, side.all_weights
         share = np.divide(weights, own, out=(weights > 0).astype(float), where=own > 0)
-        curved = float(own.sum() / straight.node_weights().sum())  # area, by that of the straight facets
-        side, weights = straight, share * straight.node_weights() * curved
+        curved = float(own.sum() / size.sum())  # area, by that of the straight facets
+        side, weights = straight, share * size * curved
     beyond_touching, *beyond_sticking = (beyond_nodes(side, *edge) for edge in _edges(contact, weights))
     touching = float(weights[contact.status != OPEN].sum()) + beyond_touching
     sticking = float(weights[contact.status == STICK].sum()) + sum(beyond_sticking)
@@ -81,13 +73,6 @@ def _edges(contact: ContactState, weights: Array) -> tuple[Edge, Edge, Edge]:
     opened, sticks, slips = (contact.status == k for k in (OPEN, STICK, SLIP))
     gap, slip = np.where(weights > 0, contact.gap, 0.0), np.linalg.norm(contact.slip_increment, axis=1)
     return (~opened, gap, None), (sticks, slip, sticks | slips), (sticks, gap, sticks | opened)
-
-
-def _with_corners_alone(side: Surface) -> Surface:
-    """A side of order 2 as one of order 1: its facets cut at their nodes."""
-    parts = HALVED[side.shape]
-    facets = side.facets[:, parts].reshape(-1, parts.shape[1])
-    return replace(side, degree=1, facets=facets, outward=np.repeat(side.outward, len(parts)))
 
 
 def beyond_nodes(side: Surface, inside: Bools, outside: Array, among: Bools | None = None) -> float:
@@ -107,11 +92,13 @@ def _crossed(
     side: Surface, inside: Bools, outside: Array, among: Bools | None
 ) -> Iterator[tuple[Array, list[Crossing]]]:
     """The nodes of each simplex that the edge crosses, and where it does: in 2D once, in 3D twice."""
-    level = np.where(inside, 0.0, np.maximum(outside, 0.0) ** (2 / 3))
     simplices = np.concatenate([side.facets[:, list(part)] for part in PARTS[side.shape]])
     if among is not None:
         simplices = simplices[among[simplices].all(axis=1)]
     mixed = simplices[inside[simplices].any(axis=1) & ~inside[simplices].all(axis=1)]
+    if not len(mixed):
+        return
+    level = np.where(inside, 0.0, np.maximum(outside, 0.0) ** (2 / 3))
     slope = _slopes(side, ~inside if among is None else among & ~inside, level, np.unique(mixed))
     least = -0.5 if side.dim == 2 else 0.0  # of a facet: a node touches as soon as its surroundings do, on average
     for nodes in mixed:
@@ -129,7 +116,7 @@ def _slopes(side: Surface, chosen: Bools, level: Array, nodes: Ints) -> Array:
 
     Zero where there is none.
     """
-    matrix = side.neighbours.tocsr()
+    matrix = side.neighbours
     slope = np.zeros_like(side.points)
     for k in nodes[chosen[nodes]]:
         near = matrix.indices[matrix.indptr[k] : matrix.indptr[k + 1]]

@@ -194,7 +194,7 @@ def _rows_of(
     if c.normal.at_quadrature:
         assert c.quadrature is not None
         points = c.quadrature(c.degree)
-        n = points.projection() @ along(relative_to(points.own, slave, points.other, master), c.normals[:, None])
+        n = c.at_points(along(relative_to(points.own, slave, points.other, master), points.normals[:, None]))
         nearer = np.zeros(len(c.W_n))
     else:
         mean = sparse.diags(1 / c.W_n) @ c.psi.T

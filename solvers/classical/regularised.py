@@ -186,7 +186,7 @@ class Regularised(Method):
 
     def build(self, setup: Setup) -> Ready:
         for c in setup.system.contacts:
-            if c.projected:
+            if c.of_points is not None:
                 why = "regularised has the law at points of flat sides alone; use condensed-newton"
                 raise SceneError(f"contacts.{c.name}.normal.law = compliance: {why}")
         return OnVolume(self, setup.system, setup.surface)

@@ -225,20 +225,22 @@ def build_rows(
     found = []
     for name, (contact, coupling) in contacts.items():
         weights, (friction, slide) = coupling.weights, contact.law(coupling.surface.axisymmetric)
-        projected = False
+        of_points: Sparse | None = None
         degree = contact.degree(coupling.surface.degree)
         known = 0.0 if contact.normal.ties else contact.gap
         gap = coupling.gap if known is None else np.full_like(coupling.gap, known)
         if contact.normal.at_quadrature:
             points = coupling.points(degree)
-            pointwise = along(points.relative, points.normals[:, None])
+            N_n = along(points.relative, points.normals[:, None])
             folded = points if coupling.surface.images is None else points.moved(coupling.surface.fold)
             W_n, psi, phi = points.weights, folded.psi, folded.phi
-            projection = folded.projection()
-            N_n = with_changes(pointwise, projection @ pointwise)
-            projected = N_n is not pointwise
-            gap_n = projection @ points.gap if known is None else np.full_like(points.gap, known)
+            gap_n = points.gap if known is None else np.full_like(points.gap, known)
             to_points, directions = points.own.basis(coupling.surface), points.normals
+            if (nodal := folded.at_nodes(N_n)) is not None:
+                of_points, psi, phi = nodal
+                W_n, gap_n, directions = phi.sum(axis=0).A1, of_points @ gap_n, of_points @ directions
+                N_n, to_points = (of_points @ N_n).tocsr(), of_points @ to_points
+                directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
             dropped = 0
         else:
             carrier = normal_carriers[name]
@@ -289,19 +291,11 @@ def build_rows(
                 relative=coupling.relative, turning=coupling.turning,
                 N_n=N_n, W_n=W_n, normals=directions, gap=offset + gap_n, N_t=N_t, W_t=W_t,
                 tangents=carrier.directions, free=carrier.free, psi=psi, phi=phi, share_t=carrier.share,
-                dropped=dropped, quadrature=coupling.points, degree=degree, projected=projected, fields=fields,
+                dropped=dropped, quadrature=coupling.points, degree=degree, of_points=of_points, fields=fields,
                 tips=coupling.tips,
             )
         )  # fmt: skip
     return found
-
-
-def with_changes(rows: Sparse, changed: Sparse) -> Sparse:
-    """Rows of N as they were changed, without entries that only rounding has left."""
-    change = (changed - rows).tocsr()
-    change.data[np.abs(change.data) < ROUNDING] = 0.0  # entries of motions; those of both are about 1
-    change.eliminate_zeros()
-    return (rows + change).tocsr() if change.nnz else rows
 
 
 def _told_once(contacts: Mapping[str, tuple[Contact, Coupling]]) -> dict[str, tuple[Contact, Coupling]]:

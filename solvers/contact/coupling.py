@@ -75,25 +75,41 @@ class Points:
     phi: Sparse  # (n, q): likewise to its integrals ∫ phi~_j, see `shares`
     own: On  # where they lie on the slave
     other: On | None  # the points that they face on the master; None: a rigid obstacle
-    projected: Bools | None = None  # (q,) where the law takes u_n - g by `projection`; None: nowhere
+    whole: Bools | None = None  # (q,) those for which nodes may stand, see `at_nodes`; None: none
 
-    def projection(self) -> Sparse:
-        """Values at the points to those that the law takes (q, q): projected onto the span of phi~ with the dual basis.
+    def at_nodes(self, N: Sparse) -> tuple[Sparse, Sparse, Sparse] | None:
+        """Matrix (m, q) from values at the points to means with psi, and `psi` and `phi` (n, m) of these m places.
 
-        A surface has more points than displacements along the normal, and slip along a curved one closes or opens them
-        each by a little of its own. A stiff law would press by that; projected, it tends to the rigid one.
+        A side has more points than displacements along the normal, and slip along a curved one closes or opens each by
+        a little of its own: a stiff law would press by that. At nodes it tends to the rigid law. Points that are not
+        `whole` stay what they are.
+
+        Args:
+            N: rows (q, n_all d) of the points.
+
+        Returns:
+            None if means at the nodes tell u_n at the points, as on flat sides whose meshes match.
 
         Source: Oden & Kikuchi, Int. J. Numer. Meth. Engng 18 (1982), of penalties and the quadrature that they bear.
         """
-        if self.projected is None:
-            return sparse.identity(len(self.weights), format="csr")
+        if self.whole is None:
+            return None
         size, total = self.psi.sum(axis=1).A1, self.phi.sum(axis=0).A1
-        there = self.projected & (total > 0)
+        there = self.whole & (total > 0)
         each, of_point = (
             sparse.diags(np.divide(1.0, sums, out=np.zeros(len(sums)), where=where))
             for sums, where in ((size, size > 0), (total, there))
         )
-        return (of_point @ self.phi.T @ each @ self.psi + sparse.diags((~there).astype(float))).tocsr()
+        means, rest = each @ self.psi, np.flatnonzero(~there)
+        apart = of_point @ self.phi.T @ means @ N - sparse.diags(there.astype(float)) @ N
+        if np.abs(apart.data).max(initial=0.0) < ROUNDING:  # entries of motions; those of both are about 1
+            return None
+        weights = np.asarray(self.phi @ there.astype(float))
+        nodes = np.flatnonzero(weights > 0)
+        own = sparse.diags(weights, format="csc")[:, nodes]
+        of_points = sparse.vstack([means.tocsr()[nodes], sparse.identity(len(there), format="csr")[rest]], format="csr")
+        psi, phi = (sparse.hstack([own, each.tocsc()[:, rest]], format="csr") for each in (self.psi, self.phi))
+        return of_points, psi, phi
 
     def moved(self, share: Sparse) -> Points:
         """The same points, integrals at nodes (n,) moved to others: share (n, n)."""
@@ -253,7 +269,7 @@ def _points(surface: Surface, obstacle: Obstacle, degree: int, own: On, weights:
     gap, normals = seen_from(obstacle, relative @ surface.points)
     return Points(
         weights=weights, relative=relative, gap=gap, normals=-normals, psi=psi.tocsr(), phi=phi, own=own, other=None,
-        projected=amid(psi, phi, plain[own.facet]),
+        whole=amid(psi, phi, plain[own.facet]),
     )  # fmt: skip
 
 

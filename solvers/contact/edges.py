@@ -330,9 +330,8 @@ def _felt(coupling: Coupling, tips: _Points, rows: Ints, reach: float, degree: i
     kept, whole, left = left > ROUNDING, left >= 1 - ROUNDING, sparse.diags(np.maximum(left, 0.0)).tocsc()
     row = sparse.csr_matrix((weights, (rows[at], np.arange(len(at)))), (len(slave.nodes), len(at)))
     there = On(points.facet, points.local), On(points.other, points.other_local)
-    projected = found.projected
-    if projected is not None:
-        projected = np.append((projected & amid(found.psi, found.phi, whole))[kept], np.zeros(len(at), bool))
+    if (of_nodes := found.whole) is not None:
+        of_nodes = np.append((of_nodes & amid(found.psi, found.phi, whole))[kept], np.zeros(len(at), bool))
     return Points(
         weights=np.concatenate([(left @ found.weights)[kept], weights]),
         relative=sparse.vstack([found.relative[kept], relative_to(there[0], slave, there[1], master)], format="csr"),
@@ -342,7 +341,7 @@ def _felt(coupling: Coupling, tips: _Points, rows: Ints, reach: float, degree: i
         phi=sparse.hstack([(found.phi @ left)[:, kept], row], format="csr"),
         own=On.joined([found.own.at(kept), there[0]]),
         other=On.joined([found.other.at(kept), there[1]]),
-        projected=projected,
+        whole=of_nodes,
     )
 
 

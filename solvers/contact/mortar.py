@@ -18,7 +18,7 @@ from stickslip.geometry.arrays import ROUNDING, SLIGHT, Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.overlap import Overlap
 from stickslip.geometry.surfaces.surface import SECTOR, Surface
-from stickslip.solvers.contact.build import along, distribute_to_neighbours, with_changes
+from stickslip.solvers.contact.build import along, distribute_to_neighbours
 from stickslip.solvers.contact.coupling import DIGITS, Coupling, Facing, On, Points, midway_normals, relative_to, shares
 
 WILD = 1e6  # larger psi is replaced by a constant; on a whole facet psi is at most about 10
@@ -136,8 +136,7 @@ def mortar_coupling(facing: Facing) -> Coupling:
     share = share if slave.images is None else share @ slave.fold
     relative, turning = (mean @ sparse.hstack([own, -P])).tocsr(), None
     if slave.borrows:
-        cut = np.ravel(slave.fold.sum(axis=1) != 1)
-        turning = _turning(_points(facing, degree, sparse.diags(each) @ share), relative, normals, cut)
+        turning = _turning(_points(facing, degree, sparse.diags(each) @ share), relative, normals)
     return Coupling(
         surface=slave,
         master=master,
@@ -173,7 +172,7 @@ def _across_cuts(
     return total, (sparse.diags(each) @ sums).tocsr(), gap, (slave.fold @ psi).tocsr()
 
 
-def _turning(points: Points, relative: Sparse, normals: Array, cut: Bools) -> Sparse | None:
+def _turning(points: Points, relative: Sparse, normals: Array) -> Sparse | None:
     """Means with psi_j of the relative displacement along normals (n, n_all d), None if these turn nowhere.
 
     The dual basis of a side whose corners borrow reproduces constants only. With a node's own normal all around it, a
@@ -183,12 +182,12 @@ def _turning(points: Points, relative: Sparse, normals: Array, cut: Bools) -> Sp
         points: the integration points, psi divided by the weights of the nodes.
         relative: of the nodes (n, n_all), whose entries are kept where nothing turns.
         normals: of the nodes (n, d).
-        cut: nodes (n,) whose facets are those of two sectors, where nothing turns.
     """
     nodal = along(relative, normals[:, None])
-    means = points.psi @ along(points.relative, points.normals[:, None])
-    turned = with_changes(nodal, (sparse.diags((~cut).astype(float)) @ means + sparse.diags(cut.astype(float)) @ nodal))
-    return None if turned is nodal else turned
+    turn = (points.psi @ along(points.relative, points.normals[:, None]) - nodal).tocsr()
+    turn.data[np.abs(turn.data) < ROUNDING] = 0.0  # entries of motions; those of both are about 1
+    turn.eliminate_zeros()
+    return (nodal + turn).tocsr() if turn.nnz else None
 
 
 def positive_shares(slave: Surface, weights: Array, carries: Bools) -> Sparse:
@@ -241,5 +240,5 @@ def _points(facing: Facing, degree: int, share: Sparse) -> Points:
         phi=(share @ shares(own, slave, found.weights)).tocsr(),
         own=own,
         other=other,
-        projected=np.ones(len(found.weights), bool),
+        whole=np.ones(len(found.weights), bool),
     )

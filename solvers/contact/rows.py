@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.geometry.arrays import ROUNDING, TINY, Array, Bools, Ints
+from stickslip.geometry.curved_facets import SHARP
 from stickslip.geometry.field import Field, in_time, values
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import SECTOR, Surface, in_sectors
@@ -49,9 +50,14 @@ class Fields:
 def of_both(surface: Surface, master: Surface | None) -> Bools:
     """Nodes (n,) of a slave surface that the master has, too: the ends of a crack, which cannot open.
 
-    They carry no contact; their neighbours carry theirs.
+    They carry no contact; their neighbours carry theirs. In a corner, whose faces do not lie on each other, they do.
     """
-    return np.asarray(np.isin(surface.nodes, [] if master is None else master.nodes))
+    if master is None or not (shared := np.isin(surface.nodes, master.nodes)).any():
+        return np.zeros(len(surface.nodes), bool)
+    found, same = np.zeros(len(shared), bool), surface.nodes[shared, None] == master.nodes
+    opposed = surface.node_normals()[shared] @ master.node_normals().T < -np.cos(np.radians(SHARP))
+    found[shared] = (same & opposed).any(axis=1)
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +91,7 @@ class ContactRows:
     dropped: int  # nodes whose multiplier a support or another contact makes redundant, or that end a crack
     quadrature: Callable[[int], Points] | None = None  # integration points by degree; None: the rows are given without
     degree: int = 0  # of that at which a compliance law gives pressure by displacement
-    projected: bool = False  # whether it takes u_n - g at points by other values than those there, see `projection`
+    of_points: Sparse | None = None  # (m_n, q) see `Points.at_nodes`; None: the normal points are those of quadrature
     turning: Sparse | None = None  # (n, n_all d) see `Coupling`
     fields: Fields | None = None  # None: the rows are given without
     tips: Array | None = None  # (n,) see `Coupling`
@@ -159,7 +165,11 @@ class ContactRows:
     @cached_property
     def of_facets(self) -> bool:
         """Whether its normal points are those of whole facets, u_n there its own, as a form over the side has them."""
-        return not self.projected and len(self.W_n) == self.surface.quadrature(self.degree)[0].size
+        return self.of_points is None and len(self.W_n) == self.surface.quadrature(self.degree)[0].size
+
+    def at_points(self, values: Array | Sparse) -> Array | Sparse:
+        """Values (m_n, ...) at the normal points from those (q, ...) at the integration points of a compliance law."""
+        return values if self.of_points is None else self.of_points @ values
 
     @cached_property
     def near_nodes(self) -> Ints:

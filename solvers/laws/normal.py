@@ -33,8 +33,8 @@ class Bilateral(NormalLaw):
 class Compliance(NormalLaw):
     """p_n = c_n (u_n - g)_+^m_n, evaluated at facet quadrature points, as in the form j_n.
 
-    On curved sides, and between meshes that do not match, u_n - g is its projection onto the functions of the
-    tractions: a law as stiff as may be then gives what rigid surfaces do.
+    On curved sides, and between meshes that do not match, it is evaluated at nodes, with means of u_n - g as of
+    multipliers: a law as stiff as may be then gives what rigid surfaces do.
 
     Source: Pop (1999), section 2, j_n.
     """

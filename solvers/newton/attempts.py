@@ -112,6 +112,7 @@ class Start:
 def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     """The starts that need no excuse: the tractions of the last step.
 
+    Where they lack far more than there is, because little but contact holds the bodies, they tell the active set alone.
     Floating bodies without any start from all points closed, if the load would close them; if nothing pushes them, from
     where they stood, behind what still squeezes them.
 
@@ -121,7 +122,9 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     """
     surface = problem.surface
     if not surface.floating:
-        yield Start.at(problem, p, problem.contact_displacement(p))
+        start = Start.at(problem, p, problem.contact_displacement(p))
+        lacking = problem.natural_residual(p, problem.relative_displacement(start.u_c))
+        yield Start.as_if(problem, p, p) if p.any() and NEAR * lacking > 1 else start
         return
     if problem.p_ref == 0:  # no load and no motion: the answer is zero
         yield Start.at(problem, np.zeros_like(p), np.zeros(surface.size))
@@ -226,19 +229,21 @@ class Attempts(Driver):
             proximal: weight of the proximal term of a damped attempt [-]; None: plain Newton.
         """
         number = self.history[-1].iteration + start.in_equilibrium if self.history else 0  # of the start
-        found = self.run(self._iterates(start, proximal or 0.0, number), Stall(QUICK, number), cycles=proximal is None)
+        stalls = Stall(QUICK if proximal else QUICK // 2, number)
+        found = self.run(self._iterates(start, proximal or 0.0, number), stalls, cycles=proximal is None)
         if found.status is Status.NO_HOLD and (self.best is None or np.isnan(self.best.residual)):
             w = self.bodies.relative(start.p, start.u_c)
             self.best = Solution(start.p, w, start.u_c, Status.NO_HOLD, np.inf, ())
 
     def judged(self, number: int, p: Array, w: Array, u: Array) -> Iterate:
-        """The iterate of that number at a state; while it `follows`, slip counts from where points touch on the way."""
-        if self.follows and self.problem.touch:
-            gap = self.problem.touch(p, w, self.problem.gap)
-            if gap is not self.problem.gap:
-                self.problem = replace(self.problem, gap=gap)
+        """Iterate of that number at a state; while it `follows`, slip counts from where points touch in the best."""
         problem = self.problem
         residual = max(problem.natural_residual(p, w), problem.imbalance(p))
+        if self.follows and problem.touch and not (self.best is not None and residual > self.best.residual):
+            gap = problem.touch(p, w, problem.gap)
+            if gap is not problem.gap:
+                problem = self.problem = replace(problem, gap=gap)
+                residual = max(problem.natural_residual(p, w), problem.imbalance(p))
         return Iterate(number, residual, p, w, u, problem.gap if problem.touch else None)
 
     def _iterates(self, start: Start, proximal: float, number: int) -> Iterator[Iterate]:

@@ -295,9 +295,7 @@ class _Path:
         self.bounds = maps.bound @ p
         self.state = maps.states(self.trial, self.bounds)
         self.turned = False  # whether s has grown on the way
-        self.at_start = np.zeros(0)  # F(z_0), if it is not zero
-        if p.any() or not wider.any():
-            self.at_start = maps.value(p, b, self.trial, self.state)
+        self.at_start = maps.value(p, b, self.trial, self.state)  # F(z_0)
         self.inverse = np.linalg.inv(maps.jacobian(self.state))
         self.crossed: tuple[int, int] | None = None  # row that changed its state last, and its state before
 
@@ -309,9 +307,8 @@ class _Path:
             m = len(self.map.rows)
             dp[self.map.rows], db = z[:m], z[m:]
             step, row, to = self._next_kink(dp, db)
-            left = -self.s * self.direction
-            if 0 < left <= step:
-                yield self._at(*self._exact(self.p + left * dp, self.b + left * db))
+            if 0 < -self.s * self.direction <= step:
+                yield self._at(*self._exact())
             if not np.isfinite(step):
                 return
             self._move(step, dp, db)
@@ -325,8 +322,7 @@ class _Path:
         maps = self.map
         follows = ((self.state == CLOSED) | (self.state == STICK))[maps.rows]
         push = (maps.share * maps.problem.gamma * self.wider)[maps.rows]
-        found = np.concatenate([np.where(follows, push, 0.0), np.zeros(len(maps.H))])
-        return np.asarray(found - self.at_start if len(self.at_start) else found)
+        return np.asarray(np.append(np.where(follows, push, 0.0), np.zeros(len(maps.H))) - self.at_start)
 
     def _next_kink(self, dp: Array, db: Array) -> tuple[float, int, int]:
         """Distance to the next kink, the row that changes there, and its next state."""
@@ -384,23 +380,19 @@ class _Path:
             self.turned = True
         return True
 
-    def _exact(self, p: Array, b: Array) -> tuple[Array, Array]:
-        """Tractions (rows,) [Pa] and rigid motions (r,) [m] at s = 0 without the rounding of the way."""
-        maps, state = self.map, self.state
-        off = maps.value(p, b, maps.trial(p, b, np.zeros_like(p)), state)
+    def _exact(self) -> tuple[Array, Array]:
+        """Tractions (rows,) [Pa] and rigid motions (r,) [m] at s = 0 on this piece, without the rounding of the way."""
+        maps, state, p = self.map, self.state, self.p.copy()
+        off = maps.value(p, self.b, maps.trial(p, self.b, np.zeros_like(p)), state)
         z, m = np.linalg.solve(maps.jacobian(state), off), len(maps.rows)
-        p = p.copy()
         p[maps.rows] -= z[:m]
-        return p, b - z[m:]
+        return p, self.b - z[m:]
 
     def _correct(self) -> None:
         """Compute the inverse anew, and return to the path, which rounding has left a little."""
         maps = self.map
         self.inverse = np.linalg.inv(maps.jacobian(self.state))
-        off = maps.value(self.p, self.b, self.trial, self.state)
-        if len(self.at_start):
-            off = off - self.s * self.at_start
-        z = -self.inverse @ off
+        z = self.inverse @ (self.s * self.at_start - maps.value(self.p, self.b, self.trial, self.state))
         self.p[maps.rows] += z[: len(maps.rows)]
         self.b += z[len(maps.rows) :]
         self._evaluate()

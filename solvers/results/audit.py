@@ -61,6 +61,7 @@ from stickslip.solvers.system.system import System, assemble
 
 log = logging.getLogger(__name__)
 FRICTION = 0.1  # of the pressures; smaller friction bounds are judged as if so large: tolerances are of all tractions
+UNFOLLOWED = "in steps of several substeps, or after what is not known"
 SUMMED = 1e3  # times the rounding error of K u; smaller forces count as zero
 
 
@@ -254,7 +255,7 @@ class Auditor:
             return np.asarray(rows.psi.T @ nodal / rows.W_n), nodal
         assert rows.quadrature is not None
         points = rows.quadrature(rows.degree)
-        distance = points.projection() @ np.asarray(gap(obstacle, points.own.basis(side) @ at))
+        distance = rows.at_points(np.asarray(gap(obstacle, points.own.basis(side) @ at)))
         return distance + offset + rows.N_n @ moved.ravel(), nodal
 
     def _scales(self, record: Record, inner: Vec) -> Scales:
@@ -407,12 +408,14 @@ class Auditor:
             if strain.shrunk is not None:
                 assert isinstance(strain.drive, Place)
                 seen["bolts"][strain.drive.name] = SimpleNamespace(tension=-float(pull), shortening=float(value))
-        compliance = (self._compliance(place, record) for place in places)
+        compliance, at_contacts = (self._compliance(place, record) for place in places), self._work(record)
+        if at_contacts is None:  # then by the balance alone
+            self._unseen.add(f"energy.contact: {UNFOLLOWED}")
         seen["energy"] = {
             "": SimpleNamespace(
                 external=works["stored"] + works["contact"],
                 stored=inner.dot(u) / 2 + system.initial.stored(values, work),
-                contact=works["external"] - works["stored"],
+                contact=works["external"] - works["stored"] if at_contacts is None else at_contacts,
                 compliance=sum(compliance),
                 dissipated=sum(told["contacts"][name]["dissipation_total"] for name in contacts),
                 time_remainder=works["contact"] - works["compliance"] - works["dissipated"],
@@ -437,6 +440,32 @@ class Auditor:
             ]
         )
 
+    def _work(self, record: Record) -> float | None:
+        """Work at contacts since t = 0 [J]: forces at both ends of the step, on what moves between them.
+
+        None: it is not known, for the step has several substeps, or the one before or where slacks close is not known.
+        """
+        before, told = self._before, record.stored.told_before
+        sliding = any(self._searched(place.rows, record) for place in self.cone.places)
+        if record.stored.told["substeps"] > 1 or (told and before is None) or sliding or len(self.start.initial.slacks):
+            return None
+        found = float(told["energy"]["contact"]) if told else 0.0
+        for place in self.cone.places:
+            force, moved, pressed, offset = self._end(place, record)
+            old_force, old_moved, old_pressed, old_offset = self._end(place, before)
+            found += float(np.sum((force + old_force) / 2 * (moved - old_moved))) + self._aside(place, record)
+            found -= float(np.sum(place.rows.W_n * (pressed + old_pressed) / 2 * (offset - old_offset)))
+        return found
+
+    def _end(self, place: ContactBlock, record: Record | None) -> tuple[Array, Array, Array, Array | float]:
+        """Forces [N] and motions [m] of a contact's nodes, its pressures [Pa] and gap offsets [m]; None: at rest."""
+        rows = place.rows
+        offset = rows.fields.offsets(record.time if record else 0.0)[0] if rows.fields else 0.0
+        if record is None:
+            return np.zeros_like(rows.points), np.zeros_like(rows.points), np.zeros(len(rows.W_n)), offset
+        p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
+        return rows.nodal_forces(p_n, t), self._motion(rows, record), p_n, offset
+
     def _compliance(self, place: ContactBlock, record: Record) -> float:
         """Energy that the laws of a contact store [J]."""
         rows, t = place.rows, record.p[place.tangential].reshape(-1, place.components)
@@ -449,10 +478,7 @@ class Auditor:
         """What is seen of a contact: fields at its nodes, forces where they act, and the work of friction."""
         rows, told = place.rows, record.stored.told["contacts"][place.rows.name]
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
-        moved, before = (
-            rows.of_mesh(record.displacement, self._sectors),
-            record.stored.told_before.get("contacts", {}),
-        )
+        moved, before = rows.of_mesh(record.displacement, self._sectors), record.stored.told_before.get("contacts")
         acts = acting(
             self.system, rows, rows.nodal_forces(p_n, t), moved, record.searched, (record.time, record.driven)
         )
@@ -470,6 +496,8 @@ class Auditor:
         memory, theta, law = record.memory.get(rows.name, np.zeros(0)), np.zeros(0), rows.friction
         if isinstance(law, RateAndStateByPoint):
             theta = law.Dc * np.exp(memory[:, 0]) / law.of.V0
+        if beside is None or record.stored.told["substeps"] > 1:
+            self._unseen.add(f"contacts.{rows.name}.dissipation: {UNFOLLOWED}")
         counts = dict(zip(STATUS_WORDS, np.bincount(status, minlength=len(STATUS_WORDS)).tolist(), strict=True))
         return self._second.acting(
             acts.points,
@@ -499,18 +527,23 @@ class Auditor:
             return 0.0
         if self._before is None and record.stored.told_before:
             return None
-        rows, law, p_n, before = place.rows, place.rows.friction, record.p[place.normal], self._before
-        lasts = record.time - (before.time if before is not None else 0.0)
-        found, key = 0.0, f"{rows.name}{WORN}"
+        rows, key = place.rows, f"{place.rows.name}{WORN}"
+        found = self._aside(place, record)
         if key in record.memory:
-            worn = record.memory[key] - (before.memory[key] if before is not None else 0.0)
-            found += float(rows.W_n @ (p_n * worn))
-        if isinstance(law, Turned) and law.points is not None:
-            far, share = slid(law.slide, law.points, record.time, lasts, law.end), record.memory[rows.name]
-            whole = bound(law.of, rows.normal, p_n, rows.average, record.time, law.end, share)
-            whole = whole if whole is not None else law.of.limit(p_n, rows.average, rows.normal, record.time, law.end)
-            found += float(rows.W_t @ (whole * np.sqrt(np.maximum(1 - share**2, 0.0)) * far))
+            worn = record.memory[key] - (self._before.memory[key] if self._before is not None else 0.0)
+            found += float(rows.W_n @ (record.p[place.normal] * worn))
         return found
+
+    def _aside(self, place: ContactBlock, record: Record) -> float:
+        """Work in a step of friction on the sliding out of the plane [J]."""
+        rows, law, p_n = place.rows, place.rows.friction, record.p[place.normal]
+        if not isinstance(law, Turned) or law.points is None:
+            return 0.0
+        lasts = record.time - (self._before.time if self._before is not None else 0.0)
+        far, share = slid(law.slide, law.points, record.time, lasts, law.end), record.memory[rows.name]
+        whole = bound(law.of, rows.normal, p_n, rows.average, record.time, law.end, share)
+        whole = whole if whole is not None else law.of.limit(p_n, rows.average, rows.normal, record.time, law.end)
+        return float(rows.W_t @ (whole * np.sqrt(np.maximum(1 - share**2, 0.0)) * far))
 
     def _fields(self, record: Record, before: Record | None, w: Array, scales: Scales) -> float:
         """Largest difference of a stored field, see `Audit` [-]; collective."""
@@ -559,16 +592,17 @@ class Auditor:
             closes = np.repeat(pressed & ~was & (rows.normal.sides == 1), rows.free.shape[1])
             reference = np.where(closes, start, record.reference[place.tangential])
             found.append(difference(reference, start, scales.u[rows.name], scales.rounding))
-        if (wears or rows.name in record.memory) and not self._searched(rows, record):
+        if wears or rows.name in record.memory:
             moves = rows.N_t @ self._motion(rows, record).ravel() - record.reference[place.tangential]
             moves -= record.p[place.tangential] / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
             lasts = record.time - before.time
-            found += self._wear(place, record, before, length, scales) if wears else []
+            if wears and not self._searched(rows, record):
+                found += self._wear(place, record, before, length, scales)
             if law is not None and rows.name in record.memory:
                 length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
-                known, now_known = (each.memory[rows.name] for each in (before, record))
-                own = remembered(law, known, length, lasts)
+                known = self._carried(rows, before) if rows.name in record.searched else before.memory[rows.name]
+                own, now_known = remembered(law, known, length, lasts), record.memory[rows.name]
                 expected = law.after(known, length, lasts) if own is None else own
                 unit = np.asarray(lasts if law.timed else 1.0)  # of a rate; what it makes of a step is a length
                 if isinstance(law, RateAndStateByPoint):
@@ -582,6 +616,12 @@ class Auditor:
                 slip = np.asarray(now[name], float)[:, : rows.surface.dim]
                 found.append(difference(slip, expected, scales.u[rows.name], scales.rounding))
         return found
+
+    def _carried(self, rows: ContactRows, before: Record) -> Array:
+        """What the points of a step remember, at the points of rows whose pairs were found since (m_t,)."""
+        system = self.start.searched(before.searched) if before.searched else self.start
+        (old,) = (c for c in system.contacts if c.name == rows.name)
+        return rows.tangential_mean(old.share_t.T @ before.memory[rows.name])
 
     def _wear(self, place: ContactBlock, record: Record, before: Record, slip: Array, scales: Scales) -> list[float]:
         """Differences of worn depths, and of the path that wears, from those of pressure and slip (m_t,) [m] [-]."""

@@ -5,7 +5,7 @@ Every number of a step is found by a walk over its records, see `stickslip.solve
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import reduce
 from html import escape
@@ -150,12 +150,15 @@ class Slope:
         return cls(below=below, above=above) if apart > max(SLIGHT * size, rounding) else cls((below + above) / 2)
 
     @property
-    def square(self) -> Value | None:
-        """Its square, of two sides their mean."""
-        if self.below is not None and self.above is not None:
-            sides: Value = (np.square(self.below) + np.square(self.above)) / 2
-            return sides
-        found: Value | None = None if self.value is None else np.square(self.value)
+    def mean(self) -> Value | None:
+        """The derivative, of two sides their mean; None: there is none."""
+        return self.value if self.below is None or self.above is None else (self.below + self.above) / 2
+
+    @property
+    def square(self) -> Value:
+        """Its square, of two sides their mean; NaN: there is none."""
+        sides = (self.value,) if self.below is None else (self.below, self.above)
+        found: Value = np.mean(np.square(np.asarray(sides, float)), axis=0)
         return found
 
     @property
@@ -307,7 +310,7 @@ class StepResult(Numbers):
     corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
     errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
     sensitivity: Mapping[str, Mapping[str, Slope]] = field(default_factory=dict)  # by `Quantity`, and by scene's number
-    deviations: Mapping[str, float] = field(default_factory=dict)  # standard uncertainty of uncertain ones of these
+    covariance: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # of the uncertain ones of these
     bodies: Mapping[str, BodyState] = field(default_factory=dict)
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
@@ -404,7 +407,7 @@ def from_plain(plain: Plain) -> StepResult:
         for table, record in records().items()
         if table not in RECORDS and plain.get(table)
     }
-    return deserialise(StepResult, {"sensitivity": {}, "deviations": {}} | plain, effects=found)
+    return deserialise(StepResult, {"sensitivity": {}, "covariance": {}} | plain, effects=found)
 
 
 def told(step: StepResult, errors: Errors | None) -> Plain:
@@ -446,28 +449,36 @@ def _by_inputs(step: StepResult, owner: tuple[str, str], errors: Errors) -> Plai
     slopes = {
         key: step.sensitivity[str(key)] for key in quantities(step) if key[:2] == owner and str(key) in step.sensitivity
     }
+    if not slopes:
+        return {}
     found = {"sensitivity": {key.quantity: {by: s.plain for by, s in own.items()} for key, own in slopes.items()}}
-    uncertain = {key.quantity: uncertainty(own, step.deviations, errors.get(key)) for key, own in slopes.items()}
-    return {**(found if slopes else {}), **({"uncertainty": uncertain} if slopes and step.deviations else {})}
+    if step.covariance:
+        by_inputs = {key.quantity: uncertainty(own, step.covariance, errors.get(key)) for key, own in slopes.items()}
+        found["uncertainty"] = by_inputs
+    return found
 
 
-def uncertainty(slopes: Mapping[str, Slope], deviations: Mapping[str, float], error: ErrorParts | None) -> Plain:
+def uncertainty(
+    slopes: Mapping[str, Slope], covariance: Mapping[str, Mapping[str, float]], error: ErrorParts | None
+) -> Plain:
     """Standard uncertainty of a number, k = 1, by those of the scene's numbers and by its own error, to first order.
 
     The stated error is half the width of an interval: its standard uncertainty is that of a uniform distribution in it.
-    Where a derivative has two sides it is the root mean square of both; null where there is none.
+    Where a derivative has two sides it is the root mean square of both, beside those of other numbers their mean; null
+    where there is none. What two correlated numbers cause together is shared half and half.
 
     Args:
         slopes: derivatives of the number.
-        deviations: standard uncertainties of numbers that do not depend on each other.
+        covariance: of uncertain numbers, by both.
         error: of the number.
 
     Source: Evaluation of measurement data: Guide to the expression of uncertainty in measurement, JCGM 100 (2008), 5.1.
     """
-    parts, none = {by: slopes[by].square for by in deviations}, {"inputs": None, "combined": None, "shares": None}
-    known = {by: part * deviations[by] ** 2 for by, part in parts.items() if part is not None}
-    if len(known) < len(parts):
-        return none
+    means = {by: mean for by in covariance if (mean := slopes[by].mean) is not None}
+    if len(means) < len(covariance):
+        return {"inputs": None, "combined": None, "shares": None}
+    beside = {by: sum(row[other] * means[other] for other in row if other != by) for by, row in covariance.items()}
+    known = {by: slopes[by].square * row[by] + means[by] * beside[by] for by, row in covariance.items()}
     variance, total = reduce(add, known.values()), None if error is None else error.total
     some = np.where(variance > 0, variance, 1.0)
     return {
@@ -477,13 +488,31 @@ def uncertainty(slopes: Mapping[str, Slope], deviations: Mapping[str, float], er
     }
 
 
+def slopes_of(step: StepResult) -> dict[str, dict[str, tuple[float, float]]]:
+    """Derivatives by the names that `values` has, and by number of the scene, by a smaller and by a larger one.
+
+    Those that there are none of are left out.
+    """
+    found = dict[str, dict[str, tuple[float, float]]]()
+    for key, value in quantities(step).items():
+        both = {by: (s.below, s.above) if s.below is not None else (s.value, s.value) for by, s in _slopes(step, key)}
+        known = {by: (low, high) for by, (low, high) in both.items() if low is not None and high is not None}
+        for name, axis in names_of(key, value) if known else ():
+            found[name] = {by: (_part(low, axis), _part(high, axis)) for by, (low, high) in known.items()}
+    return found
+
+
+def _slopes(step: StepResult, key: Quantity) -> Iterable[tuple[str, Slope]]:
+    return step.sensitivity.get(str(key), {}).items()
+
+
 def slope_columns(step: StepResult) -> dict[str, float]:
     """Derivatives by column, NAME.sensitivity.NUMBER, and uncertainties by inputs; NaN: none, or two sides."""
     found = dict[str, float]()
     for key, value in quantities(step).items() if step.sensitivity else ():
         slopes = step.sensitivity.get(str(key), {})
-        uncertain = step.deviations and slopes
-        inputs = uncertainty(slopes, step.deviations, None)["inputs"] if uncertain else None
+        uncertain = step.covariance and slopes
+        inputs = uncertainty(slopes, step.covariance, None)["inputs"] if uncertain else None
         for name, axis in names_of(key, value):
             each = {f"{name}.sensitivity.{by}": slope.value for by, slope in slopes.items()}
             each |= {f"{name}.uncertainty": inputs} if uncertain else {}

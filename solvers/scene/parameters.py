@@ -11,11 +11,17 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal, TypeVar
 
+import numpy as np
+
+from stickslip.geometry.arrays import EXACT
 from stickslip.geometry.errors import SceneError, require, require_known
 from stickslip.geometry.keys import AXES, Key, Noun
+from stickslip.solvers.scene.settings import LARGEST
 
 T = TypeVar("T")
+Uncertain = float | str | tuple[tuple[str, str, float], ...]
 PHYSICAL = ("bodies", "contacts", "obstacles", "supports", "loads")  # tables, beside those of effects
+CORRELATIONS = "correlations"  # key of [uncertainty] that is no number's
 NUMERICAL = ("search_distance", "mesh_size", "contact_mesh_size", "inner_mesh_size")  # keys that say how, not what
 
 
@@ -68,21 +74,34 @@ def chosen(
     return tuple(dict.fromkeys((*own, *uncertain)))
 
 
-def deviations(uncertain: Mapping[str, float | str], known: Mapping[str, float]) -> dict[str, float]:
-    """Standard uncertainties of the numbers that have one, in their own units.
+def covariance(uncertain: Mapping[str, Uncertain], known: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """Covariances of the numbers that are uncertain, in their own units, by both.
 
     Raises:
-        SceneError: one is no positive number and no share in percent.
+        SceneError: one is no positive number and no share in percent; or correlations are none.
     """
-    found = dict[str, float]()
-    for key, said in uncertain.items():
+    found, owner = dict[str, float](), f"uncertainty.{CORRELATIONS}"
+    for key, said in ((key, said) for key, said in uncertain.items() if key != CORRELATIONS):
         size = said if isinstance(said, float) else 0.0
         if isinstance(said, str) and said.endswith("%"):
             with suppress(ValueError):
                 size = float(said.removesuffix("%")) / 100 * abs(known[key])
-        require(size > 0, f"uncertainty.{key}", said, 'expected one standard deviation, a positive number or "3 %"')
+        wanted = 'expected one standard deviation, a positive number or "3 %"'
+        require(0 < size <= LARGEST, f"uncertainty.{key}", said, wanted)
         found[key] = size
-    return found
+    keys, R = [*found], np.eye(len(found))
+    correlated = uncertain.get(CORRELATIONS, ())
+    require(isinstance(correlated, tuple), owner, correlated, "expected [[KEY, KEY, CORRELATION], ...]")
+    for row in correlated if isinstance(correlated, tuple) else ():
+        one, two, size = row
+        for key in (one, two):
+            require_known(owner, key, found, "no number with an uncertainty")
+        require(one != two and abs(size) <= 1, owner, row, "expected two numbers, and a correlation from -1 to 1")
+        R[keys.index(one), keys.index(two)] = R[keys.index(two), keys.index(one)] = size
+    positive = np.linalg.eigvalsh(R).min(initial=0.0) >= -EXACT
+    require(positive, owner, correlated, "no numbers are correlated so: their matrix has a negative eigenvalue")
+    C = R * np.outer([*found.values()], [*found.values()])
+    return {key: dict(zip(keys, row, strict=True)) for key, row in zip(keys, C.tolist(), strict=True)}
 
 
 def scaled(scene: T, key: str, factor: float) -> T:

@@ -34,7 +34,15 @@ from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import REACH, Contact, table_of
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
 from stickslip.solvers.scene.material import Elastic
-from stickslip.solvers.scene.parameters import PHYSICAL, Sensitivity, chosen, deviations, parameters
+from stickslip.solvers.scene.parameters import (
+    CORRELATIONS,
+    PHYSICAL,
+    Sensitivity,
+    Uncertain,
+    chosen,
+    covariance,
+    parameters,
+)
 from stickslip.solvers.scene.record import RECORDS, RecordType, names
 from stickslip.solvers.scene.settings import LARGEST, SMALLEST, Accuracy, Exact, Output, Probe, Solver, Steps
 from stickslip.solvers.scene.timeline import Place, Timeline
@@ -120,9 +128,11 @@ class Scene(Noun):
     accuracy: Accuracy = Accuracy()
     sensitivity: Sensitivity = Sensitivity()
     uncertainty: Annotated[
-        Mapping[str, float | str],
+        Mapping[str, Uncertain],
         Key(
-            "-", 'one standard deviation of numbers of the scene, "bodies.hub.E" = "3 %", or in the unit of the number'
+            "-",
+            'one standard deviation of numbers of the scene, "bodies.hub.E" = "3 %", or in the unit of the number; '
+            "correlations = [[KEY, KEY, NUMBER], ...] of those that depend on each other",
         ),
     ] = field(default_factory=dict)
     sections: Mapping[str, EffectTable | Mapping[str, EffectTable]] = field(default_factory=dict)
@@ -297,13 +307,13 @@ class Scene(Noun):
     @property
     def derived_by(self) -> tuple[str, ...]:
         """Keys of those that derivatives are asked by."""
-        asked, uncertain = self.sensitivity.parameters, self.uncertainty
+        asked, uncertain = self.sensitivity.parameters, [key for key in self.uncertainty if key != CORRELATIONS]
         return chosen(asked, uncertain, self.parameters(), self.parameters(False)) if asked or uncertain else ()
 
     @property
-    def deviations(self) -> dict[str, float]:
-        """Standard uncertainties of those that have one, in their own units."""
-        return deviations(self.uncertainty, self.parameters()) if self.uncertainty else {}
+    def covariance(self) -> dict[str, dict[str, float]]:
+        """Covariances of those that are uncertain, in their own units."""
+        return covariance(self.uncertainty, self.parameters()) if self.uncertainty else {}
 
     def effect_tables(self) -> dict[tuple[str, str], EffectTable]:
         """Tables that effects own, by (effect, name of the table); the name is "" if the effect has one table only."""
@@ -427,7 +437,7 @@ class Scene(Noun):
             with mistakes:
                 table.check(self, key)
         with mistakes:
-            _ = self.derived_by, self.deviations
+            _ = self.derived_by, self.covariance
         mistakes.report()  # effects know the quantities
         known = self.quantities()
         for key, asked in (("exact.values", self.exact.values), ("accuracy.goals", self.accuracy.goals)):

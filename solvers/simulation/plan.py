@@ -208,6 +208,10 @@ def _refuse_faint(setup: Setup) -> None:
             limit = law.c_n * (most / found) ** law.m_n
             wrong = f"penetrations drown in rounding, at most {limit:.1e} here; a rigid surface has no c_n"
             raise SceneError(f"contacts.{name}.normal.c_n = {law.c_n:g}: {wrong}")
+        if (wear := pair.contact.wear) is not None and not isinstance(wear.k, str):
+            k, largest = max((k for _, k in wear.table), default=float(np.sum(wear.k))), 1 / (ROUNDING * setup.softest)
+            wrong = f"takes off all that presses within rounding, at most {largest:.1e} {setup.labels('1/Pa')} here"
+            require(k <= largest, f"contacts.{name}.wear.k", k, wrong)
     least = least_springs(setup) * (extent if setup.model.startswith("plane") else extent**2)
     per_length = setup.labels("N/m")
     for link in setup.links:

@@ -6,6 +6,7 @@ import logging
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from numbers import Real
 from reprlib import repr as shortly
@@ -24,7 +25,9 @@ from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.scene import Scene, over, with_values
+from stickslip.solvers.scene.settings import LARGEST
 from stickslip.solvers.scene.timeline import Place
+from stickslip.solvers.simulation.sensitivity import Slopes, timelines
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, NoEquilibriumError, Stepper
@@ -70,15 +73,16 @@ class Script:
             step = script.step(to=script.time + 0.1, supports={"top": {"x": 0.05 * script.time}})
     """
 
-    def __init__(self, scene: Scene, stepper: Stepper, observer: Observer) -> None:
+    def __init__(self, scene: Scene, stepper: Stepper, observer: Observer, slopes: Slopes | None = None) -> None:
         """Start at rest; collective.
 
         Args:
             scene: which values there are, and what they are until a step names them.
             stepper: solves the steps.
             observer: makes their results.
+            slopes: reads derivatives of their numbers; None: the scene asks for none.
         """
-        self._stepper, self._observer = stepper, observer
+        self._stepper, self._observer, self._slopes = stepper, observer, slopes
         self._scene, self._named = scene, frozenset[Place]()
         self._state, self._altered = stepper.start(), False
         self._times: tuple[float, ...] = ()
@@ -128,6 +132,8 @@ class Script:
             NoEquilibriumError: so, and it is shown that contact and friction cannot balance the loads.
         """
         require(_is_number(to), "to", _in_words(to), "expected a number")
+        require(to <= LARGEST, "to", to, f"expected at most {LARGEST:g}")
+        require(callable(on_iteration), "on_iteration", _in_words(on_iteration), "expected a function")
         begins = not self._times and to == 0
         require(to > self.time or begins, "to", to, f"expected a time after {self.time:g}")
         laws, of_contacts, altered = self._of_contacts(contacts)
@@ -136,8 +142,10 @@ class Script:
         self._keep_to_budget()
         with self._stepper.system.counters.clock.phase("iterate"):
             scene, times, stepper, accepted = self._reached(to, wanted, laws, on_iteration)
-        with stepper.system.course.following(scene.timeline()):
+        with _following(scene, stepper):
             result = self._observer(accepted)
+            if self._slopes:
+                result = self._slopes(result, accepted, scene.parameters())
         self._stepper, self._altered = stepper, self._altered or altered
         self._scene, self._named = scene, self._named | wanted.keys()
         self._state, self._times = accepted.state, (*self._times, *times)
@@ -167,10 +175,12 @@ class Script:
             SceneError: the scene prescribes no such value, or it is zero at all times.
             StepError: a step could not be solved, and it is not shown that there is no equilibrium.
         """
-        table, _, rest = load.partition(".")
-        require(table in ("loads", "obstacles"), "limit", load, "expected loads.NAME.COMPONENT, or of an obstacle")
-        name, _, part = rest.rpartition(".")
+        words = load.split(".") if isinstance(load, str) else []
+        known = len(words) == 3 and words[0] in ("loads", "obstacles")
+        require(known, "limit", _in_words(load), "expected loads.NAME.COMPONENT, or of an obstacle's force")
+        table, name, part = words
         (place,) = self._places(self._scene, {table: {name: {part: 0.0}}})
+        require(place.quantity not in ("displacement", "rotation"), load, place.quantity, "expected a force")
         end, drives = self._scene.steps.end, self._scene.drives()
         held = {key: value_at(a, self.time, end) for key, a in drives.items() if not isinstance(a, str)}
         amplitude = drives[place]
@@ -178,8 +188,9 @@ class Script:
         listed = [amplitude] if isinstance(amplitude, float | int) else [value for _, value in amplitude]
         largest, now = max(listed, key=abs), held[place]
         require(largest != 0, load, largest, "a load of zero has no multiples")
-        for doubled in range(20):
-            value = largest * 2.0**doubled
+        for value in (largest * 2.0**doubled for doubled in range(20)):
+            if value / largest <= now / largest:  # it bears more already
+                continue
             try:
                 self._reached(self.time + 1, held | {place: value}, self._scene, lambda row: None)
             except NoEquilibriumError as found:
@@ -200,7 +211,7 @@ class Script:
         if scene.contacts != self._scene.contacts:
             stepper, state = _with_laws(stepper, scene.pairs, state)
         system = stepper.system
-        with system.course.following(scene.timeline()):
+        with _following(scene, stepper):
             for time in times:
                 system.constraints.prescribed(time)  # raises here if supports contradict each other, before any solve
             return scene, times, stepper, _reach(stepper, state, times, on_iteration)
@@ -319,6 +330,15 @@ class Script:
         return found
 
 
+@contextmanager
+def _following(scene: Scene, stepper: Stepper) -> Iterator[None]:
+    """Context that uses the values in time of a scene, and for its neighbours theirs."""
+    with ExitStack() as held:
+        for course, timeline in timelines(scene, stepper):
+            held.enter_context(course.following(timeline))
+        yield
+
+
 def _with_laws(stepper: Stepper, contacts: Mapping[str, Contact], state: State) -> tuple[Stepper, State]:
     """A stepper of the same bodies with other parameters of contact laws and other gap offsets, and a state for it.
 
@@ -344,8 +364,10 @@ def _with_laws(stepper: Stepper, contacts: Mapping[str, Contact], state: State) 
     if other.volume is stepper.volume:
         other.surface.adopt(stepper.surface)
     other.companion = stepper.companion
+    if state.neighbours:
+        log.warning("t = %g: derivatives are not known from here on: laws are changed", state.time)
     rows = own if state.rows is system.contacts else changed(state.rows)
-    return other, replace(state, rows=rows, refined=state.refined and replace(state.refined, rows=rows))
+    return other, replace(state, neighbours=(), rows=rows, refined=state.refined and replace(state.refined, rows=rows))
 
 
 def _reach(

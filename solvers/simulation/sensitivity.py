@@ -8,6 +8,7 @@ and none where there is no edge.
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -20,10 +21,11 @@ from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.accuracy.areas import areas_inside_facets
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import Quantity, Slope, number_of, quantities
+from stickslip.solvers.results.step_result import Quantity, Slope, StepResult, number_of, quantities
 from stickslip.solvers.scene.parameters import scaled
 from stickslip.solvers.scene.record import Value
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.timeline import Course, Timeline
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.stepping.sensitivity import STEP, Neighbours, beside, refuse
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
@@ -52,8 +54,8 @@ def neighbours(scene: Scene, stepper: Stepper) -> Neighbours | None:
     stepper.system.course.found = {bolt.shortening: 0.0 for bolt in stepper.system.initial.tightened}  # until a step
     with stepper.system.counters.for_error():
         scale = stepper.posed(stepper.start(), scene.requested_times()[0])[0].u_ref
-    pairs, by = dict[str, tuple[SubstepSolver, SubstepSolver]](), dict[str, float]()
-    for key in asked:
+    pairs, sizes = dict[str, tuple[SubstepSolver, SubstepSolver]](), dict[str, float]()
+    for key in stepper.system.counters.clock.counted(asked):
         try:
             pair, size = _pair(scene, stepper, key, STEP), STEP
             moved = max(
@@ -71,8 +73,17 @@ def neighbours(scene: Scene, stepper: Stepper) -> Neighbours | None:
                 raise SceneError(f"sensitivity: {key}: {error}") from None
             log.warning("sensitivity: %s is left out: %s", key, error)
         else:
-            pairs[key], by[key] = pair, size * abs(values[key])
-    return Neighbours(stepper, pairs, by)
+            pairs[key], sizes[key] = pair, size * float(np.sign(values[key]))
+    return Neighbours(stepper, pairs, sizes)
+
+
+def timelines(scene: Scene, stepper: Stepper) -> Iterator[tuple[Course, Timeline]]:
+    """Values in time of a scene and of its neighbours, for the courses of a stepper and of its neighbours."""
+    yield stepper.system.course, scene.timeline()
+    if stepper.neighbours:
+        factors = [(key, 1 + sign * size) for key, size in stepper.neighbours.sizes.items() for sign in (-1, 1)]
+        for solver, (key, factor) in zip(stepper.neighbours.solvers[1:], factors, strict=True):
+            yield solver.system.course, scaled(scene, key, factor).timeline()
 
 
 def _pair(scene: Scene, stepper: Stepper, key: str, size: float) -> tuple[SubstepSolver, SubstepSolver]:
@@ -107,23 +118,31 @@ def _changed(scene: Scene, system: System, key: str, by: float) -> System:
 class Slopes:
     """Reads the derivatives of the numbers of a step off its neighbours."""
 
-    def __init__(self, observer: Observer, neighbours: Neighbours) -> None:
+    def __init__(self, observer: Observer, neighbours: Neighbours, scene: Scene) -> None:
         """Prepare to read each neighbour; of probes the strain is compiled.
 
         Args:
             observer: of the solution.
             neighbours: of it.
+            scene: that asks for them.
         """
-        self.neighbours, own = neighbours, observer.without_errors()
+        self.neighbours, self._covariance, own = neighbours, scene.covariance, observer.without_errors()
         self._observers = [
             Observer.of(solver) if own.probes and at else replace(own, stepper=solver)
             for at, solver in enumerate(neighbours.solvers)
         ]
 
-    def __call__(self, accepted: Accepted) -> dict[str, dict[str, Slope]]:
-        """By `Quantity`, and by number of the scene; nothing where the neighbours are lost."""
-        if not accepted.state.neighbours:
-            return {}
+    def __call__(self, step: StepResult, accepted: Accepted, known: Mapping[str, float]) -> StepResult:
+        """The result of a step with its derivatives; as it is where the neighbours are lost; collective.
+
+        Args:
+            known: numbers of the scene; by one that is 0 so far there is no derivative.
+        """
+        found = self._slopes(accepted, known) if accepted.state.neighbours else {}
+        return replace(step, sensitivity=found, covariance=self._covariance if found else {})
+
+    def _slopes(self, accepted: Accepted, known: Mapping[str, float]) -> dict[str, dict[str, Slope]]:
+        """By `Quantity`, and by number of the scene."""
         own, *others = (self._numbers(at, observer, accepted) for at, observer in enumerate(self._observers))
         slopes, extent = dict[str, dict[str, Slope]](), accepted.stepper.system.extent
         sizes = {"m": max(float(np.abs(accepted.state.w).max(initial=0.0)), accepted.problem.u_ref)}
@@ -131,7 +150,9 @@ class Slopes:
             unit = number_of(quantity).unit
             sizes[unit] = max(sizes.get(unit, 0.0), float(np.abs(value).max()))
         sizes |= {"N m": sizes.get("N", 0.0) * extent, "rad": sizes["m"] / extent}  # of what these are made of
-        for (key, by), below, above in zip(self.neighbours.by.items(), others[::2], others[1::2], strict=True):
+        for (key, size), below, above in zip(self.neighbours.sizes.items(), others[::2], others[1::2], strict=True):
+            if (by := size * known[key]) == 0:
+                continue
             for quantity, value in own.items():
                 one, two = (value - below[quantity]) / by, (above[quantity] - value) / by
                 slope = Slope.of(one, two, ROUNDING * sizes[number_of(quantity).unit] / by)
@@ -144,7 +165,7 @@ class Slopes:
         """The numbers of a neighbour; collective."""
         near = replace(
             accepted,
-            stepper=self.neighbours.solvers[at],
+            stepper=self.neighbours.present[at],
             state=accepted.state.neighbours[at],
             start=accepted.start.neighbours[at],
             substep_start=accepted.substep_start.neighbours[at],

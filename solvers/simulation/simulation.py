@@ -19,6 +19,7 @@ from stickslip.solvers.parallel.counters import Clock, Counters
 from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.observe import Observer, mesh_data
 from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult, quantities
+from stickslip.solvers.scene.parameters import Sensitivity
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.memory import Counts, Demand, affordable, memory_of, spare
@@ -173,7 +174,7 @@ class Simulation:
         if self.slopes is None:
             return found
         with self.clock.phase("output", "sensitivity"):
-            return replace(found, sensitivity=self.slopes(accepted), deviations=self.scene.deviations)
+            return self.slopes(found, accepted, self.scene.parameters())
 
     def errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
@@ -251,7 +252,11 @@ class Simulation:
         stepper = Stepper(self.system, self.stepper.chain)
         if self.scene.output.error not in (False, "rough") and MeshCorrection.works_for(stepper):
             stepper.companion = self.stepper.companion or MeshCorrection(stepper)
-        return Script(self.scene, stepper, replace(self.observer, stepper=stepper))
+        stepper.neighbours = neighbours(self.scene, stepper)
+        observer = replace(self.observer, stepper=stepper)
+        slopes = Slopes(observer, stepper.neighbours, self.scene) if stepper.neighbours else None
+        asks_none = replace(self.scene, sensitivity=Sensitivity(), uncertainty={})  # of values that are 0 so far
+        return Script(asks_none, stepper, observer, slopes)
 
 
 @typed
@@ -308,7 +313,7 @@ def prepare(
         observer = Observer.of(stepper, data, with_errors) if scene.output.error else Observer.of(stepper)
     with counters.clock.phase("prepare", "sensitivity"):
         stepper.neighbours = neighbours(scene, stepper)
-    slopes = Slopes(observer, stepper.neighbours) if stepper.neighbours else None
+    slopes = Slopes(observer, stepper.neighbours, scene) if stepper.neighbours else None
     follows = scene.output.error and MeshCorrection.works_for(stepper)
     if follows and bubbles_follow(
         scene.output, size, choice.stages[0], mesh, problem.shape.meshing_time(problem.request)

@@ -64,10 +64,10 @@ class Way:
         return np.where(room > np.maximum(scales.no_motion(self.w)[:n], ROUNDING * scales.motion), room, 0.0)
 
     def closing(self, place: ContactBlock, p: Array) -> Bools:
-        """Which points (m_t,) of a contact close before there are tractions p (rows,) [Pa]."""
+        """Which points (m_t,) of a contact close before there are tractions p (rows,) [Pa]: what presses had room."""
         law, average, n = place.rows.normal, place.average, place.normal
         closed = touching(self.p[n], average, law)
-        return np.asarray(touching(p[n], average, law) & ~closed & (average @ self.room[n] > 0))
+        return np.asarray(touching(p[n], average, law) & ~closed & (average @ (p[n] * self.room[n]) > 0))
 
     def touched(self, p: Array, w: Array) -> Array:
         """Gap (rows,) [m] with slip counted from where points touch that close; collective.
@@ -176,7 +176,7 @@ class Touch:
     """Where points touch, found again from each iterate until the places stay, or go to and fro; collective.
 
     What friction does not feel stays; what goes to and fro goes half the way. While the same points are closed the gap
-    is extrapolated through those before, on the way through the last two.
+    is extrapolated through the last two.
 
     Source: Anderson, J. ACM 12 (1965).
     """
@@ -209,8 +209,7 @@ class Touch:
         which = (p[: problem.surface.normal_rows] > 0).tobytes()
         known = self.tried.setdefault(which, [])
         known.append((gap, change))
-        if self.on_the_way:  # the iterate moves too: what is older tells nothing of touch
-            del known[:-2]
+        del known[:-2]  # what is older is of other states of friction
         gaps, changes = (np.array(each) for each in zip(*known, strict=True))
         sizes = np.abs(changes).max(axis=1)
         self.sizes.append(float(sizes[-1]))

@@ -27,7 +27,9 @@ def one_second(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_prices_are_told(call: Call) -> None:
-    out, _ = ended(call("plan", "block", *SMALL, "--cost"))
+    out, err = ended(call("plan", "block", *SMALL, "--cost"))
+    assert err.startswith("solving coarse versions, ")
+    assert "unknowns, 2 steps: " in err
     assert "base.dissipation_total" in out
     assert "base.max_pressure: grows without end" in out
     assert "by the trend of coarse versions" in out

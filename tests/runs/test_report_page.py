@@ -233,6 +233,9 @@ def test_files_that_are_missing_are_said(copied: Path, call: Call) -> None:
     assert [step.time for step in loaded.steps.kept()] == [loaded.times[0], *loaded.times[2:]]
     with pytest.raises(MachineError, match=r"000002\.h5: cannot be read: No such file"):
         _ = loaded.steps[1]
+    (copied / "fields.h5").unlink()
+    (copied / "fields.h5").mkdir()
+    assert_said(call("report", str(copied)), 4, "fields.h5: cannot be read: Is a directory")
     (copied / RESULT).unlink()
     assert_said(call("report", str(copied)), 4, "result.json: cannot be read: No such file")
 

@@ -544,6 +544,8 @@ def moved() -> stickslip.Simulation:
         ({"to": "3"}, "to = '3': expected a number"),
         ({"to": True}, "to = True: expected a number"),
         ({"to": None}, "to = None: expected a number"),
+        ({"to": 1e308}, "expected at most 1e"),
+        ({"to": 2.0, "on_iteration": 3}, "on_iteration = 3: expected a function"),
         ({"to": 2.0, "loads": {"wind": {"y": 1.0}}}, r"loads\.wind\.y = 1\.0: the scene prescribes only x,"),
         ({"to": 2.0, "loads": {"wind": {"pressure": 1.0}}}, r"loads\.wind\.pressure = 1\.0: the scene"),
         ({"to": 2.0, "obstacles": {"foundation": {"x": 1.0}}}, r"foundation: has no displacement, .* must name one"),

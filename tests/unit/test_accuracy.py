@@ -1,5 +1,7 @@
 """A run to an accuracy: rounds of finer meshes and steps, what they have reached, what is foreseen."""
 
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -186,6 +188,23 @@ def test_rounds_of_order_2_refine_the_contact(tmp_path: Path) -> None:
     assert rounds.done[-1].unknowns < 3400  # a fifth of what a mesh of one size needs
     exact = 1.4054e6  # converged figure of an independent program
     assert abs(content["steps"][-1]["contacts"]["base"]["tangential_force"] / exact - 1) < 0.001
+
+
+def test_ctrl_c_between_two_rounds_is_obeyed_and_the_rounds_go_on_from_there(tmp_path: Path) -> None:
+    coarse = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "output.pictures=false"]
+    scene = aiming(read("block", coarse), ["base.normal_force=1%"], None)
+
+    def press(line: str) -> None:
+        if line.startswith("round 1: "):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        Rounds(scene, press)(tmp_path / "out", Watch())
+    said = list[str]()
+    outcome, content = Rounds(scene, said.append)(tmp_path / "out", Watch(), resume=True)
+    assert said[0] == "1 finished rounds are taken over"
+    assert outcome.status == "converged"
+    assert len(content["accuracy"]["rounds"]) > 1
 
 
 def test_rounds_end_before_memory_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -624,7 +625,7 @@ def test_it_does_not_ask_the_laws_of_the_solver(
         raise AssertionError(f"the solver's own formula of {self.law}")
 
     # a compliance's stiffness, which its own penetration serves, decides what rounding is, and no more
-    forbidden = [(Compliance, "pressure"), (Coulomb, "limit"), (Tresca, "limit")]
+    forbidden = [(Compliance, "pressure"), (Compliance, "energy"), (Coulomb, "limit"), (Tresca, "limit")]
     for law, formula in forbidden:
         monkeypatch.setattr(law, formula, asked)
     for found in case.audits():
@@ -1097,6 +1098,96 @@ def test_stored_fields_are_right_up_to_rounding_of_lengths(case_of: Callable[[st
         ):
             for earlier in (None, before):
                 assert (audit._fields(wrong, earlier, record.w, scales) > 1e-6) is seen
+
+
+MOVED = {"displacement": {"x": 0.01, "y": 0.02}}
+MOMENTS: dict[str, dict[str, Any]] = {
+    "hill": table({"friction": SPRINGS}, HILL | MOVED),
+    "hill that wears": table({"slide": 0.1, "wear": {"k": 1.0}}, HILL | MOVED),
+    "between bodies": SCENES["between bodies"],
+    "roles exchanged": SCENES["between bodies"]
+    | {"bodies": {"upper": {"E": 50.0, "nu": 0.3}, "lower": {"E": 1.0, "nu": 0.2}}},
+    "revolved": SCENES["revolved"],
+    "tied": SCENES["tied"],
+    "gap that is given": TWO | {"contacts": {"base": JOINT | {"gap": 0.0}}},
+}
+
+
+@pytest.mark.parametrize("name", MOMENTS)
+def test_a_moment_is_that_of_the_forces_on_the_other_side_up_to_slips_and_gaps(name: str) -> None:
+    audit, _, record, _, _ = judged(scene_of(**MOMENTS[name]), seed=1)
+    audit._set_system(audit.start, 1.0)
+    (place,) = audit.cone.places
+    rows, none = place.rows, np.zeros(0)
+    worn = np.linspace(0.0, 0.05, len(rows.W_n))
+    record = replace(record, p=record.p + 0.05, memory={"base.worn": worn} if "wears" in name else {})
+    if rows.friction is None or not rows.normal.ties:
+        record.p[place.normal][: len(rows.W_n) // 2] = record.p[place.tangential][: len(rows.W_t) // 2] = 0.0
+    shift = np.array([0.01, 0.02]) if "hill" in name else np.zeros(2)
+    u = record.displacement[rows.input]
+    forces = rows.nodal_forces(record.p[place.normal], record.p[place.tangential].reshape(-1, 1))
+    acts = module.acting(audit.system, rows, forces, u, {}, (1.0, none))
+    size, apart = np.linalg.norm(acts.forces, axis=1), np.zeros_like(acts.points)
+    assert 0 < np.count_nonzero(size) < len(size) or name == "tied"
+    if "hill" in name:
+        arm = acts.points - shift - [0.8, -4.05]
+        far = np.linalg.norm(arm, axis=1)[:, None]
+        apart = np.where(size[:, None] > 0, (far - 4.0) * arm / far, 0.0)
+    elif rows.master is not None:
+        apart = rows.relative @ (rows.points + u)
+    x, f = acts.points - apart, acts.forces + acts.turned
+    other = rows.sense * float(np.sum(x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0]))
+    assert rows.sense == (-1 if name == "roles exchanged" else 1)
+    n = rows.frames[:, 0]
+    open_now = rows.node_gap + rows.node_pressure(worn * ("wears" in name)) - rows.node_motion(u - shift)[0]
+    along = np.einsum("nd,nd->n", apart, n)[:, None] * n
+    allowed = np.linalg.norm(apart - along, axis=1) + np.abs(open_now) + (0.01 if "hill" in name else 0.0)
+    allowed += rows.node_pressure(worn) if "wears" in name else 0.0
+
+    def found(told: float, **changed: Any) -> float:
+        stored = StoredFields(moments={"base": np.array([told])})
+        return audit._moment(place, replace(record, stored=stored) if not changed else replace(record, **changed))
+
+    whole, least = float(size.sum()) * audit.system.extent, float(size @ allowed)
+    if name == "revolved":
+        assert found(-3.0) == pytest.approx(3.0 / whole)
+        return
+    judged_at_all = not (name == "tied" or "given" in name)
+    for by in (3 * least, -2 * least):
+        assert found(other + by) == pytest.approx((abs(by) - least) / whole if judged_at_all else 0.0, rel=1e-9)
+    assert found(other) == 0.0
+    assert found(0.0, stored=StoredFields()) == 0.0
+    silent = replace(record, p=0 * record.p, stored=StoredFields(moments={"base": np.array([1.0])}))
+    assert audit._moment(place, silent) == 0.0
+
+
+def test_bolts_are_off_by_what_their_tension_lacks() -> None:
+    """Springs of one way by the smaller one of their force and what their slack would take; those that are held not."""
+    values, work = np.array([0.2, 0.3, 0.4, 0.5]), np.array([-3.0, 0.5, -7.0, -8.0])
+    course = SimpleNamespace(value=lambda tension, time: {"given": 2.0, "later": 6.0}[tension] + time)
+    bolts = [("given", 2.0, 0.0), (None, np.inf, -0.6), ("later", 1.0, 0.0), (None, np.inf, 0.7)]
+    tightened = tuple(
+        SimpleNamespace(index=index, tension=tension, held_from=held_from, gap=gap, shortening=f"of {index}")
+        for index, (tension, held_from, gap) in enumerate(bolts)
+    )
+    initial = SimpleNamespace(
+        tightened=tightened,
+        coupling=np.diag([10.0, 20.0, 30.0, 4.0]) + 1.0 - np.eye(4),
+        values=lambda of, time: values if (of, time) == (course, 1.5) else None,
+        stress_work=lambda given, u: work if (given is values, u) == (True, "u") else None,
+    )
+    system: Any = SimpleNamespace(course=course, initial=initial)
+    u: Any = "u"
+    assert_allclose(module.tension_off(system, u, 1.5), [3.0 - 3.5, 20 * (0.3 - 0.6), min(8.0, 4 * (0.5 + 0.7))])
+    values, work = values + 0.0, work * [1.0, 1.0, 1.0, 0.1]
+    assert_allclose(module.tension_off(system, u, 1.5)[2], 0.8)
+    initial.tightened = tightened[2:3]
+    assert module.tension_off(system, u, 1.5).tolist() == []
+    initial.values = lambda of, time: values
+    assert_allclose(module.tension_off(system, u, 1.0), [7.0 - 7.0])  # held from then on
+    initial.tightened = tightened
+    module.recall(system, 1.5, np.array([1.0, 2.0, 3.0, 4.0]))
+    assert course.found == {f"of {k}": ((1.5, k + 1.0),) for k in range(4)}
 
 
 @pytest.mark.parametrize("many", [0.0, 100.0])  # times w, stress and what of tractions is rounding of the motions

@@ -564,14 +564,21 @@ def test_assemblies_take_a_dozen_iterations(name: str, mu: float, coarser: float
     assert work["iterations"][0] <= most
 
 
-COARSE = {"arch": 2, "ball": 22, "blade": 150, "clevis": 57, "drum": 16, "gears": 9, "rings": 8, "wedge": 6}
+COARSE = {  # most iterations of the first step, and of further ones
+    "arch": (2, 1), "ball": (12, 6), "blade": (35, 22), "clevis": (14, 7),
+    "drum": (20, 18), "gears": (9, 2), "rings": (8, 4), "wedge": (6, 17),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "most"), COARSE.items())
-def test_coarse_copies_of_assemblies_have_answers(name: str, most: int) -> None:
-    """So few points touch that which stick decides nearly all; some pairs of skins have no point at all."""
+def test_coarse_copies_of_assemblies_have_answers(name: str, most: tuple[int, int]) -> None:
+    """So few points touch that which stick decides nearly all; some pairs of skins have no point at all.
+
+    Of the blade points slip that rows press on which had no room from the beginning; gears hardly hold each other.
+    """
     case = next(case for case in assemblies.copies([name]) if case.mu == 0.5)
     found = assemblies.measure(case)
     assert found["told"] == ""
     assert len(found["iterations"]) == 3
-    assert found["iterations"][0] <= most
+    assert found["iterations"][0] <= most[0]
+    assert max(found["iterations"][1:]) <= most[1]

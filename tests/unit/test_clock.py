@@ -19,7 +19,7 @@ from shared.ranks import mpirun
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.user_files.child_process import child_environment
 from stickslip.solvers.method_registry import METHODS
-from stickslip.solvers.parallel.counters import Clock, Counters, Row
+from stickslip.solvers.parallel.counters import PHASES, Clock, Counters, Row
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
@@ -27,7 +27,7 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.commands import _sweep
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.run.terminal import Reporter
+from stickslip.workflows.run.terminal import SAID, Reporter
 from stickslip.workflows.scene_file.read import read
 from stickslip.workflows.sweep.sweep import Member, Solved, Sweep
 
@@ -302,6 +302,39 @@ def test_a_long_phase_is_spoken_of_while_it_lasts(
     assert said[0] == "meshing and preparing ..."
     assert 2 <= len(said[1:]) <= 4  # each when it has lasted twice as long
     assert all(line.startswith("drawing: ") and line.endswith(" s so far") for line in said[1:])
+
+
+def test_what_is_done_in_many_short_parts_is_spoken_of_too(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("stickslip.workflows.run.terminal.ANNOUNCED", 0.1)
+    clock = Clock()
+    with Reporter(quiet=False, verbose=False) as reporter:
+        clock.on_phase = reporter.watch().on_phase
+        with clock.phase("output", "results"):
+            pass
+        with clock.phase("iterate"):
+            for _ in range(40):
+                with clock.part("tangent"):
+                    time.sleep(0.01)
+    said = [line for line in capsys.readouterr().err.splitlines() if "so far" in line]
+    assert said
+    assert all(line.startswith("solving: ") for line in said)
+
+
+def test_every_phase_says_what_it_does() -> None:
+    assert {*SAID} == {*PHASES} - {"imports", "other"}  # these are none that begins by itself
+
+
+def test_each_round_counts_its_own_steps() -> None:
+    simulation = prepare(read("block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=1.0"]))
+    with Reporter(quiet=True, verbose=False) as reporter:
+        watch = reporter.watch()
+        for _ in range(2):
+            watch.on_prepared(simulation)
+            for step in simulation.steps():
+                watch.on_step(step)
+            assert (reporter.done, reporter.progress.tasks[0].completed) == (2, 2)
 
 
 def test_what_is_counted_tells_how_long_it_will_go_on(

@@ -391,7 +391,7 @@ def test_slip_of_rounding_has_no_direction() -> None:
 
 @pytest.mark.parametrize(
     ("name", "order", "size", "unit"),
-    [("rotor", 2, 0.05, 2.1e12), ("shaft", 2, 0.1, 1.0), ("shaft", 1, 0.1, 1.0)],  # of two bodies, and on an obstacle
+    [("rotor", 2, 0.05, 2.1e12), ("shaft", 2, 0.1, 1.0), ("shaft", 1, 0.1, 1.0), ("spheres", 1, 0.5, 10.0)],
 )
 def test_the_stiffer_curved_sides_are_the_more_they_press_as_rigid_ones(
     name: str, order: int, size: float, unit: float
@@ -401,6 +401,9 @@ def test_the_stiffer_curved_sides_are_the_more_they_press_as_rigid_ones(
     def last(c_n: float | None) -> tuple[StepResult, ContactState]:
         data = tomllib.loads((READY / f"{name}.toml").read_text())
         data["geometry"] |= {"order": order, "mesh_size": size}
+        if name == "spheres":  # meshes that do not match, closed in part
+            data["geometry"] |= {"lower_mesh_size": 0.6, "contact_mesh_size": 0.08}
+            data["steps"]["count"] = 2
         ((key, contact),) = data["contacts"].items()
         contact["friction"] = {"law": "coulomb", "mu": 0.12}
         if c_n is not None:
@@ -409,8 +412,9 @@ def test_the_stiffer_curved_sides_are_the_more_they_press_as_rigid_ones(
         return step, step.contacts[key]
 
     (_, rigid), (soft, some), (stiff, most) = last(None), last(1e4 * unit), last(1e6 * unit)
-    assert stiff.iterations <= soft.iterations + 1  # 50 to 160 before
-    assert_allclose(most.pressure, some.pressure, rtol=3e-3)
+    assert stiff.iterations <= soft.iterations + 1  # 13 to 160 before
+    assert_allclose(most.pressure, some.pressure, rtol=3e-3, atol=3e-3 * rigid.max_pressure)
     force = 1e-3 if order == 2 else 0.02  # the mesh: of order 1 gaps of nodes are not the means of those of facets
     assert_allclose([some.normal_force, most.normal_force], rigid.normal_force, rtol=force)
     assert_allclose(most.max_pressure, rigid.max_pressure, rtol=0.015)
+    assert most.pressure.min() >= 0

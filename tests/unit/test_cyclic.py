@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from shared.audited import audit
 from stickslip import GeometryError, SceneError, Simulation, SolverError, StepResult
+from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.shape import Request, Turn
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
@@ -226,6 +227,79 @@ def test_meshes_of_both_sides_need_not_match(order: int, normal: Tables) -> None
 def test_either_side_of_a_cut_may_follow() -> None:
     other = cut("inner", "outer", first="x_axis", second="y_axis", angle=-90.0)
     same(last_of(press_fit(90, 1, RIGID, 0.25) | {"periodic": other})[1], last_of(press_fit(360, 1, RIGID, 0.25))[1], 4)
+
+
+RINGS = """
+SetFactory("OpenCASCADE"); Mesh.ElementOrder = 2; Mesh.RandomFactor = 1e-9;
+For k In {1:2}
+  r = (k == 1 ? 0.5 : 1); s = (k == 1 ? 1 : 1.6); h = (k == 1 ? 0.6 : 0.8); n = 1000 * k;
+  Point(n + 1) = {r, 0, 0, h}; Point(n + 2) = {s, 0, 0, h};
+  Point(n + 3) = {s, 0, 0.4, h}; Point(n + 4) = {r, 0, 0.4, h};
+  For j In {1:4}
+    Line(n + j) = {n + j, n + j % 4 + 1};
+  EndFor
+  Curve Loop(n) = {n + 1:n + 4}; Plane Surface(n) = {n};
+  out[] = Extrude {{0, 0, 1}, {0, 0, 0}, Pi / 2} { Surface{n}; };
+  If (k == 1)
+    Physical Volume("inner") = {out[1]}; Physical Surface("inner.first") = {n};
+    Physical Surface("inner.second") = {out[0]}; Physical Surface("inner.bottom") = {out[2]};
+    Physical Surface("inner.outside") = {out[3]}; Physical Surface("inner.inside") = {out[5]};
+  Else
+    Physical Volume("outer") = {out[1]}; Physical Surface("outer.first") = {n};
+    Physical Surface("outer.second") = {out[0]}; Physical Surface("outer.bottom") = {out[2]};
+    Physical Surface("outer.outside") = {out[3]}; Physical Surface("outer.inside") = {out[5]};
+  EndIf
+  Periodic Surface {out[0]} = {n} Rotate {{0, 0, 1}, {0, 0, 0}, Pi / 2};
+EndFor
+"""
+
+
+def turned_copies(folder: Path, copies: int) -> str:
+    """The name of a mesh of a quarter of two rings, or of four copies of it that are the whole."""
+    (folder / "rings.geo").write_text(RINGS)
+    with gmsh_session() as gmsh:
+        gmsh.merge(str(folder / "rings.geo"))
+        gmsh.model.mesh.generate(3)
+        tags, x, _ = gmsh.model.mesh.getNodes()
+        x = np.reshape(x, (-1, 3))[np.argsort(tags)]
+        turns = [np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) for c, s in [(1, 0), (0, 1), (-1, 0), (0, -1)][:copies]]
+        blocks = []
+        for dim, group in gmsh.model.getPhysicalGroups():
+            (entity,), name = gmsh.model.getEntitiesForPhysicalGroup(dim, group), gmsh.model.getPhysicalName(dim, group)
+            kinds, _, (rows,) = gmsh.model.mesh.getElements(dim, entity)
+            if copies == 1 or name.split(".")[-1] not in ("first", "second"):
+                blocks.append((dim, name, kinds[0], np.searchsorted(np.sort(tags), rows)))
+        body = np.zeros(len(x))
+        for _, name, _, rows in blocks:
+            body[rows] = name.startswith("inner")
+        every = np.concatenate([np.column_stack([x @ turn, body]) for turn in turns])
+        _, first, same = np.unique((every + 0.5e-7).round(6), axis=0, return_index=True, return_inverse=True)
+        gmsh.model.add("turned")
+        for number, (dim, name, kind, rows) in enumerate(sorted(blocks, key=lambda block: -block[0]), start=1):
+            gmsh.model.addDiscreteEntity(dim, number)
+            if number == 1:
+                gmsh.model.mesh.addNodes(dim, number, np.arange(1, len(first) + 1), every[first, :3].ravel())
+            nodes = [same.ravel()[rows + k * len(x)] + 1 for k in range(copies)]
+            gmsh.model.mesh.addElementsByType(number, kind, [], np.concatenate(nodes))
+            gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, [number]), name)
+        gmsh.write(str(folder / f"{copies}.msh"))
+    return f"{copies}.msh"
+
+
+@pytest.mark.parametrize("contact", [{}, {"operator": "node-to-face"}])
+def test_a_quarter_of_quadratic_tetrahedra_is_a_quarter_of_the_whole(contact: Tables, tmp_path: Path) -> None:
+    """Curved facets at the cut press along the normals of their points, those of both sectors beside it."""
+    found = []
+    for angle in (360, 90):
+        fit = press_fit(angle, 2, RIGID, 0.25)
+        fit |= {"model": "3d", "geometry": {"file": turned_copies(tmp_path, 4 if angle == 360 else 1), "order": 2}}
+        fit["contacts"]["fit"] |= {"gap_offset": -1e-3} | contact
+        fit["supports"]["housing"]["displacement"]["z"] = 0.0
+        fit["solver"] = {"tolerance": 1e-11}
+        if angle == 90:
+            fit["periodic"] = cut("inner", "outer", first="second", second="first")
+        found.append(last_of(fit, tmp_path)[1])
+    same(found[1], found[0], 4)
 
 
 SOCKET = """

@@ -16,7 +16,7 @@ from stickslip.geometry.surfaces.faces import edges_of, split_at_edges
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.run.mesh_report import look
-from stickslip.workflows.run.warnings import doubts
+from stickslip.workflows.run.warnings import doubts, reasons_to_doubt
 from stickslip.workflows.scene_file.read import from_dict
 
 STEEL = {"E": 200_000.0, "nu": 0.3}
@@ -327,10 +327,15 @@ Physical Curve("up.skin")={11,13,14,12}; Physical Curve("up.top")={15};
 """
 
 
-def roofs(folder: Path, tip: float, down: float, contact: dict[str, Any], order: int = 1) -> tuple[Any, list[str]]:
-    """A corner pressed down on the ridge of a roof, or beside it at x = tip; and the warnings."""
-    (folder / "roofs.geo").write_text(ROOFS)
-    scene = {
+SOFT = {"law": "compliance", "c_n": 1e4}
+
+
+def roofs(
+    folder: Path, tip: float, down: float, contact: dict[str, Any], order: int = 1, text: str = ROOFS
+) -> tuple[Any, list[str]]:
+    """A corner pressed down on the ridge of a roof, or beside it at x = tip; and what is said of it."""
+    (folder / "roofs.geo").write_text(text)
+    scene: dict[str, Any] = {
         "model": "plane strain",
         "units": "mm-N-MPa",
         "geometry": {"file": "roofs.geo", "tip": tip, "order": order},
@@ -341,9 +346,11 @@ def roofs(folder: Path, tip: float, down: float, contact: dict[str, Any], order:
             "up": {"boundary": "up.top", "displacement": {"x": 0.0, "y": -down}},
         },
     }
+    if contact["against"] == "floor":
+        scene["obstacles"] = {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
     simulation, steps = solved(from_dict(scene, folder))
     assert max(audit(simulation, steps[-1]).values()) < 1e-8
-    return steps[-1].contacts["c"], list(doubts(simulation, steps))
+    return steps[-1].contacts["c"], [*doubts(simulation, steps), *reasons_to_doubt(simulation, steps)]
 
 
 ROLES = [("up", "low", "mortar"), ("low", "up", "mortar"), ("up", "low", "node-to-segment")]
@@ -409,10 +416,42 @@ def test_a_law_of_compliance_is_felt_at_the_end_of_a_side(tmp_path: Path, model:
     assert_allclose(steps[-1].contacts["c"].normal_force, force, rtol=0.02)
 
 
-def test_a_corner_has_no_area_for_a_tangential_stiffness(tmp_path: Path) -> None:
-    soft = {"surface": "up.skin", "against": "low.skin", "friction": {"law": "coulomb", "mu": 0.3, "k_T": 1e6}}
-    _, said = roofs(tmp_path, 0.02, 0.04, soft)
-    assert [line for line in said if "has no area for friction.k_T" in line and "at (0.02, 0)" in line]
+@pytest.mark.parametrize(
+    ("against", "down", "laws", "counted"),
+    [
+        ("low.skin", 0.04, {"friction": {"law": "coulomb", "mu": 0.3, "k_T": 1e6}}, "friction.k_T"),
+        ("low.skin", 0.04, {"friction": {"law": "tresca", "bound": 10.0}}, "friction"),
+        ("floor", 0.04, {"friction": {"law": "cohesion", "a": 10.0, "mu": 0.3}}, "friction"),
+        ("floor", 0.04, {"friction": {"law": "capped_coulomb", "s_max": 10.0, "mu": 0.3}}, "friction"),
+        ("floor", 0.04, {"friction": {"law": "coulomb", "mu": 0.3}, "wear": {"k": 1e-12}}, "wear"),
+        ("floor", 0.04, {"friction": {"law": "coulomb", "mu": 0.3}}, ""),
+        ("floor", 0.04, {"normal": SOFT, "friction": {"law": "tresca", "bound": 10.0}}, ""),
+        ("floor", 0.04, {"normal": SOFT, "friction": {"law": "coulomb", "mu": 0.3, "k_T": 1e6}}, ""),
+    ],
+)
+def test_a_corner_that_bears_alone_has_no_area_for_laws_that_need_one(
+    tmp_path: Path, against: str, down: float, laws: dict[str, Any], counted: str
+) -> None:
+    """Pressure and friction in proportion to it are forces; areas that compliance presses in are those of flanks."""
+    both = {"surface": "up.skin", "against": against} | laws
+    _, said = roofs(tmp_path, 0.02, down, both)
+    told = [line for line in said if "at (0.02, 0) bears alone and has no area" in line]
+    assert len(told) == bool(counted)
+    assert all(f"by which {counted} counts" in line for line in told)
+    if against == "floor" and counted == "friction":  # so it is where one flank alone is a side of the contact
+        _, said = roofs(tmp_path, 0.02, down, both, text=ROOFS.replace("11,13,14,12", "11"))
+        assert [line for line in said if "at (0.02, 0) bears alone and has no area" in line]
+
+
+@pytest.mark.parametrize("one", ["up", "low"])
+def test_a_corner_of_which_no_side_knows_the_other_flank_is_told(tmp_path: Path, one: str) -> None:
+    flat = ROOFS.replace("{2,-1,0}", "{2,0,0}").replace("{-2,-1,0}", "{-2,0,0}")
+    (other,) = {"up", "low"} - {one}
+    contact = {"surface": f"{one}.skin", "against": f"{other}.skin"}
+    for text, told in ((flat.replace("11,13,14,12", "11"), True), (flat, False)):
+        found, said = roofs(tmp_path, 0.02, 0.04, contact, text=text)
+        assert (abs(found.force[0]) > 0.1 * abs(found.force[1])) == told
+        assert any("bears alone and presses half way" in line for line in said) == told
 
 
 BEAMS = """

@@ -17,6 +17,7 @@ from stickslip.geometry.user_files.open_file import apart
 from stickslip.geometry.user_files.outline import Outline
 from stickslip.geometry.user_files.raw_mesh import FIRST_ORDER, LOCAL_FACETS, RawMesh
 from stickslip.geometry.user_files.reader import Question, ask
+from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.workflows.run.mesh_report import look
 from stickslip.workflows.scene_file.read import from_dict
@@ -122,6 +123,61 @@ def test_cells_of_order_3_are_refused(tmp_path: Path) -> None:
     path.write_text(f"{KINDS['quadrilaterals'][1]} Mesh.ElementOrder = 3;\nMesh 2;\n")
     with pytest.raises(GeometryError, match="is made of cells that cannot be used, Quadrilateral 16"):
         ask(Question(path=path, dim=2, unit=1.0))
+
+
+STACK = """SetFactory("OpenCASCADE"); DefineConstant[ sunk = 0 ];
+Box(1) = {0, 0, 0, 2, 2, 1}; Box(2) = {0.3, 0.4, 1 - sunk, 1, 1, 1};
+Physical Volume("low") = {1}; Physical Volume("up") = {2}; Mesh.MeshSizeMax = 0.7;
+"""
+
+
+def without_faces(folder: Path, order: int, sunk: float = 0.0) -> UserFile:
+    """A mesh of a block on another one, or sunk into it, of whose faces the file tells nothing."""
+    (folder / "stack.geo").write_text(STACK)
+    with gmsh_session(["-setnumber", "sunk", str(sunk)]) as gmsh:
+        gmsh.merge(str(folder / "stack.geo"))
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(order)
+        gmsh.write(str(folder / "stack.msh"))
+    return UserFile(file=str(folder / "stack.msh"), order=order)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_faces_that_a_mesh_does_not_tell_are_found_on_its_skin(order: int, tmp_path: Path) -> None:
+    file = without_faces(tmp_path, order)
+    faces = file.outline(3).entities
+    assert [face.bodies for face in faces] == [("low",)] * 6 + [("up",)] * 6
+    assert_allclose(sorted(face.size for face in faces), [1] * 6 + [2] * 4 + [4] * 2)
+    (sunk,) = without_faces(tmp_path, order, 0.2).overlaps(3)
+    assert_allclose([sunk.depth, sunk.volume], [0.2, 0.2], rtol=0.02)
+
+
+def test_skins_of_a_mesh_that_tells_no_faces_touch(tmp_path: Path, simulation_of: SimulationOf) -> None:
+    without_faces(tmp_path, 1)
+    still = {"x": 0.0, "y": 0.0, "z": 0.0}
+    here = {"low.floor": {"box": [-1, -1, -0.1, 3, 3, 0.1]}, "up.lid": {"box": [0, 0, 1.9, 2, 2, 2.1]}}
+    scene = from_dict({
+        "model": "3d", "geometry": {"file": "stack.msh", "names": here},
+        "bodies": {name: {"E": 1.0, "nu": 0.0} for name in ("low", "up")}, "contacts": {"any": {"between": "all"}},
+        "supports": {"floor": {"boundary": "low.floor", "displacement": still},
+                     "lid": {"boundary": "up.lid", "displacement": still | {"z": -0.01}}},
+        "output": {"error": False},
+    }, tmp_path)  # fmt: skip
+    (step,) = simulation_of(scene).steps()
+    assert step.contacts["any.low.up"].normal_force > 1e-3
+    assert_allclose(step.contacts["any.low.up"].normal_force, -step.supports["lid"].force[2], rtol=1e-9)
+
+
+def test_a_drawing_whose_faces_are_of_both_kinds_of_facets_is_read(tmp_path: Path) -> None:
+    """An extrusion in layers of triangles, recombined: two faces of triangles, the others of quadrilaterals."""
+    text = SOLID.replace('"a.bottom") = {1}', '"a.bottom") = {1, out[4]}')
+    (tmp_path / "wedges.geo").write_text(f"{BOX} {text}\n")
+    outline = UserFile(file=str(tmp_path / "wedges.geo")).outline(3)
+    assert {face.corners.shape[1] for face in outline.entities} == {3, 4}
+    for points, normals in (outline.skin("a"), outline.samples["a.bottom"]):
+        assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+        outer = np.minimum(points, np.array([2.0, 1.0, 1.0]) - points)
+        assert_allclose(np.where(np.abs(normals) > 0.9, outer, 0.0), 0.0, atol=1e-12)
 
 
 PIECES = """SetFactory("OpenCASCADE");

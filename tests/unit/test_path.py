@@ -27,6 +27,7 @@ from stickslip.workflows.scene_file.read import from_dict
 
 FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
 DRIVEN = {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}
+TILTED = {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": "0.1*(x - 1)"}}}  # pressed, and pulled off
 COULOMB = {"law": "coulomb", "mu": 0.4}
 
 
@@ -92,9 +93,10 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "two bodies": two_blocks,
     "gaps": gaps,
     "bilateral": lambda: block({"law": "bilateral"}, COULOMB),
+    "bilateral, pulled": lambda: block({"law": "bilateral"}, COULOMB, supports=TILTED),
     "floating": floating,
 }
-HELD = [name for name in SCENES if name not in ("bilateral", "floating")]
+HELD = [name for name in SCENES if name not in ("bilateral", "bilateral, pulled", "floating")]
 SURE = [name for name in SCENES if name != "much friction"]  # from an iterate it may lead away
 
 
@@ -509,6 +511,70 @@ def problem_of_several(scene_of: SceneOf, simulation_of: SimulationOf) -> Callab
         return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
 
     return make
+
+
+def test_a_state_stands_where_its_points_have_come_to() -> None:
+    """w - gap: springs stay as they are, open points lie apart, what has no friction slips from where it counted."""
+    problem = problem_of("compliance")
+    random, n = np.random.default_rng(3), problem.surface.normal_rows
+    p, w = random.uniform(0.1, 1.0, len(problem.gap)), random.normal(size=len(problem.gap))
+    p[: n // 2] = 0.0
+    problem = replace(problem, gap=random.normal(size=len(p)))
+    away, (place,) = w - problem.gap, problem.cone.places
+    assert {*np.sign(away[: n // 2])} == {-1.0, 1.0}
+    expected = [min(x, 0.0) if k < n // 2 else p[k] / 5.0 for k, x in enumerate(away[:n])]
+    pressed = place.rows.average @ p[:n] > 0
+    expected += np.where(pressed, p[n:] / 4.0, away[n:]).tolist()
+    assert 0 < np.count_nonzero(pressed) < len(pressed)
+    assert_allclose(path.standing(problem, p, w), expected)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-9])
+def test_a_body_falls_that_what_has_tractions_cannot_hold(size: float) -> None:
+    problem = problem_of("floating")
+    problem = replace(problem, load=replace(problem.load, resultant=size * problem.load.resultant))
+    pressed = np.ones(len(problem.gap))
+    one = np.where(np.arange(len(pressed)) == 0, 1.0, 0.0)
+    assert [path._falls(problem, p) for p in (pressed, 0 * pressed, one)] == [False, True, True]
+    assert path._falls(problem_of("coulomb"), np.zeros(len(problem_of("coulomb").gap))) is False
+
+
+MU, LITTLE = 0.4, 1e-3
+PIECES = [  # trial tractions of one row before and after, in Pa, and whether the map is linear between; others stay
+    ("normal", -1.0, 1.0, False), ("normal", -1.0, 0.5, False), ("normal", 1.0, -1.0, False),
+    ("normal", -1.0, -1.0, True),
+    ("normal", -LITTLE / 2, 1.0, True), ("normal", -2 * LITTLE, 1.0, False), ("normal", LITTLE / 2, -1.0, True),
+    ("normal", 2 * LITTLE, -1.0, False), ("normal", -1.0, 0.0, True),
+    ("tangential", 0.5, 0.6, True), ("tangential", -0.5, -0.6, True), ("tangential", -0.5, 0.6, False),
+    ("tangential", 0.5, -0.6, False), ("tangential", 0.0, 0.5, False), ("tangential", 0.5, 0.0, False),
+    ("tangential", -0.5, 0.0, False), ("tangential", MU / 2 - LITTLE / 2, 0.5, True),
+    ("tangential", MU / 2 - 2 * LITTLE, 0.5, False), ("tangential", MU / 2 + LITTLE / 2, 0.0, True),
+    ("tangential", MU / 2 - LITTLE / 2, 0.0, True), ("tangential", MU / 2 + 2 * LITTLE, 0.0, False),
+    ("tangential", 0.0, MU / 2, True),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["coulomb", "bilateral", "frictionless and coulomb"])
+def test_the_map_is_linear_between_states_of_the_same_pieces(name: str) -> None:
+    """Pressures are 0.5 Pa at all points, before and after."""
+    if name in SCENES:
+        problem = problem_of(name)
+    else:
+        scene = gaps()
+        low = replace(scene.contacts["low"], friction=None)
+        stepper = prepare(replace(scene, contacts={"low": low, "right": scene.contacts["right"]})).stepper
+        problem = stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+    problem = replace(problem, gamma=np.ones(len(problem.gap)))
+    first, last = problem.cone.places[0], problem.cone.places[-1]
+    pressures = np.where(np.arange(len(problem.gap)) < problem.surface.normal_rows, 0.5, 0.0)
+    rest = 2 * pressures  # closed and sticking
+    for kind, start, end, linear in PIECES:
+        row = first.normal.start if kind == "normal" else last.tangential.start + 2
+        trials = [rest.copy(), rest.copy()]
+        trials[0][row], trials[1][row] = start, end
+        before, after = ((pressures, trial - pressures) for trial in trials)
+        expected = linear or (kind == "normal" and name == "bilateral")
+        assert path._in_one_piece(problem, before, after, LITTLE) is expected, (kind, start, end)
 
 
 @pytest.mark.parametrize(

@@ -298,7 +298,7 @@ def test_points_of_a_compliance_have_those_normals_too() -> None:
     x = basis @ found.surface.points[:, 0] / np.asarray(basis.sum(axis=1)).ravel()
     across = np.asarray(found.N_n[:, : 2 * n : 2].sum(axis=1)).ravel()  # normal part of a motion of the slave along x
     near = np.abs(x) < 0.15
-    assert near.sum() > 10
+    assert near.sum() > 5
     assert np.abs(across[near]).max() <= 0.01  # its own would be 0.15
 
 

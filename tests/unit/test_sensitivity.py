@@ -28,11 +28,16 @@ from stickslip.solvers.results.step_result import (
     uncertainty,
 )
 from stickslip.solvers.scene.parameters import Sensitivity, scaled
+from stickslip.solvers.simulation import sensitivity as neighbours_of
 from stickslip.solvers.simulation.checkpoint import Checkpoints
+from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.workflows.commands.sensitivity import sensitivity
+from stickslip.workflows.formats.results import error_budget
 from stickslip.workflows.lab.verification.prepared import solved
+from stickslip.workflows.pictures.tornado import draw_tornado, swings
 from stickslip.workflows.run.result import result_schema
 from stickslip.workflows.scene_file.read import from_dict, read, with_keys
+from stickslip.workflows.sweep.true_runs import TrueRuns
 
 EXACT = {"solver": {"tolerance": 1e-12, "surface": "condensed"}}
 COULOMB = {"law": "coulomb", "mu": 0.3}
@@ -40,6 +45,8 @@ DRAG = {"x": [[0, 0], [1, 0], [2, 0.05]], "y": [[0, 0], [1, -0.1]]}
 TIP = {"probes": {"tip": {"point": [2.0, 1.0]}}}
 SLACK = {"at": "block.right", "stiffness": 0.1, "direction": [1.0, 0.0], "acts": "tension"}
 COLUMN = {"builder": "block", "length": 1.0, "height": 1.0, "mesh_size": 0.5, "cells": "tensor"}
+E, NU, MU = "bodies.block.E", "bodies.block.nu", "contacts.base.friction.mu"
+BETWEEN = {E: 0.1, NU: "1 %", MU: 0.03}
 RINGS = """
 model = "plane strain"
 geometry = { builder = "rings", inner_radius = 1.0, radius = 2.0, outer_radius = 3.0, interference = 1e-3, angle = 90, \
@@ -98,6 +105,26 @@ SCENES: dict[str, tuple[Scene, tuple[str, ...]]] = {
         ),
         ("bodies.lower.E", "bodies.upper.nu", "supports.top.displacement.x", "geometry.height"),
     ),
+    "points that slide": (
+        two_blocks(
+            2,
+            {"x": [[0, 0], [1, 0], [2, 0.3]], "y": [[0, 0], [1, -0.05]]},
+            {"friction": COULOMB, "sliding": True},
+            steps={"end": 2.0, "count": 2},
+            **EXACT,
+        ),
+        ("bodies.lower.E", "contacts.joint.friction.mu", "supports.top.displacement.x"),
+    ),
+    "points that slide in 3D": (
+        two_blocks(
+            3,
+            {"x": [[0, 0], [1, 0.3]], "y": [[0, 0], [1, 0.1]], "z": [[0, 0], [1, -0.05]]},
+            {"friction": COULOMB, "sliding": True},
+            geometry={"mesh_size": 0.5, "lower_mesh_size": 0.5},
+            **EXACT,
+        ),
+        ("bodies.upper.nu", "supports.top.displacement.y"),
+    ),
     "a body that friction holds": (
         from_dict(
             on_floor(2, {"mesh_size": 0.5}, {"density": 0.01}, {"friction": {"law": "coulomb", "mu": 0.6}})
@@ -116,6 +143,9 @@ SCENES: dict[str, tuple[Scene, tuple[str, ...]]] = {
 def numbers(scene: Scene) -> list[dict[Quantity, Any]]:
     """The numbers of each step, areas with their edges between nodes."""
     simulation, steps = solved(replace(scene, sensitivity=Sensitivity()))
+    if any(pair.sliding for pair in scene.contacts.values()):  # weights are those of other pairs at each step
+        by_weights = {"contact_area", "stick_area", "slip_area", "mean_pressure"}
+        return [{key: x for key, x in quantities(step).items() if key.quantity not in by_weights} for step in steps]
     return [quantities(step) | areas_inside_facets(simulation.system.contacts, step) for step in steps]
 
 
@@ -132,7 +162,7 @@ def test_derivatives_are_the_differences_of_two_runs(name: str) -> None:
             units = {number_of(quantity).unit: [] for quantity in mine}
             for quantity, value in mine.items():
                 units[number_of(quantity).unit].append(np.abs(value).max())
-            units["m"] += [np.abs(step.w).max()]
+            units["m"] += [np.abs(step.w).max(), step.u_ref]
             for quantity in mine:
                 slope = step.sensitivity.get(str(quantity), {}).get(key, Slope()).value
                 if slope is not None:
@@ -244,11 +274,28 @@ def test_uncertain_inputs_add_up_by_the_law_of_propagation(rings: tuple[Scene, S
     )
 
 
+def test_correlations_add_up_or_cancel(rings: tuple[Scene, StepResult]) -> None:
+    scene, step = rings
+    slopes = step.sensitivity["contacts.fit.mean_pressure"]
+    one, two = parts = "bodies.inner.E", "bodies.outer.E"
+    alike = with_keys(scene, {"uncertainty.correlations": [[one, two, 1.0]]}).covariance
+    sizes = {key: np.sqrt(alike[key][key]) * slopes[key].value for key in alike}
+    found = uncertainty(slopes, alike, None)
+    both, rest = sum(sizes[key] for key in parts), sizes["geometry.interference"]
+    assert found["inputs"] == pytest.approx(np.hypot(both, rest))
+    assert found["shares"][one] == pytest.approx(sizes[one] * both / (both**2 + rest**2))
+    assert sum(found["shares"].values()) == pytest.approx(1.0)
+    apart = uncertainty(
+        {"a": Slope(1.0), "b": Slope(1.0)}, {"a": {"a": 1.0, "b": -1.0}, "b": {"a": -1.0, "b": 1.0}}, None
+    )
+    assert apart["inputs"] == 0.0
+
+
 def test_two_sides_and_none_are_said(rings: tuple[Scene, StepResult]) -> None:
     sides, none = Slope.of(1.0, 3.0, 0.1), Slope()
     assert sides.plain == {"below": 1.0, "above": 3.0}
-    assert uncertainty({"a": sides}, {"a": 2.0}, None)["inputs"] == pytest.approx(np.sqrt(20))
-    assert uncertainty({"a": none}, {"a": 2.0}, None) == {"inputs": None, "combined": None, "shares": None}
+    assert uncertainty({"a": sides}, {"a": {"a": 4.0}}, None)["inputs"] == pytest.approx(np.sqrt(20))
+    assert uncertainty({"a": none}, {"a": {"a": 4.0}}, None) == {"inputs": None, "combined": None, "shares": None}
     assert Slope.of(1.0, 1.0 + 1e-9, 0.0).plain == pytest.approx(1.0)
     step = told(rings[1], None)
     assert step["contacts"]["fit"]["sensitivity"]["contact_area"]["bodies.inner.E"] is None  # it has no edge
@@ -256,20 +303,39 @@ def test_two_sides_and_none_are_said(rings: tuple[Scene, StepResult]) -> None:
     validate(step["contacts"], defined | result_schema()["$defs"]["StepRecord"]["properties"]["contacts"])
 
 
+def test_it_is_told_how_long_neighbours_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    left, true = list[float | None](), neighbours_of._pair
+
+    def pair(scene: Scene, stepper: Stepper, *given: Any) -> Any:
+        left.append(stepper.system.counters.clock.left)
+        return true(scene, stepper, *given)
+
+    monkeypatch.setattr(neighbours_of, "_pair", pair)
+    prepare(replace(dragged(), sensitivity=Sensitivity(parameters=("bodies.block.E", "contacts.base.friction.mu"))))
+    assert left[0] is None
+    assert left[-1] is not None
+
+
 def test_a_scene_that_asks_for_none_does_nothing_more() -> None:
     scene = dragged()
     simulation, steps = solved(scene)
-    asking, _ = solved(replace(scene, sensitivity=Sensitivity(parameters=("contacts.base.friction.mu",))))
+    asking, told_too = solved(replace(scene, sensitivity=Sensitivity(parameters=("contacts.base.friction.mu",))))
     assert simulation.stepper.neighbours is None
     assert not steps[0].sensitivity
     assert "sensitivity" not in told(steps[0], None)["contacts"]["base"]
+    own = told(told_too[0], None)["contacts"]["base"]
+    assert own["sensitivity"]["normal_force"].keys() == {"contacts.base.friction.mu"}
+    assert "uncertainty" not in own  # of inputs, of which the scene names none
     assert not any("sensitivity" in column for column in slope_columns(steps[0]))
     assert simulation.counters.error_solves < asking.counters.error_solves
     assert simulation.counters.volume_solves == asking.counters.volume_solves
 
 
-def test_a_run_goes_on_from_a_checkpoint_with_its_neighbours() -> None:
-    scene = replace(dragged(), sensitivity=Sensitivity(parameters=("contacts.base.friction.mu",)))
+@pytest.mark.parametrize("sliding", [False, True])
+def test_a_run_goes_on_from_a_checkpoint_with_its_neighbours(sliding: bool) -> None:
+    scene = replace(
+        dragged(base={"sliding": sliding}), sensitivity=Sensitivity(parameters=("contacts.base.friction.mu",))
+    )
     first, other = solved(scene)[0], prepare(replace(scene, output=replace(scene.output, error=False)))
     begun = prepare(first.scene)
     next(begun.steps())
@@ -294,6 +360,18 @@ def _array(slope: Slope) -> Array:
         ({"sensitivity.parameters": ["geometry.mesh_size"]}, "says how the scene is solved"),
         ({"uncertainty": {"bodies.block.E": "x %"}}, 'a positive number or "3 %"'),
         ({"uncertainty": {"bodies.block.E": -1.0}}, "expected one standard deviation"),
+        ({"uncertainty": {"correlations": 1.0}}, "expected .*CORRELATION"),
+        ({"uncertainty": BETWEEN | {"correlations": [[E, E, 0.5]]}}, "expected two numbers"),
+        ({"uncertainty": BETWEEN | {"correlations": [[E, MU, 1.5]]}}, "a correlation from -1 to 1"),
+        ({"uncertainty": BETWEEN | {"correlations": [[E, "bodies.block.G", 0.5]]}}, "no number with an uncertainty"),
+        ({"uncertainty": BETWEEN | {"correlations": [[E, MU, 0.9], [E, NU, 0.9], [MU, NU, -0.9]]}}, "negative eigenv"),
+        ({"uncertainty": {"bodies.block.E": True}}, "expected a number, or a text$"),
+        (
+            {"uncertainty": {"bodies": {"block": {"E": "3 %"}}}},
+            "expected a number, or a text; write a key with dots in",
+        ),
+        ({"uncertainty": {"bodies.block.E": "inf %"}}, "expected one standard deviation"),
+        ({"uncertainty": {"bodies.block.E": "1e200 %"}}, "expected one standard deviation"),
     ],
 )
 def test_what_is_no_parameter_is_refused(keys: Mapping[str, Any], words: str) -> None:
@@ -306,7 +384,6 @@ def test_what_is_no_parameter_is_refused(keys: Mapping[str, Any], words: str) ->
     [
         ({"solver": {"surface": "matrix-free"}}, 'set solver.surface = "condensed"'),
         ({"solver": {"method": "regularised"}}, "the contact laws as they are"),
-        ({"base": {"sliding": True}}, "contacts that slide"),
         ({"springs": {"rope": SLACK}}, "springs that act in one way, as springs.rope"),
         ({"base": {"normal": {"law": "compliance", "c_n": 9.0, "m_n": 2.0}}}, "gives a contact other points"),
     ],
@@ -323,8 +400,8 @@ def test_all_are_the_numbers_that_have_a_size() -> None:
     simulation, _ = solved(scene)
     assert simulation.stepper.neighbours is not None
     assert isinstance(simulation.stepper.surface, CondensedSurface)
-    assert {"bodies.block.E", "contacts.base.friction.mu"} < {*simulation.stepper.neighbours.by}
-    assert "contacts.base.gap_offset" not in simulation.stepper.neighbours.by  # it is 0
+    assert {"bodies.block.E", "contacts.base.friction.mu"} < {*simulation.stepper.neighbours.sizes}
+    assert "contacts.base.gap_offset" not in simulation.stepper.neighbours.sizes  # it is 0
 
 
 def rows(printed: str) -> dict[str, float]:
@@ -333,13 +410,94 @@ def rows(printed: str) -> dict[str, float]:
     return {by.strip(): float(value) for _, by, value, *_ in cells}
 
 
+def test_derivatives_of_an_answer_in_doubt_say_so(capsys: pytest.CaptureFixture[str]) -> None:
+    coarse = [
+        "geometry.mesh_size=1.0",
+        "geometry.contact_mesh_size=1.0",
+        "supports.top.displacement.y=[[0, 0], [1, -0.6]]",
+    ]
+    with pytest.raises(SystemExit, match=r"^1$"):
+        sensitivity("block", quantity=["base.normal_force", "energy.time_remainder"], override=coarse)
+    alone, said = capsys.readouterr()
+    assert "stickslip: doubtful: " in said
+    assert "bodies.block.E" in alone
+    assert "energy.time_remainder = " in alone  # which has no error, and no derivatives
+
+
 def test_two_ranks_print_the_derivatives_of_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["two_blocks", "--set", "geometry.mesh_size=0.5", "--set", "geometry.contact_mesh_size=0.2"]
     words += ["--set", "geometry.lower_mesh_size=0.5", "--set", "solver.tolerance=1e-12", "--quantity", "energy.stored"]
-    sensitivity(words[0], quantity=["energy.stored"], override=words[2:-2:2])
-    alone_rows, done = rows(capsys.readouterr().out), mpirun(2, ["sensitivity", *words], tmp_path)
+    with pytest.raises(SystemExit, match=r"^0$"):
+        sensitivity(words[0], quantity=["energy.stored"], override=words[2:-2:2])
+    alone, said = capsys.readouterr()
+    assert "energy.stored = " in alone
+    assert " ± " in alone
+    assert said.startswith("meshing and preparing ...")
+    alone_rows, done = rows(alone), mpirun(2, ["sensitivity", *words], tmp_path)
     assert done.returncode == 0, done.stderr
     (first, *_), both = alone_rows, rows(done.stdout)
     assert first == "supports.top.displacement.y"  # what it depends on most
     assert both.keys() == alone_rows.keys()
     assert_allclose([*both.values()], [alone_rows[key] for key in both], rtol=1e-5)
+
+
+def test_true_runs_tell_where_the_linear_answer_lies() -> None:
+    covariance = {"a": {"a": 4.0, "b": 2.0}, "b": {"a": 2.0, "b": 4.0}}
+    straight = TrueRuns(covariance, {"a": ({"N": 8.0}, {"N": 12.0}), "b": ({"N": 9.0}, {"N": 11.0})})
+    assert_allclose(straight.spread("N", 10.0), np.sqrt(7.0) * np.array([-1, 1]))  # slopes 1 and 1/2
+    assert not straight.doubts("N", 10.0, np.sqrt(7.0))
+    assert straight.doubts("N", 10.0, 1.0)
+    bent = TrueRuns({"a": {"a": 4.0}}, {"a": ({"N": 8.0}, {"N": 10.0})})  # a larger one changes nothing
+    assert_allclose(bent.spread("N", 10.0), [-2.0, 0.0])
+    assert bent.doubts("N", 10.0, 1.4)
+    assert not TrueRuns({"a": {"a": 1.0}}, {"a": ({"N": 5.0}, {"N": 5.0})}).doubts("N", 5.0, 0.0)
+
+
+@pytest.mark.slow
+def test_the_command_checks_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5", f'uncertainty={{"{E}"="3 %","{MU}"=0.01}}']
+    with pytest.raises(SystemExit, match="0"):
+        sensitivity("block", ["energy.stored"], tmp_path / "t.png", tmp_path / "runs", override=words)
+    assert "by derivatives" in capsys.readouterr().out
+    assert (tmp_path / "t.png").stat().st_size > 10_000
+    assert len([*(tmp_path / "runs").glob("*/*/result.json")]) == 4
+
+
+def test_swings_are_those_of_a_deviation_or_a_percent(rings: tuple[Scene, StepResult], tmp_path: Path) -> None:
+    scene, step = rings
+    found = swings(step, scene.parameters())["fit.mean_pressure"]
+    assert next(iter(found)) == "bodies.outer.E"
+    low, high = found["bodies.outer.E"]
+    assert high == pytest.approx(-low) == pytest.approx(0.083 * step.contacts["fit"].mean_pressure, rel=5e-3)
+    assert found["bodies.inner.nu"][1] == pytest.approx(0.00118 * step.contacts["fit"].mean_pressure, rel=5e-2)
+    assert draw_tornado(tmp_path / "t.png", step, scene.parameters(), "rings")
+    bare = replace(step, sensitivity={})
+    assert draw_tornado(tmp_path / "none.png", bare, scene.parameters(), "rings") is None
+
+
+def test_the_budget_tells_parts_and_inputs(rings: tuple[Scene, StepResult]) -> None:
+    scene, step = rings
+    pressure = Quantity("contacts", "fit", "max_pressure")
+    last = told(step, {pressure: ErrorParts(mesh=0.3, iteration=1e-9)})
+    head, rows = error_budget({"scene": {"model": "plane strain"}, "steps": [last]})
+    assert head == ("number", "±", "mesh", "inputs, k = 1", "with inputs, k = 1")
+    known = {row[0]: row for row in rows}
+    assert known["fit largest pressure [Pa]"][2] == "0.3"
+    assert known["elastic energy [J/m]"][2] == "–"
+    assert error_budget({"steps": []})[1] == []
+    assert scene.covariance
+
+
+def test_a_script_has_the_derivatives_of_its_history() -> None:
+    key, away = "supports.top.displacement.x", {"x": 0.04, "y": -0.1}
+    script = prepare(replace(dragged(), sensitivity=Sensitivity(parameters=(key, MU)))).script()
+    first = script.step(to=1.0, supports={"top": {"x": 0.0, "y": -0.1}})
+    assert key not in first.sensitivity["contacts.base.tangential_force"]  # nothing has moved along x
+    step = script.step(to=2.0, supports={"top": away})
+    _, repeated = solved(replace(script.scene, sensitivity=Sensitivity(parameters=(key, MU))))
+    for by, slope in step.sensitivity["contacts.base.tangential_force"].items():
+        assert slope.value == pytest.approx(
+            repeated[-1].sensitivity["contacts.base.tangential_force"][by].value, rel=1e-5
+        )
+    changed = script.step(to=3.0, contacts={"base": {"mu": 0.5}})
+    assert not changed.sensitivity

@@ -151,6 +151,54 @@ def test_a_script_finds_the_largest_multiple_of_a_load_and_stays_as_it_was() -> 
         script.step(to=3.0, loads={"pull": {"x": limit.beyond}})
 
 
+BOX = {  # pushed over a floor by pressure, in space; stands behind its weight
+    "model": "3d",
+    "geometry": {"builder": "block", "length": 1.0, "width": 0.5, "height": 1.0, "mesh_size": 0.5},
+    "bodies": {"block": {"E": 1e4, "nu": 0.3}},
+    "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}},
+    "contacts": {"base": {"surface": "block.bottom", "against": "floor", "friction": {"law": "coulomb", "mu": 0.3}}},
+    "loads": {"weight": {"boundary": "block.top", "pressure": [[1.0, 10.0]]},
+              "wind": {"boundary": "block.left", "pressure": [[1.0, 0.0], [2.0, 1.0]]}},
+    "steps": {"end": 2.0, "count": 2},
+}  # fmt: skip
+PRESS = {  # a plate that forces drive presses a block on a floor, and is drawn to the left
+    "model": "plane strain",
+    "geometry": {"builder": "block", "length": 1.0, "height": 0.5, "mesh_size": 0.25},
+    "bodies": {"block": {"E": 1e4, "nu": 0.3}},
+    "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "displacement": {"y": 0.0}},
+                  "plate": {"shape": "plane", "point": [0.0, 0.5], "normal": [0.0, -1.0],
+                            "force": {"y": [[1.0, -5.0]], "x": [[1.0, 0.0], [2.0, -1.0]]}}},
+    "contacts": {name: {"surface": f"block.{side}", "against": name, "friction": {"law": "coulomb", "mu": mu}}
+                 for name, side, mu in (("floor", "bottom", 0.5), ("plate", "top", 0.3))},
+    "steps": {"end": 2.0, "count": 2},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("data", "load", "borne"), [(BOX, "loads.wind.pressure", 3.0), (PRESS, "obstacles.plate.x", -1.5)]
+)
+def test_the_limit_is_that_of_statics_whatever_the_load_is(data: dict[str, Any], load: str, borne: float) -> None:
+    simulation = prepare(from_dict(data))
+    script, counters = simulation.script(), simulation.counters
+    script.step(to=1.0)
+    usual = counters.volume_solves
+    limit = script.limit(load)
+    assert counters.volume_solves - usual <= 10 * usual
+    assert limit.value == pytest.approx(borne, rel=1e-3)
+    assert abs(limit.beyond) <= abs(limit.value) * 1.0011
+    table, name, part = load.split(".")
+    script.step(to=2.0, **{table: {name: {part: 0.97 * borne}}})
+    assert script.limit(load).value == pytest.approx(borne, rel=1e-3)  # from there, too
+
+
+def test_what_is_no_force_has_no_limit() -> None:
+    script = prepare(from_dict(PRESS)).script()
+    for wrong, text in (("obstacles.floor.y", "displacement: expected a force"), (None, "None: expected"),
+                        ("loads.pull", "expected loads.NAME"), ("obstacles.plate.z", "prescribes only")):  # fmt: skip
+        with pytest.raises(SceneError, match=text):
+            script.limit(wrong)
+
+
 def test_a_load_that_is_none_has_no_limit() -> None:
     script = prepare(from_dict(LAP)).script()
     for wrong, text in (("loads.pull.y", "prescribes only x"), ("supports.held.x", "expected loads.NAME")):

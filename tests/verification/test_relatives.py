@@ -219,3 +219,114 @@ def test_a_pad_that_has_travelled_far_is_in_balance_where_it_is(size: float, dim
     assert_allclose(base.force[[0, -1]], [-0.2 * weight, weight], rtol=1e-7)
     load = np.array([-21.0 * weight]) if dim == 2 else np.array([-0.5, 21.0, 0.0]) * weight
     assert_allclose(base.moment + top.moment + load, 0.0, atol=3e-5 * weight)
+
+
+VALLEY = """
+SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 2, 2}; Rotate {{0, 0, 1}, {0, 0, 0}, Pi / 4} { Surface{1}; }
+MeshSize{:} = 0.7; Physical Surface("bar") = {1}; Physical Curve("bar.under") = {1, 4};
+Physical Curve("bar.left") = {3}; Physical Curve("bar.right") = {2};
+"""
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_bar_in_a_valley_of_two_planes_presses_on_both_as_statics_says(order: int, mu: float, tmp_path: Path) -> None:
+    """Its corner is in the corner of the obstacles, each of which has the face that it reaches first."""
+    (tmp_path / "valley.geo").write_text(VALLEY)
+    planes = {
+        name: {"shape": "plane", "point": [0.0, 0.0], "normal": [x, 1.0]} for name, x in (("r", -1.0), ("l", 1.0))
+    }
+    step = last({
+        "model": "plane strain", "geometry": {"file": "valley.geo", "order": order},
+        "bodies": {"bar": {"E": 100.0, "nu": 0.3}}, "obstacles": planes,
+        "contacts": {"c": {"surface": "bar.under", "against": ["r", "l"], "friction": COULOMB | {"mu": mu}}},
+        "loads": {side: {"boundary": f"bar.{side}", "pressure": 1.0} for side in ("left", "right")},
+    }, tmp_path)  # fmt: skip
+    one, other = step.contacts["c.r"], step.contacts["c.l"]
+    assert_allclose([one.normal_force, other.normal_force], 2 / (1 + mu), rtol=1e-8)
+    if not mu:
+        assert_allclose(np.concatenate([c.pressure[c.weight > 0] for c in (one, other)]), 1.0, rtol=1e-8)
+    assert_allclose(one.force + other.force, [0.0, 2 * np.sqrt(2)], atol=1e-8)
+
+
+SEATS = """
+SetFactory("OpenCASCADE"); Box(1) = {0, 0, 0, 2, 2, 1};
+Box(2) = {0, 0, -1, 2, 0.9, 1}; Box(3) = {0, 0.9, -1, 1.1, 1.1, 1}; Box(4) = {1.1, 0.9, -1, 0.9, 1.1, 1};
+Physical Volume("top") = {1}; Physical Volume("a") = {2}; Physical Volume("b") = {3}; Physical Volume("c") = {4};
+Physical Surface("top.under") = {5}; Physical Surface("top.upper") = {6}; MeshSize{:} = 1;
+Physical Surface("a.under") = {11}; Physical Surface("b.under") = {17}; Physical Surface("c.under") = {23};
+Physical Surface("a.upper") = {12}; Physical Surface("b.upper") = {18}; Physical Surface("c.upper") = {24};
+MeshSize{PointsOf{Volume{1};}} = 0.8;
+"""
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_uniform_pressure_goes_onto_three_blocks_that_meet_at_a_point(order: int, tmp_path: Path) -> None:
+    (tmp_path / "seats.geo").write_text(SEATS)
+    seats, still = ("a", "b", "c"), {"x": 0.0, "y": 0.0}
+    uppers = [f"{seat}.upper" for seat in seats]
+    step = last({
+        "model": "3d", "geometry": {"file": "seats.geo", "order": order},
+        "bodies": {body: {"E": 1.0, "nu": 0.0} for body in ("top", *seats)},
+        "contacts": {"c": {"surface": "top.under", "against": uppers, "friction": COULOMB}},
+        "supports": {seat: {"boundary": f"{seat}.under", "displacement": still | {"z": 0.0}} for seat in seats}
+        | {"up": {"boundary": "top.upper", "displacement": still | {"z": -0.02}}}, "solver": {"tolerance": 1e-11},
+    }, tmp_path)  # fmt: skip
+    found = [step.contacts[f"c.{seat}"] for seat in seats]
+    assert_allclose([c.normal_force for c in found], [0.018, 0.0121, 0.0099], rtol=1e-8)
+    assert_allclose(np.concatenate([c.pressure[c.weight > 0] for c in found]), 0.01, rtol=1e-8)
+
+
+NESTED = """
+SetFactory("OpenCASCADE");
+For k In {1:3}
+  Rectangle(k) = {0.5 + 0.5 * k, 0, 0, 0.5, 0.5}; MeshSize{PointsOf{Surface{k};}} = 0.1 + 0.03 * k;
+EndFor
+Physical Surface("a") = {1}; Physical Surface("b") = {2}; Physical Surface("c") = {3};
+Physical Curve("a.bore") = {4};
+Physical Curve("a.low") = {1}; Physical Curve("b.low") = {5}; Physical Curve("c.low") = {9};
+"""
+
+
+def test_three_tubes_in_each_other_pass_a_pressure_on_as_one(tmp_path: Path) -> None:
+    (tmp_path / "nested.geo").write_text(NESTED)
+    step = last({
+        "model": "axisymmetric", "geometry": {"file": "nested.geo", "order": 2},
+        "bodies": {body: {"E": 1.0, "nu": 0.0} for body in "abc"}, "contacts": {"any": {"between": "all"}},
+        "supports": {body: {"boundary": f"{body}.low", "displacement": {"y": 0.0}} for body in "abc"},
+        "loads": {"oil": {"boundary": "a.bore", "pressure": 0.01}},
+    }, tmp_path)  # fmt: skip
+    for name, r in (("any.a.b", 1.5), ("any.b.c", 2.0)):
+        pressure = 0.01 / (2.5**2 - 1) * ((2.5 / r) ** 2 - 1)  # Lamé
+        assert_allclose(step.contacts[name].normal_force / (np.pi * r), pressure, rtol=1e-5)
+
+
+CLIP = """
+SetFactory("OpenCASCADE");
+Point(1) = {1, 0, 0}; Point(2) = {2, 0, 0}; Point(3) = {2, 0.45, 0}; Point(4) = {1.3, 0.45, 0};
+Point(5) = {1.3, 0.5, 0}; Point(6) = {2, 0.52, 0}; Point(7) = {2, 1, 0}; Point(8) = {1, 1, 0};
+For k In {1:8}
+  Line(k) = {k, k % 8 + 1};
+EndFor
+Curve Loop(1) = {1:8}; Plane Surface(1) = {1}; MeshSize{:} = 0.12; Physical Surface("clip") = {1};
+Physical Curve("clip.low") = {1}; Physical Curve("clip.up") = {7};
+"""
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_slot_that_is_one_side_closes_as_its_two_lips_do(order: int, tmp_path: Path) -> None:
+    """Its end, between two hollow corners, belongs to one of the halves that the side is cut into."""
+    lips = 'Physical Curve("clip.one") = {3}; Physical Curve("clip.two") = {5};\n'
+    found = []
+    for names, one, other in ((lips, "one", "two"), ('Physical Curve("clip.slot") = {3:5};\n', "slot", "slot")):
+        (tmp_path / "clip.geo").write_text(CLIP + names)
+        step = last({
+            "model": "axisymmetric", "geometry": {"file": "clip.geo", "order": order},
+            "bodies": {"clip": {"E": 1.0, "nu": 0.3}},
+            "contacts": {"c": {"surface": f"clip.{one}", "against": f"clip.{other}", "friction": COULOMB}},
+            "supports": {"low": {"boundary": "clip.low", "displacement": [0.0, 0.0]},
+                         "up": {"boundary": "clip.up", "displacement": {"y": -0.1}}},
+        }, tmp_path)  # fmt: skip
+        found.append((step.contacts["c"].normal_force, step.contacts["c"].max_pressure, step.supports["up"].force[-1]))
+    assert found[0][0] > 0
+    assert_allclose(found[1], found[0], rtol=1e-7)

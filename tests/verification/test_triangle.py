@@ -10,6 +10,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.cases import often, slow
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.iteration import Solution, Status
+from stickslip.solvers.newton import path
+from stickslip.solvers.newton.attempts import Start
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.warnings import doubts
@@ -122,3 +126,42 @@ def test_the_three_answers_are_met_and_told(case: tuple[float, int], tmp_path: P
         slip = (STICK[1] - K[0, 1] / K[0, 0] * STICK[0]) / (1 - mu * K[0, 1] / K[0, 0])
         assert_allclose(sorted([tip.normal_force, *pressures]), [0.0, 2 * slip, 2 * STICK[1]], atol=2e-6)
         assert f"{pressures[0]:.4g} " in told[0] or f"{pressures[0]:.4g}," in told[0]
+
+
+WAYS = {  # loads up to the state before, and now; the reaction that they lead to, and whether it jumps
+    "stuck": ([[0.0, -0.6]], [-1.0, -0.6], STICK, False),
+    "let go": ([[0.0, -0.6], [-1.0, -0.6]], [-2.0, -0.6], (0.0, 0.0), True),
+    "open": ([[-1.0, 0.0]], [-1.0, -0.3], (0.0, 0.0), False),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_answer_that_the_state_before_leads_to_is_the_one_of_growing_loads(
+    way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whichever one is found; a node that sticks lets go where no answer goes on from there."""
+    loads, now, reaction, jumps = WAYS[way]
+    stepper = prepare(scene_of(3.0, tmp_path, [*loads, now], floor=CLEARANCE)).stepper
+    state = stepper.start()
+    for time in range(1, len(loads) + 1):
+        state = stepper.reach(state, float(time), lambda row: None).state
+    problem = stepper.reach(state, len(loads) + 1.0, lambda row: None).problem
+    answer = 2 * np.array([reaction[1], -reaction[0]]) / problem.surface.W  # twice the node's share, see above
+
+    def led_to(p: Array, w: Array) -> tuple[Start | None, bool]:
+        none = np.zeros(problem.surface.size)
+        found = Solution(p=p, w=w, u_c=none, status=Status.CONVERGED, residual=0.0, history=())
+        return path.continued(problem, state.p, state.w, found)
+
+    wrong = 0 * answer + 0.1, problem.gap + (-10.0 if answer.any() else 10.0)  # open instead of closed, or closed
+    end, fell = led_to(*wrong)
+    assert end is not None
+    assert fell is jumps
+    assert_allclose(end.p, answer, atol=1e-5)
+    assert led_to(end.p, problem.relative_displacement(end.u_c)) == (None, jumps)
+    for name, value in (("MOST", len(answer) - 1), ("proved", lambda problem: True)):
+        with monkeypatch.context() as patch:
+            patch.setattr(path, name, value)
+            assert led_to(*wrong) == (None, False)
+    monkeypatch.setattr(path, "MOST", len(answer))
+    assert led_to(*wrong)[0] is not None

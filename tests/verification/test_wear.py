@@ -13,6 +13,7 @@ from shared.audited import record_of
 from shared.problems import on_floor
 from stickslip import SLIP, STICK, Quantity, Scene, SceneError
 from stickslip.solvers.results.audit import Audit, Auditor
+from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.warnings import wears_too_fast
 from stickslip.workflows.scene_file.read import from_dict
@@ -286,6 +287,13 @@ def test_what_is_not_built_is_refused_in_a_line(contact: dict[str, Any], said: s
         from_dict(on_floor(2, sizes, {"E": E, "nu": NU}, contact, supports=WALLS))
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_wear_that_takes_off_all_within_rounding_names_k() -> None:
+    sizes = {"length": 1.0, "height": 1.0, "mesh_size": 0.5}
+    absurd = on_floor(2, sizes, {"E": E, "nu": NU}, {"slide": 1.0, "wear": {"k": 1e99}}, supports=WALLS)
+    with pytest.raises(SceneError, match=r"wear\.k = 1e\+99: takes off all that presses within rounding, at most "):
+        make_plan(from_dict(absurd))
 
 
 @pytest.mark.parametrize("method", ["uzawa", "tangent-cg", "nsgs"])

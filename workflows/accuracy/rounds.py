@@ -215,7 +215,7 @@ class Rounds:
         if here.met and (not coarse or _resolved(simulation, steps)):
             return True
         try:
-            level, ends = self._after(simulation, steps, here, spent)
+            level, ends, price = self._after(simulation, steps, here, spent)
             if _in_vain(self.done):
                 level = _lowered(level, comm)
         except SceneError as error:
@@ -231,12 +231,14 @@ class Rounds:
 
         raise_together(comm, write)
         self._next = None if ends else level
+        if comm.rank == 0 and not ends:
+            self._say(f"round {len(self.done) + 1} takes about {price:.0f} s")
         return ends
 
     def _after(
         self, simulation: Simulation, steps: Sequence[StepResult], here: Round, spent: float
-    ) -> tuple[Level, bool]:
-        """The level after a round, and whether the rounds end before it; collective.
+    ) -> tuple[Level, bool, float]:
+        """The level after a round, whether the rounds end before it, and about how long it takes [s]; collective.
 
         Args:
             spent: seconds of all rounds.
@@ -248,7 +250,7 @@ class Rounds:
         last, dear = len(self.done) >= MOST, max(goal.price for goal in here.goals)
         if dear:  # the same once more, with all its errors
             price = here.seconds * (1 + dear)
-            return replace(self._level, pays=True), last or self._level.pays or spent + price > budget
+            return replace(self._level, pays=True), last or self._level.pays or spent + price > budget, price
         grows = _growing(simulation, steps)
         told, room = comm.bcast((simulation.seconds, self._room(comm)))
 
@@ -265,7 +267,8 @@ class Rounds:
             smaller = None if fits(best) else next_move(here.goals, len(steps), dim, orders, fits)
             move = smaller or best
         near = here.met or any(goal.name.endswith(AT_NODES) and not goal.met for goal in here.goals)
-        return self._refined(simulation, steps, move, here.goals, near), last or not fits(move)
+        level, ends = self._refined(simulation, steps, move, here.goals, near), last or not fits(move)
+        return level, ends, move.price(told, dim, grows)
 
     def _refined(
         self, simulation: Simulation, steps: Sequence[StepResult], move: Move, goals: Sequence[Standing], near: bool

@@ -27,7 +27,7 @@ LIBRARIES = (
     "(Linux on x86_64, Python 3.12 or later)"
 )
 
-FIRST = "run report compare plan mesh cost sweep sensitivity verify fclib scenes schema contacts new"  # in --help
+FIRST = "run report compare plan mesh cost sweep sensitivity fit verify fclib scenes schema contacts new"  # in --help
 ROOMS = ("stickslip.workflows.commands", "stickslip.workflows.lab.commands")
 
 app = typer.Typer(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import asdict
 from typing import Annotated, Any
 
@@ -50,11 +51,15 @@ def plan(
     if speaks() and not as_json:
         print_plan(content)
     if cost:
-        from stickslip.workflows.cost.foresee import foresee
+        from stickslip.workflows.cost.foresee import Coarse, foresee
         from stickslip.workflows.cost.progress import print_prices
 
+        def tell(one: Coarse) -> None:
+            size = f"{one.unknowns} unknowns, {one.steps} steps: {one.seconds:.1f} s"
+            print(f"solving coarse versions, for about ten seconds: {size}", file=sys.stderr, flush=True)
+
         with named(scene, override or ()):
-            foreseen = foresee(loaded)
+            foreseen = foresee(loaded, on_coarse=tell)
         content["cost"] = [asdict(row) for row in foreseen]
         if speaks() and not as_json:
             print_prices(foreseen)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from stickslip.workflows.commands.options import SceneArgument, SetOption
-from stickslip.workflows.commands.process import speaks
+from stickslip.workflows.commands.process import BEGAN, complain, say, speaks
 
 WIDTH = 24  # letters of the longest bar
 
@@ -17,35 +19,78 @@ def sensitivity(
     quantity: Annotated[
         list[str] | None, typer.Option("--quantity", metavar="NAME", help="e.g. base.normal_force, energy.stored")
     ] = None,
+    picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE.png", help="draw them, too")] = None,
+    check: Annotated[
+        Path | None, typer.Option("--check", metavar="FOLDER", help="solve it with uncertain numbers a deviation away")
+    ] = None,
+    jobs: Annotated[int, typer.Option("--jobs", help="number of processes of these runs")] = 1,
     override: SetOption = None,
 ) -> None:
     """Show what the numbers of the last step depend on: derivatives by numbers of the scene, largest first."""
     from dataclasses import replace
-    from math import isfinite
+    from tempfile import TemporaryDirectory
+
+    import numpy as np
+    from mpi4py import MPI
 
     from stickslip.geometry.errors import require_known
-    from stickslip.solvers.results.step_result import slope_columns, values
+    from stickslip.solvers.results.step_result import StepResult, names_of, slope_columns, slopes_of, walk
     from stickslip.solvers.scene.parameters import Sensitivity
-    from stickslip.solvers.simulation.simulation import prepare
-    from stickslip.workflows.run.terminal import console, print_table, table_of
+    from stickslip.workflows.formats.plus_minus import of_parts, parts_of
+    from stickslip.workflows.pictures.tornado import draw_tornado, swings
+    from stickslip.workflows.run.ranks import from_rank_0
+    from stickslip.workflows.run.run import run
+    from stickslip.workflows.run.terminal import Reporter, console, print_table, table_of
     from stickslip.workflows.scene_file.read import named, read
+    from stickslip.workflows.sweep.true_runs import true_runs
 
     loaded = read(scene, override or ())
     for name in quantity or ():
         require_known("--quantity", name, loaded.quantities(), "no such quantity")
     asked = loaded if loaded.derived_by else replace(loaded, sensitivity=Sensitivity(parameters="all"))
-    with named(scene, override or ()):
-        *_, last = prepare(replace(asked, output=replace(asked.output, error=False))).steps()
-    numbers, slopes, known = values(last), slope_columns(last), asked.parameters()
-    out, head = console(120, quiet=not speaks()), ("by", "derivative", "% by 1 %", "")
-    for name in quantity or [f"{contact}.normal_force" for contact in last.contacts] + ["energy.stored"]:
-        found = {key.partition(".sensitivity.")[2]: x for key, x in slopes.items() if key.startswith(f"{name}.sens")}
-        single = {by: slope for by, slope in found.items() if isfinite(slope)}
-        share = {by: slope * known[by] / numbers[name] for by, slope in single.items() if numbers[name] != 0}
-        order, most = sorted(found, key=lambda by: -abs(share.get(by, 0.0))), max(map(abs, share.values()), default=0.0)
-        bars = {by: "█" * round(WIDTH * abs(x) / most) if most > 0 else "" for by, x in share.items()}
-        said = {by: f"{single[by]:.6g}" if by in single else "two sides, or none" for by in order}
-        rows = [(by, said[by], f"{share[by]:+.4f}" if by in share else "", bars.get(by, "")) for by in order]
-        table = table_of(head, rows, ("by", ""))
-        table.title, table.title_justify = f"{name} = {numbers[name]:.6g}", "left"
-        print_table(table, out)
+    asked, steps = replace(asked, output=replace(asked.output, pictures=False)), list[StepResult]()
+    reporter = Reporter(quiet=not speaks(), verbose=False)
+    watch = replace(reporter.watch(), kept="")
+
+    def keep(step: StepResult) -> None:
+        steps[:] = [step.without_fields()]
+        watch.on_step(step)
+
+    with TemporaryDirectory() as own, reporter, named(scene, override or ()):
+        place = Path(from_rank_0(MPI.COMM_WORLD, lambda: own)) / "run"
+        outcome, content = run(asked, place, replace(watch, on_step=keep), began=BEGAN)
+    reporter.line(*(f"warning: {warning}" for warning in outcome.warnings))
+    solved, code = outcome.status in ("converged", "doubtful"), outcome.exit_code
+    runs = true_runs(loaded, check, jobs) if check is not None and solved else None
+    if solved and speaks():
+        (last,), told, known, out = steps, content["steps"][-1], asked.parameters(), console(120)
+        every, slopes, inputs = {key: value for key, _, value in walk(last)}, slopes_of(last), slope_columns(last)
+        flat = {name: (key, axis) for key, value in every.items() for name, axis in names_of(key, value)}
+        chosen = tuple(quantity or [*(f"{contact}.normal_force" for contact in last.contacts), "energy.stored"])
+        moved = swings(last, known)
+        for name in chosen:
+            key, axis = flat[name]
+            number = float(np.ravel(every[key])[axis or 0])
+            most = max((max(map(abs, sides)) for sides in moved.get(name, {}).values()), default=0.0)
+            rows = list[tuple[str, ...]]()
+            for by, sides in moved.get(name, {}).items():
+                both = dict.fromkeys(slopes[name][by])  # one, or two
+                share = f"{next(iter(both)) * known[by] / number:+.4f}" if len(both) == 1 and number != 0 else ""
+                bar = "█" * round(WIDTH * max(map(abs, sides)) / most) if most > 0 else ""
+                rows.append((by, " | ".join(f"{side:.6g}" for side in both), share, bar))
+            table = table_of(("by", "derivative", "% by 1 %", ""), rows, ("by", ""))
+            owner = told[key.kind][key.name] if key.name else told[key.kind]
+            error = parts_of((owner.get("error") or {}).get(key.quantity), axis)
+            table.title, table.title_justify = f"{name} = {of_parts(number, error)}", "left"
+            print_table(table, out)
+            if runs is not None:
+                size, (low, high) = inputs[f"{name}.uncertainty"], runs.spread(name, number)
+                lies = runs.doubts(name, number, size)
+                code = code or int(lies)
+                said = f"± {size:.3g} by derivatives, {low:+.3g} {high:+.3g} by {2 * len(runs.rows)} runs"
+                say(f"{name}: {said}{': the linear answer lies' if lies else ''}")
+        if picture is not None:
+            draw_tornado(picture, last, known, " ".join(asked.title.split()), chosen, asked.labels)
+    if outcome.sentence:
+        complain(f"{outcome.status.replace('_', ' ')}: {outcome.sentence}")
+    sys.exit(code)

@@ -12,15 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stickslip.geometry.arrays import AnyArray
+from stickslip.geometry.arrays import SLIGHT, AnyArray
 from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import Units
 from stickslip.solvers.parallel.counters import PHASES, Row
-from stickslip.solvers.results.step_result import told
+from stickslip.solvers.results.step_result import PARTS, told
+from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of
 from stickslip.workflows.formats.files import json_text, parse_json, read_json
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.marker import RESULT, checksums, marker_of, own_files, read_checked_json, text_of
 from stickslip.workflows.formats.mesh_file import MESH_FILE
+from stickslip.workflows.formats.plus_minus import of_parts, parts_of
 from stickslip.workflows.formats.steps import light_files, read_checkpoint, step_files
 
 BEGUN, LOG = "begun.json", "run.log"
@@ -29,6 +31,8 @@ WORK = re.compile(r"^\.(.*)\.running$")  # name of the folder in which a run wor
 OF_MESH = re.compile(r" INFO ((?:mesh|contact \w+): .*)$", re.MULTILINE)  # lines of the log
 HEAD = ("phase", "seconds", "share", "calls", "volume solves")
 REFERENCE = "linear_reference"
+MAIN = ("normal_force", "tangential_force", "max_pressure", "stored")  # numbers whose errors are told by part
+INPUTS, WITH_INPUTS = "inputs, k = 1", "with inputs, k = 1"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +76,7 @@ class Results:
 
     def unit(self, of: str) -> str:
         """Unit in the model and the units of the scene of what has this unit of the SI in space."""
-        return self.units(PER_METRE.get(of, of) if self.plane else of)
+        return unit_of(self.scene, of)
 
     def lacks(self) -> Iterator[str]:
         """Yield sentences on what cannot be told or vouched for: files that are lost, and results without checksums."""
@@ -84,6 +88,37 @@ class Results:
             yield f"{', '.join(gone)}: lost; not told"
         if (self.folder / RESULT).exists() and not {*known} - {RESULT}:
             yield "has no checksums, as results of earlier versions: read as it is"
+
+
+def unit_of(scene: Mapping[str, Any], of: str) -> str:
+    """Unit in the model and the units of a scene of what has this unit of the SI in space."""
+    plane = str(scene.get("model", "")).startswith("plane")
+    return Units.of(str(scene.get("units", "SI")))(PER_METRE.get(of, of) if plane else of)
+
+
+def error_budget(content: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of a table: main numbers of the last step with ±, by part, and by what inputs leave.
+
+    A part that is less than a thousandth of the largest is a dash.
+
+    Args:
+        content: of result.json; no rows where errors and inputs are not asked for.
+    """
+    last, found = (content.get("steps") or [{}])[-1], list[dict[str, str]]()
+    owners = [(name, ContactNumbers, owner) for name, owner in (last.get("contacts") or {}).items()]
+    for name, record, owner in (*owners, ("", Energy, last.get("energy"))):
+        declared = {key: number for key, number in numbers_of(record).items() if key in MAIN and (owner or {}).get(key)}
+        for key, number in declared.items():
+            error, inputs = ((owner.get(table) or {}).get(key) or {} for table in ("error", "uncertainty"))
+            words = f"{name} {number.words} [{unit_of(content.get('scene') or {}, number.unit)}]".strip()
+            parts = {part: error.get(part) for part in (*PARTS, "model")}
+            parts |= {INPUTS: inputs.get("inputs"), WITH_INPUTS: inputs.get("combined")}
+            least = SLIGHT * max((size for size in parts.values() if size is not None), default=0.0)
+            known = {part: f"{size:.1g}" for part, size in parts.items() if size is not None and size > least}
+            found.append({"number": words, "±": of_parts(owner[key], parts_of(error)), **known})
+    head = [key for key in ("number", "±", *PARTS, "model", INPUTS, WITH_INPUTS) if any(key in row for row in found)]
+    rows = [tuple(row.get(key, "–") for key in head) for row in found]
+    return tuple(key.replace("_", " ") for key in head), rows if len(head) > len(("number", "±")) else []
 
 
 def read_results(folder: Path) -> Results:
@@ -105,7 +140,7 @@ def read_results(folder: Path) -> Results:
         name=WORK.sub(r"\1", folder.resolve().name),
         content=content,
         steps=step_files(folder),
-        mesh=read_arrays(folder / MESH_FILE)[0] if (folder / MESH_FILE).is_file() else {},
+        mesh=read_arrays(folder / MESH_FILE)[0] if (folder / MESH_FILE).exists() else {},
         mesh_lines=tuple(dict.fromkeys(OF_MESH.findall(text_of(folder / LOG)))),
         pictures=tuple(sorted(path for path in own_files(folder) if path.suffix == ".png")),
     )

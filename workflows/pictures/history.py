@@ -14,6 +14,7 @@ from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.builders.builder import modelled
 from stickslip.geometry.keys import Key
 from stickslip.geometry.obstacles.obstacle import AXES
+from stickslip.geometry.units import Units
 from stickslip.solvers.results.step_result import SLIP, STICK
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.timeline import Place
@@ -178,3 +179,28 @@ def _below(sheet: Sheet, bottom: float, drawn: list[Any], label: str) -> Any:
 def _legend(axes: Any, **options: Any) -> None:
     look: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.04), "fontsize": 8, "frameon": False}
     axes.legend(**look, handlelength=1.4, **options)
+
+
+def draw_fit(path: Path, data: Columns, found: Columns, title: str, units: Units) -> Path:
+    """Draw a history that was fitted over the data, a panel for each column.
+
+    Args:
+        data: by column, `time` among them.
+        found: the same of the fit.
+
+    Raises:
+        MachineError: the disk is full.
+    """
+    names = [name for name in data if name != "time"]
+    left, wide, high = 0.95, 5.0, 2.2  # [inch]
+    sheet = Sheet(left + wide + 0.35, (high + 0.7) * len(names) + 0.75, units=units)
+    sheet.head(title, "data, and the history that fits them best", 0.3)
+    for number, name in enumerate(names, start=1):
+        axes = sheet.axes(left, sheet.height - 0.75 - (high + 0.7) * number + 0.55, wide, high)
+        axes.plot(data["time"], data[name], "o", color=CURVES[0], markersize=3, label="data")
+        axes.plot(found["time"], found[name], color=CURVES[1], linewidth=1.4, label="fit")
+        axes.set_xlabel("time [s]", fontsize=9, color=INK)
+        axes.set_title(name, fontsize=9, loc="left", color=INK)
+        axes.legend(fontsize=8, frameon=False)
+        frame(axes, "top", "right")
+    return sheet.save(path)

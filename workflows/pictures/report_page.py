@@ -26,7 +26,7 @@ from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of, s
 from stickslip.workflows.formats.files import write_output
 from stickslip.workflows.formats.marker import declare, is_marked, read_checked
 from stickslip.workflows.formats.plus_minus import AT_LEAST, missing, of_parts, parts_of, stated
-from stickslip.workflows.formats.results import HEAD, Results, profile_rows
+from stickslip.workflows.formats.results import HEAD, Results, error_budget, profile_rows
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.pictures.report_view import model
 from stickslip.workflows.pictures.sheet import COLOURS, CURVES, RAISED, STATUS_COLOURS, STATUS_WORDS, ticks
@@ -86,6 +86,7 @@ def page(results: Results) -> str:
         of=_modelled(results),
         last=_last(results) if steps else None,
         missing=AT_LEAST,
+        budget=Table(*error_budget(content)),
         mesh_error=f"{error:.1%}" if (error := (content.get("error") or {}).get("discretisation")) else "",
         rounds=(content.get("accuracy") or {}).get("rounds") or (),
         left_out=data["left_out"] if data else None,

@@ -13,8 +13,8 @@ from scipy.ndimage import distance_transform_edt, label
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.units import SI, Units
-from stickslip.geometry.user_files.outline import Facets, Outline
-from stickslip.geometry.user_files.touching import Pair, simplices
+from stickslip.geometry.user_files.outline import Facets, Outline, simplices
+from stickslip.geometry.user_files.touching import Pair
 from stickslip.workflows.pictures.render import render
 from stickslip.workflows.pictures.sheet import CURVES, DPI, Sheet, show_image
 from stickslip.workflows.pictures.view import Image, View

@@ -57,7 +57,8 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
         audits.append(None if record is None else auditor(record, before if step.substeps == 1 else None))
         before = record
     simulation.counters.forms += auditor.start.counters.forms
-    return replace(_judged(simulation, steps, audits, auditor.shared), files=files)
+    shared = (*auditor.shared, *["sensitivity: derivatives"] * (simulation.slopes is not None))
+    return replace(_judged(simulation, steps, audits, shared), files=files)
 
 
 def audit_files(

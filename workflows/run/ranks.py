@@ -19,7 +19,7 @@ IMPATIENT = 3  # presses of Ctrl-C after which the program stops at once
 PATIENCE = 4.0  # s after Ctrl-C in which the program may stop by itself
 GUARD = """
 import os, select, signal, sys, time
-run, said, patience, presses = int(sys.argv[1]), sys.argv[2], float(sys.argv[3]), int(sys.argv[4])
+run, said, patience, presses, kept = int(sys.argv[1]), sys.argv[2], float(sys.argv[3]), int(sys.argv[4]), sys.argv[5]
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
 def gone(seconds):
     until = time.monotonic() + seconds
@@ -39,8 +39,9 @@ for number in [signal.SIGINT] * presses + [signal.SIGKILL]:
     if gone(patience / 20):
         break
 if said:
-    os.write(2, b"stickslip: interrupted; solved steps are kept, --resume goes on from them\\n")
+    os.write(2, f"stickslip: interrupted{kept}{chr(10)}".encode())
 """
+KEPT = "; solved steps are kept, --resume goes on from them"
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")  # that mpirun sets
 
 
@@ -92,12 +93,13 @@ class Interrupt:
     stop in time.
     """
 
-    def __init__(self, answer: str | None = None) -> None:
+    def __init__(self, answer: str | None = None, kept: str = KEPT) -> None:
         """
         Args:
             answer: what is said at once after Ctrl-C, "" for nothing; None: there is no time in which it must end.
+            kept: what is said of what there is, where it was ended.
         """
-        self._presses, self._answer = 0, answer
+        self._presses, self._answer, self._kept = 0, answer, kept
         self._guard: tuple[subprocess.Popen[bytes], int, int] | None = None  # its pipe, and who was woken before
         self._former: dict[signal.Signals, Any] = {}
         self.by = ""  # name of the first signal, on any rank
@@ -107,7 +109,7 @@ class Interrupt:
             heard = [number for number in NOTED if signal.getsignal(number) is not signal.SIG_IGN]  # nohup ignores some
             self._former = {number: signal.signal(number, self._note) for number in heard}
             if self._answer is not None and signal.SIGINT in heard and not any(size in os.environ for size in SIZES):
-                self._guard = guarded(self._answer)
+                self._guard = guarded(self._answer, self._kept)
         return self
 
     def _let_go(self) -> None:
@@ -150,14 +152,14 @@ class Interrupt:
             raise KeyboardInterrupt
 
 
-def guarded(answer: str) -> tuple[subprocess.Popen[bytes], int, int]:
+def guarded(answer: str, kept: str) -> tuple[subprocess.Popen[bytes], int, int]:
     """Start the process that answers Ctrl-C of this one: it, the pipe that wakes it, and what was woken before.
 
     Signals wake it also while a library works. It ends where the pipe is closed.
     """
     here, wakes = os.pipe()
     os.set_blocking(wakes, False)
-    words = [sys.executable, "-I", "-S", "-c", GUARD, str(os.getpid()), answer, str(PATIENCE), str(IMPATIENT)]
+    words = [sys.executable, "-I", "-S", "-c", GUARD, str(os.getpid()), answer, str(PATIENCE), str(IMPATIENT), kept]
     with open(here, "rb", buffering=0) as pipe:
         process = subprocess.Popen(words, stdin=pipe, stdout=subprocess.DEVNULL, start_new_session=True)
     return process, wakes, signal.set_wakeup_fd(wakes, warn_on_full_buffer=False)

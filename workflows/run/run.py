@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -36,7 +36,7 @@ from stickslip.workflows.run.folder import BEGUN, FORMER, ResultsFolder, work_of
 from stickslip.workflows.run.mesh_report import report_mesh
 from stickslip.workflows.run.ranks import Interrupt, all_act, raise_together
 from stickslip.workflows.run.result import Outcome, summary, write_result
-from stickslip.workflows.run.warnings import Fields, Seen, beyond_linear, doubts, unsettled_pairs, wears_too_fast
+from stickslip.workflows.run.warnings import Fields, Seen, beyond_linear, doubts, reasons_to_doubt
 from stickslip.workflows.run.watch import RunLog, Watch, foreseen, tell
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
 from stickslip.workflows.writers.writer import Ended, Job, Turn, Writer, wanted
@@ -255,14 +255,14 @@ class Run:
             with simulation.clock.phase("audit"):
                 audited = audit_steps(simulation, self._folder, self.steps)
             status, sentence = self._unless_stopped(status, sentence)
-        warnings = self._warnings()
+        warnings = self._on_all(lambda: (*self._fields.warnings(), *doubts(simulation, self.steps, self._errors)))
         status, sentence, found = _with_audit(status, sentence, audited)
         warnings += found
         if status == "converged" and (invalid := self._invalid()):
             status, sentence = "doubtful", f"{invalid}: the answer is that of small strain"
-        for doubt in filter(None, (unsettled_pairs(simulation), wears_too_fast(simulation, self.steps))):
-            warnings += (doubt,) * (status != "converged")
-            status, sentence = ("doubtful", doubt) if status == "converged" else (status, sentence)
+        for reason in self._on_all(lambda: reasons_to_doubt(simulation, self.steps)):
+            warnings += (reason,) * (status != "converged")
+            status, sentence = ("doubtful", reason) if status == "converged" else (status, sentence)
         outcome = Outcome(status, sentence, self._place, warnings)
         ended = Ended(status=status, steps=self.steps, errors=self._errors)
         reference: LinearReference | None = None
@@ -293,24 +293,19 @@ class Run:
 
     def _invalid(self) -> str:
         """Why linear elasticity does not hold, else empty, the same on every rank; collective."""
-        found: list[str] = []
 
-        def judge() -> None:
-            inside_out = self._fields.seen.inverted
-            found.append(inside_out and f"cells are turned inside out, of {inside_out}")
+        def judge() -> Iterator[str]:
             for note in self._fields.notes():
                 log.info("%s", note)
+            if inside_out := self._fields.seen.inverted:
+                yield f"cells are turned inside out, of {inside_out}"
 
-        self._on_rank_0(judge)
-        inverted: str = "".join(self._simulation.mesh.comm.bcast(found))
-        return inverted or beyond_linear(self.steps)
+        return "".join(self._on_all(judge)) or beyond_linear(self.steps)
 
-    def _warnings(self) -> tuple[str, ...]:
-        """Return the warnings of the answer, the same on every rank; collective."""
+    def _on_all(self, judge: Callable[[], Iterable[str]]) -> tuple[str, ...]:
+        """Sentences that rank 0 finds, the same on every rank; collective."""
         found: list[str] = []
-        self._on_rank_0(
-            lambda: found.extend((*self._fields.warnings(), *doubts(self._simulation, self.steps, self._errors)))
-        )
+        self._on_rank_0(lambda: found.extend(judge()))
         return tuple(self._simulation.mesh.comm.bcast(found))
 
     def _on_rank_0(self, act: Callable[[], object]) -> None:
@@ -390,7 +385,7 @@ def _solve(
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
-    with Interrupt(watch.answer) as interrupt:
+    with Interrupt(watch.answer, watch.kept) as interrupt:
         reached = earlier.last.checkpoint.reached if earlier.last else None
         simulation = prepare(scene, comm, reached, sizes, bodies, counters)
         scene = simulation.scene  # without estimates of errors where they do not fit
@@ -427,6 +422,7 @@ def _solve(
                 raise MachineError(f"{error}{kept}") from None
         if status == "abandoned":
             raise_together(comm, lambda: results[0].abandon())
+            interrupt.check(comm)  # there is no other place to stop before the next round
             return Outcome(status, sentence, place), {}
         raise_together(comm, lambda: _close(results[0], outcome.status))
     return outcome, content

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -50,7 +51,7 @@ class StoredSteps(Sequence[StepResult]):
 
     def kept(self) -> Iterator[StepResult]:
         """Yield those whose files are not lost."""
-        return (read_checkpoint(path)[0] for path in self._files if path.exists())
+        return (read_checkpoint(path)[0] for path in self._files if os.path.lexists(path))
 
     def __repr__(self) -> str:
         return f"<{len(self)} steps>"

@@ -32,6 +32,7 @@ from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.workflows.formats.plus_minus import AT_LEAST, missing, of_parts, parts_of, stated, with_error
+from stickslip.workflows.formats.results import error_budget
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.watch import Watch
@@ -39,15 +40,23 @@ from stickslip.workflows.writers.writer import registered
 
 Content = dict[str, Any]
 ANNOUNCED = 5.0  # s; what takes longer is announced also where there is no terminal
-LONG = {  # phases, and parts of them, that may take long
-    ("mesh", ""): "meshing",
-    ("assemble", ""): "assembling",
-    ("prepare", ""): "factorising the bodies",
+SAID = {  # of phases, whatever is done in them
+    "mesh": "meshing",
+    "assemble": "assembling",
+    "prepare": "factorising the bodies",
+    "iterate": "solving",
+    "error": "estimating errors",
+    "audit": "auditing",
+    "output": "writing",
+    "linear_reference": "solving the linear reference",
+}
+PARTS_SAID = {  # parts of phases that are spoken of by themselves
+    ("prepare", "sensitivity"): "assembling for derivatives",
     ("error", COARSER): "estimating errors: the history on a coarser mesh",
     ("error", TIME): "estimating the error of the time steps: half of the steps",
     ("error", BETTER): "estimating the error of the mesh: a better one",
     ("error", PAIRS): "estimating the error of the pairs: with sliding",
-    ("audit", ""): "auditing",
+    ("output", "sensitivity"): "finding derivatives",
     ("output", "pictures"): "drawing",
 }
 
@@ -83,10 +92,11 @@ class Reporter(Speaker):
     def __init__(self, quiet: bool, verbose: bool) -> None:
         super().__init__(quiet, MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn())
         self.verbose, self.task = verbose, self.progress.add_task("meshing and preparing", total=None)
-        self.began, self.done, self.count = monotonic(), 0, 0  # of solving; steps of this process; of them all
+        self.began, self.done, self.count = monotonic(), 0, 0  # of solving; steps of this round; of them all
         self.told = np.inf  # when the last line on estimates was said
         self.since = self.spoke = monotonic()  # when what is done now began, and was last spoken of
         self.clock: Clock | None = None  # of the run, once something began
+        self.phase = ""  # that was last spoken of
         self.over = Event()
 
     def __enter__(self) -> Self:
@@ -132,8 +142,8 @@ class Reporter(Speaker):
 
     def _prepared(self, simulation: Simulation) -> None:
         times = simulation.scene.requested_times()
-        self.began, self.count = monotonic(), len(times)
-        self.progress.update(self.task, total=len(times), description="solving")
+        self.began, self.done, self.count, self.told = monotonic(), 0, len(times), np.inf
+        self.progress.update(self.task, total=len(times), completed=0, description="solving")
         free, points = simulation.system.constraints.free_total, simulation.stepper.cone.size
         self.line(f"{free} unknown displacements, {points} contact unknowns, {len(times)} steps")
         self.line(*(f"warning: {warning}" for warning in warnings(simulation.scene)))
@@ -161,15 +171,13 @@ class Reporter(Speaker):
 
     def _phase(self, clock: Clock, phase: str, part: str) -> None:
         """Say what begins: on a terminal always, else if it will take longer than others take to answer."""
-        self.since, self.clock = monotonic(), clock
-        text = LONG.get((phase, part))
-        if text is None or (phase == "prepare" and not clock.expected):
+        self.clock, said = clock, PARTS_SAID.get((phase, part))
+        if (said is None and phase == self.phase) or (phase == "prepare" and not clock.expected):
             return
-        about = {
-            "prepare": clock.expected,
-            "audit": clock.seconds("assemble") * (1 + self.done / 4),
-            "error": clock.expected,
-        }.get(phase, 0.0)
+        self.since, self.phase, text = monotonic(), phase, said or SAID.get(phase, phase)
+        audit = clock.seconds("assemble") * (1 + self.done / 4)
+        of_error = clock.expected if said and phase == "error" else 0.0
+        about = {("prepare", ""): clock.expected, ("audit", ""): audit}.get((phase, part), of_error)
         long = about >= ANNOUNCED
         text += f", about {about:.0f} s" if long else ""
         self.progress.update(self.task, description=text)
@@ -196,6 +204,9 @@ class Reporter(Speaker):
                 out.print(f"{AT_LEAST} without the error of the {listed(lacking)}: see docs")
         else:
             out.print("no step was solved")
+        head, rows = error_budget(content)
+        if rows:
+            print_table(table_of(head, rows, ("number",)), out)
         seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
         names = ("imports", "mesh", "assemble", "prepare", "iterate", "error", "audit", "output", "other")
         phases = ", ".join(f"{name} {seconds[name]:.2f}" for name in names)

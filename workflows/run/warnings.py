@@ -9,9 +9,12 @@ import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, inverse_and_determinant
+from stickslip.geometry.surfaces.faces import RIDGES
 from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.user_files.raw_mesh import different
 from stickslip.solvers.accuracy.errors import elements_touched, unresolved
 from stickslip.solvers.accuracy.kept_pairs import facet_length, moved_on_obstacle
+from stickslip.solvers.contact.build import LEANS
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.step_result import OPEN, ContactState, Errors, MeshData, Quantity, StepResult, walk
 from stickslip.solvers.scene.contact import table_of
@@ -174,16 +177,68 @@ def _jump(cells: Ints, stress: Array, von_mises: Array) -> float:
     return float(np.linalg.norm(mean - around[cells].mean(axis=1))) / size if size else 0.0
 
 
-def unsettled_pairs(simulation: Simulation) -> str:
-    """Why an answer is doubtful where pairs of a sliding contact do not settle; else empty."""
-    times = simulation.stepper.chain.unsettled
-    if not times:
-        return ""
-    return (
-        f"the pairs of a sliding contact change from search to search at t = {times[0]:g}"
-        f"{f' and {len(times) - 1} other times' * (len(times) > 1)}: those that change least are kept there; take more "
-        "steps, or finer sides"
-    )
+def reasons_to_doubt(simulation: Simulation, steps: Sequence[StepResult]) -> Iterator[str]:
+    """Yield why an answer that is solved may be wrong all the same: each makes it doubtful."""
+    if times := simulation.stepper.chain.unsettled:
+        yield (
+            f"the pairs of a sliding contact change from search to search at t = {times[0]:g}"
+            f"{f' and {len(times) - 1} other times' * (len(times) > 1)}: those that change least are kept there; take "
+            "more steps, or finer sides"
+        )
+    if worn := wears_too_fast(simulation, steps):
+        yield worn
+    for rows in simulation.system.contacts:
+        states = [step.contacts[rows.name] for step in steps if rows.name in step.contacts]
+        if not states or rows.normal.ties or rows.normal.at_quadrature:  # compliance presses in, on areas of flanks
+            continue
+        alone, (known, end) = np.any([_alone(rows, state) for state in states], axis=0), _corners(rows)
+        leans = np.einsum("nd,nd->n", rows.surface.node_normals(), rows.frames[:, 0]) < LEANS
+        counted = _by_area(rows, simulation.problem.timeline.end)
+        no_area = (
+            f"has no area, by which {counted} counts: that is of the mesh there; round it, or take friction in "
+            "proportion to pressure"
+        )
+        no_flank = (
+            "presses half way between the normals of both sides, for no side goes round it; name what lies beyond it "
+            "as a part of the side, or the whole skin"
+        )
+        for places, said in (
+            (alone & (known | end) & bool(counted), no_area),
+            (alone & ~known & leans & (rows.master is not None), no_flank),
+        ):
+            for place in rows.surface.points[places][:1]:
+                at = ", ".join(f"{x:.4g}" for x in place)
+                yield f"contacts.{rows.name}: the corner or edge at ({at}) bears alone and {said}"
+
+
+def _by_area(rows: ContactRows, end: float) -> str:
+    """What of a contact's laws is not in proportion to the pressure, and needs an area; empty: nothing."""
+    law = rows.friction
+    if rows.wears or law is None:
+        return "wear" if rows.wears else ""
+    if law.k_T is not None:
+        return "friction.k_T"
+    return "" if law.remembers or law.homogeneous(rows.normal, rows.time, end) else "friction"
+
+
+def _alone(rows: ContactRows, state: ContactState) -> Bools:
+    """Nodes (n,) that press while no whole facet beside them touches."""
+    facets, found = rows.surface.facets, state.pressure > 0
+    found[facets[(state.status != OPEN)[facets].all(axis=1)]] = False
+    return np.asarray(found)
+
+
+def _corners(rows: ContactRows) -> tuple[Bools, Bools]:
+    """Nodes (n,) of known corners and edges, and at the ends of a side.
+
+    Where supports hold a node along the side, in a plane of symmetry, the side does not end.
+    """
+    side = rows.surface
+    ridges = side.facets[:, [ends[: side.dim - 1] for ends in RIDGES[side.shape]]].reshape(-1, side.dim - 1)
+    first, times = different(ridges)
+    end = np.isin(np.arange(len(side.nodes)), ridges[first[times == 1]])
+    known = side.at_edge + (0.0 if rows.tips is None else rows.tips) > 0
+    return known, end & (rows.share_t.T @ rows.free.all(axis=1) > 0)
 
 
 def wears_too_fast(simulation: Simulation, steps: Sequence[StepResult]) -> str:
@@ -380,18 +435,15 @@ def _worn_far(rows: ContactRows, state: ContactState, length: str) -> Iterator[s
 
 
 def _at_corners(rows: ContactRows, states: Sequence[ContactState]) -> Iterator[str]:
-    """Corners that press on corners, and those that a tangential stiffness by area holds."""
+    """Corners that press on corners."""
     tips = np.zeros(len(rows.surface.nodes)) if rows.tips is None else rows.tips
-    soft = rows.friction is not None and rows.friction.k_T is not None
-    for least, said in (
-        (1, "presses on one along it, half way between faces, which is a choice"),
-        (0 if soft else np.inf, "has no area for friction.k_T: what it gives is that of the mesh"),
-    ):
-        places = (tips > least) & np.any([state.pressure > 0 for state in states], axis=0)
-        if places.any():
-            place = ", ".join(f"{x:.4g}" for x in rows.surface.points[places][0])
-            yield f"contacts.{rows.name}: the corner or edge at ({place}) {said}"
-            return
+    places = (tips > 1) & np.any([state.pressure > 0 for state in states], axis=0)
+    for point in rows.surface.points[places][:1]:
+        place = ", ".join(f"{x:.4g}" for x in point)
+        yield (
+            f"contacts.{rows.name}: the corner or edge at ({place}) presses on one along it, half way between faces, "
+            "which is a choice"
+        )
 
 
 def _few_points(rows: ContactRows, problem: Problem, state: ContactState) -> Iterator[str]:

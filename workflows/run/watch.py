@@ -17,6 +17,7 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.workflows.run.folder import at_work
 from stickslip.workflows.run.mesh_report import MeshReport
+from stickslip.workflows.run.ranks import KEPT
 from stickslip.workflows.run.resume import EarlierRun
 
 LOGGERS = ("stickslip",)
@@ -36,6 +37,7 @@ class Watch:
     on_note: Callable[[str], None] = lambda line: None
     on_phase: Callable[[Clock, str, str], None] = lambda clock, phase, part: None  # and part that begin
     answer: str | None = None  # what is said to Ctrl-C, see `Interrupt`
+    kept: str = KEPT  # likewise
     on_round: Callable[[str], None] = lambda line: None  # of rounds towards an accuracy: a line on each
 
 

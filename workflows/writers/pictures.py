@@ -54,11 +54,19 @@ class Pictures(AtTheEnd):
 
     def names(self) -> Sequence[str]:
         contacts = (f"contact_{name}.png" for name in self.job.scene.pairs)
-        return ["deformed.png", "stress_error.png", "history.png", "force_displacement.png", *contacts]
+        return [
+            "deformed.png",
+            "stress_error.png",
+            "history.png",
+            "force_displacement.png",
+            "sensitivity.png",
+            *contacts,
+        ]
 
     def draw(self, ended: Ended) -> None:
         from stickslip.workflows.pictures.draw import draw, draw_course
         from stickslip.workflows.pictures.rigid import rigids
+        from stickslip.workflows.pictures.tornado import NAME, draw_tornado
 
         scene, errors = self.job.scene, ended.errors[-1] if ended.errors else None
         draw(
@@ -73,6 +81,8 @@ class Pictures(AtTheEnd):
             units=scene.labels,
         )
         draw_course(self.job.folder, scene)
+        title = " ".join(scene.title.split())
+        draw_tornado(self.job.folder / NAME, ended.steps[-1], scene.parameters(), title, units=scene.labels)
 
 
 class Animation(AtTheEnd):

@@ -31,7 +31,7 @@ from stickslip.solvers.simulation.resolve import resolve
 from stickslip.workflows.lab.verification.hard.variations import Scale
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.lab.verification.units import Units
-from stickslip.workflows.run.warnings import unsettled_pairs
+from stickslip.workflows.run.warnings import reasons_to_doubt
 
 SECOND = ("nsgs", "surface-uzawa", "uzawa")  # the first of these that can solve the scene gives a second opinion
 TOLERANCE = 1e-10  # of the second opinion
@@ -81,7 +81,7 @@ class Solved:
 
     @cached_property
     def complaints(self) -> tuple[str, ...]:
-        """Complaints of the audit, and of pairs that do not settle."""
+        """Complaints of the audit, and what else makes the answer doubtful."""
         auditor = Auditor(self.simulation.problem, self.simulation.mesh)
         audits, before = list[Audit](), None
         for step in self.steps:
@@ -90,7 +90,7 @@ class Solved:
             before = record
         times, errors = [s.time for s in self.steps], [s.law_error for s in self.steps]
         found = passed(audits, times, errors, self.simulation.scene.solver.tolerance)
-        return tuple(filter(None, (*found, unsettled_pairs(self.simulation))))
+        return (*found, *reasons_to_doubt(self.simulation, self.steps))
 
     @property
     def spread(self) -> float:
