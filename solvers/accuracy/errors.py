@@ -88,7 +88,7 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
             continue
         if not kind:
             off: Value = _ahead(accepted, key, value)
-            linear = LINEAR * accepted.linear_error * np.abs(value)
+            linear: Value = LINEAR * accepted.linear_error * np.abs(value)
         elif kind == "area":
             off = np.abs(theirs[key] - value)
             linear = 0.0 * off

@@ -421,8 +421,8 @@ class Observer:
             dissipation_total=float(state.energy.dissipation[index]),
             max_wear=float(depth.max(initial=0.0)) if c.wears else None,
             worn_volume=float(c.W_n @ depth) if c.wears else None,
-            slip_rate=_largest(c.friction and c.friction.rates, state.memory.get(c.name)),
-            state=_largest(c.friction and c.friction.ages, state.memory.get(c.name)),
+            slip_rate=_largest(c.friction.rates if c.friction else None, state.memory.get(c.name)),
+            state=_largest(c.friction.ages if c.friction else None, state.memory.get(c.name)),
         )
 
     def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, ObstacleState]:
