@@ -28,7 +28,9 @@ from stickslip.solvers.results.step_result import (
     uncertainty,
 )
 from stickslip.solvers.scene.parameters import Sensitivity, scaled
+from stickslip.solvers.simulation import sensitivity as neighbours_of
 from stickslip.solvers.simulation.checkpoint import Checkpoints
+from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.workflows.commands.sensitivity import sensitivity
 from stickslip.workflows.formats.results import error_budget
 from stickslip.workflows.lab.verification.prepared import solved
@@ -301,6 +303,19 @@ def test_two_sides_and_none_are_said(rings: tuple[Scene, StepResult]) -> None:
     validate(step["contacts"], defined | result_schema()["$defs"]["StepRecord"]["properties"]["contacts"])
 
 
+def test_it_is_told_how_long_neighbours_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    left, true = list[float | None](), neighbours_of._pair
+
+    def pair(scene: Scene, stepper: Stepper, *given: Any) -> Any:
+        left.append(stepper.system.counters.clock.left)
+        return true(scene, stepper, *given)
+
+    monkeypatch.setattr(neighbours_of, "_pair", pair)
+    prepare(replace(dragged(), sensitivity=Sensitivity(parameters=("bodies.block.E", "contacts.base.friction.mu"))))
+    assert left[0] is None
+    assert left[-1] is not None
+
+
 def test_a_scene_that_asks_for_none_does_nothing_more() -> None:
     scene = dragged()
     simulation, steps = solved(scene)
@@ -351,6 +366,10 @@ def _array(slope: Slope) -> Array:
         ({"uncertainty": BETWEEN | {"correlations": [[E, "bodies.block.G", 0.5]]}}, "no number with an uncertainty"),
         ({"uncertainty": BETWEEN | {"correlations": [[E, MU, 0.9], [E, NU, 0.9], [MU, NU, -0.9]]}}, "negative eigenv"),
         ({"uncertainty": {"bodies.block.E": True}}, "expected a number, or a text$"),
+        (
+            {"uncertainty": {"bodies": {"block": {"E": "3 %"}}}},
+            "expected a number, or a text; write a key with dots in",
+        ),
         ({"uncertainty": {"bodies.block.E": "inf %"}}, "expected one standard deviation"),
         ({"uncertainty": {"bodies.block.E": "1e200 %"}}, "expected one standard deviation"),
     ],
