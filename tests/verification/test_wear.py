@@ -14,6 +14,8 @@ from shared.problems import on_floor
 from stickslip import SLIP, STICK, Quantity, Scene, SceneError
 from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.stepping import halving
+from stickslip.solvers.stepping.law_memory import LawMemory
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.warnings import wears_too_fast
 from stickslip.workflows.scene_file.read import from_dict
@@ -203,6 +205,14 @@ def test_turns_that_end_at_the_usual_tolerance_leave_a_sound_step() -> None:
         assert audit.fields < 1e-9
         assert audit.moment < 1e-3
         assert audit.penetration < 1e-6
+
+
+def test_turns_that_do_not_end_say_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LawMemory, "_apart", lambda *_: 1.0)
+    monkeypatch.setattr(halving, "HALVINGS", 0)
+    base = {"friction": {"law": "coulomb", "mu": 0.3}, "wear": {"k": 1e-3}}
+    with pytest.raises(stickslip.StepError, match="do not settle: friction weakens, or wears off, too fast"):
+        list(prepare(column(1, base=base, solver={"method": "condensed-newton"})).steps())
 
 
 PAD = """SetFactory("OpenCASCADE");
