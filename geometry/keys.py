@@ -375,7 +375,8 @@ def _line(problem: Any, path: Sequence[str], node: Any, known: set[str], beside:
         if any("tuple[float, float]" in e["loc"] for e in beside):
             return f"{key} = {found}: expected {number}, or two of them"
         if not any("tuple[float" in str(e["loc"]) for e in beside):
-            return f"{key} = {found}: expected {number}, or a text"
+            dots = "; write a key with dots in quotes" if isinstance(node, Mapping) else ""
+            return f"{key} = {found}: expected {number}, or a text{dots}"
         return f"{key} = {found}: expected {number}, or a table [[time, value], ...]{more}"
     if what == "dataclass_exact_type":
         return f"{key} = {found}: expected a {context['class_name']}"

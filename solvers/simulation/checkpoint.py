@@ -20,6 +20,7 @@ from stickslip.solvers.parallel.serialise import ByNode, Own, Plain, deserialise
 from stickslip.solvers.stepping.method_chain import Reached
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
+from stickslip.solvers.system.system import System
 
 ROWS = "rows"  # field of State that is not stored: it is built again from the pairs of sliding contacts
 APART = ("surplus", "refined", "neighbours")  # fields with other states, or vectors of order 2, stored apart
@@ -88,15 +89,16 @@ class Checkpoints:
             The state that the next step starts from, and whether `learnt` could be used: not on other ranks.
         """
         system, chain = self.stepper.system, self.stepper.chain
-        searched = checkpoint.state["searched"]
-        rows = system.searched(searched).contacts if searched else system.contacts
-        given = {ROWS: rows, **dict.fromkeys((*FOR_RESULTS, *APART))} | {"neighbours": ()}
+
+        def rows_of(system: System, state: Plain) -> dict[str, Any]:
+            searched = state["searched"]
+            return {ROWS: system.searched(searched).contacts if searched else system.contacts}
+
+        given = rows_of(system, checkpoint.state) | dict.fromkeys((*FOR_RESULTS, *APART)) | {"neighbours": ()}
         state: State = deserialise(State, checkpoint.state, self._vector, **given)
         if self.stepper.neighbours:
             solvers = zip(checkpoint.neighbours, self.stepper.neighbours.solvers, strict=True)
-            others = (
-                deserialise(State, near, self._vector, **given | {ROWS: s.system.contacts}) for near, s in solvers
-            )
+            others = (deserialise(State, near, self._vector, **given | rows_of(s.system, near)) for near, s in solvers)
             state = replace(state, neighbours=tuple(others))
         if checkpoint.refined is not None and self.stepper.companion:
             surplus = self._bubbles(checkpoint.surplus, self.stepper.companion.vector())

@@ -55,7 +55,7 @@ def neighbours(scene: Scene, stepper: Stepper) -> Neighbours | None:
     with stepper.system.counters.for_error():
         scale = stepper.posed(stepper.start(), scene.requested_times()[0])[0].u_ref
     pairs, sizes = dict[str, tuple[SubstepSolver, SubstepSolver]](), dict[str, float]()
-    for key in asked:
+    for key in stepper.system.counters.clock.counted(asked):
         try:
             pair, size = _pair(scene, stepper, key, STEP), STEP
             moved = max(
@@ -165,7 +165,7 @@ class Slopes:
         """The numbers of a neighbour; collective."""
         near = replace(
             accepted,
-            stepper=self.neighbours.solvers[at],
+            stepper=self.neighbours.present[at],
             state=accepted.state.neighbours[at],
             start=accepted.start.neighbours[at],
             substep_start=accepted.substep_start.neighbours[at],

@@ -34,6 +34,7 @@ from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import ActiveSet, linearise, sets
 from stickslip.solvers.stepping.law_memory import LawMemory, with_memory
+from stickslip.solvers.stepping.pairs import SEARCHES, carried_over, relative_positions
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.substep import Attempt, SubstepSolver
 from stickslip.solvers.stepping.touch import Way
@@ -189,6 +190,7 @@ class Neighbours:
         """
         self.sizes, self.base = sizes, base
         self.solvers = (base, *(each for pair in pairs.values() for each in pair))
+        self.present = self.solvers  # with the pairs of the last substep
 
     def start(self) -> tuple[State, ...]:
         """The neighbours of the state at rest; collective."""
@@ -203,11 +205,43 @@ class Neighbours:
         try:
             with counters.clock.part("sensitivity"), counters.for_error():
                 self._follow()
-                found = _found(self.solvers, attempt)
+                sliding = [name for name, pair in self.base.system.problem.pairs.items() if pair.contact.sliding]
+                self.present, found = self._slid(attempt, sliding) if sliding else (self.solvers, None)
+                found = found or _found(self.solvers, attempt)
         except (SolverError, np.linalg.LinAlgError) as error:  # the step is solved all the same
             log.warning("t = %g: derivatives are not known from here on: %s", attempt.state.time, error)
             found = ()
         return replace(attempt, state=replace(attempt.state, neighbours=found))
+
+    def _slid(self, attempt: Attempt, names: Sequence[str]) -> tuple[tuple[SubstepSolver, ...], tuple[State, ...]]:
+        """Solvers with the pairs of where each neighbour ends, and the neighbours; collective.
+
+        Where points have moved, but not slid, the solution has kept its pairs, and so do its neighbours.
+
+        Args:
+            names: of sliding contacts.
+        """
+        solver, new, problem = attempt.solver, attempt.state, attempt.problem
+        assert new is not None
+        assert problem is not None
+        reached = relative_positions(solver.system, new, names)
+        follow = [x for x, at in reached.items() if np.abs(at - new.searched[x]).max() <= SLIGHT * np.abs(at).max()]
+        places = [{**new.searched, **{name: reached[name] for name in follow}}] * len(self.solvers)
+        for _ in range(SEARCHES):
+            present = tuple(
+                beside(solver, each.system.searched(at)) for each, at in zip(self.solvers, places, strict=True)
+            )
+            begun = zip(attempt.begin.neighbours, present, places, strict=True)
+            olds = tuple(replace(carried_over(old, each.system), searched=at) for old, each, at in begun)
+            begin = replace(attempt.begin, neighbours=olds)
+            found = _found(present, replace(attempt, begin=begin))
+            ended = [relative_positions(p.system, state, follow) for p, state in zip(present, found, strict=True)]
+            pairs = zip(ended, places, strict=True)
+            far = max((float(np.abs(now[name] - at[name]).max()) for now, at in pairs for name in follow), default=0.0)
+            if far <= SLIGHT * STEP**1.5 * problem.u_ref:  # of what a change of the number moves
+                return present, found
+            places = [{**at, **now} for at, now in zip(places, ended, strict=True)]
+        raise SolverError("pairs do not settle")
 
     def _follow(self) -> None:
         """Take over bodies that another method has prepared anew; collective.
@@ -434,7 +468,7 @@ def refuse(base: SubstepSolver) -> None:
         why = f'{NOT_CONDENSED}; set solver.surface = "condensed"'
     elif not base.chain.exact_laws:
         why = 'needs a method with the contact laws as they are; set solver.method = "auto"'
-    elif any(pair.contact.sliding or pair.skins for pair in system.problem.pairs.values()):
-        why = "is not built for contacts that slide, whose pairs are searched anew"
+    elif any(pair.skins for pair in system.problem.pairs.values()):
+        why = "is not built for bodies that may come near all over, whose pairs are searched anew"
     if why:
         raise SceneError(f"sensitivity: {why}")

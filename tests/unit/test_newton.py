@@ -38,6 +38,7 @@ from stickslip.solvers.newton.attempts import (
 )
 from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, saddle_point, solve
 from stickslip.solvers.newton.semismooth import SemismoothNewton
+from stickslip.workflows.lab.benchmarks.price_run import Case
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict, read
 
@@ -694,6 +695,14 @@ def test_what_goes_on_to_slip_is_solved_at_once() -> None:
         first, *later = [step.iterations for step in simulation.steps()]
         assert first > 1
         assert later == [1, 1]
+
+
+def test_an_attempt_that_hops_is_given_up_soon() -> None:
+    """Dragged cubes stick, reversed ones slip back: from the last step's tractions plain Newton hops."""
+    cubes = Case(3, 4, "condensed-newton", "condensed", 1e-8, "tensor", 2).scene()
+    reversal = read("hysteresis", ["steps.count=22", "output.pictures=false"])
+    for scene, most in ((cubes, 13), (reversal, 16)):
+        assert max(step.iterations for step in prepare(scene).steps()) <= most
 
 
 def nothing(problem: SurfaceProblem) -> Any:
