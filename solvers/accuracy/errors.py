@@ -80,14 +80,17 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
     area = float(W[: accepted.stepper.surface.normal_rows].sum())
     for known in (sizes, bounds):
         known["volume"] = area * known["length"]
-    errors = {}
+    errors = dict[Quantity, ErrorParts]()
     for key, value in found.items():
         kind, lever = number_of(key).kind, _lever(accepted.stepper.system, key)
         kind = LIKE.get(kind, kind)
-        if not kind:
+        if not kind and key.quantity not in ("slip_rate", "state"):
             continue
-        if kind == "area":
-            off: Value = np.abs(theirs[key] - value)
+        if not kind:
+            off: Value = _ahead(accepted, key, value)
+            linear: Value = LINEAR * accepted.linear_error * np.abs(value)
+        elif kind == "area":
+            off = np.abs(theirs[key] - value)
             linear = 0.0 * off
         elif key.quantity == "stress":
             off = 0.0 * value + bounds["pressure"]
@@ -98,6 +101,15 @@ def iteration_errors(observe: Observer, accepted: Accepted, found: Values) -> di
             linear = 0.0 * np.abs(value) + LINEAR * accepted.linear_error * size
         errors[key] = ErrorParts(iteration=off, linear_solver=linear)
     return errors
+
+
+def _ahead(accepted: Accepted, key: Quantity, value: Value) -> Value:
+    """Error of a slip rate, or of a state, by how far what friction remembers is from that of the exact solution."""
+    left, contacts = accepted.state.correction, accepted.stepper.system.contacts
+    known = left.memory if left is not None else {}
+    ahead = [np.atleast_2d(known[c.name].T) for c in contacts if c.name in known]
+    column, size = (-1, 1.0) if key.quantity == "slip_rate" else (0, np.abs(value))
+    return size * max((float(np.abs(each[column]).max(initial=0.0)) for each in ahead), default=0.0)
 
 
 def _lever(system: System, key: Quantity) -> float:

@@ -157,6 +157,14 @@ class FrictionLaw(Choice):
         """
         return memory
 
+    def rates(self, memory: Array) -> Array | None:
+        """Slip rates (m_t,) [m/s] at the end of a substep; None: it asks for none."""
+        return memory if self.timed else None
+
+    def ages(self, memory: Array) -> Array | None:
+        """States theta (m_t,) [s] of points with a memory; None: it has none."""
+        return None
+
     def at(self, memory: Array) -> FrictionLaw:
         """The law of points with a memory (m_t,) at the end of a substep; what `remembers` has no other bound."""
         return self

@@ -141,6 +141,12 @@ class RateAndStateByPoint(FrictionLaw):
     def within(self, memory: Array, step: float) -> FrictionLaw:
         return _InStep(of=self, start=memory[:, 0], step=step) if step > 0 else self.at(memory)
 
+    def rates(self, memory: Array) -> Array | None:
+        return memory[:, 1]
+
+    def ages(self, memory: Array) -> Array | None:
+        return np.asarray(self.Dc / self.of.V0 * np.exp(memory[:, 0]))
+
     def of_points(self, points: Ints) -> FrictionLaw:
         return replace(self, a=self.a[points], b=self.b[points], Dc=self.Dc[points])
 

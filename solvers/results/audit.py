@@ -175,7 +175,9 @@ class Auditor:
                 found.append(f"contacts.{c.name}: forces of a cyclic sector")
             if penetration(c.normal, zero) is None:
                 found.append(f"contacts.{c.name}.normal")
-            if c.friction is not None and bound(c.friction, c.normal, zero, np.ones((1, 1)), 0.0, 1.0, zero) is None:
+            law, one = c.friction, np.ones((1, 1))
+            rest = zero if law is None else np.zeros_like(law.memory(len(c.W_t)))[:1]
+            if law is not None and bound(law, c.normal, zero, one, 0.0, 1.0, rest) is None:
                 found.append(f"contacts.{c.name}.friction")
         return tuple(dict.fromkeys([*found, *sorted(self._unseen)]))
 
@@ -491,6 +493,9 @@ class Auditor:
         total = before[rows.name]["dissipation_total"] if before else 0.0
         whole = told["dissipation_total"] - total  # of several substeps the parts are not known
         work, beside = float(rows.W_t @ (t * slid).sum(axis=1)), self._beside(place, record)
+        memory, theta, law = record.memory.get(rows.name, np.zeros(0)), np.zeros(0), rows.friction
+        if isinstance(law, RateAndStateByPoint):
+            theta = law.Dc * np.exp(memory[:, 0]) / law.of.V0
         if beside is None or record.stored.told["substeps"] > 1:
             self._unseen.add(f"contacts.{rows.name}.dissipation: {UNFOLLOWED}")
         counts = dict(zip(STATUS_WORDS, np.bincount(status, minlength=len(STATUS_WORDS)).tolist(), strict=True))
@@ -508,6 +513,8 @@ class Auditor:
             wrong=float(counts != told["statuses"]),
             normal_weight=rows.W_n,
             wear=record.memory.get(f"{rows.name}{WORN}", np.zeros(0)),
+            rates=memory[:, 1] if memory.ndim > 1 else memory,
+            ages=theta,
             **shown,
         )
 

@@ -295,7 +295,9 @@ class Observer:
         rows, parts = accepted.stepper.system.contacts, [contacts[pair] for pair in pairs]
         tangential = [self._tangential(i, c, accepted) for i, c in enumerate(rows) if c.name in pairs]
         merged: dict[str, Any] = {
-            key: (np.max if key.startswith("max") else np.sum)([getattr(part, key) for part in parts], axis=0)
+            key: (np.max if key.startswith("max") or key in ("slip_rate", "state") else np.sum)(
+                [getattr(part, key) for part in parts], axis=0
+            )
             for key in (number.name for number in fields(ContactNumbers))
             if getattr(parts[0], key) is not None
         }
@@ -419,6 +421,8 @@ class Observer:
             dissipation_total=float(state.energy.dissipation[index]),
             max_wear=float(depth.max(initial=0.0)) if c.wears else None,
             worn_volume=float(c.W_n @ depth) if c.wears else None,
+            slip_rate=_largest(c.friction.rates if c.friction else None, state.memory.get(c.name)),
+            state=_largest(c.friction.ages if c.friction else None, state.memory.get(c.name)),
         )
 
     def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, ObstacleState]:
@@ -539,3 +543,9 @@ def mesh_data(system: System) -> MeshData:
         slaves={c.name: np.searchsorted(known, c.surface.input) for c in system.contacts} if len(known) else {},
         gaps={c.name: c.node_gap for c in system.contacts},
     )
+
+
+def _largest(of: Callable[[Array], Array | None] | None, memory: Array | None) -> float | None:
+    """Largest value that a law makes of what its points remember; None: none."""
+    found = of(memory) if of is not None and memory is not None else None
+    return None if found is None else float(found.max(initial=0.0))

@@ -16,6 +16,7 @@ from stickslip.geometry.shape import SKIN, Model
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.friction import Stick
 from stickslip.solvers.laws.normal import Unilateral
+from stickslip.solvers.laws.rate_and_state import RateAndState
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.wear import Slide, Turned, Wear
 
@@ -215,6 +216,16 @@ class Contact(Noun):
     def change(self, one: str, other: str) -> PairChange:
         """What is different in the pair of two bodies, in whatever order `pairs` has them."""
         return self.pairs.get(f"{one}.{other}") or self.pairs.get(f"{other}.{one}") or PairChange()
+
+    @property
+    def rates(self) -> bool | None:
+        """True where friction asks for a slip rate; None: not."""
+        return True if self.friction is not None and self.friction.timed else None
+
+    @property
+    def ages(self) -> bool | None:
+        """True where friction has a state; None: not."""
+        return True if isinstance(self.friction, RateAndState) else None
 
     @property
     def tangential(self) -> FrictionLaw | None:

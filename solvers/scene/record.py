@@ -120,6 +120,13 @@ class ContactNumbers:
     dissipation_total: Annotated[float, Number("J", "the same since t = 0", words="dissipated")]
     max_wear: Annotated[float | None, Number("m", "largest worn depth", words="largest wear", needs="wear")] = None
     worn_volume: Annotated[float | None, Number("m³", "worn off", words="worn volume", needs="wear")] = None
+    slip_rate: Annotated[
+        float | None,
+        Number("m/s", "largest slip rate that friction asks for", words="largest slip rate", needs="rates"),
+    ] = None
+    state: Annotated[
+        float | None, Number("s", "largest state theta of friction", words="oldest contact", needs="ages")
+    ] = None
 
     @property
     def mean_pressure(self) -> Annotated[float, Number("Pa", "normal force over what touches", words="mean pressure")]:
@@ -196,6 +203,8 @@ AGAIN: Mapping[str, Callable[[Seen], Value]] = {  # of numbers that are not seen
     "max_slip": lambda seen: largest(seen.slip[seen.touches]),
     "max_wear": lambda seen: largest(seen.wear),
     "worn_volume": lambda seen: seen.normal_weight @ seen.wear,
+    "slip_rate": lambda seen: largest(seen.rates),
+    "state": lambda seen: largest(seen.ages),
     "max_displacement": lambda seen: largest(seen.moved),
     "max_von_mises": lambda seen: largest(seen.von_mises),
 }

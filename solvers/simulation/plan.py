@@ -106,11 +106,11 @@ def _too_stiff(setup: Setup) -> Iterator[str]:
 
 
 def _overlapping(setup: Setup) -> Iterator[str]:
-    """Bodies that lie in each other, but for those that the gap of a contact puts apart."""
+    """Bodies that lie in each other, but for those that the gap of a contact puts apart whose sides face each other."""
     between = {
         frozenset(side.split(".")[0] for side in (pair.slave, pair.master)): pair.contact
         for pair in setup.pairs.values()
-        if pair.master is not None
+        if pair.master is not None and np.min(setup.sample(pair.slave)[1] @ setup.sample(pair.master)[1].T) < 0
     }
     for overlap in setup.shape.overlaps(setup.dim) if isinstance(setup.shape, UserFile) else ():
         contact, said = between.get(frozenset(overlap.bodies)), overlap.said(setup.labels.length)

@@ -74,6 +74,10 @@ HISTORIES = {
     "sliding, iterative": ("sliding", [*SLIDING, *LEARNS]),
     "compliance": ("foundation", ["geometry.mesh_size=0.4", "output.pictures=false", "steps.count=4"]),
     "friction by slip rate": ("block", [*SMALL, "contacts.base.friction={law='rate_dependent',mu='0.2+V'}", SECONDS]),
+    "friction by rate and state": (
+        "block",
+        [*SMALL, "contacts.base.friction={law='rate_and_state',f0=0.3,a=0.01,b=0.005,Dc=0.02,V0=0.1}", SECONDS],
+    ),
     "friction by slip": ("stick_slip", ["geometry.mesh_size=0.025", "output.pictures=false", "steps.count=6"]),
     "wear": ("block", [*SMALL, "contacts.base.wear.k=0.05", "contacts.base.slide=[[0,0],[1,0],[2,0.01]]"]),
     "orthotropic": ("spruce", ["geometry.mesh_size=0.012", "output.pictures=false", "steps.count=6"]),

@@ -21,6 +21,7 @@ FEWER = {  # steps, of scenes that have many for the accuracy of their dissipati
     "axisymmetric": 4,
     "dam": 12,
     "disc_brake": 6,
+    "fretting_wear": 10,
     "half_ball": 2,
     "half_disc": 8,
     "half_space": 4,

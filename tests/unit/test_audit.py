@@ -1100,6 +1100,61 @@ def test_stored_fields_are_right_up_to_rounding_of_lengths(case_of: Callable[[st
                 assert (audit._fields(wrong, earlier, record.w, scales) > 1e-6) is seen
 
 
+@pytest.mark.parametrize("law_error", [0.0, 1e-3])
+def test_stored_fields_are_held_against_those_of_the_record_by_the_scales_of_the_step(
+    law_error: float, case_of: Callable[[str], Solved], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = case_of("springs")
+    audit, given = case.auditor(), list[tuple[Any, ...]]()
+    record = replace(case.records[-1], stored=replace(case.records[-1].stored, law_error=law_error))
+    audit(record)
+    (place,) = audit.cone.places
+    rows, t = place.rows, record.p[place.tangential].reshape(-1, 1)
+    monkeypatch.setattr(module, "contact_differences", lambda *every: given.append(every) or iter([0.25]))
+    for noise, rest in ((1e-4, 2e-4), (3e-4, 2e-4)):
+        scales = Scales(p=0.3, u={"base": 0.2}, rounding=1e-3, noise=noise, rest=rest)
+        assert audit._fields(record, None, record.w, scales) == 0.25
+        bound = 0.3 * np.maximum(rows.average @ record.p[place.normal], 0.0)
+        moved = record.displacement[rows.input]
+        known = record.p[place.normal], t, bound, rows.node_gap, moved, 0.3, 0.2, 1e-3, max(noise, rest)
+        assert given[-1][0].name == "base"
+        assert given[-1][1] is record.stored.contacts["base"]
+        for found, expected in zip(given[-1][2:-1], known, strict=True):
+            assert_allclose(found, expected, atol=1e-12)
+        assert given[-1][-1] is (law_error == 0)
+
+
+GAPS: dict[str, dict[str, Any]] = {
+    "in time": table({"gap_offset": [[0, 0], [2, -0.04]]}),
+    "by place": table({"gap_offset": "0.01*x"}, geometry={"order": 2}),
+    "compliance": table({"normal": COMPLIANCE, "gap_offset": "0.01*x"}, geometry={"order": 2}),
+    "tied": table({"normal": {"law": "tied"}}, SCENES["tied"]["obstacles"]["hill"]),
+    "sliding": table({"sliding": True}),
+    "sliding compliance": table({"normal": COMPLIANCE, "sliding": True}),
+    "graph": table({}, {"shape": "graph", "height": "-0.1*x**2"}),
+    "between bodies": SCENES["between bodies"],
+}
+
+
+@pytest.mark.parametrize("name", GAPS)
+def test_gaps_of_known_obstacles_are_not_the_rows_own_and_agree_with_them(name: str) -> None:
+    audit, place, record, _, _ = judged(scene_of(**GAPS[name]), seed=1)
+    x = place.rows.surface.points
+    searched = {"base": 0.02 * np.sin([3, 5] * x)} if "sliding" in name else {}
+    audit._set_system(audit.start.searched(searched) if searched else audit.start, 1.0)
+    (place,) = audit.cone.places
+    rows, record = place.rows, replace(record, searched=searched)
+    known = name not in ("graph", "between bodies")
+    blind = replace(rows, gap=np.nan * rows.gap, node_gap=np.nan * rows.node_gap) if known else rows
+    for found, own in zip(audit._gap(blind, record), (rows.gap, rows.node_gap), strict=True):
+        assert_allclose(found, own, atol=1e-12)
+        assert found.shape == own.shape
+    worn = np.linspace(0.1, 0.2, len(rows.gap))
+    found_worn = audit._gap(rows, replace(record, memory={"base.worn": worn}))
+    assert_allclose(found_worn[0] - rows.gap, worn)
+    assert_allclose(found_worn[1] - rows.node_gap, rows.node_pressure(worn))
+
+
 MOVED = {"displacement": {"x": 0.01, "y": 0.02}}
 MOMENTS: dict[str, dict[str, Any]] = {
     "hill": table({"friction": SPRINGS}, HILL | MOVED),
@@ -1210,8 +1265,11 @@ def test_numbers_are_relative_to_the_largest_of_their_unit(
     with caplog.at_level("DEBUG", module.log.name):
         assert audit(replace(record, stored=stored, w=many * record.w)).numbers == 0.25
     assert caplog.messages == ["t = 2: {'off': 0.25}"]
-    assert [name for name in audit.shared if name.endswith(": number")] == ["unseen: number"]
-    force, length = audit._last.size, 2.0
+    monkeypatch.setattr(audit._second, "differences", lambda *given: {"later": None})
+    last = audit._last
+    audit(record)
+    assert [name for name in audit.shared if name.endswith(": number")] == ["later: number", "unseen: number"]
+    force, length = last.size, 2.0
     motion = max(np.abs(record.displacement).max(), np.abs(many * record.w).max())
     least = 1e3 * EPS * audit._largest_stiffness * np.abs(vector_of(audit, record).array).sum()
     least += max(1e-5, 1e-6 * many) * 3.0

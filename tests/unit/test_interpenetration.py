@@ -113,11 +113,16 @@ def scene_data(file: str, **tables: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("gap", "says"),
-    [(None, "contact pushes them apart"), (-0.05, "of which the gap of their contact leaves 0.05"), (0.0, "")],
+    ("gap", "surface", "says"),
+    [
+        (None, "base", "; contact pushes them apart"),
+        (None, "top", "no contact pushes them apart"),  # which looks the same way as what it is paired with
+        (-0.05, "base", "of which the gap of their contact leaves 0.05"),
+        (0.0, "base", ""),
+    ],
 )
-def test_plan_and_run_warn_of_what_contact_leaves(gap: float | None, says: str, tmp_path: Path) -> None:
-    contact = {"surface": "other.base", "against": "one.top", "friction": {"law": "coulomb", "mu": 0.3}}
+def test_plan_and_run_warn_of_what_contact_leaves(gap: float | None, surface: str, says: str, tmp_path: Path) -> None:
+    contact = {"surface": f"other.{surface}", "against": "one.top", "friction": {"law": "coulomb", "mu": 0.3}}
     contact |= {} if gap is None else {"gap": gap}
     data = scene_data(of(tmp_path, BOXES).file, contacts={"both": contact})
     data["supports"]["top"] = {"boundary": "other.top", "displacement": {"x": 0.0, "y": 0.0, "z": 0.0}}

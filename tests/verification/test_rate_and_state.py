@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import sparse
 
+import stickslip
 from shared.audited import record_of
 from stickslip import Scene, SceneError, Simulation
 from stickslip.geometry.arrays import Array
@@ -131,12 +132,18 @@ def test_a_column_is_a_spring_slider() -> None:
 
 
 def test_its_steps_pass_the_audit() -> None:
-    simulation = prepare(column(1e9, [[0.0, 0.0], [1.0, 6e-4], [11.0, 6.1e-4]], damping=1e7, evolution="slip"))
+    scene = column(1e9, [[0.0, 0.0], [1.0, 6e-4], [11.0, 6.1e-4]], damping=1e7, evolution="slip")
+    simulation = stickslip.prepare(scene)
     steps = list(simulation.steps())
     records, auditor = [record_of(step) for step in steps], Auditor(simulation.problem, simulation.mesh)
     audits = [asdict(auditor(r, before)) for r, before in zip(records, [None, *records], strict=False)]
     assert max(max(each.values()) for each in audits) < 1e-8
-    assert steps[-1].contacts["base"].dissipation > 0
+    assert not auditor.shared
+    base, memory = steps[-1].contacts["base"], steps[-1].memory["base"]
+    assert base.dissipation > 0
+    for key in ("slip_rate", "state"):
+        assert steps[-1].errors[f"contacts.base.{key}"].iteration is not None
+    assert_allclose([base.slip_rate, base.state], [memory[:, 1].max(), 10.0 * np.exp(memory[:, 0].max())])
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ Reference: one P1 triangle, two corners clamped; Coulomb's law by cases on K u +
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from numpy.testing import assert_allclose
 
 from shared.cases import often, slow
 from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.newton import path
 from stickslip.solvers.newton.attempts import Start
@@ -159,9 +161,10 @@ def test_the_answer_that_the_state_before_leads_to_is_the_one_of_growing_loads(
     assert fell is jumps
     assert_allclose(end.p, answer, atol=1e-5)
     assert led_to(end.p, problem.relative_displacement(end.u_c)) == (None, jumps)
-    for name, value in (("MOST", len(answer) - 1), ("proved", lambda problem: True)):
+    unloaded: tuple[Any, str, Any] = (SurfaceProblem, "p_ref", 0.0)
+    for where, name, value in ((path, "MOST", len(answer) - 1), (path, "proved", lambda problem: True), unloaded):
         with monkeypatch.context() as patch:
-            patch.setattr(path, name, value)
+            patch.setattr(where, name, value)
             assert led_to(*wrong) == (None, False)
     monkeypatch.setattr(path, "MOST", len(answer))
     assert led_to(*wrong)[0] is not None

@@ -26,7 +26,7 @@ from stickslip.workflows.formats.plus_minus import of_parts, parts_of
 from stickslip.workflows.formats.steps import light_files, read_checkpoint, step_files
 
 BEGUN, LOG = "begun.json", "run.log"
-PER_METRE = {"N": "N/m", "N m": "N m/m", "J": "J/m", "m²": "m"}
+PER_METRE = {"N": "N/m", "N m": "N m/m", "J": "J/m", "m²": "m", "m³": "m²"}
 WORK = re.compile(r"^\.(.*)\.running$")  # name of the folder in which a run works
 OF_MESH = re.compile(r" INFO ((?:mesh|contact \w+): .*)$", re.MULTILINE)  # lines of the log
 HEAD = ("phase", "seconds", "share", "calls", "volume solves")

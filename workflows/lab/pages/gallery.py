@@ -26,8 +26,8 @@ ROOT = Path(__file__).resolve().parents[3]
 PAGES = ROOT / "docs" / "gallery"
 RUNS = ROOT / "build" / "gallery"
 MACHINES = (  # what is built and worn
-    "arch", "cad_part", "dam", "disc_brake", "dovetail", "fretting", "lap_joint", "ring", "rotor", "rubber_mount",
-    "shaft", "shrink_fit", "split_clamp", "spruce", "worn_roller",
+    "arch", "cad_part", "dam", "disc_brake", "dovetail", "fretting", "fretting_wear", "lap_joint", "ring", "rotor",
+    "rubber_mount", "shaft", "shrink_fit", "split_clamp", "spruce", "worn_roller",
 )  # fmt: skip
 FACTS = re.compile(r"^<!-- facts: (.*) -->$", re.MULTILINE)
 WIDTH, COLOURS = 1000, 256  # of the pictures
