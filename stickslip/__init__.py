@@ -10,8 +10,8 @@ A first script
 t = 1.0 s: N = 0.246 N, T = 0.000 N
 t = 2.0 s: N = 0.245 N, T = 0.033 N
 
-Five ways to solve a scene, and one to read results
----------------------------------------------------
+Six ways to solve a scene, and one to read results
+--------------------------------------------------
 steps(scene)
     yields a `StepResult` for each requested time; writes nothing.
 run(scene, folder)
@@ -21,6 +21,8 @@ prepare(scene)
     history, `.data` is the mesh as arrays (`MeshData`), `.plan` lists the effects and why each is on.
 sweep(scene, {"contacts.base.friction.mu": [0.1, 0.2]}, folder)
     runs it with other values, in processes beside each other; `.rows` and `.to_pandas()` are its table.
+fit(scene, {"time": times, "support.top.force.x": forces}, ["contacts.base.friction.mu"])
+    finds numbers for which its history fits a measured one; `.values`, `.covariance`, `.not_told`.
 prepare(scene).script()
     returns a `Script`, which is told each step: `script.step(to=1.0, supports={"top": {"x": 0.01}})`.
     All that a scene gives in time may change: loads, gaps, gravity, temperatures, bolts, remote points.
@@ -81,7 +83,7 @@ nothing can balance the loads. `MachineError` (with `DamagedError`) is about dis
 
 Names
 -----
-Functions         read, prepare, steps, run, sweep, load
+Functions         read, prepare, steps, run, sweep, fit, load
 Scene             Scene, Material, Orthotropic, Contact, Support, Load, Probe, Steps, Solver, Gram,
                   Output, Exact, Accuracy, Sensitivity
 Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, HalfDisc, HalfSpace, Ring,
@@ -98,7 +100,7 @@ Results           StepResult, ContactState, ContactNumbers, OPEN, SLIP, STICK, B
                   ObstacleState, SpringForce, BoltState, RemoteState, ProbeValue, Energy, MeshData,
                   SurfaceMesh, Convergence; errors: Quantity, ErrorParts; derivatives: Slope
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended);
-                  Loaded; sweeps: Sweep, Solved
+                  Loaded; sweeps: Sweep, Solved; calibration: Fit
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,
                   NoEquilibriumError, MachineError, DamagedError
 Bases             Builder, Obstacle, NormalLaw, FrictionLaw, Key, Number: to write a kind of one's own

@@ -78,6 +78,7 @@ from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.stored_results import Loaded, load
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.sweep.fit import Fit, fit
 from stickslip.workflows.sweep.sweep import Solved, Sweep, sweep
 
 
@@ -152,6 +153,7 @@ __all__ = [
     "Energy",
     "ErrorParts",
     "Exact",
+    "Fit",
     "FolderError",
     "FrictionLaw",
     "GeometryError",
@@ -222,6 +224,7 @@ __all__ = [
     "UserFile",
     "Watch",
     "Wear",
+    "fit",
     "load",
     "prepare",
     "read",

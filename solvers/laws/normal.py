@@ -31,10 +31,9 @@ class Bilateral(NormalLaw):
 
 @dataclass(frozen=True, kw_only=True)
 class Compliance(NormalLaw):
-    """p_n = c_n (u_n - g)_+^m_n, evaluated at facet quadrature points, as in the form j_n.
+    """p_n = c_n (u_n - g)_+^m_n, at quadrature points as in the form j_n, or at nodes of curved and unlike meshes.
 
-    On curved sides, and between meshes that do not match, it is evaluated at nodes, with means of u_n - g as of
-    multipliers: a law as stiff as may be then gives what rigid surfaces do.
+    At nodes u_n - g are means, as those of multipliers: a law as stiff as may be then gives what rigid surfaces do.
 
     Source: Pop (1999), section 2, j_n.
     """

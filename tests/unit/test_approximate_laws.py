@@ -1,5 +1,6 @@
 """Smoothed laws and springs approximate the laws, and state the error that they make."""
 
+import tomllib
 from dataclasses import replace
 from itertools import pairwise, product
 from typing import Any
@@ -28,7 +29,7 @@ from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
 from stickslip.workflows.lab.verification.prepared import prepare
-from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.scene_file.read import READY, from_dict, read
 
 SMOOTHED = {"method": "regularised", "tolerance": 1e-9}
 SPRINGS = {"method": "perturbed-lagrangian", "augment": False, "tolerance": 1e-11}
@@ -600,3 +601,11 @@ def test_a_body_that_is_let_go_has_the_error_that_it_had() -> None:
     pressed_, let_go = prepare(pressed(solver=SPRINGS, supports=lifted, steps={"end": 2.0, "count": 2})).steps()
     assert let_go.energy.stored < 1e-12 * pressed_.energy.stored
     assert 0 < let_go.law_error < 1e-2
+
+
+def test_a_compliance_at_nodes_of_curved_sides_is_refused() -> None:
+    """The form has it at points."""
+    data = tomllib.loads((READY / "shaft.toml").read_text()) | {"solver": {"method": "regularised"}}
+    data["contacts"]["bore"]["normal"] = {"law": "compliance", "c_n": 1.0}
+    with pytest.raises(SceneError, match=r"contacts\.bore\.normal\.law = compliance: .*flat sides alone"):
+        prepare(from_dict(data))

@@ -8,12 +8,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.problems import on_floor, scene_of
-from stickslip import Scene, SceneError, prepare
+from stickslip import Scene, SceneError, fit, prepare
 from stickslip.solvers.results.step_result import values
 from stickslip.workflows.commands.fit import fit as command
 from stickslip.workflows.formats.files import read_json
 from stickslip.workflows.scene_file.read import from_dict, read, with_keys
-from stickslip.workflows.sweep.fit import Columns, fit, read_data
+from stickslip.workflows.sweep.fit import Columns, read_data
 
 FORCE = "support.top.force.x"  # with its sign: lengths of forces fold where motions turn
 MU, K_T, C_N = "contacts.base.friction.mu", "contacts.base.friction.k_T", "contacts.base.normal.c_n"

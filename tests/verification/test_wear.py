@@ -14,6 +14,8 @@ from shared.problems import on_floor
 from stickslip import SLIP, STICK, Quantity, Scene, SceneError
 from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.stepping import halving
+from stickslip.solvers.stepping.law_memory import LawMemory
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.warnings import wears_too_fast
 from stickslip.workflows.scene_file.read import from_dict
@@ -205,6 +207,14 @@ def test_turns_that_end_at_the_usual_tolerance_leave_a_sound_step() -> None:
         assert audit.penetration < 1e-6
 
 
+def test_turns_that_do_not_end_say_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LawMemory, "_apart", lambda *_: 1.0)
+    monkeypatch.setattr(halving, "HALVINGS", 0)
+    base = {"friction": {"law": "coulomb", "mu": 0.3}, "wear": {"k": 1e-3}}
+    with pytest.raises(stickslip.StepError, match="do not settle: friction weakens, or wears off, too fast"):
+        list(prepare(column(1, base=base, solver={"method": "condensed-newton"})).steps())
+
+
 PAD = """SetFactory("OpenCASCADE");
 Rectangle(1) = {0.5, 0, 0, 0.5, 0.1};
 Physical Surface("pad") = {1};
@@ -287,6 +297,13 @@ def test_what_is_not_built_is_refused_in_a_line(contact: dict[str, Any], said: s
         from_dict(on_floor(2, sizes, {"E": E, "nu": NU}, contact, supports=WALLS))
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_a_coefficient_without_a_value_is_named_with_its_contact() -> None:
+    sizes = {"length": 1.0, "height": 1.0, "mesh_size": 0.5}
+    pole = on_floor(2, sizes, {"E": E, "nu": NU}, {"slide": 1.0, "wear": {"k": "1/x"}}, supports=WALLS)
+    with pytest.raises(SceneError, match=r'contacts\.base\.wear\.k = "1/x": has no finite value at the point \(0, 0\)'):
+        list(prepare(from_dict(pole)).steps())
 
 
 def test_wear_that_takes_off_all_within_rounding_names_k() -> None:

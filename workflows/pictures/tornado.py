@@ -49,8 +49,8 @@ def draw_tornado(
     left, wide, room = 3.1, 3.6, 0.75  # [inch]
     heights = {name: BAR * len(bars) + 0.1 for name, bars in shown.items()}
     sheet = Sheet(left + wide + 0.4, sum(heights.values()) + room * len(shown) + 0.75, units=units)
-    caption = "change to first order by one standard deviation of each number, or by 1 % where none is said"
-    sheet.head(title, caption, 0.3)
+    caption = "change to first order by one standard deviation of each number, or by 1 % where none is said:"
+    sheet.head(title, f"{caption}\nblue where it is smaller, red where it is larger", 0.3)
     bottom = sheet.height - 0.75
     for name, bars in shown.items():
         bottom -= heights[name] + room

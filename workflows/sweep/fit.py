@@ -19,6 +19,7 @@ from scipy.optimize import least_squares
 
 from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.geometry.errors import SceneError, SolverError, require, require_known
+from stickslip.geometry.keys import typed
 from stickslip.geometry.protocols import Comm
 from stickslip.solvers.results.step_result import slopes_of, values
 from stickslip.solvers.scene.parameters import Sensitivity, scaled
@@ -66,6 +67,7 @@ def read_data(path: Path) -> dict[str, Array]:
     return {name.strip(): column for name, column in zip(head, table.T, strict=True)}
 
 
+@typed
 def fit(
     scene: Scene, data: Columns, vary: Sequence[str], comm: Comm | None = None, tell: Callable[[str], None] = print
 ) -> Fit:
@@ -75,7 +77,11 @@ def fit(
         scene: its numbers are what is started from.
         data: numbers over time [s], by the names of steps.csv; each column counts by its largest value.
         vary: keys of the numbers.
+        comm: MPI communicator; None: all ranks.
         tell: told of each run.
+
+    Returns:
+        The numbers, with their covariance, and the fitted history beside the data.
 
     Raises:
         SceneError: a column or key is none, or there are fewer data than keys.

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from stickslip.geometry.arrays import CLOSE
-from stickslip.geometry.errors import SceneError, SolverError
+from stickslip.geometry.errors import SceneError, SolverError, require
 from stickslip.geometry.keys import AXES
 from stickslip.solvers.scene.parameters import Sensitivity, scaled
 from stickslip.solvers.scene.scene import Scene
@@ -59,9 +59,12 @@ def true_runs(
     """Solve a scene's neighbours, two for each uncertain number, in folders below one.
 
     Raises:
-        SceneError: no number is uncertain.
+        SceneError: no number is uncertain; or under mpirun, for each run is a process of its own.
         SolverError: one was not solved.
     """
+    from mpi4py import MPI
+
+    require(MPI.COMM_WORLD.size == 1, "--check", f"{MPI.COMM_WORLD.size} ranks", "leave mpirun out, use --jobs")
     if not scene.covariance:
         raise SceneError("uncertainty: no number has one, so there is nothing to check; see docs/theory/sensitivity.md")
     output = replace(scene.output, error=False, pictures=False)
