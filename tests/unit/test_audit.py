@@ -706,7 +706,8 @@ def test_what_contacts_remember_is_that_of_the_definition(name: str) -> None:
     assert closes.any() == (len(rows.W_t) > 0 and not two)
 
     counted = np.array(record.reference)
-    start = rows.N_t @ u - before.p[place.tangential] / k_T
+    before = replace(before, displacement=0.5 * record.displacement + 0.01)
+    start = rows.N_t @ before.displacement[rows.input].ravel() - before.p[place.tangential] / k_T
     counted[place.tangential] = np.where(closes, counted[place.tangential], start)
     moves = (rows.N_t @ u - counted[place.tangential] - record.p[place.tangential] / k_T).reshape(shape)
     slips = np.array([np.hypot.reduce(each[free]) for each, free in zip(moves, rows.free, strict=True)])
@@ -737,6 +738,11 @@ def test_what_contacts_remember_is_that_of_the_definition(name: str) -> None:
 
     assert_allclose(found(), 0.0)
     assert len(found()) == 1 + len(now) + len(shown)
+    assert len(found(stored=StoredFields())) == 1 + len(now)
+    for where, name_of, instead in ((type(law or audit), "after", None), (module, "remembered", lambda *given: None)):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(where, name_of, instead, raising=False)
+            assert_allclose(found(), 0.0, atol=1e-12)
     for row, free in enumerate(closes):
         other = counted.copy()
         other[place.tangential][row] += 0.01
@@ -747,7 +753,7 @@ def test_what_contacts_remember_is_that_of_the_definition(name: str) -> None:
             other = values.copy()
             other[point] += by
             assert max(found(memory=now | {key: other})) >= (0.01 - 1e-6) / 100 * (1 - 1e-9)
-        assert np.isclose(found(memory=now | {key: values + by}), (0.01 - 1e-6) / 100, rtol=1e-9).any() == (
+        assert np.isclose(found(memory=now | {key: values + by}), (0.01 - 1e-6) / 100, 1e-9, 0.0).any() == (
             len(values) > 0
         )
     for contacts in shown.values():
