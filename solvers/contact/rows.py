@@ -10,6 +10,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import ROUNDING, TINY, Array, Bools, Ints
 from stickslip.geometry.curved_facets import SHARP
+from stickslip.geometry.errors import prefixed
 from stickslip.geometry.field import Field, in_time, values
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import SECTOR, Surface, in_sectors
@@ -146,7 +147,8 @@ class ContactRows:
         assert self.fields is not None
         assert self.fields.wear is not None
         points = np.asarray(self.fields.to_points @ self.fields.points)
-        return self.fields.wear.rate(points, time, self.fields.end, pressed, slid)
+        with prefixed(f"contacts.{self.name}"):
+            return self.fields.wear.rate(points, time, self.fields.end, pressed, slid)
 
     def worn(self, depth: Array, softness: Array | None = None) -> ContactRows:
         """The rows with gaps that are wider by a worn depth (m_n,) [m].

@@ -60,7 +60,8 @@ def test_every_command_of_the_help_has_its_code(name: str, call: Call) -> None:
         "new": ["block"],
     }
     code, _, err = call(name, *words.get(name, []))
-    refused = dict.fromkeys(("contacts", "cost", "sweep", "fclib", "report", "compare", "extract", "sensitivity"), (2,))
+    lacking = ("contacts", "cost", "sweep", "fclib", "report", "compare", "extract", "sensitivity", "fit")
+    refused = dict.fromkeys(lacking, (2,))
     assert code in {"verify": (1, 2), **refused}.get(name, (0,))
     assert "Traceback" not in err
 

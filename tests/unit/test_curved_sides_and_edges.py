@@ -405,7 +405,8 @@ def test_the_stiffer_curved_sides_are_the_more_they_press_as_rigid_ones(
             data["geometry"] |= {"lower_mesh_size": 0.6, "contact_mesh_size": 0.08}
             data["steps"]["count"] = 2
         ((key, contact),) = data["contacts"].items()
-        contact["friction"] = {"law": "coulomb", "mu": 0.12}
+        if name != "rotor":  # which keeps its cohesion, whose bound falls wherever a point opens
+            contact["friction"] = {"law": "coulomb", "mu": 0.12}
         if c_n is not None:
             contact["normal"] = {"law": "compliance", "c_n": c_n}
         *_, step = prepare(from_dict(data)).steps()

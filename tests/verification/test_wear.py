@@ -299,6 +299,13 @@ def test_what_is_not_built_is_refused_in_a_line(contact: dict[str, Any], said: s
     assert "\n" not in str(refused.value)
 
 
+def test_a_coefficient_without_a_value_is_named_with_its_contact() -> None:
+    sizes = {"length": 1.0, "height": 1.0, "mesh_size": 0.5}
+    pole = on_floor(2, sizes, {"E": E, "nu": NU}, {"slide": 1.0, "wear": {"k": "1/x"}}, supports=WALLS)
+    with pytest.raises(SceneError, match=r'contacts\.base\.wear\.k = "1/x": has no finite value at the point \(0, 0\)'):
+        list(prepare(from_dict(pole)).steps())
+
+
 def test_wear_that_takes_off_all_within_rounding_names_k() -> None:
     sizes = {"length": 1.0, "height": 1.0, "mesh_size": 0.5}
     absurd = on_floor(2, sizes, {"E": E, "nu": NU}, {"slide": 1.0, "wear": {"k": 1e99}}, supports=WALLS)
