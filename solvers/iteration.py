@@ -167,7 +167,7 @@ class Solution:
         return self.history[-1].iteration if self.history else 0
 
 
-QUICK, USUAL, PATIENT = 5, 50, 500  # windows of stalls, by the number of iterations that methods need
+QUICK, USUAL, PATIENT = 20, 50, 500  # windows of stalls, by the number of iterations that methods need
 When = Callable[[int, float], bool]  # number and residual of an iterate: whether something is the case there
 
 

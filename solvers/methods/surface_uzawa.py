@@ -16,7 +16,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.discrete import LEAST, GivenSurface
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import USUAL, Driver, Iterate, OnStep, Solution, Stall, ignore
+from stickslip.solvers.iteration import QUICK, USUAL, Driver, Iterate, OnStep, Solution, Stall, ignore
 from stickslip.solvers.methods.method import Applicability, Method, Ready, SameEveryStep, Setup, Solve, Turn
 from stickslip.solvers.metrics import Secants, SurfaceMetric, surface_metric
 from stickslip.solvers.newton.surface_model import Flexibility, nearest_in_cone
@@ -84,7 +84,7 @@ class LearningIteration(SameEveryStep):
         enough = counters.linear_iterations + PATIENCE
         return Driver(counters, self.rtol, self.max_it, on_step).run(
             self._iterates(problem, p),
-            Stall(USUAL // 2 if self.hurried else USUAL),
+            Stall(QUICK if self.hurried else USUAL),
             slow=lambda k, residual: self.hurried and counters.linear_iterations > enough,
         )
 

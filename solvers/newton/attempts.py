@@ -229,8 +229,7 @@ class Attempts(Driver):
             proximal: weight of the proximal term of a damped attempt [-]; None: plain Newton.
         """
         number = self.history[-1].iteration + start.in_equilibrium if self.history else 0  # of the start
-        hops = proximal is None and self.problem.surface.floating  # bodies that supports hold arrive, if late
-        stalls = Stall(QUICK // 2 if hops else QUICK, number)
+        stalls = Stall(QUICK if proximal else QUICK // 4, number)
         found = self.run(self._iterates(start, proximal or 0.0, number), stalls, cycles=proximal is None)
         if found.status is Status.NO_HOLD and (self.best is None or np.isnan(self.best.residual)):
             w = self.bodies.relative(start.p, start.u_c)

@@ -168,3 +168,14 @@ def test_the_answer_that_the_state_before_leads_to_is_the_one_of_growing_loads(
             assert led_to(*wrong) == (None, False)
     monkeypatch.setattr(path, "MOST", len(answer))
     assert led_to(*wrong)[0] is not None
+
+
+def test_no_path_is_followed_to_an_answer_in_the_piece_of_the_state(tmp_path: Path) -> None:
+    """Open before and now: what is found is taken as it is, were it wrong."""
+    stepper = prepare(scene_of(3.0, tmp_path, [[0.0, -0.01], [0.0, -0.02]], floor=CLEARANCE - 0.2)).stepper
+    state = stepper.reach(stepper.start(), 1.0, lambda row: None).state
+    problem = stepper.reach(state, 2.0, lambda row: None).problem
+    for by, led in ((0.0, False), (2.0, True)):  # as if it were closed
+        w, none = by * problem.gap, np.zeros(problem.surface.size)
+        found = Solution(p=0 * w + 1e-3, w=w, u_c=none, status=Status.CONVERGED, residual=0.0, history=())
+        assert (path.continued(problem, state.p, state.w, found)[0] is not None) is led
