@@ -176,7 +176,7 @@ class Touch:
     """Where points touch, found again from each iterate until the places stay, or go to and fro; collective.
 
     What friction does not feel stays; what goes to and fro goes half the way. While the same points are closed the gap
-    is extrapolated through the last two.
+    is extrapolated through those before, as many as there are rows that change, on the way through the last two.
 
     Source: Anderson, J. ACM 12 (1965).
     """
@@ -209,7 +209,8 @@ class Touch:
         which = (p[: problem.surface.normal_rows] > 0).tobytes()
         known = self.tried.setdefault(which, [])
         known.append((gap, change))
-        del known[:-2]  # what is older is of other states of friction
+        # on the way the iterate moves too; later as many tell of touch as rows change: before them friction was other
+        del known[: -2 if self.on_the_way else -1 - int(heard.sum())]
         gaps, changes = (np.array(each) for each in zip(*known, strict=True))
         sizes = np.abs(changes).max(axis=1)
         self.sizes.append(float(sizes[-1]))
