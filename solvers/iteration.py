@@ -6,7 +6,7 @@ the driver's. What every method returns is a `Solution` with its `Status`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -21,9 +21,7 @@ class Status(Enum):
 
     CONVERGED = "converged"
     MAX_IT = "the iterations ran out: raise solver.max_iterations"
-    UNSTEADY = (
-        "slip and the friction that it leaves do not settle: friction weakens, or wears off, too fast for the step"
-    )
+    UNSTEADY = "slip and friction do not settle: friction weakens, or wears off, too fast; check its law and wear.k"
     STALLED = "the residual stopped falling: try a larger solver.tolerance"
     SLOW = 'the volume solves take too many iterations: try solver.surface = "condensed"'
     NOT_FINITE = "the iteration left the range of numbers: check the units of E, loads and lengths"
@@ -189,14 +187,18 @@ class Iterate:
     enough: bool | None = None  # whether the method takes it for the solution; None: where `residual` is small enough
     known: bool = True  # False: the residual says nothing yet, for w is not the displacement under p
 
-    def repeats(self, visited: Iterable[Iterate]) -> bool:
-        """Whether tractions and motion are those of an earlier iterate: from there on the iteration cycles."""
+    def repeats(self, visited: Sequence[Iterate]) -> bool:
+        """Whether tractions and motion are those of an earlier iterate, or go to and fro: the iteration cycles."""
 
         def same(x: Array, y: Array) -> bool:
             # relative change up to which two iterates are the same
             return bool(np.abs(x - y).max(initial=0.0) <= EXACT * np.abs(x).max(initial=0.0))
 
-        return any(same(self.p, before.p) and same(self.w, before.w) for before in visited)
+        def back(last: Iterate, one: Iterate, two: Iterate) -> bool:
+            return bool(np.linalg.norm(last.p - two.p) < np.linalg.norm(last.p - one.p) / 10)
+
+        hops = len(visited) > 2 and back(self, *visited[:-3:-1]) and back(*visited[:-4:-1])
+        return hops or any(same(self.p, before.p) and same(self.w, before.w) for before in visited)
 
 
 @dataclass

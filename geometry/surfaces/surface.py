@@ -70,6 +70,11 @@ class Surface:
         return int(self.points.shape[1])
 
     @property
+    def facet_size(self) -> float:
+        """Mean extent of the facets along an axis [m]; inf without any."""
+        return float(np.ptp(self.points[self.facets], axis=1).max(axis=1).mean()) if len(self.facets) else np.inf
+
+    @property
     def part(self) -> Ints:
         """Part of the mesh of each node (n,)."""
         return np.zeros(len(self.nodes), np.int64) if self.parts is None else self.parts

@@ -187,7 +187,7 @@ class Regularised(Method):
     def build(self, setup: Setup) -> Ready:
         for c in setup.system.contacts:
             if c.of_points is not None:
-                why = "regularised has the law at points of flat sides alone; use condensed-newton"
+                why = "regularised has laws stiffer than cells on flat sides alone; lower c_n, or use condensed-newton"
                 raise SceneError(f"contacts.{c.name}.normal.law = compliance: {why}")
         return OnVolume(self, setup.system, setup.surface)
 

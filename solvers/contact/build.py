@@ -197,9 +197,13 @@ LEANS = 0.98  # cosine of the largest angle by which a normal at a surface's edg
 
 
 def build_rows(
-    contacts: Mapping[str, tuple[Contact, Coupling]], constraints: Constraints, moved: Mapping[str, Array], end: float
+    contacts: Mapping[str, tuple[Contact, Coupling]],
+    constraints: Constraints,
+    moved: Mapping[str, Array],
+    end: float,
+    softest: float,
 ) -> list[ContactRows]:
-    """Rows of all contacts.
+    """Rows of all contacts; a law of compliance acts at nodes where it is stiffer than the cells behind the side.
 
     Args:
         contacts: scene table and coupling, by name.
@@ -207,6 +211,7 @@ def build_rows(
         moved: by name of a sliding contact, the displacement (n_all, d) [m] of its nodes at which its gap was measured.
             Its relative part is added, so that the gap belongs to displacements counted from the start.
         end: last time of the scene [s].
+        softest: smallest Young's modulus of the bodies [Pa].
 
     Raises:
         SceneError: supports leave a contact no node that can carry a pressure.
@@ -236,7 +241,8 @@ def build_rows(
             W_n, psi, phi = points.weights, folded.psi, folded.phi
             gap_n = points.gap if known is None else np.full_like(points.gap, known)
             to_points, directions = points.own.basis(coupling.surface), points.normals
-            if (nodal := folded.at_nodes(N_n)) is not None:
+            give = contact.normal.penetration(np.array([softest]))
+            if np.all(give < coupling.surface.facet_size) and (nodal := folded.at_nodes(N_n)) is not None:
                 of_points, psi, phi = nodal
                 W_n, gap_n, directions = phi.sum(axis=0).A1, of_points @ gap_n, of_points @ directions
                 N_n, to_points = (of_points @ N_n).tocsr(), of_points @ to_points

@@ -31,9 +31,10 @@ class Bilateral(NormalLaw):
 
 @dataclass(frozen=True, kw_only=True)
 class Compliance(NormalLaw):
-    """p_n = c_n (u_n - g)_+^m_n, at quadrature points as in the form j_n, or at nodes of curved and unlike meshes.
+    """p_n = c_n (u_n - g)_+^m_n, at quadrature points as in the form j_n.
 
-    At nodes u_n - g are means, as those of multipliers: a law as stiff as may be then gives what rigid surfaces do.
+    Where it is stiffer than the cells behind a curved side, or one whose mesh does not match, it acts at nodes, on
+    means of u_n - g as those of multipliers: however stiff it is, it then gives what rigid surfaces do.
 
     Source: Pop (1999), section 2, j_n.
     """

@@ -229,7 +229,7 @@ class Attempts(Driver):
             proximal: weight of the proximal term of a damped attempt [-]; None: plain Newton.
         """
         number = self.history[-1].iteration + start.in_equilibrium if self.history else 0  # of the start
-        stalls = Stall(QUICK if proximal else QUICK // 4, number)
+        stalls = Stall(QUICK if proximal else QUICK // 2, number)
         found = self.run(self._iterates(start, proximal or 0.0, number), stalls, cycles=proximal is None)
         if found.status is Status.NO_HOLD and (self.best is None or np.isnan(self.best.residual)):
             w = self.bodies.relative(start.p, start.u_c)

@@ -36,7 +36,7 @@ from stickslip.workflows.formats.marker import MARKER, mark
 from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.run.folder import BEGUN, ResultsFolder
 from stickslip.workflows.run.resume import VERSIONS
-from stickslip.workflows.run.run import Run, run
+from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import READY, from_dict, read
 
@@ -609,7 +609,7 @@ def test_error_is_not_known_where_that_of_a_step_is_not(first: bool, then: bool,
 
 def test_finished_run_that_is_resumed_has_its_warnings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = read("block", [*TWO, "output.error=false"])
-    monkeypatch.setattr(Run, "_warnings", lambda self: ("the block is odd",))
+    monkeypatch.setattr("stickslip.workflows.run.run.doubts", lambda *_: ("the block is odd",))
     first, content = run(scene, tmp_path / "out")
     again, _ = run(scene, tmp_path / "out", resume=True)
     assert "the block is odd" in first.warnings

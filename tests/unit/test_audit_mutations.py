@@ -428,7 +428,7 @@ PHYSICS: dict[str, tuple[Any, str, dict[str, Any]]] = {  # of what, the term, an
     "friction": (Coulomb, "limit", scene()),
     "memory of slip": (BySlip, "after", SCENES["to and fro, remembers"]),
     "memory of slip that slides": (BySlip, "after", SCENES["slides to and fro, remembers"]),
-    "wear": (ContactRows, "softness", SCENES["wear"]),
+    "wear": (ContactRows, "wear_rate", SCENES["wear"]),
     "sliding out of the plane": (Slide, "within", SCENES["wear"]),
     "work out of the plane": (Turned, "work_aside", SCENES["wear"]),
     "compliance": (Compliance, "penetration", SCENES["3D, compliant springs"]),

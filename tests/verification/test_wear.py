@@ -211,7 +211,7 @@ def test_turns_that_do_not_end_say_why(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(LawMemory, "_apart", lambda *_: 1.0)
     monkeypatch.setattr(halving, "HALVINGS", 0)
     base = {"friction": {"law": "coulomb", "mu": 0.3}, "wear": {"k": 1e-3}}
-    with pytest.raises(stickslip.StepError, match="do not settle: friction weakens, or wears off, too fast"):
+    with pytest.raises(stickslip.StepError, match="do not settle: friction weakens, or wears off, too fast;"):
         list(prepare(column(1, base=base, solver={"method": "condensed-newton"})).steps())
 
 
