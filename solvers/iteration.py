@@ -153,9 +153,7 @@ class Solution:
     proved: bool = False  # whether it is proved that there are none
     jumps: bool = False  # whether no solution goes on from the state before without a fall of the load
     jump: float = 0.0  # energy [J] that such jumps set free
-    weakening: float = (
-        0.0  # how much faster than bodies unload friction weakens by slip or its wear [-]; above 1 it jumps
-    )
+    weakening: float = 0.0  # how much faster than bodies unload friction weakens by slip or wear [-]; above 1 it jumps
     lacking: float = 1.0  # see `Mechanism`, with NO_EQUILIBRIUM, GIVES_WAY
     slack: float = CLOSE  # part of the friction bound by which the traction of a slipping point may be smaller
     gap: Array | None = None  # (rows,) [m] with slip counted from where points touch; None: that of the problem
