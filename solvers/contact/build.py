@@ -201,7 +201,7 @@ def build_rows(
     constraints: Constraints,
     moved: Mapping[str, Array],
     end: float,
-    softest: float,
+    softest: Mapping[str, float],
 ) -> list[ContactRows]:
     """Rows of all contacts; a law of compliance acts at nodes where it is stiffer than the cells behind the side.
 
@@ -211,7 +211,7 @@ def build_rows(
         moved: by name of a sliding contact, the displacement (n_all, d) [m] of its nodes at which its gap was measured.
             Its relative part is added, so that the gap belongs to displacements counted from the start.
         end: last time of the scene [s].
-        softest: smallest Young's modulus of the bodies [Pa].
+        softest: by name, smallest Young's modulus of its bodies [Pa].
 
     Raises:
         SceneError: supports leave a contact no node that can carry a pressure.
@@ -241,7 +241,7 @@ def build_rows(
             W_n, psi, phi = points.weights, folded.psi, folded.phi
             gap_n = points.gap if known is None else np.full_like(points.gap, known)
             to_points, directions = points.own.basis(coupling.surface), points.normals
-            give = contact.normal.penetration(np.array([softest]))
+            give = contact.normal.penetration(np.array([softest[name]]))
             if np.all(give < coupling.surface.facet_size) and (nodal := folded.at_nodes(N_n)) is not None:
                 of_points, psi, phi = nodal
                 W_n, gap_n, directions = phi.sum(axis=0).A1, of_points @ gap_n, of_points @ directions

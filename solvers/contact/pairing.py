@@ -101,7 +101,8 @@ def pair_up(
         if not (flank and bodies in touched):
             raise SceneError(said)
     couplings = {name: couplings[name] for name in problem.pairs}
-    every = build_rows(couplings, constraints, moved, problem.timeline.end, problem.softest)
+    softest = {k: min(problem.bodies[body].least_modulus for body in p.bodies) for k, p in problem.pairs.items()}
+    every = build_rows(couplings, constraints, moved, problem.timeline.end, softest)
     exchanged = {name for name, known in problem.pairs.items() if known.slave != known.contact.surface}
     signed = (replace(rows, sense=-1.0) if rows.name in exchanged else rows for rows in every)
     return tuple(replace(rows, near=near[rows.name]) if rows.name in near else rows for rows in signed)

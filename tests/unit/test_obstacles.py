@@ -24,7 +24,7 @@ from stickslip.solvers.contact.build import along
 from stickslip.solvers.results.step_result import SLIP
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.lab.verification.prepared import prepare, system_of
-from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.scene_file.read import from_dict, read
 
 CONES = [
     Cone(apex=(0.0, 0.2), axis=(0.0, 3.0), half_angle=30.0),
@@ -265,6 +265,18 @@ def test_compliance_meets_a_cone_at_each_point(dim: int, inside: bool, c_n: floa
     assert_allclose(rows.W_n.sum(), points.weights.sum(), rtol=1e-13)
     assert_allclose(rows.gap, rows.at_points(gap), atol=1e-13)
     assert_allclose(rows.N_n.toarray(), rows.at_points(N).toarray(), atol=1e-13)
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(1.0, 1e-3), (1e-3, 1.0)])
+def test_a_law_is_stiff_beside_the_body_that_it_acts_on(lower: float, upper: float) -> None:
+    """On a roller: a soft body elsewhere changes nothing."""
+    words = [f"bodies.lower.E={lower!r}", f"bodies.upper.E={upper!r}", "geometry.mesh_size=0.25"]
+    roller = "obstacles={ roller = { shape = 'cylinder', point = [0.5, -3.0], radius = 3.0 } }"
+    base = "contacts.base={ surface = 'lower.bottom', against = 'roller', normal = { law = 'compliance', c_n = 1.0 } }"
+    held = "supports.base={ boundary = 'lower.left', displacement = { x = 0.0, y = 0.0 } }"
+    system = system_of(read("two_blocks", [*words, roller, base, held]))
+    rows = next(rows for rows in system.contacts if rows.name == "base")
+    assert (rows.of_points is not None) == (lower < 0.1)
 
 
 @pytest.mark.parametrize(
