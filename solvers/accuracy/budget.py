@@ -178,8 +178,9 @@ class Estimates:
                 break
         done = [COARSER] if self._output.error == "rough" else done
         room = None
-        if left is not None and BETTER in done:  # what is left, but for the meshing of cells that are cut
-            room = prices[BETTER] + max(left - paid - self._seconds[0], 0.0) / max(self._seconds[1], TINY)
+        if left is not None and BETTER in done:
+            spare = left - paid - (system.mesh.degree == 1) * self._seconds[0]  # cells that are cut are meshed again
+            room = prices[BETTER] + spare / max(self._seconds[1], TINY) if spare >= 0 else 0.0
         return replace(self.choice, factor=factor, prices=prices, done=done, room=room)
 
     def _expected(self, name: str, cost: float, factor: float) -> float:

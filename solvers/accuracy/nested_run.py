@@ -167,8 +167,8 @@ def cut_cells(
         steps: results at all requested times.
         fits: whether a history of a size is not too dear.
     """
-    mesh = flat_mesh(order_2, mesh_data(order_2))
     size = Size.of(order_2.problem, order_2.mesh, order_2.constraints, order_2.contacts)
+    mesh = flat_mesh(order_2, mesh_data(order_2)) if own.mesh.comm.bcast(fits(size)) else None
     found: FlatMesh | None = None
     if mesh is not None:
         error = steps[-1].stress_error if own is order_2 else np.zeros(0)
