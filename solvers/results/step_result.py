@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from functools import reduce
 from html import escape
 from operator import add, or_
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -586,16 +586,14 @@ def data_frame(content: Mapping[str, AnyArray] | Sequence[Mapping[str, object]])
     return pandas.DataFrame(content)
 
 
-def html_table(title: str, numbers: Mapping[str, Mapping[str, float]]) -> str:
-    """Names and numbers as a table of HTML: a column for each name, a row for each number.
+def html_table(title: str, numbers: Mapping[str, Mapping[str, Any]]) -> str:
+    """Names and numbers, or what is said of these, as a table of HTML: a column for each name, a row for each number.
 
     >>> html_table("t = 1", {"base": {"force": 2.0}})
     '<table><tr><th>t = 1</th><th>base</th></tr><tr><td>force</td><td>2</td></tr></table>'
     """
     rows = dict.fromkeys(row for column in numbers.values() for row in column)
     head = "".join(f"<th>{escape(text)}</th>" for text in (title, *numbers))
-    lines = [
-        f"<td>{escape(row)}</td>" + "".join(f"<td>{column[row]:.6g}</td>" for column in numbers.values())
-        for row in rows
-    ]
+    said = {row: [n if isinstance(n := c[row], str) else f"{n:.6g}" for c in numbers.values()] for row in rows}
+    lines = [f"<td>{escape(row)}</td>" + "".join(f"<td>{n}</td>" for n in cells) for row, cells in said.items()]
     return f"<table>{''.join(f'<tr>{line}</tr>' for line in (head, *lines))}</table>"
