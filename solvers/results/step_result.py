@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from functools import reduce
 from html import escape
 from operator import add, or_
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,7 +232,7 @@ class ContactState(ContactNumbers):
 
     def _repr_html_(self) -> str:
         """A table of the resultants, for notebooks."""
-        return html_table("contact", {"": self.counts() | numbers_shown(self)})
+        return html_table("contact", {"": {**self.counts(), **numbers_shown(self)}})
 
 
 def numbers_shown(contact: ContactNumbers) -> dict[str, float]:
@@ -586,7 +586,7 @@ def data_frame(content: Mapping[str, AnyArray] | Sequence[Mapping[str, object]])
     return pandas.DataFrame(content)
 
 
-def html_table(title: str, numbers: Mapping[str, Mapping[str, Any]]) -> str:
+def html_table(title: str, numbers: Mapping[str, Mapping[str, float | str]]) -> str:
     """Names and numbers, or what is said of these, as a table of HTML: a column for each name, a row for each number.
 
     >>> html_table("t = 1", {"base": {"force": 2.0}})

@@ -318,7 +318,7 @@ def test_what_friction_dissipated_is_said_with_its_error(call: Call, folder: Pat
     call("run", "block", "-q", "-o", "unknown", *COARSE, "--set=output.error=false")
     _, out, _ = call("compare", "out", "unknown")
     row = next(line for line in out.splitlines() if "base: normal force" in line)
-    assert re.search(r"│ [\d.]+ ± [\d.]+ │ [\d.]+ ± \? │", row)
+    assert re.search(r"│ +[\d.]+ ± [\d.]+ │ +[\d.]+ ± \? │", row)
     assert re.search(r"│ time \[s\] +│ +2 │ +2 │ +0 │", out)
     assert "\nB: without ±: exact in the digits shown; ± ?: not estimated, output.error = false" in out
 

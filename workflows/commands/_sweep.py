@@ -76,14 +76,13 @@ def _print(done: Sweep, scene: Scene) -> None:
     for one in done.solved:
         content = read_checked_json(place_of(one.folder) / RESULT) if one.status in FINISHED else {}
         steps = content.get("steps") or [{}]
-        notes |= {legend(content): None} if content.get("steps") else {}
+        notes |= {legend(content): None} if content else {}
         values = [shortened(said(value), 24) for value in one.member.values.values()]
         for name, contact in (steps[-1].get("contacts") or {"-": None}).items():
             rows.append((*values, name, *contact_cells(contact, numbers)))
     out = console(160)
     print_table(table_of((*keys.values(), "contact", *numbers.values()), rows, ("contact",)), out)
-    for note in notes:
-        out.print(note, soft_wrap=True)
+    out.print("\n".join(notes), end="\n" * bool(notes), soft_wrap=True)
 
 
 def _parsed(words: Sequence[str]) -> dict[str, Any]:

@@ -36,8 +36,7 @@ def compare(
             print_table(table, out)
         else:
             out.print(table)  # words are folded
-    for note in report_compare.notes(first, second):
-        out.print(note, soft_wrap=True)
+    out.print("\n".join(report_compare.notes(first, second)), soft_wrap=True)
     if output is not None and speaks():
         write_output(output, report_compare.compare_page(first, second).encode())
         out.print(f"wrote {output}")

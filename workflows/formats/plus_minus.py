@@ -68,6 +68,11 @@ def parts_of(told: Mapping[str, Any] | None, component: int | None = None) -> Er
     return ErrorParts(**{name: part(told.get(name)) for name in (*PARTS, "converges", "by", "unsure")}, dear=dear)
 
 
+def error_of(numbers: Mapping[str, Any], key: str, component: int | None = None) -> ErrorParts:
+    """The same of a number of a record."""
+    return parts_of((numbers.get("error") or {}).get(key), component)
+
+
 def stated(parts: ErrorParts) -> float | None:
     """Sum of the parts that are there, of a number; None: there is none to state."""
     return None if parts.total is None else float(np.asarray(parts.total))

@@ -17,7 +17,7 @@ from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import Units
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.parallel.counters import PHASES, Row
-from stickslip.solvers.results.step_result import PARTS, is_estimated, told
+from stickslip.solvers.results.step_result import PARTS, told
 from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of
 from stickslip.workflows.formats.files import json_text, parse_json, read_json
 from stickslip.workflows.formats.hdf5 import read_arrays
@@ -124,28 +124,21 @@ def error_budget(content: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tupl
 
 def legend(content: Mapping[str, Any]) -> str:
     """What marks beside the numbers of result.json mean, and why errors are not estimated, in a line."""
-    steps = content.get("steps") or ()
-    owners = [
-        owner
-        for kind, record in records().items()
-        for step in steps
-        for owner in (by_name(kind, step.get(kind)).values() if is_estimated(record) else ())
-        if owner
-    ]
-    every = [parts_of(error) for owner in owners for error in (owner.get("error") or {}).values()]
+    owners = [own for step in content["steps"] for kind in records() for own in by_name(kind, step.get(kind)).values()]
+    every = [parts_of(error) for own in owners if own for error in (own.get("error") or {}).values()]
     lacking = {name: cost for parts in every if missing(parts) for name, cost in parts.lacking.items()}
     said = {name: f" ({cost:.2g} times the run)" if cost else " (not known)" for name, cost in lacking.items()}
     unknown = "output.error = false" if not (content["scene"].get("output") or {}).get("error", True) else ""
-    if not every:
-        unknown = unknown or "the run has left no estimates"
-    elif any(parts.total is None and parts.converges is not False for parts in every):
+    if any(parts.total is None and parts.converges is not False for parts in every):
         unknown = "the mesh's part cannot be told"
     notes = ["without ±: exact in the digits shown"]
-    notes += [f"± {UNKNOWN}: not estimated, {unknown}"] * bool(unknown)
-    without = listed(name.replace("_", " ") + said[name] for name in PARTS if name in lacking) if lacking else ""
-    notes += [f"± {AT_LEAST}, ± {UNKNOWN}: without the error of the {without}"] * bool(lacking)
-    grows = any(parts.converges is False for parts in every)
-    return "; ".join([*notes, *["grows: has no limit on ever finer meshes, as at a sharp edge"] * grows])
+    if unknown or not every:
+        notes.append(f"± {UNKNOWN}: not estimated, {unknown or 'the run has left no estimates'}")
+    if without := [name.replace("_", " ") + said[name] for name in PARTS if name in lacking]:
+        notes.append(f"± {AT_LEAST}, ± {UNKNOWN}: without the error of the {listed(without)}")
+    if any(parts.converges is False for parts in every):
+        notes.append("grows: has no limit on ever finer meshes, as at a sharp edge")
+    return "; ".join(notes)
 
 
 def listed(names: Iterable[str]) -> str:

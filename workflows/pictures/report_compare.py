@@ -9,7 +9,7 @@ from stickslip.geometry.errors import FolderError
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.results.step_result import PARTS, ErrorParts
 from stickslip.solvers.scene.record import numbers_of, singular
-from stickslip.workflows.formats.plus_minus import missing, of_parts, parts_of, plus_minus, stated
+from stickslip.workflows.formats.plus_minus import error_of, missing, of_parts, plus_minus, stated
 from stickslip.workflows.formats.results import Results, legend
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.pictures.report_page import PHASES, as_written
@@ -125,7 +125,7 @@ def _difference(
         value = value[place] if isinstance(value, list) and place is not None and place < len(value) else value
         if not isinstance(value, int | float):
             return None, NOTHING, ErrorParts()
-        parts = parts_of((owner.get("error") or {}).get(key), place)
+        parts = error_of(owner, key, place)
         return value, of_parts(value, parts), parts
 
     (mine, told, parts), (theirs, told_too, parts_too) = of(a), of(b)

@@ -25,7 +25,7 @@ from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of, singular
 from stickslip.workflows.formats.files import write_output
 from stickslip.workflows.formats.marker import declare, is_marked, read_checked
-from stickslip.workflows.formats.plus_minus import of_parts, parts_of, stated
+from stickslip.workflows.formats.plus_minus import error_of, of_parts, stated
 from stickslip.workflows.formats.results import HEAD, Results, error_budget, legend, profile_rows
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.pictures.report_view import model
@@ -104,9 +104,7 @@ def number(owner: Told, key: str, component: int | None = None) -> str:
     """A number of a step with its error; a dash if it is not there."""
     value = owner.get(key)
     value = value[component] if component is not None and isinstance(value, list) else value
-    if not isinstance(value, int | float):
-        return "–"
-    return of_parts(value, parts_of((owner.get("error") or {}).get(key), component))
+    return of_parts(value, error_of(owner, key, component)) if isinstance(value, int | float) else "–"
 
 
 def _kind(status: str) -> str:
@@ -184,7 +182,7 @@ def _panels(results: Results) -> list[Panel]:
         for one in found:
             value = one.get(key)
             value = value[component] if component is not None and isinstance(value, list) else value
-            error = stated(parts_of((one.get("error") or {}).get(key), component))
+            error = stated(error_of(one, key, component))
             values.append(np.nan if value is None else value)
             errors.append(np.nan if error is None else error)
         return Curve(name=name, values=np.array(values, float), error=np.array(errors, float))

@@ -27,11 +27,11 @@ from stickslip.geometry.errors import printable
 from stickslip.geometry.units import Units
 from stickslip.solvers.accuracy.budget import BETTER, COARSER, PAIRS, TIME
 from stickslip.solvers.parallel.counters import Clock
-from stickslip.solvers.results.step_result import ErrorParts, StepResult
+from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.workflows.formats.plus_minus import of_parts, parts_of, stated, with_error
+from stickslip.workflows.formats.plus_minus import error_of, of_parts, stated, with_error
 from stickslip.workflows.formats.results import error_budget, legend, listed
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
@@ -223,7 +223,7 @@ class Reporter(Speaker):
         if content["steps"] and content["steps"][-1]["energy"]["dissipated"] > 0:
             energy, units = content["steps"][-1]["energy"], Units.of(content["scene"].get("units", "SI"))
             unit = units("J/m" if content["scene"]["model"].startswith("plane") else "J")
-            dissipated = with_error(energy["dissipated"], _parts(energy, "dissipated"), unit)
+            dissipated = with_error(energy["dissipated"], error_of(energy, "dissipated"), unit)
             wears = any("max_wear" in contact for contact in content["steps"][-1]["contacts"].values())
             left = with_error(energy["time_remainder"], None, unit)
             out.print(f"friction{' and wear' * wears} dissipated {dissipated}, time remainder {left}")
@@ -329,16 +329,11 @@ def contact_cells(contact: Content | None, keys: Iterable[str], moved: float = 0
 
 
 def _cell(contact: Content, key: str, moved: float) -> str:
-    value, parts = contact[key], _parts(contact, key)
+    value, parts = contact[key], error_of(contact, key)
     # of the displacement: so small a penetration is that of the solution's digits
     if key == "max_penetration" and value + (stated(parts) or 0.0) <= EXACT * moved:
         return "0"
     return of_parts(value, parts)
-
-
-def _parts(numbers: Content, key: str) -> ErrorParts:
-    """The error of a number, from result.json."""
-    return parts_of((numbers.get("error") or {}).get(key))
 
 
 def print_plan(content: Content) -> None:
