@@ -156,7 +156,7 @@ class MeshCorrection:
 
     @staticmethod
     def works_for(stepper: Stepper) -> bool:
-        """Whether it can follow the steps: of order 1, with contact, by a method with exact contact laws.
+        """Whether it can follow the steps: of order 1, with contact, by a method with exact laws, not by a clock.
 
         Bodies that do not lock by a mean dilatation are not followed.
 
@@ -165,7 +165,7 @@ class MeshCorrection:
         system = stepper.system
         expressions = system.problem.timeline.expressions.items()
         uneven = any(place.table == "supports" and found.names & {*"xyz"} for place, found in expressions)
-        if system.problem.averaged or uneven or system.mesh.degree > 1:
+        if system.problem.averaged or uneven or system.mesh.degree > 1 or stepper.clock is not None:
             return False
         return len(system.contacts) > 0 and stepper.chain.exact_laws
 

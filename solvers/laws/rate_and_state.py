@@ -125,6 +125,31 @@ class RateAndStateByPoint(FrictionLaw):
         direct = self.a * x / np.hypot(1.0, x)
         return self.a * np.arcsinh(x), direct, self.b / self.a * direct
 
+    def rate(self, aged: Array, size: Array, pressure: Array) -> Array:
+        """V (m_t,) [m/s] at states, of tractions f pressure + eta V = size [Pa], by Newton's method from above.
+
+        >>> law = RateAndState(f0=0.6, a=0.01, b=0.015, Dc=1.0, V0=1e-6, damping=1e4).placed(np.ones((1, 1)), 1.0, 1.0)
+        >>> law.rate(np.zeros(1), law.coefficient(np.zeros(1), np.full(1, 0.1))[0] + 1e3, np.ones(1))
+        array([0.1])
+        """
+        e, eta = 2 * self.of.V0 * np.exp(-(self.of.f0 + self.b * aged) / self.a), self.of.damping
+        size, ap = np.where(pressure > 0, size, 0.0), np.maximum(self.a * pressure, TINY)
+        y = size / ap  # V = e sinh(y): the function below is convex, and positive here
+        if eta:
+            y = np.minimum(y, np.arcsinh(size / (eta * e)))
+            for _ in range(NEWTON_STEPS):
+                off = ap * y + eta * e * np.sinh(y) - size
+                if np.all(off <= 8 * EPS * size):
+                    break
+                y = y - off / (ap + eta * e * np.cosh(y))
+        return np.asarray(e * np.sinh(y))
+
+    def evolves(self, aged: Array, V: Array) -> Array:
+        """d ln(theta) / dt (m_t,) [1/s] at states and rates."""
+        if self.of.evolution == "slip":
+            return np.asarray(-V / self.Dc * (np.log(np.maximum(V, TINY) / self.of.V0) + aged))
+        return np.asarray((self.of.V0 * np.exp(-aged) - V) / self.Dc)
+
     def resists(self) -> bool:
         return True
 

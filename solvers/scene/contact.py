@@ -15,7 +15,7 @@ from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.shape import SKIN, Model
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.friction import Stick
-from stickslip.solvers.laws.normal import Unilateral
+from stickslip.solvers.laws.normal import Bilateral, Tied, Unilateral
 from stickslip.solvers.laws.rate_and_state import RateAndState
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.wear import Slide, Turned, Wear
@@ -160,6 +160,16 @@ class Contact(Noun):
             require(law is not None or slides, "wear", "true", "needs friction or `slide`, which slip")
             if isinstance(law, TangentialCompliance):
                 raise SceneError(f"friction.law = {law.law}: is bounded by the penetration, of which wear takes a part")
+
+    def check_clock(self) -> None:
+        """Refuse what `steps.clock` does not follow: slip and state flow, of points that stay where they are."""
+        said, law = "steps.clock does not follow it yet: give steps.count instead", self.friction
+        flows = law is None or isinstance(law, RateAndState | Stick)
+        require(flows, "friction.law", getattr(law, "law", ""), f"{said}, or use rate_and_state")
+        rigid = isinstance(self.normal, Unilateral | Bilateral | Tied)
+        require(rigid, "normal.law", getattr(self.normal, "law", ""), said)
+        for key in ("sliding", "wear"):
+            require(not getattr(self, key), key, "true", said)
 
     def law(self, turns: bool) -> tuple[FrictionLaw | None, Slide | None]:
         """The friction law in force, turned towards the sliding out of the plane, and that; turns: about an axis."""

@@ -14,7 +14,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.wear import WORN
 from stickslip.solvers.scene.record import Energy
-from stickslip.solvers.stepping.law_memory import LawMemory, no_memory
+from stickslip.solvers.stepping.law_memory import LawMemory, Memory, no_memory
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.system import System
 
@@ -131,6 +131,7 @@ def new_state(
     driven: Array,
     surplus: Surplus | None = None,
     initial: Array | None = None,
+    memory: Memory | None = None,
 ) -> State:
     """The state at the time of a solved problem; collective.
 
@@ -146,6 +147,7 @@ def new_state(
         driven: displacement (o,) of the obstacles that forces drive [m].
         surplus: of a displacement that is added to that of the nodes.
         initial: values (k,) of the initial strains; None: those of the course.
+        memory: of the laws at its end; None: that of one substep.
 
     Returns:
         The state; of its `previous`, `control`, `law_error` and `peak` it knows nothing.
@@ -188,7 +190,7 @@ def new_state(
     slipping = W * p * (w - problem.gap - cone.give(p))
     dissipated = np.array([slipping[place.tangential].sum() for place in cone.places])
     lasting = LawMemory(replace(cone, contacts=contacts).at(time), old.memory, time - old.time)
-    memory = lasting.after(problem, p, w)
+    memory = lasting.after(problem, p, w) if memory is None else memory
     for k, place in enumerate(lasting.cone.places if memory else ()):
         (p_n, law), name = (p[place.normal], place.rows.friction), place.rows.name
         if (worn := f"{name}{WORN}") in memory:  # what the pressure does to what wears away is lost
