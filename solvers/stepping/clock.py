@@ -47,6 +47,12 @@ class ClockLoop:
     """
 
     def __init__(self, solver: SubstepSolver, clock: Clock | None, pauses: bool) -> None:
+        """
+        Args:
+            solver: of the bodies; its pairs do not change.
+            clock: of the scene; None: it has none.
+            pauses: whether a step may end early.
+        """
         self._solver, self._clock, self._pauses = solver, clock, pauses
 
     def active(self) -> bool:
@@ -93,6 +99,13 @@ class _March:
     """One step of a clock: from a state to a time."""
 
     def __init__(self, solver: SubstepSolver, clock: Clock, start: State, target: float, pauses: bool) -> None:
+        """Form the dense matrix, and see how loads and motions change up to the end; collective.
+
+        Args:
+            start: state that the step starts from.
+            target: time at its end [s].
+            pauses: whether it may end before.
+        """
         self._solver, self._clock, self._start, self._target = solver, clock, start, target
         self._most = np.inf if not pauses else clock.every or np.inf
         self._pauses, self._events, self._running = pauses, list[Event](), dict(start.running)
@@ -165,7 +178,10 @@ class _March:
         return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
 
     def _notice(self, flow: _Flow, pair: _Pair) -> bool:
-        """Note whether an event of a contact begins or ends in the last step; its moment is that of a root."""
+        """Note whether an event of a contact begins or ends in the last step.
+
+        The moment is the root of ln(V / threshold) in the pair's own interpolation of order 4.
+        """
         name, threshold = flow.place.rows.name, self._clock.event
         began, fast = self._running.get(name), flow.fastest(pair.f)
         least = threshold if began is None else threshold / 10
@@ -193,7 +209,11 @@ class _March:
         return True
 
     def _event(self, flow: _Flow, began: Mapping[str, Array], now: Mapping[str, Array]) -> Event:
-        """An event that is over."""
+        """An event that is over.
+
+        Args:
+            began, now: when it began and when it ended, with slip [m] and tractions (rows,) [Pa] there.
+        """
         rows, place, n = flow.place.rows, flow.place, flow.place.components
         slip = np.linalg.norm((now["slip"] - began["slip"]).reshape(-1, n), axis=1)
         before, after = (np.linalg.norm(p[place.tangential].reshape(-1, n), axis=1) for p in (began["p"], now["p"]))
@@ -239,7 +259,12 @@ class _March:
         return np.asarray(found)
 
     def _rates(self, time: float, y: Array) -> Array:
-        """dy/dt; the tractions (rows,) [Pa] are kept."""
+        """dy/dt; the tractions (rows,) [Pa] are kept.
+
+        Args:
+            time: [s].
+            y: w_T [m] and ln(V0 theta / Dc) of the contacts, one after the other; then their dissipation [J].
+        """
         (free, w), found = self._free(time), np.zeros_like(y)
         w = np.concatenate([w[: self._n], self._start.w[self._n :]])
         for flow in self._flows:
