@@ -1,4 +1,4 @@
-"""Seconds to an accuracy: `python -m stickslip.workflows.lab.benchmarks.time_to_accuracy` writes its page in docs.
+"""Seconds to an accuracy: `python -m stickslip.workflows.lab.benchmarks.time_to_accuracy -o PAGE`.
 
 Each program climbs a ladder of meshes of its own: cells, order, penalty and linear solver are those that came closest
 soonest. The page tells after how many seconds of the processor a number is within 1 % and .1 % of the truth, and stays
@@ -39,10 +39,9 @@ os.environ.update(ONE_THREAD)  # before the first operation that would start the
 
 ASKED = (1e-2, 1e-3)
 LIMIT = 15.0  # seconds of the processor that a point may be expected to take
+Numbers = Mapping[str, float]
 KEPT = Path("results/time_to_accuracy")
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "time_to_accuracy.md"
 OURS, ROUNDS = "stickslip, mesh by hand", "stickslip, --accuracy"
-FLOOR = 1e-5  # errors that are drawn
 FINER = 0.6  # of the cells, from one mesh of a ladder to the next
 
 
@@ -100,6 +99,62 @@ PROBLEMS = {
             Ladder("GetFEM", order=2),
         ),
         start=4.0,
+        truth=(0.5, 0.25, 0.125),
+    ),
+    "cube": Problem(
+        title="Cube, pressed and dragged (3D)",
+        ready="cube",
+        change=(),
+        goals={"friction force": "tangential_force", "stick area": "stick_area"},
+        ladders=(
+            Ladder(OURS, first=2.0),
+            Ladder(OURS, order=2, first=2.0),
+            Ladder(MUMPS, first=2.0, settings={"penalty": 1e4}),
+            Ladder(GAMG, first=2.0, settings={"penalty": 1e3}),
+            Ladder(MUMPS, order=2, first=2.0, settings={"penalty": 1e3}),
+            Ladder("GetFEM", first=2.0),
+            Ladder("CalculiX", first=2.0),
+        ),
+        start=2.0,
+        truth=(0.667, 0.5, 0.4),
+    ),
+    "half_disc": Problem(
+        title="Hertz with friction: half a disc, pressed in three steps and pushed in one (2D)",
+        ready="half_disc",
+        change=("steps.count=4",),
+        goals={"largest pressure": "max_pressure", "friction force": "tangential_force"},
+        ladders=(
+            Ladder(OURS, "simplex"),
+            Ladder(OURS, "simplex", 2),
+            Ladder(MUMPS, "simplex", settings={"penalty": 1e2}),
+            Ladder(MUMPS, "simplex", 2, settings={"penalty": 1e2}),
+            Ladder(MUMPS, "simplex", 2, settings={"penalty": 1e3}),
+            Ladder("GetFEM", "simplex"),
+            Ladder("GetFEM", "simplex", 2),
+        ),
+        start=4.0,
+        truth=(0.5, 0.25, 0.125),
+        grids=False,
+    ),
+    "press_fit": Problem(
+        title="Press fit: a ring on a rigid shaft, then pushed off centre (2D)",
+        ready="shaft",
+        change=(
+            'obstacles.shaft={ shape = "cylinder", point = [0.0, 0.0], radius = 1.01 }',
+            "supports.housing.displacement={ x = [[0, 0], [1, 0], [2, 0.004]], y = 0.0 }",
+            "steps.count=2",
+        ),
+        goals={"largest pressure": "max_pressure", "normal force": "normal_force"},
+        ladders=(
+            Ladder(OURS),
+            Ladder(OURS, order=2),
+            Ladder(MUMPS, settings={"penalty": 1e3}),
+            Ladder(MUMPS, settings={"penalty": 1e4}),
+            Ladder(MUMPS, order=2, settings={"penalty": 1e3}),
+            Ladder("GetFEM"),
+            Ladder("GetFEM", order=2),
+        ),
+        start=3.0,
         truth=(0.5, 0.25, 0.125),
     ),
 }  # fmt: skip
@@ -170,7 +225,7 @@ def _peer(problem: Problem, ladder: Ladder, size: float, folder: Path) -> Run:
     return found
 
 
-def climb(name: str, ladder: Ladder, truth: Mapping[str, float], folder: Path) -> Iterator[Run]:
+def climb(name: str, ladder: Ladder, truth: Numbers, folder: Path) -> Iterator[Run]:
     """Yield measurements on finer and finer meshes, until the numbers are right twice, or one would take too long."""
     problem, before, k = PROBLEMS[name], list[Run](), 0
     goal = next(iter(problem.goals.values()))
@@ -229,9 +284,7 @@ class Curve:
         return next((run for _, _, run in points[bad[-1] + 1 if bad else 0 :]), None)
 
 
-def rows(
-    problem: Problem, curves: Sequence[Curve], truth: Mapping[str, float], spread: Mapping[str, float]
-) -> Iterator[Run]:
+def rows(problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numbers) -> Iterator[Run]:
     """Yield what each program takes for each number and accuracy, its best ladder alone."""
     for (word, goal), asked in product(problem.goals.items(), ASKED):
         if spread[goal] > asked / 3:  # the truth is not known well enough
@@ -244,7 +297,11 @@ def rows(
             if met:
                 run, curve = min(met, key=lambda pair: pair[0]["seconds"])
                 hand = hand or run["seconds"]
-                ladder = ", ".join((*curve.program.split(", ")[1:], curve.ladder)).removeprefix("mesh by hand, ")
+                ladder = (
+                    ", ".join((*curve.program.split(", ")[1:], curve.ladder))
+                    .removeprefix("mesh by hand, ")
+                    .removeprefix("--accuracy, ")
+                )
                 error = abs(run["found"][goal] / truth[goal] - 1)
                 row |= run | {"ladder": ladder, "times": run["seconds"] / hand, "error": error}
             else:
@@ -254,15 +311,15 @@ def rows(
             yield row
 
 
-def draw(path: Path, problem: Problem, curves: Sequence[Curve], truth: Mapping[str, float]) -> None:
-    """Draw the errors of each number over the seconds."""
+def draw(path: Path, problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numbers) -> None:
+    """Draw the errors of each number over the seconds, none below how well the truth is known."""
     sheet = Sheet(10.0, 4.6, dpi=110)
     makers, wide = list(dict.fromkeys(curve.maker for curve in curves)), 9.0 / len(problem.goals)
     for k, (word, goal) in enumerate(problem.goals.items()):
         axes = sheet.axes(0.75 + k * wide, 1.15, wide - 0.75, 2.75)
         log_log(axes)
         for curve in curves:
-            points = [(seconds, max(error, FLOOR)) for seconds, error, _ in curve.errors(goal, truth[goal])]
+            points = [(seconds, max(error, spread[goal])) for seconds, error, _ in curve.errors(goal, truth[goal])]
             order = "2" if "order 2" in curve.ladder else "1"
             look: dict[str, Any] = {"marker": {"1": "o", "2": "s"}[order], "linewidth": 1.3, "markersize": 4}
             if curve.program == ROUNDS:
@@ -296,7 +353,7 @@ def measured(name: str, only: str = "") -> tuple[list[Curve], dict[str, float], 
             place = folder / f"rounds_{goal}_{asked:g}"
             _forget(only in ROUNDS and bool(only), place)
             found.append(kept(place / "0.json", partial(_own, name, None, goal, asked)) | {"asked": asked})
-    return [*curves, Curve(ROUNDS, "free mesh", tuple(found))], truth, spread
+    return [*curves, Curve(ROUNDS, "rounds from a free mesh", tuple(found))], truth, spread
 
 
 def _forget(again: bool, place: Path) -> None:
@@ -306,10 +363,13 @@ def _forget(again: bool, place: Path) -> None:
 
 
 def main(
-    names: Annotated[list[str] | None, typer.Argument(help=f"of {', '.join(PROBLEMS)}; all: the page, too")] = None,
+    names: Annotated[list[str] | None, typer.Argument(help=f"of {', '.join(PROBLEMS)} [all]")] = None,
     only: Annotated[str, typer.Option(help="programs and ladders whose name contains this are measured again")] = "",
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="page to write, with pictures beside it")
+    ] = None,
 ) -> None:
-    """Measure what is missing, print a line for each row, and write page and pictures if all problems are asked for."""
+    """Measure what is missing, print a line for each row, and write the page."""
     sections = []
     for name in names or PROBLEMS:
         problem, (curves, truth, spread) = PROBLEMS[name], measured(name, only)
@@ -317,11 +377,11 @@ def main(
         sections.append({"name": name, "problem": problem, "truth": truth, "spread": spread, "rows": found})
         for row in found:
             print(name, {key: value for key, value in row.items() if key != "found"}, flush=True)
-        if not names:
-            draw(PAGE.with_name(f"{PAGE.stem}_{name}.png"), problem, curves, truth)
-    if not names:
-        page = render("lab/benchmarks/templates/time_to_accuracy.md", sections=sections, limit=LIMIT, page=PAGE.stem)
-        write_aside(PAGE, page.encode())
+        if output:
+            draw(output.with_name(f"{output.stem}_{name}.png"), problem, curves, truth, spread)
+    if output:
+        page = render("lab/benchmarks/templates/time_to_accuracy.md", sections=sections, limit=LIMIT, page=output.stem)
+        write_aside(output, page.encode())
 
 
 if __name__ == "__main__":
