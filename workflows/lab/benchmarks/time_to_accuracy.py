@@ -42,7 +42,6 @@ LIMIT = 15.0  # seconds of the processor that a point may be expected to take
 Numbers = Mapping[str, float]
 KEPT = Path("results/time_to_accuracy")
 OURS, ROUNDS = "stickslip, mesh by hand", "stickslip, --accuracy"
-FINER = 0.6  # of the cells, from one mesh of a ladder to the next
 
 
 @dataclass(frozen=True)
@@ -54,6 +53,7 @@ class Ladder:
     order: Literal[1, 2] = 1
     first: float = 4.0
     settings: Mapping[str, Any] = field(default_factory=dict)
+    finer: float = 0.6  # of the cells, from one mesh to the next
 
     @property
     def name(self) -> str:
@@ -232,7 +232,7 @@ def climb(name: str, ladder: Ladder, truth: Numbers, folder: Path) -> Iterator[R
     while len(before) < 3 or any(abs(run["found"][goal] / truth[goal] - 1) > min(ASKED) for run in before[-2:]):
         if len(before) > 1 and before[-1]["seconds"] ** 2 / before[-2]["seconds"] > LIMIT:
             return
-        size, path = ladder.first * FINER**k, folder / f"{k}.json"
+        size, path = ladder.first * ladder.finer**k, folder / f"{k}.json"
         if ladder.program == OURS:
             run = kept(path, partial(_own, name, ladder, size))
         else:
