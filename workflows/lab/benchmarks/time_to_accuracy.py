@@ -13,6 +13,7 @@ import os
 import sys
 import tempfile
 import time as clock
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,7 +21,6 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 import typer
 
 from stickslip import Accuracy, Counters, Scene, Watch, __version__, prepare, read
@@ -44,16 +44,25 @@ KEPT = Path("results/time_to_accuracy")
 OURS, ROUNDS = "stickslip, mesh by hand", "stickslip, --accuracy"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Ladder:
-    """What a program is given: cells, order and settings; its meshes begin with `first` times those of the scene."""
+    """Meshes that a program is given, one after the other, until its numbers are right.
+
+    Attributes:
+        program: `OURS`, or the name of one of `PROGRAMS`.
+        cells: a grid of quadrilaterals or hexahedra, or a free mesh of triangles or tetrahedra.
+        order: of the displacements.
+        first: cells of the first mesh, in those of the scene.
+        settings: what problem.json has more, such as a penalty in units of E / height.
+        finer: cells of a mesh in those of the one before.
+    """
 
     program: str
     cells: Literal["tensor", "simplex"] = "tensor"
     order: Literal[1, 2] = 1
     first: float = 4.0
     settings: Mapping[str, Any] = field(default_factory=dict)
-    finer: float = 0.6  # of the cells, from one mesh to the next
+    finer: float = 0.6
 
     @property
     def name(self) -> str:
@@ -64,107 +73,46 @@ class Ladder:
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """A scene, its numbers, the ladders that are climbed, and the three meshes that decide the truth."""
+    """A scene, its numbers, and the ladders that are climbed; sizes of meshes are in those of the scene.
+
+    Attributes:
+        title: for the page.
+        scene: name of a ready one, of one body, one support that moves, and one contact with a rigid obstacle.
+        change: settings in it.
+        goals: numbers of the contact, by what the page calls them.
+        ladders: what is climbed.
+        start: the mesh that rounds begin with.
+        truth: three meshes of order 2.
+        grids: whether its builder has them, beside free meshes.
+    """
 
     title: str
-    ready: str  # scene
-    change: tuple[str, ...]
-    goals: Mapping[str, str]  # word and number
-    ladders: tuple[Ladder, ...]
-    start: float  # mesh of the rounds, in that of the scene
-    truth: tuple[float, ...]  # in that of the scene, of order 2
-    grids: bool = True  # whether its builder has them, too
+    scene: str
+    change: Sequence[str] = ()
+    goals: Mapping[str, str]
+    ladders: Sequence[Ladder]
+    start: float
+    truth: Sequence[float]
+    grids: bool = True
 
-    def scene(self, order: int, cells: str, size: float) -> Scene:
+    def on(self, order: int, cells: str, size: float) -> Scene:
         """Return the scene on a mesh, of cells `size` times as large as its own."""
         keys = [f"geometry.order={order}", "output={ error = false, pictures = false }"]
-        scene = read(self.ready, [*self.change, *keys, *([f'geometry.cells="{cells}"'] if self.grids else [])])
+        scene = read(self.scene, [*self.change, *keys, *([f'geometry.cells="{cells}"'] if self.grids else [])])
         return replace(scene, geometry=scene.geometry.refined(size))
 
 
-MUMPS, GAMG = "dolfinx by hand, MUMPS", "dolfinx by hand, GAMG"
 PROBLEMS = {
-    "block": Problem(
-        title="Block, pressed and pushed (2D)",
-        ready="block",
-        change=("geometry.mesh_size=0.05",),
-        goals={"friction force": "tangential_force", "stick area": "stick_area"},
-        ladders=(
-            Ladder(OURS),
-            Ladder(OURS, order=2),
-            Ladder(MUMPS, settings={"penalty": 1e4}),
-            Ladder(MUMPS, settings={"penalty": 1e3}),
-            Ladder(MUMPS, order=2, settings={"penalty": 1e3}),
-            Ladder("GetFEM"),
-            Ladder("GetFEM", order=2),
-        ),
-        start=4.0,
-        truth=(0.5, 0.25, 0.125),
-    ),
-    "cube": Problem(
-        title="Cube, pressed and dragged (3D)",
-        ready="cube",
-        change=(),
-        goals={"friction force": "tangential_force", "stick area": "stick_area"},
-        ladders=(
-            Ladder(OURS, first=2.0),
-            Ladder(OURS, order=2, first=2.0),
-            Ladder(MUMPS, first=2.0, settings={"penalty": 1e4}),
-            Ladder(GAMG, first=2.0, settings={"penalty": 1e3}),
-            Ladder(MUMPS, order=2, first=2.0, settings={"penalty": 1e3}),
-            Ladder("GetFEM", first=2.0),
-            Ladder("CalculiX", first=2.0),
-        ),
-        start=2.0,
-        truth=(0.667, 0.5, 0.4),
-    ),
-    "half_disc": Problem(
-        title="Hertz with friction: half a disc, pressed in three steps and pushed in one (2D)",
-        ready="half_disc",
-        change=("steps.count=4",),
-        goals={"largest pressure": "max_pressure", "friction force": "tangential_force"},
-        ladders=(
-            Ladder(OURS, "simplex"),
-            Ladder(OURS, "simplex", 2),
-            Ladder(MUMPS, "simplex", settings={"penalty": 1e2}),
-            Ladder(MUMPS, "simplex", 2, settings={"penalty": 1e2}),
-            Ladder(MUMPS, "simplex", 2, settings={"penalty": 1e3}),
-            Ladder("GetFEM", "simplex"),
-            Ladder("GetFEM", "simplex", 2),
-        ),
-        start=4.0,
-        truth=(0.5, 0.25, 0.125),
-        grids=False,
-    ),
-    "press_fit": Problem(
-        title="Press fit: a ring on a rigid shaft, then pushed off centre (2D)",
-        ready="shaft",
-        change=(
-            'obstacles.shaft={ shape = "cylinder", point = [0.0, 0.0], radius = 1.01 }',
-            "supports.housing.displacement={ x = [[0, 0], [1, 0], [2, 0.004]], y = 0.0 }",
-            "steps.count=2",
-        ),
-        goals={"largest pressure": "max_pressure", "normal force": "normal_force"},
-        ladders=(
-            Ladder(OURS),
-            Ladder(OURS, order=2),
-            Ladder(MUMPS, settings={"penalty": 1e3}),
-            Ladder(MUMPS, settings={"penalty": 1e4}),
-            Ladder(MUMPS, order=2, settings={"penalty": 1e3}),
-            Ladder("GetFEM"),
-            Ladder("GetFEM", order=2),
-        ),
-        start=3.0,
-        truth=(0.5, 0.25, 0.125),
-    ),
-}  # fmt: skip
+    name: Problem(**table | {"ladders": tuple(Ladder(**ladder) for ladder in table["ladders"])})
+    for name, table in tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")).items()
+}
 
 
 def _run(problem: Problem, ladder: Ladder, size: float) -> Run:
     """Return what our program finds on a mesh, in this process, after a first run that loads and compiles."""
-    scene = problem.scene(ladder.order, ladder.cells, size)
+    scene = problem.on(ladder.order, ladder.cells, size)
     started = clock.process_time()
-    list(prepare(problem.scene(ladder.order, ladder.cells, problem.start)).steps())
+    list(prepare(problem.on(ladder.order, ladder.cells, problem.start)).steps())
     counters = Counters()
     counters.clock = Clock(now=clock.process_time)
     began = clock.process_time()
@@ -180,7 +128,7 @@ def _run(problem: Problem, ladder: Ladder, size: float) -> Run:
 def _rounds(problem: Problem, goal: str, asked: float) -> Run:
     """Return what the rounds of `--accuracy` find, whose seconds count all of them, meshes, results and audit."""
     started = clock.process_time()
-    scene = problem.scene(1, "simplex", problem.start)
+    scene = problem.on(1, "simplex", problem.start)
     list(prepare(scene).steps())
     (contact,) = scene.contacts
     goals = Accuracy(goals={f"{contact}.{goal}": asked})
@@ -205,16 +153,23 @@ def one(given: str) -> None:
 
 def _own(name: str, *what: Any) -> Run:
     code = "import sys; from stickslip.workflows.lab.benchmarks.time_to_accuracy import one; one(sys.argv[1])"
-    return child([sys.executable, "-c", code, json.dumps([name, *what], default=vars)], LIMIT)
+    return child([sys.executable, "-c", code, json.dumps([name, *what], default=vars)], 4 * LIMIT)
 
 
 def _peer(problem: Problem, ladder: Ladder, size: float, folder: Path) -> Run:
-    """Return what another program finds on a mesh; the seconds of gmsh are ours."""
+    """Return what another program finds on a mesh, which gmsh makes here: its seconds are added to those of reading it.
+
+    Args:
+        problem: whose scene gives body, obstacle and motion.
+        ladder: names the program and its settings.
+        size: of the cells, in those of the scene.
+        folder: for the files that the program reads.
+    """
     program = next(program for program in PROGRAMS if program.name == ladder.program)
     if not (command := program.command()):
         return {"status": f"not installed: {program.install}"}
     began = clock.process_time()
-    path = write_problem(problem.scene(ladder.order, ladder.cells, size), folder)
+    path = write_problem(problem.on(ladder.order, ladder.cells, size), folder)
     drawn = clock.process_time() - began
     path.write_text(json.dumps(json.loads(path.read_text()) | ladder.settings))
     found = child([*command, str(path), *program.arguments], LIMIT)
@@ -226,7 +181,14 @@ def _peer(problem: Problem, ladder: Ladder, size: float, folder: Path) -> Run:
 
 
 def climb(name: str, ladder: Ladder, truth: Numbers, folder: Path) -> Iterator[Run]:
-    """Yield measurements on finer and finer meshes, until the numbers are right twice, or one would take too long."""
+    """Yield measurements on finer and finer meshes, until the first number is right twice, or one would take too long.
+
+    Args:
+        name: of the problem.
+        ladder: of meshes.
+        truth: the true numbers.
+        folder: that keeps each measurement in a file.
+    """
     problem, before, k = PROBLEMS[name], list[Run](), 0
     goal = next(iter(problem.goals.values()))
     while len(before) < 3 or any(abs(run["found"][goal] / truth[goal] - 1) > min(ASKED) for run in before[-2:]):
@@ -245,30 +207,43 @@ def climb(name: str, ladder: Ladder, truth: Numbers, folder: Path) -> Iterator[R
 
 
 def truths(name: str, folder: Path) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the numbers on the finest of three meshes of order 2, and how far those before it are away, relatively."""
+    """Return the numbers on the finest of three meshes of order 2, and how far those on the second are from them.
+
+    The distances are relative. What converges like the cell size or faster is no farther from the true number than
+    from the mesh before it, whose cells are half as large again or more.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    problem, ladder = PROBLEMS[name], Ladder(OURS, order=2)
+    problem, ladder = PROBLEMS[name], Ladder(program=OURS, order=2)
     found = [
         kept(folder / f"truth_{k}.json", partial(_own, name, ladder, size))["found"]
         for k, size in enumerate(problem.truth)
     ]
-    spread = {
-        goal: float(np.abs([run[goal] / found[-1][goal] - 1 for run in found[-2:-1]]).max()) for goal in found[-1]
-    }
-    return found[-1], spread
+    return found[-1], {goal: abs(found[-2][goal] / value - 1) for goal, value in found[-1].items()}
 
 
 @dataclass(frozen=True)
 class Curve:
-    """What a program has found on a ladder, or in its rounds."""
+    """What a program has found on a ladder, or in its rounds.
+
+    Attributes:
+        program: its name.
+        ladder: name of the ladder.
+        runs: from coarse to fine; those that failed have a `status`, and nothing `found`.
+    """
 
     program: str
     ladder: str
-    runs: tuple[Run, ...]  # those that failed have no `found`
+    runs: tuple[Run, ...]
 
     @property
     def maker(self) -> str:
+        """The program, whatever solves its linear systems."""
         return self.program.split(",")[0] if self.program not in (OURS, ROUNDS) else self.program
+
+    @property
+    def way(self) -> str:
+        """How the maker's program was used."""
+        return f"{self.program}, {self.ladder}".removeprefix(f"{self.maker}, ")
 
     def errors(self, goal: str, truth: float) -> list[tuple[float, float, Run]]:
         """Return seconds, relative error and run, of those that know the number."""
@@ -285,9 +260,16 @@ class Curve:
 
 
 def rows(problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numbers) -> Iterator[Run]:
-    """Yield what each program takes for each number and accuracy, its best ladder alone."""
+    """Yield what each program takes for each number and accuracy, its best ladder alone.
+
+    Args:
+        problem: whose numbers are asked for.
+        curves: ours first.
+        truth: the true numbers.
+        spread: how well they are known, relatively; what is not known to a third of an accuracy has no row.
+    """
     for (word, goal), asked in product(problem.goals.items(), ASKED):
-        if spread[goal] > asked / 3:  # the truth is not known well enough
+        if spread[goal] > asked / 3:
             continue
         hand = None
         for maker in dict.fromkeys(curve.maker for curve in curves):
@@ -297,13 +279,8 @@ def rows(problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numb
             if met:
                 run, curve = min(met, key=lambda pair: pair[0]["seconds"])
                 hand = hand or run["seconds"]
-                ladder = (
-                    ", ".join((*curve.program.split(", ")[1:], curve.ladder))
-                    .removeprefix("mesh by hand, ")
-                    .removeprefix("--accuracy, ")
-                )
                 error = abs(run["found"][goal] / truth[goal] - 1)
-                row |= run | {"ladder": ladder, "times": run["seconds"] / hand, "error": error}
+                row |= run | {"ladder": curve.way, "times": run["seconds"] / hand, "error": error}
             else:
                 closest = [error for curve in mine for _, error, _ in curve.errors(goal, truth[goal])[-1:]]
                 failed = dict.fromkeys(run["status"] for curve in mine for run in curve.runs if "found" not in run)
@@ -312,7 +289,11 @@ def rows(problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numb
 
 
 def draw(path: Path, problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numbers) -> None:
-    """Draw the errors of each number over the seconds, none below how well the truth is known."""
+    """Draw the errors of each number over the seconds, none below how well the truth is known.
+
+    Raises:
+        MachineError: the disk is full.
+    """
     sheet = Sheet(10.0, 4.6, dpi=110)
     makers, wide = list(dict.fromkeys(curve.maker for curve in curves)), 9.0 / len(problem.goals)
     for k, (word, goal) in enumerate(problem.goals.items()):
