@@ -204,7 +204,7 @@ class Simulation:
         tell: Callable[[str], None] = lambda line: None,
     ) -> Estimates:
         """The errors of a run, to be found piece by piece."""
-        return Estimates(self.stepper, self.data, steps, self.scene.output, on_iteration, tell)
+        return Estimates(self.stepper, steps, self.scene.output, on_iteration, tell)
 
     def time_step_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
