@@ -55,8 +55,8 @@ class Way:
         (solution, last), touch = found, Touch(self)
         while solution.status is Status.CONVERGED and (gap := touch(solution.p, solution.w, last.gap)) is not last.gap:
             solution, last = solve(replace(self.problem, gap=gap), solution.p)
-        if (correct := solution.correct) is not None and touch.seen:
-            left = self._left(solution, touch.seen)
+        if (correct := solution.correct) is not None and touch.felt is not None:
+            left = self._left(solution.p, touch.felt)
             solution = replace(solution, correct=lambda before: _larger(correct(before), left))
         return solution, replace(last, gap=touch.idle) if touch.idle is not None else last
 
@@ -176,42 +176,25 @@ class Way:
             felt[t] = np.clip(rest, -whole, whole).ravel()
         return felt
 
-    def _left(self, solution: Solution, seen: list[tuple[Array, Array]]) -> float:
-        """Energy norm [J^(1/2)] of what further changes of slip from where points touch would add; collective.
+    def _left(self, p: Array, change: Array) -> float:
+        """Energy norm [J^(1/2)] of what a further change (rows,) [m] of slip from touch would add; collective.
 
-        Changes c that follow each other in the same way sum up to c |g_2 - g_1| / |c_2 - c_1|. Tractions q of the rows
-        that are held move the bodies by them, F q = c; conjugate gradients find the energy q . c from below.
-
-        Args:
-            solution: the last one.
-            seen: see `Touch.seen`.
+        Tractions q of the rows that touch move the bodies by it, F q = c; conjugate gradients find the energy q . c
+        from below.
         """
-        surface, cone, p, (gap, change) = self.problem.surface, self.problem.cone, solution.p, seen[-1]
-        if not change.any():
-            return 0.0
-        held = p != 0
-        for place in cone.with_friction():
-            t, stick = p[place.tangential].reshape(-1, place.components), 1 - solution.slack
-            sticks = np.linalg.norm(t, axis=1) < stick * cone.bound(place, p[place.normal])
-            held[place.tangential] &= np.repeat(sticks, place.components)
-        held = held | (change != 0)
-        weight, r, energy = surface.W * held * self.problem.gamma, change, 0.0
-        d, size = self.problem.gamma * held * r, float(weight @ r**2)
-        first, before = seen[0]
-        turned = np.linalg.norm(change - before)
-        tail = max(1.0, float(np.linalg.norm(gap - first) / turned)) if turned else 1.0
+        surface, held, energy = self.problem.surface, ((p != 0) | (change != 0)) * self.problem.gamma, 0.0
+        r, d = change, held * change
+        size = first = float((surface.W * d) @ change)
         with surface.counters.for_error():
-            for _ in range(SOLVES):
+            for _ in range(SOLVES if size else 0):
                 u = surface.displacement(surface.forces(d), self.tolerance * float(np.abs(change).max()))
                 answer = surface.N @ (u - surface.R @ (surface.R.T @ u))
-                step = size / float((surface.W * d) @ answer)
-                energy += step * size
-                r = r - step * answer
-                size, last = float(weight @ r**2), size
-                if size <= CONTRACTION**2 * float(weight @ change**2):
+                if (given := float((surface.W * d) @ answer)) <= 0 or size <= CONTRACTION**2 * first:
                     break
-                d = self.problem.gamma * held * r + size / last * d
-        return UNSURE * tail * float(np.sqrt(energy))
+                energy, r = energy + size**2 / given, r - size / given * answer
+                size, last = float((surface.W * held) @ r**2), size
+                d = held * r + size / last * d
+        return UNSURE * float(np.sqrt(energy))
 
 
 def _larger(known: Correction, further: float) -> Correction:
@@ -233,7 +216,7 @@ class Touch:
     halved: float = np.inf  # size [m] of the last change that was halved
     sizes: list[float] = field(default_factory=list)  # of changes since then [m]
     tried: dict[bytes, list[tuple[Array, Array]]] = field(default_factory=dict)  # gaps, changes
-    seen: list[tuple[Array, Array]] = field(default_factory=list)  # the last two gaps, and what is felt of their change
+    felt: Array | None = None  # what is felt (rows,) [m] of the last change; None: not yet
     idle: Array | None = None  # gap (rows,) [m] before, with the changes that friction does not feel; None: not yet
 
     def __call__(self, p: Array, w: Array, before: Array) -> Array:
@@ -247,8 +230,8 @@ class Touch:
         problem, gap = self.way.problem, self.way.touched(p, w)
         change, settled = gap - before, max(self.way.tolerance, EXACT) * problem.u_ref
         allowed = np.maximum(settled, problem.scales.no_motion(self.way.w))
-        felt = change if self.on_the_way else self.way.felt(change, p, w, before)
-        self.seen, heard = [*self.seen[-1:], (before, felt)], np.abs(felt) > allowed
+        self.felt = change if self.on_the_way else self.way.felt(change, p, w, before)
+        heard = np.abs(self.felt) > allowed
         self.idle = np.where(heard | (np.abs(change) <= allowed), before, gap)
         if not heard.any():
             return before
