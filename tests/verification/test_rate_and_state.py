@@ -16,6 +16,7 @@ from stickslip.solvers.laws.law import Trial
 from stickslip.solvers.laws.normal import Unilateral
 from stickslip.solvers.laws.rate_and_state import RateAndState
 from stickslip.solvers.results.audit import Auditor
+from stickslip.solvers.results.closed_formulas import bound
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -129,6 +130,20 @@ def test_a_column_is_a_spring_slider() -> None:
     assert np.abs(off[1]).max() < 1.5e-5
     assert np.all((off[0] / off[1] > 1.6) & (off[0] / off[1] < 2.2))  # of first order
     assert_allclose(V[seen], [1.009133e-6, 1.016869e-6, 1.008361e-6], rtol=1e-3)
+
+
+@pytest.mark.parametrize("numbers", [{"a": 1e-4}, {"f0": 1e5}, {"b": 10.0, "theta": 1e6}])
+@pytest.mark.parametrize("eta", [0.0, 1e-3])
+def test_a_law_beyond_the_largest_exponential_is_that_of_its_logarithm(numbers: dict[str, float], eta: float) -> None:
+    law = RateAndState(**{"f0": 0.6, "a": 0.01, "b": 0.015, "Dc": 1e-3, "V0": 1e-6, "damping": eta} | numbers)
+    placed, V, p = law.placed(np.ones((1, 1)), 1.0, 1.0), np.array([1e-3]), np.ones(1)
+    aged = placed.memory(1)[:, 0]
+    f, slope, _ = placed.coefficient(aged, V)
+    assert_allclose(f, law.a * np.log(V / law.V0) + law.f0 + law.b * aged, rtol=1e-12)
+    assert_allclose(slope, law.a, rtol=1e-12)
+    off = placed.rate(aged, f + eta * V, p) / V - 1
+    assert np.all(np.abs(off) < 1e-14 * f / (law.a + eta * V) + 1e-12)
+    assert_allclose(bound(placed, Unilateral(), p, np.eye(1), 1.0, 1.0, np.column_stack([aged, V])), f + eta * V)
 
 
 def test_its_steps_pass_the_audit() -> None:
