@@ -165,7 +165,8 @@ class MeshCorrection:
         system = stepper.system
         expressions = system.problem.timeline.expressions.items()
         uneven = any(place.table == "supports" and found.names & {*"xyz"} for place, found in expressions)
-        if system.problem.averaged or uneven or system.mesh.degree > 1 or stepper.clock is not None:
+        stressed = stepper.clock is not None or system.prestress is not None
+        if system.problem.averaged or uneven or system.mesh.degree > 1 or stressed:
             return False
         return len(system.contacts) > 0 and stepper.chain.exact_laws
 

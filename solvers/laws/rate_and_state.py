@@ -29,6 +29,8 @@ from stickslip.solvers.laws.law import Dragged, FrictionLaw, NormalLaw, Trial
 from stickslip.solvers.laws.normal import NEWTON_STEPS
 from stickslip.solvers.laws.rate_dependent import Sliding
 
+STEADY = "steady"
+
 
 @dataclass(frozen=True, kw_only=True)
 class RateAndState(FrictionLaw):
@@ -155,6 +157,25 @@ class RateAndStateByPoint(FrictionLaw):
         if self.of.evolution == "slip":
             return np.asarray(-V / self.Dc * (np.log(np.maximum(V, TINY) / self.of.V0) + aged))
         return np.asarray((self.of.V0 * np.exp(-aged) - V) / self.Dc)
+
+    def begun(
+        self, memory: Array, pressure: Array, size: Array, state: Array | str | None, rate: float | None
+    ) -> Array:
+        require(bool(np.all(pressure > 0)), "pressure", float(pressure.min()), "must be positive at every point")
+        f, aged = size / pressure, memory[:, 0]
+        if rate is not None:
+            f = f - self.of.damping * rate / pressure
+            require(bool(np.all(f > 0)), "rate", rate, "radiates more than the traction")
+            aged = (self.a * (np.log(2 * self.of.V0 / rate) + _ln_sinh(f / self.a)) - self.of.f0) / self.b
+        elif isinstance(state, str):
+            apart = bool(np.all(self.a != self.b) and np.all(f > 0))
+            require(apart, "state", state, "needs a traction, and a that differs from b; give it in seconds")
+            faster = (np.log(2.0) + _ln_sinh(f / self.a) - self.of.f0 / self.a) * self.a / (self.a - self.b)
+            aged = -faster  # ln(V / V0), radiation left out
+        elif state is not None:
+            require(bool(np.all(state > 0)), "state", float(state.min()), "must be positive, in seconds")
+            aged = np.log(self.of.V0 * state / self.Dc)
+        return np.column_stack([aged, self.rate(aged, size, pressure)])
 
     def resists(self) -> bool:
         return True

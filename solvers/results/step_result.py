@@ -27,6 +27,7 @@ from stickslip.solvers.scene.record import (
     BodyState,
     ContactNumbers,
     Energy,
+    Event,
     Number,
     ObstacleState,
     ProbeValue,
@@ -312,6 +313,7 @@ class StepResult(Numbers):
     sensitivity: Mapping[str, Mapping[str, Slope]] = field(default_factory=dict)  # by `Quantity`, and by scene's number
     covariance: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # of the uncertain ones of these
     bodies: Mapping[str, BodyState] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()  # that ended in this step, of a clock
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
     def __repr__(self) -> str:

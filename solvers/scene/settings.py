@@ -57,8 +57,12 @@ class Clock(Noun):
     event: Annotated[
         float, Key("m/s", "slip rate from which an event lasts, until all points are slower than a tenth of it")
     ] = 1e-3
+    every: Annotated[int | None, Key("-", "report each n-th step of the clock; absent: tables' times and events")] = (
+        None
+    )
 
     def __post_init__(self) -> None:
+        require(self.every is None or self.every >= 1, "every", self.every, "must be at least 1")
         require(0 < self.error < 1, "error", self.error, "must lie between 0 and 1, for example 1e-4")
         require(self.smallest > 0, "smallest", self.smallest, "must be positive, in seconds")
         require(self.largest >= self.smallest, "largest", self.largest, "must not be less than `smallest`")

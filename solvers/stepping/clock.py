@@ -15,20 +15,21 @@ Geophys. Res. 105 (2000), of steps that follow the slip; Erickson et al., Seismo
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
 from scipy.integrate import RK45
 from scipy.linalg import inv
+from scipy.optimize import brentq
 
 from stickslip.geometry.arrays import EPS, EXACT, TINY, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Correction, Solution, Status
 from stickslip.solvers.laws.rate_and_state import RateAndStateByPoint
-from stickslip.solvers.scene.record import Energy
+from stickslip.solvers.scene.record import Energy, Event
 from stickslip.solvers.scene.settings import Clock
 from stickslip.solvers.stepping.law_memory import with_memory
 from stickslip.solvers.stepping.state import State, StepControl
@@ -40,10 +41,19 @@ ROUGHEST = 100 * EPS  # relative error that the pair takes as the least, of slip
 
 
 class ClockLoop:
-    """Follows a step by the clock in place of substeps that are solved."""
+    """Follows a step by the clock in place of substeps that are solved.
 
-    def __init__(self, solver: SubstepSolver, clock: Clock | None) -> None:
-        self._solver, self._clock = solver, clock
+    One that pauses ends the step early, where an event begins or ends, or after `every` steps.
+    """
+
+    def __init__(self, solver: SubstepSolver, clock: Clock | None, pauses: bool) -> None:
+        """
+        Args:
+            solver: of the bodies; its pairs do not change.
+            clock: of the scene; None: it has none.
+            pauses: whether a step may end early.
+        """
+        self._solver, self._clock, self._pauses = solver, clock, pauses
 
     def active(self) -> bool:
         """Whether the scene has a clock."""
@@ -54,7 +64,7 @@ class ClockLoop:
             if not start.p.any() or target <= start.time:
                 return inner(start, target)
             assert self._clock is not None
-            return _March(self._solver, self._clock, start, target)()
+            return _March(self._solver, self._clock, start, target, self._pauses)()
 
         return followed
 
@@ -69,6 +79,14 @@ class _Flow:
     aged: slice  # its ln(V0 theta / Dc) (m_t,)
     index: int  # of the contact
 
+    def speeds(self, rates: Array) -> Array:
+        """Slip rates (m_t,) [m/s] among those of all that is integrated."""
+        return np.asarray(np.linalg.norm(rates[self.slip].reshape(-1, self.place.components), axis=1))
+
+    def fastest(self, rates: Array) -> float:
+        """The largest of them, at least the smallest number."""
+        return max(float(self.speeds(rates).max(initial=0.0)), TINY)
+
 
 class _Pair(RK45):  # type: ignore[misc]  # scipy has no types
     """The embedded pair, whose error is the largest of all entries, not their mean."""
@@ -80,8 +98,17 @@ class _Pair(RK45):  # type: ignore[misc]  # scipy has no types
 class _March:
     """One step of a clock: from a state to a time."""
 
-    def __init__(self, solver: SubstepSolver, clock: Clock, start: State, target: float) -> None:
+    def __init__(self, solver: SubstepSolver, clock: Clock, start: State, target: float, pauses: bool) -> None:
+        """Form the dense matrix, and see how loads and motions change up to the end; collective.
+
+        Args:
+            start: state that the step starts from.
+            target: time at its end [s].
+            pauses: whether it may end before.
+        """
         self._solver, self._clock, self._start, self._target = solver, clock, start, target
+        self._most = np.inf if not pauses else clock.every or np.inf
+        self._pauses, self._events, self._running = pauses, list[Event](), dict(start.running)
         self._posed = solver.posed(start, target)
         problem, self._flows, at = self._posed[0], list[_Flow](), 0
         self._n = solver.surface.normal_rows
@@ -143,9 +170,66 @@ class _March:
                 last, time, y, steps = pair.step_size, pair.t, pair.y, steps + 1
                 self._solver.chain.history.tick(time, steps, self._solver.system.counters.volume_solves)
                 size = max(pair.h_abs, tried) if pair.status == "finished" else pair.h_abs
+                changes = [self._notice(flow, pair) for flow in self._flows]
+                if (self._pauses and any(changes)) or steps >= self._most:
+                    return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
             closed = self._shut(time)
         log.info("t = %g: %d steps of the clock", time, steps)
-        return self._ended(y, last, max(steps, 2), StepControl(size=size))
+        return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
+
+    def _notice(self, flow: _Flow, pair: _Pair) -> bool:
+        """Note whether an event of a contact begins or ends in the last step.
+
+        The moment is the root of ln(V / threshold) in the pair's own interpolation of order 4.
+        """
+        name, threshold = flow.place.rows.name, self._clock.event
+        began, fast = self._running.get(name), flow.fastest(pair.f)
+        least = threshold if began is None else threshold / 10
+        if began is not None:
+            began = self._running[name] = {**began, "rate": np.maximum(began["rate"], fast)}
+        if (fast >= least) == (began is not None):
+            return False
+        inside, kept = pair.dense_output(), self._p
+
+        def above(time: float) -> float:
+            rates = self._rates(time, inside(time))
+            return float(np.log(flow.fastest(rates) / least))
+
+        low, high = pair.t_old, pair.t
+        time = brentq(above, low, high, xtol=EXACT * high) if above(low) * above(high) < 0 else low
+        y = inside(time)
+        rates = self._rates(time, y).copy()
+        now = {"start": np.array(time), "slip": y[flow.slip], "p": self._p, "rate": np.array(fast)}
+        self._p = kept
+        if began is None:
+            self._running[name] = now | {"at": np.array(flow.speeds(rates).argmax())}
+            return True
+        self._events.append(self._event(flow, began, now))
+        del self._running[name]
+        return True
+
+    def _event(self, flow: _Flow, began: Mapping[str, Array], now: Mapping[str, Array]) -> Event:
+        """An event that is over.
+
+        Args:
+            began, now: when it began and when it ended, with slip [m] and tractions (rows,) [Pa] there.
+        """
+        rows, place, n = flow.place.rows, flow.place, flow.place.components
+        slip = np.linalg.norm((now["slip"] - began["slip"]).reshape(-1, n), axis=1)
+        before, after = (np.linalg.norm(p[place.tangential].reshape(-1, n), axis=1) for p in (began["p"], now["p"]))
+        area, problem = float(rows.W_t @ slip), self._solver.system.problem
+        assert rows.fields is not None
+        at = (rows.fields.to_tangential @ rows.fields.points)[int(began["at"])]
+        return Event(
+            contact=rows.name,
+            start=float(began["start"]),
+            end=float(now["start"]),
+            moment=problem.bodies[problem.pairs[rows.name].bodies[0]].shear_modulus * area,
+            drop=float(rows.W_t @ (slip * (before - after))) / area,
+            slip=float(slip.max()),
+            rate=float(began["rate"]),
+            place=tuple(at.tolist()),
+        )
 
     def _settles(self, time: float, y: Array, closed: Bools) -> bool:
         """Whether the points that touch are found, from `closed`; those that come to touch stand where they are."""
@@ -175,7 +259,12 @@ class _March:
         return np.asarray(found)
 
     def _rates(self, time: float, y: Array) -> Array:
-        """dy/dt; the tractions (rows,) [Pa] are kept."""
+        """dy/dt; the tractions (rows,) [Pa] are kept.
+
+        Args:
+            time: [s].
+            y: w_T [m] and ln(V0 theta / Dc) of the contacts, one after the other; then their dissipation [J].
+        """
         (free, w), found = self._free(time), np.zeros_like(y)
         w = np.concatenate([w[: self._n], self._start.w[self._n :]])
         for flow in self._flows:
@@ -198,19 +287,19 @@ class _March:
         tried = Attempt(solver=self._solver, begin=self._start, solution=nothing)
         return replace(tried, why=f"the clock stops: {why}", when=time)
 
-    def _ended(self, y: Array, last: float, steps: int, control: StepControl) -> Attempt:
+    def _ended(self, time: float, y: Array, last: float, steps: int, control: StepControl) -> Attempt:
         """The state at the end of the step; collective.
 
         Args:
             last: length of the last step of the clock [s]: its slip is that of the step in which points slip.
         """
-        (problem, u_s, load), start = self._posed, self._start
-        rates, memory, gap = self._rates(self._target, y), dict(start.memory), problem.gap.copy()
+        start = self._start
+        problem, u_s, load = self._posed if time == self._target else self._solver.posed(start, time)
+        rates, memory, gap = self._rates(time, y), dict(start.memory), problem.gap.copy()
         for flow in self._flows:
-            V = np.linalg.norm(rates[flow.slip].reshape(-1, flow.place.components), axis=1)
-            memory[flow.place.rows.name] = np.column_stack([y[flow.aged], V])
+            memory[flow.place.rows.name] = np.column_stack([y[flow.aged], flow.speeds(rates)])
             gap[flow.place.tangential] = y[flow.slip] - last * rates[flow.slip]
-        cone = with_memory(self._solver.cone.at(self._target), memory)
+        cone = with_memory(self._solver.cone.at(time), memory)
         problem, u_c = replace(problem, cone=cone, gap=gap), problem.contact_displacement(self._p)
         w = problem.relative_displacement(u_c)
         solution = Solution(p=self._p, w=w, u_c=u_c, status=Status.CONVERGED,
@@ -229,4 +318,5 @@ class _March:
             compliance=before.compliance,
             dissipation=before.dissipation + lost,
         )
-        return replace(tried, state=replace(tried.state, energy=energy, control=control, correction=none))
+        new = replace(tried.state, energy=energy, control=control, correction=none)
+        return replace(tried, state=replace(new, events=tuple(self._events), running=self._running))

@@ -11,7 +11,7 @@ from stickslip.geometry.arrays import EXACT, ROUNDING, Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.iteration import Correction
-from stickslip.solvers.scene.record import Energy
+from stickslip.solvers.scene.record import Energy, Event
 
 HALVINGS = 8  # a step is cut down to 1/256 before it is given up
 ENOUGH = 3  # easy substeps in a row after which the size doubles: if every second one is hard, a larger one would fail
@@ -99,7 +99,7 @@ class State:
     searched: Mapping[str, Array]  # (n_all, d) relative motion that the pairs of sliding contacts were searched at [m]
     energy: Energy  # [J]
     previous: Previous | None = None  # None: the initial state, or one whose trend tells nothing of the next step
-    guess: Array | None = None  # (rows,) tractions [Pa] near those of the next substep; None: not known
+    guess: State | None = None  # near that at the end of the next substep, in the same contact rows; None: not known
     jumped: bool = False  # whether the next substep is known to jump, to the solution next to `guess`
     control: StepControl = StepControl()
     correction: Correction | None = None  # exact solution of the same steps minus this one; None: zero
@@ -112,6 +112,8 @@ class State:
     ground: Array = field(default_factory=lambda: np.zeros(0))  # that springs to it exert, see `GroundSprings` [N, N m]
     refined: State | None = None  # the same history with bubbles, see `solvers/accuracy`; None: it is not followed
     neighbours: tuple[State, ...] = ()  # with other numbers in the scene, see `sensitivity`; empty: nobody asks
+    events: tuple[Event, ...] = ()  # that ended in the step to this state, see `stepping/clock`
+    running: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)  # by contact, how its event began
     peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded
 
     def ahead(self, time: float, turns: Iterable[float]) -> Array:
@@ -121,7 +123,7 @@ class State:
             turns: times [s] at which one does.
         """
         if self.guess is not None:
-            return self.guess
+            return self.guess.p
         if self.previous is None:
             return self.p
         far = (time - self.time) / (self.time - self.previous.time)

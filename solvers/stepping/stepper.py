@@ -97,13 +97,14 @@ class Stepper(SubstepSolver):
         found = at_rest(self.system, self.cone)
         return replace(found, neighbours=self.neighbours.start()) if self.neighbours else found
 
-    def reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:
+    def reach(self, start: State, target: float, on_iteration: OnIteration, pauses: bool = False) -> Accepted:
         """Solve one step; collective.
 
         Args:
             start: state that the step starts from.
             target: time at its end [s].
             on_iteration: called with each iteration.
+            pauses: whether a clock may end the step before that, to tell of an event.
 
         Raises:
             StepError: it was given up, see the loops.
@@ -114,7 +115,7 @@ class Stepper(SubstepSolver):
         halving = Halving(
             self.system, self.chain, (certified, with_others, self._accompanied, *filter(None, [self.neighbours]))
         )
-        clock = ClockLoop(self, self.clock)
+        clock = ClockLoop(self, self.clock, pauses)
         loops: tuple[Loop, ...] = (Methods(self.chain), pairs, halving, clock, self.bolts)  # inside out
 
         def innermost(state: State, end: float) -> Attempt:

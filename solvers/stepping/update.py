@@ -62,31 +62,34 @@ def displacement(system: System, time: float, q: Vec, u_s: Vec) -> tuple[Vec, Ve
 
 
 def at_rest(system: System, cone: AdmissibleSet) -> State:
-    """The state at t = 0, without load, displacement or traction; collective.
+    """The state at t = 0, without displacement, and without load or traction but for initial ones; collective.
 
     Args:
         cone: of the contact rows.
     """
     zero, vector = np.zeros(cone.size), system.vector
+    first = np.concatenate(
+        [zero[:0], *(c.initial[0] for c in cone.contacts), *(c.initial[1].ravel() for c in cone.contacts)]
+    )
     nothing_yet = np.zeros(len(system.contacts))
     energy = Energy(external=0.0, stored=0.0, contact=0.0, compliance=0.0, dissipation=nothing_yet)
     driven = np.zeros(len(system.obstacles.driven))
     motion = {c.name: np.zeros_like(c.points) for c in system.contacts}
     slip = {c.name: np.zeros_like(c.surface.points) for c in system.contacts}
-    forces, rows = {name: np.zeros_like(m) for name, m in motion.items()}, system.contacts
+    forces, rows = {c.name: c.nodal_forces(*c.initial) for c in system.contacts}, system.contacts
     unstrained = np.zeros(len(system.initial.forces))
     return State(
         time=0.0,
         u=vector(),
         u_s=vector(),
-        load=vector(),
+        load=vector() if system.prestress is None else system.prestress.copy(),
         initial=unstrained,
         initial_work=unstrained,
         elongation=np.zeros(len(system.constraints.links.stiffness)),
         remote=np.zeros(system.constraints.remote.rows.shape[0]),
         ground=np.zeros(system.ground.forces.shape[0]),
         residual=vector(),
-        p=zero,
+        p=first,
         w=zero,
         motion=motion,
         driven=driven,
