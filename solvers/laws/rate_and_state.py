@@ -249,6 +249,10 @@ class _InStep(FrictionLaw):
         steep = slope * pressure + np.where(pressure > 0, eta, 0.0) * V  # of the traction by ln V
         whole = steep + trial.gamma * self.step * V
         bound = np.where(pressure > 0, f * pressure + eta * V, 0.0)
+        whole, steep = (
+            np.where(whole > 0, whole, 1.0),
+            np.where(whole > 0, steep, pressure > 0),
+        )  # slower than TINY: rests
         by_pressure = np.where(pressure > 0, f * trial.gamma * self.step * V / whole, 0.0)
         return Dragged(bound, steep / whole, average.multiply(by_pressure[:, None]).tocsr())
 
