@@ -19,7 +19,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import EPS, TINY, Array, Ints
+from stickslip.geometry.arrays import EPS, SLIGHT, TINY, Array, Ints
 from stickslip.geometry.errors import prefixed, require
 from stickslip.geometry.expression import Varying
 from stickslip.geometry.field import Field, check_field, in_time, values
@@ -73,6 +73,8 @@ class RateAndState(FrictionLaw):
             }
             for key in ("a", "Dc"):
                 require(bool(np.all(found[key] > 0)), key, getattr(self, key), "must be positive everywhere")
+            least = f"must be at least f0 / 1000 = {SLIGHT * self.f0:g}; friction that no rate changes is coulomb"
+            require(bool(np.all(found["a"] >= SLIGHT * self.f0)), "a", self.a, least)
         return RateAndStateByPoint(of=self, a=found["a"], b=found["b"], Dc=found["Dc"])
 
     def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
@@ -249,10 +251,8 @@ class _InStep(FrictionLaw):
         steep = slope * pressure + np.where(pressure > 0, eta, 0.0) * V  # of the traction by ln V
         whole = steep + trial.gamma * self.step * V
         bound = np.where(pressure > 0, f * pressure + eta * V, 0.0)
-        whole, steep = (
-            np.where(whole > 0, whole, 1.0),
-            np.where(whole > 0, steep, pressure > 0),
-        )  # slower than TINY: rests
+        steep = np.where(whole > 0, steep, pressure > 0)  # of a rate below the smallest number: it rests
+        whole = np.where(whole > 0, whole, 1.0)
         by_pressure = np.where(pressure > 0, f * trial.gamma * self.step * V / whole, 0.0)
         return Dragged(bound, steep / whole, average.multiply(by_pressure[:, None]).tocsr())
 

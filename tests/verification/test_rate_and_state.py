@@ -132,7 +132,7 @@ def test_a_column_is_a_spring_slider() -> None:
     assert_allclose(V[seen], [1.009133e-6, 1.016869e-6, 1.008361e-6], rtol=1e-3)
 
 
-@pytest.mark.parametrize("numbers", [{"a": 1e-4}, {"f0": 1e5}, {"b": 10.0, "theta": 1e6}])
+@pytest.mark.parametrize("numbers", [{"a": 7e-4}, {"f0": 9.0}, {"b": 10.0, "theta": 1e6}])
 @pytest.mark.parametrize("eta", [0.0, 1e-3])
 def test_a_law_beyond_the_largest_exponential_is_that_of_its_logarithm(numbers: dict[str, float], eta: float) -> None:
     law = RateAndState(**{"f0": 0.6, "a": 0.01, "b": 0.015, "Dc": 1e-3, "V0": 1e-6, "damping": eta} | numbers)
@@ -170,6 +170,8 @@ def test_its_steps_pass_the_audit() -> None:
         ("theta", 0.0, "theta = 0.0: must be positive"),
         ("k_T", 1.0, "k_T = 1.0: friction that slips"),
         ("a", "0.01 - x", "a = 0.01 - x: must be positive everywhere"),
+        ("a", "1e-4", "a = 1e-4: must be at least f0 / 1000 = 0.0006"),
+        ("f0", 1e5, "a = 0.01: must be at least f0 / 1000 = 100"),
     ],
 )
 def test_parameters_that_mean_nothing_are_refused_in_a_line(key: str, value: Any, said: str) -> None:
