@@ -149,7 +149,12 @@ def _sides(slope: Any, k: int) -> Array:
 
 
 def _by_inputs(name: str, slopes: Mapping[str, Array], step: StepResult) -> Iterator[Expected]:
-    """Derivatives of a number in steps.csv; and what is left by inputs, of a gradient and its jump."""
+    """Derivatives of a number in steps.csv; and what is left by inputs, of a gradient and its jump.
+
+    Args:
+        name: of the number's column.
+        slopes: both sides (2,) of each derivative, by number of the scene.
+    """
     for by, (below, above) in slopes.items():
         yield f"{name}.sensitivity.{by}", above if below == above else np.nan, 0.0
     if slopes and (inputs := step.covariance):
