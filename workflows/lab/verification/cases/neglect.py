@@ -21,9 +21,9 @@ On = Callable[..., Scene]
 
 
 def _weight(scene: Scene, density: float, *_: float) -> Scene:
-    bodies = {name: replace(body, density=density) for name, body in scene.bodies.items()}
     acceleration = [0.0] * (scene.dim - 1) + [-GRAVITY]
-    return with_keys(replace(scene, bodies=bodies), {"gravity.acceleration": acceleration})
+    heavy = {f"bodies.{name}.density": density for name in scene.bodies}
+    return with_keys(scene, heavy | {"gravity.acceleration": acceleration})
 
 
 def _warm(body: str) -> On:
