@@ -164,7 +164,11 @@ class Answer:
         return Side(rows=rows, state=state, motions=(one - other) @ self.free, extent=motion(rows, self.problem, state))
 
     def _with_given(self, sides: Sequence[Side]) -> list[Side]:
-        """Find rigid motions that move one contact along its pressures, or its friction, and nothing else."""
+        """Find rigid motions that move one contact along its pressures, or its friction, and nothing else.
+
+        They are least squares fits over all nodes, weighted by the forces there: what is missed by a tenth and more,
+        as where other contacts carry too, is not given by equilibrium alone.
+        """
         if not sides or not self.free.shape[1]:
             return [*sides]
         pulls = list[tuple[Array, Array]]()  # each (n d, k), and what of it is wanted
@@ -200,7 +204,7 @@ class Answer:
         return Where(f"bodies.{self.mesh.bodies[self.mesh.body[cell]]}", self.middles[cell].tolist())
 
     def numbers(self, of: Callable[[Side], tuple[float, float]], energy: float) -> dict[str, float]:
-        """Relative changes by name, from those of each contact's normal force, largest pressure and friction.
+        """Relative changes by name, from those of each contact's normal force and largest pressure.
 
         Of what slips friction follows the pressure. What grows without end on finer meshes has no change.
         """
@@ -216,7 +220,16 @@ class Answer:
         return found
 
     def strained(self, work: float, peak: float = 0.0) -> dict[str, float]:
-        """Changes by an initial strain that the stress does this work on [J]; of pressures at least a part of it."""
+        """Changes by an initial strain that the stress does this work on [J]; of pressures at least a part of it.
+
+        Held bodies change their forces by A over twice the energy, and their energy by twice as large a part; bodies
+        that loads alone press give way, and keep their stress.
+
+        Args:
+            work: A [J], of either sign.
+            peak: part of the change of bodies that are held, by which largest pressures change where loads press: a
+                strain that is largest below the contact spreads it.
+        """
         share = abs(work) / max(self.work, TINY)
         held = max((1 - side.given for side in self.sides), default=1.0)
         return self.numbers(
@@ -224,7 +237,15 @@ class Answer:
         )
 
     def loaded(self, force: Array) -> dict[str, float]:
-        """Changes by a force per volume (c,) [N/m³] along the normal of each contact."""
+        """Changes by a force per volume (c,) [N/m³] along the normal of each contact.
+
+        Held bodies divide it: the driven side gives up A over its motion, and what it carries itself presses on. A
+        column that is held at both ends has half of its weight on its base. Where equilibrium alone gives the force,
+        the work of the load in the rigid motion that moves the contact by 1 is the change.
+
+        The stored energy of bodies that are driven by motions alone does not change to first order: the work of their
+        stress on a displacement that vanishes where they are held is none. By loads it changes by their work.
+        """
         nodes, lever = self.last.displacement[self.nodes].mean(axis=1), self.volume * force
 
         def asked(side: Side) -> float:
@@ -253,7 +274,11 @@ class Answer:
         return self.numbers(of, max(own, default=2 * np.abs(lever @ nodes).max() / max(self.work, TINY)))
 
     def opened(self, gaps: Mapping[str, Array]) -> dict[str, float]:
-        """Changes by gaps that are wider by (n,) [m], by contact."""
+        """Changes by gaps that are wider by (n,) [m], by contact.
+
+        Held bodies change their forces by the work of the pressures on it over twice the energy. The largest pressure
+        changes by what is left of the gap without its mean, beside the motion that this pressure causes.
+        """
         known = {side.rows.name: (side, gaps[side.rows.name]) for side in self.sides if side.rows.name in gaps}
         share = abs(sum(float(side.push @ gap) for side, gap in known.values())) / max(self.work, TINY)
 
@@ -279,7 +304,10 @@ def _strain_and_rotation(answer: Answer) -> Iterator[Found]:
 
 
 def _yielding(answer: Answer) -> Iterator[Found]:
-    """Plastic strain of the stress above the yield stress Y, (sigma - Y) / (3 G), perfectly plastic: Y by body."""
+    """Plastic strain of the stress above the yield stress Y, (sigma - Y) / (3 G), perfectly plastic: Y by body.
+
+    The work of the stress on it falls with Y, which is searched for that of `REACHED`.
+    """
     stress, most = von_mises(answer.last.stress), max(answer.strained(answer.work, 1.0).values())
     for body in answer.mesh.bodies:
         own, soft = answer.members(body), 3 * answer.problem.bodies[body].shear_modulus
@@ -296,7 +324,10 @@ def _yielding(answer: Answer) -> Iterator[Found]:
 
 
 def _inertia(answer: Answer) -> Iterator[Found]:
-    """Oscillations with the kinetic energy of the step, beside the elastic one."""
+    """Oscillations with the kinetic energy of the step, beside the elastic one.
+
+    Of a column whose end is driven from rest at a steady speed that is 1 / sqrt(3) of the largest deviation.
+    """
     density = np.array([answer.problem.bodies[body].density for body in answer.mesh.bodies])
     rates = (answer.moved[answer.nodes].mean(axis=1) ** 2).sum(axis=1) / answer.span**2
     density = density if density.any() else np.ones(len(density))
@@ -335,7 +366,10 @@ def _friction_heat(answer: Answer) -> Iterator[Found]:
 
 
 def _thermal_expansion(answer: Answer) -> Iterator[Found]:
-    """A body that is warmer as a whole."""
+    """A body that is warmer as a whole.
+
+    Strains that differ between two bodies which friction holds together are not seen.
+    """
     trace = answer.volume * np.trace(answer.last.stress, axis1=1, axis2=2)
     for body in set(answer.mesh.bodies) - set(answer.problem.tables.get("thermal", ())):
         own = answer.members(body)
@@ -399,7 +433,10 @@ def _rate_dependence(answer: Answer) -> Iterator[Found]:
 
 
 def _gravity(answer: Answer) -> Iterator[Found]:
-    """The weight, along the normal of each contact."""
+    """The weight, along the normal of each contact.
+
+    An acceleration across it is not judged: of what slips, it changes no friction.
+    """
     density = np.array([answer.problem.bodies[body].density for body in answer.mesh.bodies])
     lacks = "" if density.any() else "density of all bodies [kg/m³]"
     try:
