@@ -25,6 +25,7 @@ from scipy.linalg import inv
 from scipy.optimize import brentq
 
 from stickslip.geometry.arrays import EPS, EXACT, TINY, Array, Bools
+from stickslip.geometry.errors import SolverError
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Correction, Solution, Status
@@ -64,7 +65,10 @@ class ClockLoop:
             if not start.p.any() or target <= start.time:
                 return inner(start, target)
             assert self._clock is not None
-            return _March(self._solver, self._clock, start, target, self._pauses)()
+            try:
+                return _March(self._solver, self._clock, start, target, self._pauses)()
+            except (SolverError, np.linalg.LinAlgError) as error:
+                return _given_up(self._solver, start, start.time, str(error))
 
         return followed
 
@@ -158,7 +162,7 @@ class _March:
         time, last, closed = start.time, 0.0, (start.p[: self._n] > 0) | self._held
         while time < self._target:
             if not self._settles(time, y, closed):
-                return self._given_up(time, "points open and close without end")
+                return _given_up(self._solver, self._start, time, "points open and close without end")
             pair = _Pair(self._rates, time, y, self._target, clock.largest, ROUGHEST, allowed,
                          first_step=min(size, self._target - time))  # fmt: skip
             while time < self._target and (self._shut(time) == self._closed).all():
@@ -166,7 +170,12 @@ class _March:
                 with np.errstate(all="ignore"):  # of what is tried and not taken
                     pair.step()
                 if pair.status == "failed" or (pair.h_abs < clock.smallest and pair.status == "running"):
-                    return self._given_up(pair.t, f"its error asks for steps below smallest = {clock.smallest:g} s")
+                    return _given_up(
+                        self._solver,
+                        self._start,
+                        pair.t,
+                        f"its error asks for steps below smallest = {clock.smallest:g} s",
+                    )
                 last, time, y, steps = pair.step_size, pair.t, pair.y, steps + 1
                 self._solver.chain.history.tick(time, steps, self._solver.system.counters.volume_solves)
                 size = max(pair.h_abs, tried) if pair.status == "finished" else pair.h_abs
@@ -281,12 +290,6 @@ class _March:
             found[self._works + flow.index] = place.rows.W_t @ (size * V)
         return found
 
-    def _given_up(self, time: float, why: str) -> Attempt:
-        """An attempt without a state; steps up to there are not kept."""
-        nothing = unsolved(self._start, self._solver.surface.size, Status.BROKEN, [])
-        tried = Attempt(solver=self._solver, begin=self._start, solution=nothing)
-        return replace(tried, why=f"the clock stops: {why}", when=time)
-
     def _ended(self, time: float, y: Array, last: float, steps: int, control: StepControl) -> Attempt:
         """The state at the end of the step; collective.
 
@@ -320,3 +323,9 @@ class _March:
         )
         new = replace(tried.state, energy=energy, control=control, correction=none)
         return replace(tried, state=replace(new, events=tuple(self._events), running=self._running))
+
+
+def _given_up(solver: SubstepSolver, start: State, time: float, why: str) -> Attempt:
+    """An attempt without a state; steps up to there are not kept."""
+    tried = Attempt(solver=solver, begin=start, solution=unsolved(start, solver.surface.size, Status.BROKEN, []))
+    return replace(tried, why=f"the clock stops: {why}", when=time)
