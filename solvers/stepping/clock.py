@@ -14,7 +14,6 @@ Geophys. Res. 105 (2000), of steps that follow the slip; Erickson et al., Seismo
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -36,7 +35,6 @@ from stickslip.solvers.stepping.law_memory import with_memory
 from stickslip.solvers.stepping.state import State, StepControl
 from stickslip.solvers.stepping.substep import Attempt, Substep, SubstepSolver, unsolved
 
-log = logging.getLogger(__name__)
 SETTLING = 50  # changes of the points that touch at one time, at the most
 ROUGHEST = 100 * EPS  # relative error that the pair takes as the least, of slips that are long beside Dc
 
@@ -183,7 +181,6 @@ class _March:
                 if (self._pauses and any(changes)) or steps >= self._most:
                     return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
             closed = self._shut(time)
-        log.info("t = %g: %d steps of the clock", time, steps)
         return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
 
     def _notice(self, flow: _Flow, pair: _Pair) -> bool:
@@ -204,8 +201,8 @@ class _March:
             rates = self._rates(time, inside(time))
             return float(np.log(flow.fastest(rates) / least))
 
-        low, high = pair.t_old, pair.t
-        time = brentq(above, low, high, xtol=EXACT * high) if above(low) * above(high) < 0 else low
+        turns = above(pair.t_old) * above(pair.t) < 0
+        time = brentq(above, pair.t_old, pair.t, xtol=EXACT * pair.t) if turns else pair.t_old
         y = inside(time)
         rates = self._rates(time, y).copy()
         now = {"start": np.array(time), "slip": y[flow.slip], "p": self._p, "rate": np.array(fast)}
@@ -213,8 +210,7 @@ class _March:
         if began is None:
             self._running[name] = now | {"at": np.array(flow.speeds(rates).argmax())}
             return True
-        self._events.append(self._event(flow, began, now))
-        del self._running[name]
+        self._events.append(self._event(flow, self._running.pop(name), now))
         return True
 
     def _event(self, flow: _Flow, began: Mapping[str, Array], now: Mapping[str, Array]) -> Event:
