@@ -198,17 +198,16 @@ class _March:
         inside, kept = pair.dense_output(), self._p
 
         def above(time: float) -> float:
-            rates = self._rates(time, inside(time))
-            return float(np.log(flow.fastest(rates) / least))
+            return float(np.log(flow.fastest(self._rates(time, inside(time))) / least))
 
         turns = above(pair.t_old) * above(pair.t) < 0
         time = brentq(above, pair.t_old, pair.t, xtol=EXACT * pair.t) if turns else pair.t_old
         y = inside(time)
-        rates = self._rates(time, y).copy()
-        now = {"start": np.array(time), "slip": y[flow.slip], "p": self._p, "rate": np.array(fast)}
+        at = np.array(flow.speeds(self._rates(time, y)).argmax())
+        now = {"start": np.array(time), "slip": y[flow.slip], "p": self._p, "rate": np.array(fast), "at": at}
         self._p = kept
         if began is None:
-            self._running[name] = now | {"at": np.array(flow.speeds(rates).argmax())}
+            self._running[name] = now
             return True
         self._events.append(self._event(flow, self._running.pop(name), now))
         return True

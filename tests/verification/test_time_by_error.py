@@ -12,7 +12,6 @@ from verification.test_rate_and_state import LAW, SIGMA, column, followed
 from shared.audited import record_of
 from stickslip import Clock, Coulomb, Initial, Scene, SceneError, StepError, Steps, Support, read
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.laws.rate_and_state import RateAndState
 from stickslip.solvers.results.audit import Auditor
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
@@ -185,14 +184,6 @@ def test_the_first_moments_are_those_of_an_independent_integration() -> None:
 
     exact = solve_ivp(rates, (0, 50), [0.595, np.log(0.7)], "Radau", t_eval=[1, 10, 50], rtol=1e-11, atol=1e-13)
     assert_allclose(f, exact.y[0], rtol=1e-7)
-
-
-def test_a_rate_gives_the_state_that_its_traction_asks_for() -> None:
-    given = {"pressure": SIGMA, "traction": 0.55 * SIGMA, "rate": 1e-9}
-    start = prepare(stressed(given, [[0.0, 0.0], [1.0, 1e-6]], damping=1e7)).stepper.start()
-    assert_allclose(start.memory["base"][:, 1], 1e-9, rtol=1e-9)
-    law = RateAndState(**{k: v for k, v in LAW.items() if k != "law"}).placed(np.ones((1, 1)), 1.0, 1.0)
-    assert_allclose(law.coefficient(*start.memory["base"].T)[0] * SIGMA + 1e7 * 1e-9, 0.55 * SIGMA, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
