@@ -62,7 +62,7 @@ from stickslip.workflows.lab.benchmarks.scaling_model import (
 )
 from stickslip.workflows.lab.benchmarks.scaling_run import Case as Scaling
 from stickslip.workflows.lab.benchmarks.time_to_accuracy import OURS as OUR_LADDER
-from stickslip.workflows.lab.benchmarks.time_to_accuracy import PROBLEMS, Curve
+from stickslip.workflows.lab.benchmarks.time_to_accuracy import PROBLEMS, Curve, Ladder
 from stickslip.workflows.lab.benchmarks.work_precision import Point, draw, points
 from stickslip.workflows.pictures.performance_profile import ratios
 
@@ -329,6 +329,19 @@ def of_ladder(errors: list[float]) -> Curve:
 def test_an_accuracy_is_reached_where_all_finer_meshes_have_it(errors: list[float], seconds: float | None) -> None:
     found = of_ladder(errors).reached("force", 1.0, 1e-2)
     assert (found and found["seconds"]) == seconds
+
+
+@pytest.mark.parametrize(("offset", "meshes"), [(0.1, 5), (0.0, 4), (None, 1)])
+def test_a_ladder_ends_where_its_number_is_right_or_settles_or_fails(
+    offset: float | None, meshes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def peer(problem: object, ladder: Ladder, size: float, folder: Path) -> dict[str, object]:
+        number = {"tangential_force": 1 + (offset or 0) + 0.1 * 0.08 ** int(folder.name)}
+        return {"status": "?", "seconds": 1.0} | ({} if offset is None else {"found": number})
+
+    monkeypatch.setattr(time_to_accuracy, "_peer", peer)
+    found = time_to_accuracy.climbed("block", Ladder(program="GetFEM"), {"tangential_force": 1.0}, tmp_path)
+    assert [run["size"] for run in found] == pytest.approx([4.0 * 0.6**k for k in range(meshes)])
 
 
 def test_rows_of_accuracies_take_the_soonest_ladder_and_say_where_one_ends() -> None:

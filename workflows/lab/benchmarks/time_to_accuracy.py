@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
+from operator import itemgetter
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -84,6 +85,7 @@ class Problem:
         start: the mesh that rounds begin with.
         truth: three meshes of order 2.
         grids: whether its builder has them, beside free meshes.
+        note: what the page says of the rows.
     """
 
     title: str
@@ -94,6 +96,7 @@ class Problem:
     start: float
     truth: Sequence[float]
     grids: bool = True
+    note: str = ""
 
     def on(self, order: int, cells: str, size: float) -> Scene:
         """Return the scene on a mesh, of cells `size` times as large as its own."""
@@ -169,6 +172,8 @@ def _peer(problem: Problem, ladder: Ladder, size: float, folder: Path) -> Run:
 def climbed(name: str, ladder: Ladder, truth: Numbers, folder: Path) -> list[Run]:
     """Return measurements on finer and finer meshes, until the first number is right twice, or one would take too long.
 
+    It also ends where the number does not change any more, as that of a penalty.
+
     Args:
         name: of the problem.
         ladder: of meshes.
@@ -178,7 +183,11 @@ def climbed(name: str, ladder: Ladder, truth: Numbers, folder: Path) -> list[Run
     problem, before, found = PROBLEMS[name], list[Run](), list[Run]()
     goal = next(iter(problem.goals.values()))
     while len(before) < 3 or any(abs(run["found"][goal] / truth[goal] - 1) > min(ASKED) for run in before[-2:]):
-        if len(before) > 1 and before[-1]["seconds"] ** 2 / before[-2]["seconds"] > LIMIT:
+        seconds, values = (
+            [*map(value, before[-2:])] for value in (itemgetter("seconds"), lambda run: run["found"][goal])
+        )
+        settled = len(before) > 2 and abs(values[1] / values[0] - 1) < min(ASKED) / 3
+        if settled or (len(before) > 1 and seconds[1] ** 2 / seconds[0] > LIMIT):
             break
         k = len(before)
         size, path = ladder.first * ladder.finer**k, folder / f"{k}.json"
