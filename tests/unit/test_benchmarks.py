@@ -351,8 +351,8 @@ def test_rows_of_accuracies_take_the_soonest_ladder_and_say_where_one_ends() -> 
     found = list(
         time_to_accuracy.rows(problem, [hand, slow, fast], {"force": 1.0, "area": 1.0}, {"force": 1e-4, "area": 1.0})
     )
-    assert [(row["asked"], row["program"], row.get("times"), row.get("status")) for row in found] == [
-        (1e-2, OUR_LADDER, 1.0, None), (1e-2, "GetFEM", 2.0, None),
+    assert [(row["asked"], row["program"], row["times"], row["ladder"]) for row in found] == [
+        (1e-2, OUR_LADDER, 1.0, "grid of order 1"), (1e-2, "GetFEM", 2.0, "grid of order 1"),
         (1e-3, OUR_LADDER, None, "ends at 0.5 %"), (1e-3, "GetFEM", None, "ends at 0.4 %"),
     ]  # fmt: skip
 

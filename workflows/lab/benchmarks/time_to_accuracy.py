@@ -41,6 +41,7 @@ STARTED = clock.process_time()  # libraries are loaded
 ASKED = (1e-2, 1e-3)
 LIMIT = 15.0  # seconds of the processor that a point may be expected to take
 Numbers = Mapping[str, float]
+COLUMNS = ("ladder", "seconds", "times", "error", "dofs", "mesh", "start", "memory")
 KEPT = Path("results/time_to_accuracy")
 OURS, ROUNDS = "stickslip, mesh by hand", "stickslip, --accuracy"
 
@@ -269,7 +270,7 @@ def rows(problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numb
         for maker in dict.fromkeys(curve.maker for curve in curves):
             mine = [curve for curve in curves if curve.maker == maker]
             met = [(run, curve) for curve in mine if (run := curve.reached(goal, truth[goal], asked))]
-            row: Run = {"number": word, "asked": asked, "program": maker}
+            row: Run = dict.fromkeys(COLUMNS) | {"number": word, "asked": asked, "program": maker}
             if met:
                 run, curve = min(met, key=lambda pair: pair[0]["seconds"])
                 hand = hand or run["seconds"]
@@ -278,7 +279,7 @@ def rows(problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numb
             else:
                 closest = [error for curve in mine for _, error, _ in curve.errors(goal, truth[goal])[-1:]]
                 failed = dict.fromkeys(run["status"] for curve in mine for run in curve.runs if "found" not in run)
-                row["status"] = f"ends at {100 * min(closest):.2g} %" if closest else "; ".join(failed)
+                row["ladder"] = f"ends at {100 * min(closest):.2g} %" if closest else "; ".join(failed)
             yield row
 
 
