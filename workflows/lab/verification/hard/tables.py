@@ -37,6 +37,15 @@ def ready(name: str) -> Tables:
     return tables
 
 
+def lasting(steps: Tables, end: float, count: int) -> Tables:
+    """Steps up to another time: as many equal ones, or those of the same clock.
+
+    >>> lasting({"end": 1.0, "count": 1, "clock": {"error": 1e-4}}, 2.0, 6)
+    {'end': 2.0, 'count': 1, 'clock': {'error': 0.0001}}
+    """
+    return steps | {"end": end, "count": 1 if steps.get("clock") else count}
+
+
 def sizes(tables: Tables) -> list[str]:
     """Keys of [geometry] that are mesh sizes."""
     return [key for key in SIZES if key in tables["geometry"]]
