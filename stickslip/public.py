@@ -52,7 +52,7 @@ from stickslip.solvers.results.step_result import (
     StepResult,
     SurfaceMesh,
 )
-from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.contact import Contact, Initial
 from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.scene.parameters import Sensitivity
@@ -61,6 +61,7 @@ from stickslip.solvers.scene.record import (
     BodyState,
     ContactNumbers,
     Energy,
+    Event,
     Number,
     ObstacleState,
     ProbeValue,
@@ -152,6 +153,7 @@ __all__ = [
     "DamagedError",
     "Energy",
     "ErrorParts",
+    "Event",
     "Exact",
     "Fit",
     "FolderError",
@@ -164,6 +166,7 @@ __all__ = [
     "HalfSpace",
     "HistoryRow",
     "HistoryTuple",
+    "Initial",
     "Key",
     "Limit",
     "Load",

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from stickslip.geometry.arrays import TINY
 from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.solvers.accuracy.errors import MeshErrors, joined
@@ -23,7 +24,7 @@ from stickslip.solvers.accuracy.mesh_error import Values
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.accuracy.two_level import STEPS
 from stickslip.solvers.parallel.counters import Clock
-from stickslip.solvers.results.step_result import ErrorParts, Errors, MeshData, StepResult
+from stickslip.solvers.results.step_result import ErrorParts, Errors, StepResult
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.stepping.choice import Size, Stage
 from stickslip.solvers.stepping.history import HistoryRow
@@ -81,23 +82,6 @@ def growing(clock: Clock, size: Size, stage: Stage) -> float:
     return solving + float(np.clip(worked("iterate") + worked(*reads), of_steps / MARGIN, MARGIN * of_steps))
 
 
-def scaled(size: Size, unknowns: float) -> Size:
-    """A size with so many times the unknowns.
-
-    >>> found = scaled(Size(dim=2, dofs=400, entries=4000, contact_dofs=40), 0.25)
-    >>> found.dofs, found.entries, found.contact_dofs
-    (100, 1000.0, 20)
-    """
-    on_sides = unknowns ** (1 - 1 / size.dim)
-    return replace(
-        size,
-        dofs=round(unknowns * size.dofs),
-        entries=unknowns * size.entries,
-        contact_dofs=round(on_sides * size.contact_dofs),
-        parts=tuple((unknowns * n, on_sides * c) for n, c in size.parts),
-    )
-
-
 def better_unknowns(mesh: Mesh) -> float | None:
     """Unknowns of better cells for each of a run: of order 2, or cut where contact changes, or in 3D all smaller.
 
@@ -126,7 +110,7 @@ def bubbles_follow(output: Output, size: Size, stage: Stage, mesh: Mesh, meshing
     cost = BUBBLES[stage.surface] * (whole - predicted(replace(size, steps=0), stage))
     if better is None:
         return cost <= budget
-    dear = meshed_again(mesh) * meshing + predicted(scaled(size, better))
+    dear = meshed_again(mesh) * meshing + predicted(size.times(better))
     return cost <= min(budget, dear) and MARGIN * dear > budget
 
 
@@ -138,6 +122,7 @@ class Choice:
     factor: float = 2.0  # times the run's mesh sizes, of the coarser mesh
     prices: Mapping[str, float] = field(default_factory=dict)  # of each estimate, times the run
     done: Sequence[str] = ()  # those that are paid for
+    room: float | None = None  # times the run, that a better mesh may cost if it is cut; None: whatever it takes
 
 
 class Estimates:
@@ -146,7 +131,6 @@ class Estimates:
     def __init__(
         self,
         stepper: Stepper,
-        data: MeshData,
         steps: Sequence[StepResult],
         output: Output,
         on_iteration: OnIteration = lambda row: None,
@@ -155,13 +139,12 @@ class Estimates:
         """
         Args:
             stepper: of the run.
-            data: its mesh.
             steps: its results at the requested times, from rest on, without a gap.
             output: as the scene asks for it.
             on_iteration: called after each iteration, on every rank; what it raises ends the estimates.
             tell: told how it goes on.
         """
-        self._stepper, self._data, self._steps, self._output = stepper, data, steps, output
+        self._stepper, self._steps, self._output = stepper, steps, output
         self._on_iteration, self._tell, self._clock = on_iteration, tell, stepper.system.counters.clock
         self._pairs = KeptPairs(stepper, self._noticed)
         self._times = [step.time for step in steps]
@@ -194,7 +177,11 @@ class Estimates:
             if TIME in done or TIME not in prices:
                 break
         done = [COARSER] if self._output.error == "rough" else done
-        return replace(self.choice, factor=factor, prices=prices, done=done)
+        room = None
+        if left is not None and BETTER in done:
+            spare = left - paid - (system.mesh.degree == 1) * self._seconds[0]  # cells that are cut are meshed again
+            room = prices[BETTER] + spare / max(self._seconds[1], TINY) if spare >= 0 else 0.0
+        return replace(self.choice, factor=factor, prices=prices, done=done, room=room)
 
     def _expected(self, name: str, cost: float, factor: float) -> float:
         """Seconds that an estimate takes: meshing by the number of cells, all else by its price."""
@@ -208,7 +195,7 @@ class Estimates:
         own, fresh = predicted(self._size, self._stepper.chain.stage), has_coarser(mesh)
 
         def price(unknowns: float, solved: int, prepares: bool = True) -> float:
-            size = scaled(self._size, unknowns)
+            size = self._size.times(unknowns)
             whole = predicted(replace(size, steps=round(size.steps * solved / n)))
             return (whole - (0.0 if prepares else predicted(replace(size, steps=0)))) / own
 
@@ -268,8 +255,13 @@ class Estimates:
         self._of_time.extend(TimeStepErrors(self._stepper, self._noticed)(self._steps, self._history, self._coarse))
 
     def _better(self, solves: bool = True) -> None:
-        found = MeshErrors(self._stepper, self._data, self._noticed)
+        found = MeshErrors(self._stepper, self._fits, self._noticed)
         self._of_mesh = found(self._steps, self._coarse, self.choice.factor, solves)
+
+    def _fits(self, size: Size) -> bool:
+        """Whether the better cells of a history of a size fit into what is left for them."""
+        own, steps = predicted(self._size, self._stepper.chain.stage), self._size.steps
+        return self.choice.room is None or predicted(replace(size, steps=steps)) <= self.choice.room * own
 
     def _by_pairs(self) -> None:
         self._of_pairs = self._pairs(self._steps)

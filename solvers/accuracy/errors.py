@@ -25,7 +25,7 @@ from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.histories import FINER, OtherHistory, cells_along, largest_stresses
 from stickslip.solvers.accuracy.mesh_error import AT_NODES, Better, Values, corrected, errors_of_step, with_ends
 from stickslip.solvers.accuracy.model_error import model_errors
-from stickslip.solvers.accuracy.nested_run import Corners, NestedRun
+from stickslip.solvers.accuracy.nested_run import Corners, cut_cells
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.laws.wear import WORN
@@ -36,7 +36,6 @@ from stickslip.solvers.results.step_result import (
     ContactState,
     ErrorParts,
     Errors,
-    MeshData,
     Numbers,
     Quantity,
     StepResult,
@@ -44,6 +43,7 @@ from stickslip.solvers.results.step_result import (
     quantities,
 )
 from stickslip.solvers.scene.record import STRESSES, Value
+from stickslip.solvers.stepping.choice import Size
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
@@ -191,15 +191,18 @@ class MeshErrors:
     """Estimates the error of the mesh of a run that is solved, from its history on other meshes; collective."""
 
     def __init__(
-        self, stepper: Stepper, data: MeshData, on_iteration: Callable[[HistoryRow], None] = lambda row: None
+        self,
+        stepper: Stepper,
+        fits: Callable[[Size], bool] = lambda size: True,
+        on_iteration: Callable[[HistoryRow], None] = lambda row: None,
     ) -> None:
         """
         Args:
             stepper: of the run.
-            data: its mesh.
+            fits: whether better cells of a history of a size are not too dear.
             on_iteration: called after each iteration, on every rank.
         """
-        self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
+        self._stepper, self._fits, self._on_iteration = stepper, fits, on_iteration
 
     def __call__(
         self, steps: Sequence[StepResult], coarser: Sequence[StepResult] = (), factor: float = 2.0, solves: bool = True
@@ -227,16 +230,21 @@ class MeshErrors:
         """Better numbers of the first steps, as many as are found; collective."""
         system, found = self._stepper.system, list[Better]()
         finer: float | None = None
+        history: OtherHistory | None = None
         try:
             if system.mesh.degree == 1:
                 log.info("the same history with order 2, for the error of the mesh")
-                history: OtherHistory | None = OtherHistory.of_order(system, 2, self._on_iteration)
-            elif system.mesh.dim == 3:
+                history = OtherHistory.of_order(system, 2, self._on_iteration)
+            if system.mesh.dim == 2:
+                order_2 = system if history is None else history.stepper.system
+                mesh = cut_cells(system, order_2, steps, self._fits)
+                if mesh is not None:
+                    log.info("on a mesh of %d nodes, for the error of the mesh", len(mesh.points))
+                    history = OtherHistory.on(system, mesh, self._on_iteration)
+            elif history is None:
                 log.info("the same history on a finer mesh, for the error of the mesh")
                 history = OtherHistory.coarser(system, 1 / FINER, self._on_iteration)
                 finer = cells_along(history.stepper.system.mesh) / cells_along(system.mesh)
-            else:
-                history = NestedRun(self._stepper, self._data, self._on_iteration).history(steps)
             if history is not None:
                 read = partial(better_numbers, history.observe, Corners.of(history.stepper.system), finer)
                 found.extend(history.read([step.time for step in steps], read))

@@ -96,7 +96,8 @@ class OtherHistory:
     @classmethod
     def on(cls, own: System, shape: Shape, on_iteration: OnIteration = lambda row: None) -> OtherHistory:
         """That of another shape, meshed as the run's own; arguments and errors as above."""
-        return cls(own, build_mesh(shape, own.mesh.request, own.mesh.comm), on_iteration)
+        mesh = build_mesh(shape, own.mesh.request, own.mesh.comm)
+        return cls(own, mesh, on_iteration, LOOSE if mesh.degree > own.mesh.degree else 0.0)
 
     def __call__(self, times: Sequence[float], wanted: Sequence[float] | None = None) -> tuple[StepResult, ...]:
         """Solve a history from rest: its results, up to a step that cannot be solved; arguments as below."""

@@ -1,21 +1,22 @@
 """Error of the mesh of every number, from its history on better cells and on coarser ones.
 
-Of a run of order 1 the better ones are its own cells with order 2, see `histories`. Stated is BETTER times the
-difference, no less than a third of that to cells twice as long, as the difference to order 2 may vanish by chance: it
-is the error if that falls with their area. A mesh that is a file's has no such cells. Curved sides are curved with
-order 2: the part of the geometry is in that of the mesh. One rule holds for every kind of number. Areas, which are
-multiples of a node's area, are compared with that whose edges lie between nodes, see `areas`, and with the sum over
-nodes, of which half of the difference counts, as of all that is rounded; the larger one is stated.
+Of a run of order 1 the better ones are its own cells with order 2, in the plane cut where the error comes from, see
+`nested_run`: beside singular ends, and where less than a facet touches or slips, order 2 alone leaves most of the
+error. Stated is BETTER times the difference, no less than a third of that to cells twice as long, as the difference to
+order 2 may vanish by chance: it is the error if that falls with their area. A mesh that is a file's has no such cells.
+Curved sides are curved with order 2: the part of the geometry is in that of the mesh. One rule holds for every kind of
+number. Areas, which are multiples of a node's area, are compared with that whose edges lie between nodes, see `areas`,
+and with the sum over nodes, of which half of the difference counts, as of all that is rounded; the larger is stated.
 
 Where order 2 is too dear, the better numbers are those with bubbles, see `two_level`, which have no contact nodes of
 their own: what these decide, `AT_NODES`, is stated to be off by all of the difference to cells twice as long.
 
-With order 2 the better cells are cut from the run's where contact changes, see `nested_run`. In 3D they are those of a
-fresh mesh with smaller cells, and errors are taken to fall with their area. Where that is too dear, bubbles of order 3
-tell of what contact nodes do not decide. No less is stated than what is left of the difference to cells twice as long
-if the error falls with the third power of their length, of stresses and of what contact nodes decide with the second:
-the largest value of a plateau lies anywhere. Where nothing else tells, half of the difference: it is the error if that
-falls with the power 1.6, and no order is between the smooth and the singular ones.
+With order 2 the better cells in the plane are cut likewise. In 3D they are those of a fresh mesh with smaller cells,
+and errors are taken to fall with their area. Where that is too dear, bubbles of order 3 tell of what contact nodes do
+not decide. No less is stated than what is left of the difference to cells twice as long if the error falls with the
+third power of their length, of stresses and of what contact nodes decide with the second: the largest value of a
+plateau lies anywhere. Where nothing else tells, half of the difference: it is the error if that falls with the power
+1.6, and no order is between the smooth and the singular ones.
 
 A pressure or a stress grows without end where it does so by no less from order 1 to order 2 as it did when cells were
 halved: as a power of the cells' length does. Where it has a limit, it grows less and less. A notch that is round has

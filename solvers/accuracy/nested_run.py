@@ -1,14 +1,13 @@
-"""The history of a run of order 2 in the plane once more, on a mesh cut where its error comes from.
+"""The cells of a run in the plane, of order 2, cut where its error comes from: the better cells of both orders.
 
-The run's own cells are cut twice, nested, at all places that the error comes from, see `Places`, and where half of the
-error in the energy norm is that recovered stresses tell of. New nodes of curved
-sides lie on circles: what sides of order 2 miss of these is part of the mesh's error. Both histories have the same
-steps, so that the error of the time steps cancels: which nodes stick depends on them. Smooth errors far from there do
-not show; cells twice as long show these, see `mesh_error`.
+They are cut twice, nested, at all places that the error comes from, see `Places`; of a run of order 2 also where half
+of the error in the energy norm is that recovered stresses tell of, which order 2 itself shows of a run of order 1. New
+nodes of curved sides lie on circles: what sides of order 2 miss of these is part of the mesh's error. Both histories
+have the same steps, so that the error of the time steps cancels: which nodes stick depends on them. Smooth errors far
+from there do not show; cells twice as long show these, see `mesh_error`.
 
-A step of the finer mesh takes four to five times as long as one of the run, its preparation once or twice. Where the
-cost model of `auto` finds that to be more than SOON and than MOST times the run, cells are cut once, or not at all. Not
-in 3D, where the edge of contact is a line along which many cells would be cut.
+Where that is too dear, cells are cut once, or not at all. Not in 3D, where the edge of contact is a line along which
+many cells would be cut.
 
 Source of cutting cells nested: Bank, Sherman & Weiser, in Scientific Computing (1983).
 
@@ -21,8 +20,8 @@ facets that they face; and the cells around probes, whose stress nothing else sh
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,14 +29,12 @@ from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.curved_facets import SHARP
 from stickslip.geometry.nested_mesh import EDGES, FlatMesh
 from stickslip.geometry.surfaces.surface import gather_surface
-from stickslip.solvers.accuracy.histories import OnIteration, OtherHistory
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.parallel.gather import nodes_of
 from stickslip.solvers.results.observe import mesh_data
 from stickslip.solvers.results.step_result import MeshData, Quantity, StepResult
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.stepping.choice import Size
-from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.system.system import System
 
 
@@ -102,7 +99,12 @@ def _changes(c: ContactRows, steps: Sequence[StepResult]) -> Iterator[tuple[Arra
         status, facets = contact.status[c.surface.facets], c.surface.facets
         changes = (status != status[:, :1]).any(axis=1) | (facets == np.argmax(contact.pressure)).any(axis=1)
         mine = c.surface.points[facets[changes]]
-        yield mine, mine + c.sense * contact.slip[facets[changes]]
+        yield _with_middles(mine), _with_middles(mine + c.sense * contact.slip[facets[changes]])
+
+
+def _with_middles(facets: Array) -> Array:
+    """Facets (f, 3, 2) [m] as they are, those of order 1 (f, 2, 2) with the points between their ends."""
+    return facets if facets.shape[1] == 3 else np.concatenate([facets, facets.mean(axis=1, keepdims=True)], axis=1)
 
 
 def _overlap(facets: Array, segments: Array) -> Bools:
@@ -152,51 +154,28 @@ def _corners(mesh: FlatMesh, acted: Sequence[str], mirrors: Sequence[str] = ()) 
 
 log = logging.getLogger(__name__)
 CUTS = (2, 1)  # number of times that cells are cut
-MOST, SOON = 3, 15  # times the run, and [s]
 
 
-class NestedRun:
-    """Order 2 in the plane: the own cells cut into smaller ones."""
+def cut_cells(
+    own: System, order_2: System, steps: Sequence[StepResult], fits: Callable[[Size], bool]
+) -> FlatMesh | None:
+    """The cells of a run in the plane, cut at its places, on every rank; None: that would be too dear; collective.
 
-    def __init__(self, stepper: Stepper, data: MeshData, on_iteration: OnIteration) -> None:
-        """
-        Args:
-            stepper: of the run.
-            data: its mesh.
-            on_iteration: called after each iteration, on every rank.
-        """
-        self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
-
-    def history(self, steps: Sequence[StepResult]) -> OtherHistory | None:
-        """That on the finer mesh; None: it would be too dear; collective.
-
-        Args:
-            steps: results at all requested times.
-
-        Raises:
-            StickslipError: the mesh cannot be prepared.
-        """
-        mesh = self._cut_mesh(steps) if self._stepper.system.mesh.dim == 2 else None
-        if mesh is None:
-            return None
-        log.info("the same history on a finer mesh of %d nodes, for the error of the mesh", len(mesh.points))
-        return OtherHistory.on(self._stepper.system, mesh, self._on_iteration)
-
-    def _cut_mesh(self, steps: Sequence[StepResult]) -> FlatMesh | None:
-        """Cut cells: the finer mesh, on every rank; None: it would be too dear; collective."""
-        system = self._stepper.system
-        mesh, size = (
-            flat_mesh(system, self._data),
-            Size.of(system.problem, system.mesh, system.constraints, system.contacts),
-        )
-        found: FlatMesh | None = None
-        if mesh is not None:
-            places = Places.of(system.problem, system.contacts, steps)
-            error = steps[-1].stress_error
-            rough = np.unique(mesh.cells[_roughest(mesh, error)] if len(error) else np.zeros(0, np.int64))
-            found = _cut(mesh, places, rough, replace(size, steps=len(steps)))
-        found = system.mesh.comm.bcast(found)
-        return found
+    Args:
+        own: of the run.
+        order_2: of the same cells; it is `own` if the run has order 2.
+        steps: results at all requested times.
+        fits: whether a history of a size is not too dear.
+    """
+    size = Size.of(order_2.problem, order_2.mesh, order_2.constraints, order_2.contacts)
+    mesh = flat_mesh(order_2, mesh_data(order_2)) if own.mesh.comm.bcast(fits(size)) else None
+    found: FlatMesh | None = None
+    if mesh is not None:
+        error = steps[-1].stress_error if own is order_2 else np.zeros(0)
+        rough = np.unique(mesh.cells[_roughest(mesh, error)] if len(error) else np.zeros(0, np.int64))
+        found = _cut(mesh, Places.of(own.problem, own.contacts, steps), rough, size, fits)
+    found = own.mesh.comm.bcast(found)
+    return found
 
 
 def flat_mesh(system: System, data: MeshData) -> FlatMesh | None:
@@ -269,31 +248,22 @@ def _roughest(mesh: FlatMesh, error: Array) -> Ints:
     return order[: 1 + np.searchsorted(sums, sums[-1] / 2)]
 
 
-def _cut(mesh: FlatMesh, places: Places, rough: Ints, size: Size) -> FlatMesh | None:
+def _cut(mesh: FlatMesh, places: Places, rough: Ints, size: Size, fits: Callable[[Size], bool]) -> FlatMesh | None:
     """Cut the cells at some places; None: it would be too dear.
 
     Args:
         rough: nodes whose cells are cut, too.
-        size: of the run.
+        size: of a history on the mesh.
     """
-    most = max(SOON, MOST * _seconds(size))
     for cuts in CUTS:
         finer = mesh
         for _ in range(cuts):
             finer = finer.cut(finer.touching(np.concatenate([places.nodes(finer), rough])))
-        contact_dofs = size.contact_dofs * places.contact_nodes(finer) // places.contact_nodes(mesh)
-        dofs = size.dofs * len(finer.points) // len(mesh.points)
-        # problems of contact: that of a step, and that with bubbles, which is about twice as dear
-        seconds = _seconds(replace(size, dofs=dofs, contact_dofs=contact_dofs, steps=3 * size.steps))
-        if seconds <= most:
+        more = places.contact_nodes(finer) / places.contact_nodes(mesh)
+        if fits(size.times(len(finer.points) / len(mesh.points), more)):
             return finer
-    log.info("no error of the mesh: it would take about %.0f s", seconds)
+    log.info("cells are not cut where the error comes from: that would be too dear")
     return None
-
-
-def _seconds(size: Size) -> float:
-    """Expected time [s] by the cost model of `auto`, and 10 ms for a problem of contact, however small."""
-    return size.condensed_seconds + 0.01 * size.steps
 
 
 def sides_of(system: System) -> tuple[Mapping[str, Ints], Mapping[str, Ints]]:

@@ -7,13 +7,14 @@ A coarser mesh shows it nearly as well as the run's own, at a fraction of the pr
 
 The mesh of a file has no coarser one. There the run is compared with the history in half of its steps on its own mesh,
 by which times that are left out have no error; every turn of a value in time is kept. Where all steps are alone between
-two turns, with the history in steps half as long.
+two turns, with the history in steps half as long. A clock is compared with one that allows larger errors.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from stickslip.solvers.accuracy.mesh_error import Values, corrected, difference
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import ErrorParts, Errors, Quantity, StepResult, quantities
 from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.settings import Clock
 from stickslip.solvers.scene.timeline import Timeline
 from stickslip.solvers.stepping.stepper import Stepper
 
@@ -31,6 +33,7 @@ log = logging.getLogger(__name__)
 OWN_MESH = "time on its own mesh"
 Histories = tuple[Values, Values]  # numbers of a step of two of them
 NOTHING_YET: Histories = {}, {}
+LOOSER = 4.0  # times the errors of a clock: what steps leave grows in proportion
 
 
 def remembers(problem: Problem) -> bool:
@@ -92,6 +95,8 @@ class TimeStepErrors:
         """
         if not self._path_matters:
             return 0
+        if self._stepper.clock is not None:
+            return len(times)
         half = () if coarser else halved(times, self._stepper.system.problem.timeline)
         return len(half if 0 < len(half) < len(times) else halves(times))
 
@@ -109,6 +114,9 @@ class TimeStepErrors:
             yield from map(_of_works, steps)
             return
         try:
+            if self._stepper.clock is not None:
+                yield from self._by_clock(steps, self._stepper.clock)
+                return
             if history is None:
                 yield from self._on_own_mesh(steps)
                 return
@@ -120,6 +128,22 @@ class TimeStepErrors:
                 before = both
         except StickslipError as error:
             log.info("no error of the time steps from there on: %s", error)
+
+    def _by_clock(self, steps: Sequence[StepResult], clock: Clock) -> Iterator[Errors]:
+        """Yield the difference from the same history by a clock with `LOOSER` errors, three times the run's own.
+
+        Raises:
+            StepError: a step cannot be solved.
+        """
+        self._stepper.clock = replace(clock, error=min(LOOSER * clock.error, 0.5))
+        try:
+            before = NOTHING_YET
+            for step, (_, rough) in zip(steps, self._results([step.time for step in steps]), strict=False):
+                both = rough, quantities(step)
+                yield _errors(both, before, False, by=OWN_MESH)
+                before = both
+        finally:
+            self._stepper.clock = clock
 
     def _on_own_mesh(self, steps: Sequence[StepResult]) -> Iterator[Errors]:
         """Yield the same, by the run's own mesh.

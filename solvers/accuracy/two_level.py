@@ -156,7 +156,7 @@ class MeshCorrection:
 
     @staticmethod
     def works_for(stepper: Stepper) -> bool:
-        """Whether it can follow the steps: of order 1, with contact, by a method with exact contact laws.
+        """Whether it can follow the steps: of order 1, with contact, by a method with exact laws, not by a clock.
 
         Bodies that do not lock by a mean dilatation are not followed.
 
@@ -165,7 +165,8 @@ class MeshCorrection:
         system = stepper.system
         expressions = system.problem.timeline.expressions.items()
         uneven = any(place.table == "supports" and found.names & {*"xyz"} for place, found in expressions)
-        if system.problem.averaged or uneven or system.mesh.degree > 1:
+        stressed = stepper.clock is not None or system.prestress is not None
+        if system.problem.averaged or uneven or system.mesh.degree > 1 or stressed:
             return False
         return len(system.contacts) > 0 and stepper.chain.exact_laws
 

@@ -286,6 +286,7 @@ def build_rows(
         fields = Fields(
             gap_offset=contact.gap_offset, law=friction, points=start, to_nodes=coupling.surface.transform,
             to_points=to_points, to_tangential=to_tangential, end=end, slide=slide, wear=contact.wear,
+            initial=contact.initial,
         )  # fmt: skip
         with prefixed(f"contacts.{name}"):
             offset, node_offset = fields.offsets(0.0)

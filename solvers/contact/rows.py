@@ -16,7 +16,9 @@ from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import SECTOR, Surface, in_sectors
 from stickslip.solvers.contact.coupling import Points
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.rate_and_state import STEADY
 from stickslip.solvers.laws.wear import Slide, Wear, Worn
+from stickslip.solvers.scene.contact import Initial
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +34,7 @@ class Fields:
     end: float  # last time of the scene [s]
     slide: Slide | None = None  # out of the plane; None: not at all
     wear: Wear | None = None
+    initial: Initial | None = None
 
     @property
     def change(self) -> bool:
@@ -115,6 +118,34 @@ class ContactRows:
         wider, nodes_wider = (new - old for new, old in pairs)
         gap, node_gap = self.gap + wider, self.node_gap + nodes_wider
         return replace(self, gap=gap, node_gap=node_gap, friction=fields.law_at(time), fields=fields, time=time)
+
+    @cached_property
+    def initial(self) -> tuple[Array, Array]:
+        """Pressures (m_n,) and tangential tractions (m_t, d-1) [Pa] at t = 0."""
+        p, t, given = np.zeros(len(self.W_n)), np.zeros(self.free.shape), self.fields.initial if self.fields else None
+        if given is None or self.fields is None:
+            return p, t
+        p += values(given.pressure, "pressure", self.fields.to_points @ self.fields.points, 0.0, self.fields.end)
+        if isinstance(given.traction, float | int):  # of a plane model: along the axis that is nearest to the tangent
+            axis = np.abs(self.tangents).argmax(axis=2)[..., None]
+            t = given.traction * np.sign(np.take_along_axis(self.tangents, axis, axis=2))[..., 0]
+        else:
+            t = np.asarray(self.tangents @ np.array(given.traction), float)
+        return p, self.sense * t * self.free
+
+    def first_memory(self) -> Array:
+        """What the law remembers of points at t = 0."""
+        law, fields = self.friction, self.fields
+        assert law is not None
+        found = law.memory(len(self.W_t))
+        if fields is None or fields.initial is None:
+            return found
+        p, t = self.initial
+        with prefixed(f"contacts.{self.name}.initial"):
+            state, at = fields.initial.state, fields.to_tangential @ fields.points
+            theta = state if state is None or state == STEADY else values(state, "state", at, 0.0, fields.end)
+            pressure, size = np.asarray(self.average @ p), np.linalg.norm(t, axis=1)
+            return law.begun(found, pressure, size, theta, fields.initial.rate)
 
     @property
     def slides(self) -> bool:

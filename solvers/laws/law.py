@@ -147,6 +147,18 @@ class FrictionLaw(Choice):
         """Memory of points at rest (m_t,); it is kept from step to step and in checkpoints."""
         return np.zeros(points)
 
+    def begun(
+        self, memory: Array, pressure: Array, size: Array, state: Array | str | None, rate: float | None
+    ) -> Array:
+        """The memory (m_t,) of points under initial tractions.
+
+        Args:
+            memory: of points at rest.
+            pressure, size: of tractions (m_t,) [Pa].
+            state, rate: see `Initial`.
+        """
+        return memory
+
     def after(self, memory: Array, slip: Array, step: float) -> Array:
         """The memory (m_t,) at the end of a substep.
 

@@ -29,6 +29,8 @@ from stickslip.solvers.laws.law import Dragged, FrictionLaw, NormalLaw, Trial
 from stickslip.solvers.laws.normal import NEWTON_STEPS
 from stickslip.solvers.laws.rate_dependent import Sliding
 
+STEADY = "steady"
+
 
 @dataclass(frozen=True, kw_only=True)
 class RateAndState(FrictionLaw):
@@ -125,6 +127,50 @@ class RateAndStateByPoint(FrictionLaw):
         direct = self.a * x / np.hypot(1.0, x)
         return self.a * np.arcsinh(x), direct, self.b / self.a * direct
 
+    def rate(self, aged: Array, size: Array, pressure: Array) -> Array:
+        """V (m_t,) [m/s] at states, of tractions f pressure + eta V = size [Pa], by Newton's method from above.
+
+        >>> law = RateAndState(f0=0.6, a=0.01, b=0.015, Dc=1.0, V0=1e-6, damping=1e4).placed(np.ones((1, 1)), 1.0, 1.0)
+        >>> law.rate(np.zeros(1), law.coefficient(np.zeros(1), np.full(1, 0.1))[0] + 1e3, np.ones(1))
+        array([0.1])
+        """
+        e, eta = 2 * self.of.V0 * np.exp(-(self.of.f0 + self.b * aged) / self.a), self.of.damping
+        size, ap = np.where(pressure > 0, size, 0.0), np.maximum(self.a * pressure, TINY)
+        y = size / ap  # V = e sinh(y): the function below is convex, and positive here
+        if eta:
+            y = np.minimum(y, np.arcsinh(size / (eta * e)))
+            for _ in range(NEWTON_STEPS):
+                off = ap * y + eta * e * np.sinh(y) - size
+                if np.all(off <= 8 * EPS * size):
+                    break
+                y = y - off / (ap + eta * e * np.cosh(y))
+        return np.asarray(e * np.sinh(y))
+
+    def evolves(self, aged: Array, V: Array) -> Array:
+        """d ln(theta) / dt (m_t,) [1/s] at states and rates."""
+        if self.of.evolution == "slip":
+            return np.asarray(-V / self.Dc * (np.log(np.maximum(V, TINY) / self.of.V0) + aged))
+        return np.asarray((self.of.V0 * np.exp(-aged) - V) / self.Dc)
+
+    def begun(
+        self, memory: Array, pressure: Array, size: Array, state: Array | str | None, rate: float | None
+    ) -> Array:
+        require(bool(np.all(pressure > 0)), "pressure", float(pressure.min()), "must be positive at every point")
+        f, aged = size / pressure, memory[:, 0]
+        if rate is not None:
+            f = f - self.of.damping * rate / pressure
+            require(bool(np.all(f > 0)), "rate", rate, "radiates more than the traction")
+            aged = (self.a * (np.log(2 * self.of.V0 / rate) + _ln_sinh(f / self.a)) - self.of.f0) / self.b
+        elif isinstance(state, str):
+            apart = bool(np.all(self.a != self.b) and np.all(f > 0))
+            require(apart, "state", state, "needs a traction, and a that differs from b; give it in seconds")
+            faster = (np.log(2.0) + _ln_sinh(f / self.a) - self.of.f0 / self.a) * self.a / (self.a - self.b)
+            aged = -faster  # ln(V / V0), radiation left out
+        elif state is not None:
+            require(bool(np.all(state > 0)), "state", float(state.min()), "must be positive, in seconds")
+            aged = np.log(self.of.V0 * state / self.Dc)
+        return np.column_stack([aged, self.rate(aged, size, pressure)])
+
     def resists(self) -> bool:
         return True
 
@@ -211,5 +257,9 @@ class _InStep(FrictionLaw):
         law, of = self.of, self.of.of
         aged = np.log(np.exp(self.start) + of.V0 * self.step / law.Dc)
         z = size / np.maximum(law.a * pressure, TINY)
-        ln_sinh = z + np.log(-np.expm1(-2 * z)) - np.log(2.0)
-        return np.asarray(np.log(2 * of.V0) - (of.f0 + law.b * aged) / law.a + ln_sinh)
+        return np.asarray(np.log(2 * of.V0) - (of.f0 + law.b * aged) / law.a + _ln_sinh(z))
+
+
+def _ln_sinh(z: Array) -> Array:
+    """ln(sinh(z)) of z > 0, however large."""
+    return np.asarray(z + np.log(-np.expm1(-2 * z)) - np.log(2.0))

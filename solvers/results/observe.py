@@ -267,6 +267,7 @@ class Observer:
             unique="several" if accepted.others else "proved" if accepted.proved else "not proved",
             jump=accepted.jump,
             bodies=self._bodies(nodal, cell_stress),
+            events=state.events,
             columns=self._columns(state.time),
         )
         if self.estimate is None:

@@ -27,6 +27,7 @@ from stickslip.solvers.scene.record import (
     BodyState,
     ContactNumbers,
     Energy,
+    Event,
     Number,
     ObstacleState,
     ProbeValue,
@@ -232,7 +233,7 @@ class ContactState(ContactNumbers):
 
     def _repr_html_(self) -> str:
         """A table of the resultants, for notebooks."""
-        return html_table("contact", {"": self.counts() | numbers_shown(self)})
+        return html_table("contact", {"": {**self.counts(), **numbers_shown(self)}})
 
 
 def numbers_shown(contact: ContactNumbers) -> dict[str, float]:
@@ -312,6 +313,7 @@ class StepResult(Numbers):
     sensitivity: Mapping[str, Mapping[str, Slope]] = field(default_factory=dict)  # by `Quantity`, and by scene's number
     covariance: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # of the uncertain ones of these
     bodies: Mapping[str, BodyState] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()  # that ended in this step, of a clock
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
     def __repr__(self) -> str:
@@ -586,16 +588,14 @@ def data_frame(content: Mapping[str, AnyArray] | Sequence[Mapping[str, object]])
     return pandas.DataFrame(content)
 
 
-def html_table(title: str, numbers: Mapping[str, Mapping[str, float]]) -> str:
-    """Names and numbers as a table of HTML: a column for each name, a row for each number.
+def html_table(title: str, numbers: Mapping[str, Mapping[str, float | str]]) -> str:
+    """Names and numbers, or what is said of these, as a table of HTML: a column for each name, a row for each number.
 
     >>> html_table("t = 1", {"base": {"force": 2.0}})
     '<table><tr><th>t = 1</th><th>base</th></tr><tr><td>force</td><td>2</td></tr></table>'
     """
     rows = dict.fromkeys(row for column in numbers.values() for row in column)
     head = "".join(f"<th>{escape(text)}</th>" for text in (title, *numbers))
-    lines = [
-        f"<td>{escape(row)}</td>" + "".join(f"<td>{column[row]:.6g}</td>" for column in numbers.values())
-        for row in rows
-    ]
+    said = {row: [n if isinstance(n := c[row], str) else f"{n:.6g}" for c in numbers.values()] for row in rows}
+    lines = [f"<td>{escape(row)}</td>" + "".join(f"<td>{n}</td>" for n in cells) for row, cells in said.items()]
     return f"<table>{''.join(f'<tr>{line}</tr>' for line in (head, *lines))}</table>"

@@ -8,15 +8,15 @@ from itertools import combinations
 from typing import Annotated, Any, Literal
 
 from stickslip.geometry.amplitude import Amplitude, check
-from stickslip.geometry.errors import SceneError, prefixed, require
+from stickslip.geometry.errors import SceneError, prefixed, require, require_components
 from stickslip.geometry.expression import Varying
 from stickslip.geometry.field import Field, check_field, in_time
-from stickslip.geometry.keys import Key, Noun
-from stickslip.geometry.shape import SKIN, Model
+from stickslip.geometry.keys import Key, Noun, Vector
+from stickslip.geometry.shape import SKIN, Model, dimensions
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.friction import Stick
-from stickslip.solvers.laws.normal import Unilateral
-from stickslip.solvers.laws.rate_and_state import RateAndState
+from stickslip.solvers.laws.normal import Bilateral, Tied, Unilateral
+from stickslip.solvers.laws.rate_and_state import STEADY, RateAndState
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.wear import Slide, Turned, Wear
 
@@ -28,6 +28,29 @@ def table_of(name: str) -> str:
     ('rest', 'base')
     """
     return name.partition(".")[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Initial(Noun):
+    """Tractions at t = 0 that the bodies are in equilibrium with, undeformed, and the state of friction; not ramped."""
+
+    pressure: Annotated[Field, Key("Pa", "a number, an expression, or a map over places")] = 0.0
+    traction: Annotated[
+        float | Vector,
+        Key("Pa", "shear that drives `surface`: a vector, or in the plane a number, along +x, or +y of a steep side"),
+    ] = 0.0
+    state: Annotated[
+        Field | None, Key("s", 'theta of rate_and_state, likewise; "steady": Dc / V at the rate of the traction')
+    ] = None
+    rate: Annotated[float | None, Key("m/s", "instead of it the slip rate that it follows from")] = None
+
+    def __post_init__(self) -> None:
+        for key in ("pressure", "state"):
+            if (value := getattr(self, key)) not in (None, STEADY):
+                check_field(value, key)
+                require(not in_time(value, key), key, value, "does not change in time")
+        require(self.rate is None or self.rate > 0, "rate", self.rate, "must be positive, in m/s")
+        require(self.rate is None or self.state is None, "rate", self.rate, "leave it out, or `state`")
 
 
 REACH = 0.2  # of the sides' extent: as far as contact is searched for where the scene does not say
@@ -121,6 +144,7 @@ class Contact(Noun):
     slide_speed: Annotated[
         Amplitude | None, Key("m/s", "instead of it its speed, constant if it is a number; axisymmetric: [rad/s]")
     ] = None
+    initial: Annotated[Initial | None, Key("-", "tractions and state at t = 0; absent: none")] = None
     wear: Annotated[Wear | None, Key("-", "wear by all slip that friction or `slide` has; absent: none")] = None
 
     def __post_init__(self) -> None:
@@ -133,10 +157,25 @@ class Contact(Noun):
         require(not (given and self.sliding), "gap", self.gap, "a side that slides has the gap that its mesh has there")
         require(not (given and self.normal.ties), "gap", self.gap, "a tied surface closes none; see gap_offset")
         self._check_wear()
+        self._check_initial()
         if self.friction is not None:
             reason = "a tied surface sticks, leave it out" if self.normal.ties else self.friction.refuses(self.normal)
             if reason:
                 raise SceneError(f"friction: {reason}")
+
+    def _check_initial(self) -> None:
+        if (given := self.initial) is None:
+            return
+        whole = self.between is not None or self.surface.endswith(SKIN)
+        require(
+            not (self.sliding or whole), "initial", "given", "names tractions at points: not of `sliding`, or skins"
+        )
+        with prefixed("initial"):
+            for key in ("state", "rate"):
+                value = getattr(given, key)
+                require(value is None or self.ages is not None, key, value, "is one of friction rate_and_state")
+            if self.ages and isinstance(given.pressure, float | int):
+                require(given.pressure > 0, "pressure", given.pressure, "must be positive for rate_and_state, in Pa")
 
     def _check_wear(self) -> None:
         given = {key: getattr(self, key) for key in ("slide", "slide_speed", "wear")}
@@ -160,6 +199,16 @@ class Contact(Noun):
             require(law is not None or slides, "wear", "true", "needs friction or `slide`, which slip")
             if isinstance(law, TangentialCompliance):
                 raise SceneError(f"friction.law = {law.law}: is bounded by the penetration, of which wear takes a part")
+
+    def check_clock(self) -> None:
+        """Refuse what `steps.clock` does not follow: slip and state flow, of points that stay where they are."""
+        said, law = "steps.clock does not follow it yet: give steps.count instead", self.friction
+        flows = law is None or isinstance(law, RateAndState | Stick)
+        require(flows, "friction.law", getattr(law, "law", ""), f"{said}, or use rate_and_state")
+        rigid = isinstance(self.normal, Unilateral | Bilateral | Tied)
+        require(rigid, "normal.law", getattr(self.normal, "law", ""), said)
+        for key in ("sliding", "wear"):
+            require(not getattr(self, key), key, "true", said)
 
     def law(self, turns: bool) -> tuple[FrictionLaw | None, Slide | None]:
         """The friction law in force, turned towards the sliding out of the plane, and that; turns: about an axis."""
@@ -248,6 +297,14 @@ class Contact(Noun):
         for key in ("slide", "slide_speed"):
             value = getattr(self, key)
             require(model != "3d" or value is None, key, value, "there is no direction out of the plane in 3D")
+        if self.initial is not None and (model == "3d" or not isinstance(self.initial.traction, float | int)):
+            with prefixed("initial"):
+                number = isinstance(self.initial.traction, float | int)
+                require(
+                    not number or not self.initial.traction, "traction", self.initial.traction, "give [x, y, z] in 3D"
+                )
+                if not isinstance(self.initial.traction, float | int):
+                    require_components(self.initial.traction, "traction", dimensions(model))
         if self.friction is not None:
             with prefixed("friction"):
                 self.friction.check_model(model)

@@ -62,6 +62,19 @@ class Number(Key):
         return np.asarray(found) if self.shape == "vector" or np.size(found) > 1 else float(np.ravel(found)[0])
 
 
+class Event(NamedTuple):
+    """A contact that slipped fast, from the moment at which a point reached the rate of `steps.clock.event`."""
+
+    contact: Annotated[str, Key("", "its name")]
+    start: Annotated[float, Key("s", "when a point became that fast")]
+    end: Annotated[float, Key("s", "when all points were slower than a tenth of it")]
+    moment: Annotated[float, Key("N m", "shear modulus of the slave times slip and area, in the plane per metre")]
+    drop: Annotated[float, Key("Pa", "fall of the tangential traction, its mean by slip")]
+    slip: Annotated[float, Key("m", "largest slip")]
+    rate: Annotated[float, Key("m/s", "largest slip rate at the end of a step of the clock")]
+    place: Annotated[tuple[float, ...], Key("m", "point that became that fast first")]
+
+
 class Reaction(NamedTuple):
     """Reaction of a support, or of an elastic one, on its body."""
 

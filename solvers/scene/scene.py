@@ -344,7 +344,7 @@ class Scene(Noun):
         expressions = self.expressions().items()
         moving = [place for place, found in expressions if found.in_time and place.table != "contacts"]
         jumps = any(self.sampled(place, 0.0).any() for place in moving)
-        return Timeline(self.drives(), self.steps.end, self.steps.count, self.expressions(), jumps)
+        return Timeline(self.drives(), self.steps.end, self.steps.count, self.expressions(), jumps, self.steps.clock)
 
     def requested_times(self) -> tuple[float, ...]:
         """Times [s] at which results are asked for; see `Timeline.times`."""
@@ -422,11 +422,14 @@ class Scene(Noun):
                 with mistakes, prefixed(f"{key}.{name}"):
                     noun.check_model(self.model)
         for name, contact in self.contacts.items():
+            with mistakes, prefixed(f"contacts.{name}"):
+                if self.steps.clock is not None:
+                    contact.check_clock()
             with mistakes:
                 timed = (contact.friction is not None and contact.friction.timed) or contact.slide_speed is not None
                 key = "slide_speed is a rate" if contact.slide_speed is not None else "friction depends on slip rates"
                 said = f"contacts.{name}.{key}: say that times are seconds, seconds = true"
-                require(self.steps.seconds or not timed, "steps.seconds", "false", said)
+                require(self.steps.timed or not timed, "steps.seconds", "false", said)
 
     def _check_rest(self, mistakes: Mistakes) -> None:
         with mistakes:

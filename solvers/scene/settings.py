@@ -48,17 +48,48 @@ class Accuracy(Noun):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Clock(Noun):
+    """Steps that follow slip rates, by their own error; times are seconds."""
+
+    error: Annotated[float, Key("-", "largest error that a step adds: of slip by Dc, and of ln(theta)")]
+    smallest: Annotated[float, Key("s", "shortest step: one that has to be shorter is given up; also the first one")]
+    largest: Annotated[float, Key("s", "longest step")]
+    event: Annotated[
+        float, Key("m/s", "slip rate from which an event lasts, until all points are slower than a tenth of it")
+    ] = 1e-3
+    every: Annotated[int | None, Key("-", "report each n-th step of the clock; absent: tables' times and events")] = (
+        None
+    )
+
+    def __post_init__(self) -> None:
+        require(self.every is None or self.every >= 1, "every", self.every, "must be at least 1")
+        require(0 < self.error < 1, "error", self.error, "must lie between 0 and 1, for example 1e-4")
+        require(self.smallest > 0, "smallest", self.smallest, "must be positive, in seconds")
+        require(self.largest >= self.smallest, "largest", self.largest, "must not be less than `smallest`")
+        require(self.event > 0, "event", self.event, "must be positive, in m/s")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Steps(Noun):
     """Equal steps in time; steps end exactly at these times, and at every time listed in a table."""
 
     end: Annotated[float, Key("s", "last time")] = 1.0
     count: Annotated[int, Key("-", "number of equal steps")] = 1
     seconds: Annotated[bool, Key("-", "times are seconds, as laws by slip rate need; false: they only order")] = False
+    clock: Annotated[
+        Clock | None, Key("-", "steps by their error, of friction by rate and state; absent: `count` equal ones")
+    ] = None
 
     def __post_init__(self) -> None:
         require(self.end > 0, "end", self.end, "must be positive")
         require(SMALLEST <= self.end <= LARGEST, "end", self.end, f"must be from {SMALLEST:g} to {LARGEST:g} s")
         require(1 <= self.count <= 1_000_000, "count", self.count, "must be a whole number from 1 to 1000000")
+        require(self.clock is None or self.count == 1, "count", self.count, "leave it out: the clock finds the steps")
+
+    @property
+    def timed(self) -> bool:
+        """Whether times are seconds."""
+        return self.seconds or self.clock is not None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from stickslip.geometry.amplitude import Amplitude, listed_times, turns, value_a
 from stickslip.geometry.arrays import EXACT, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.expression import Expression
+from stickslip.solvers.scene.settings import Clock
 
 
 class Place(NamedTuple):
@@ -46,6 +47,7 @@ class Timeline:
     count: int  # equal steps up to the end
     expressions: Mapping[Place, Expression] = field(default_factory=dict)
     jumps: bool = False  # whether an expression is not zero at t = 0
+    clock: Clock | None = None  # that finds the steps between requested times
 
     @cached_property
     def times(self) -> tuple[float, ...]:

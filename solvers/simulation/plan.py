@@ -61,6 +61,8 @@ def planned(scene: Scene) -> Problem:
     for effect in active(problem):
         if effect.other_stiffness(problem) and problem.rigid_modes.shape[1]:
             raise SceneError(f"{effect.name}: needs bodies that their supports hold; add a support")
+    if problem.timeline.clock is not None and problem.rigid_modes.shape[1]:
+        raise SceneError("steps.clock: needs bodies that their supports hold; add a support")
     for sentence in refusals(problem):
         raise SceneError(sentence)
     return problem

@@ -47,6 +47,8 @@ def neighbours(scene: Scene, stepper: Stepper) -> Neighbours | None:
     asked, values = scene.derived_by, scene.parameters()
     if not asked:
         return None
+    if stepper.clock is not None:
+        raise SceneError("sensitivity: is not built for steps of a clock; give steps.count instead")
     slack = [bolt.shortening for bolt in stepper.system.initial.tightened if bolt.tension is None]
     if slack:
         names = ", ".join(f"{place.table}.{place.name}" for place in slack)

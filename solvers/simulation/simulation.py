@@ -147,26 +147,33 @@ class Simulation:
             state: to resume: the state at the last of these; None: at rest at t = 0.
 
         Returns:
-            An iterator over `StepResult`, one for each of `scene.requested_times()` after the first `done`.
+            An iterator over `StepResult`, one for each of `scene.requested_times()` after the first `done`, and of a
+            clock for each beginning and end of an event in between.
 
         Raises:
             StepError: a step could not be solved. If some of its substeps succeeded, the result of the last one was
                 yielded before; its time is not a requested one.
             NoEquilibriumError: so, and it is shown that contact and friction cannot balance the loads.
         """
+        times = self.scene.requested_times()
+        if state is not None and self.stepper.clock is not None:
+            done = sum(time <= state.time for time in times)
         state = state or self.stepper.start()
-        for time in self.clock.counted(self.scene.requested_times(), done):
-            try:
-                with self.clock.phase("iterate"):
-                    accepted = self.stepper.reach(state, time, on_iteration)
-            except StepError as failure:
-                if failure.last_good is not None:
-                    self.reported = failure.last_good
-                    yield self._observed(failure.last_good)
-                raise
-            self.reported = accepted
-            yield self._observed(accepted)
-            state = accepted.state
+        for time in self.clock.counted(times, done):
+            while True:
+                try:
+                    with self.clock.phase("iterate"):
+                        accepted = self.stepper.reach(state, time, on_iteration, pauses=True)
+                except StepError as failure:
+                    if failure.last_good is not None:
+                        self.reported = failure.last_good
+                        yield self._observed(failure.last_good)
+                    raise
+                self.reported = accepted
+                yield self._observed(accepted)
+                state = accepted.state
+                if state.time >= time:
+                    break
 
     def _observed(self, accepted: Accepted) -> StepResult:
         with self.clock.phase("output", "results"):
@@ -197,7 +204,7 @@ class Simulation:
         tell: Callable[[str], None] = lambda line: None,
     ) -> Estimates:
         """The errors of a run, to be found piece by piece."""
-        return Estimates(self.stepper, self.data, steps, self.scene.output, on_iteration, tell)
+        return Estimates(self.stepper, steps, self.scene.output, on_iteration, tell)
 
     def time_step_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None

@@ -102,6 +102,22 @@ class Size:
             parts=_parts(mesh, dofs, contacts) if mesh.comm.size == 1 and mesh.part_count > 1 else (),
         )
 
+    def times(self, unknowns: float, on_sides: float | None = None) -> Size:
+        """A size with so many times the unknowns, and so many on contact sides; None: as many along a line.
+
+        >>> found = Size(dim=2, dofs=400, entries=4000, contact_dofs=40).times(0.25)
+        >>> found.dofs, found.entries, found.contact_dofs
+        (100, 1000.0, 20)
+        """
+        on_sides = unknowns ** (1 - 1 / self.dim) if on_sides is None else on_sides
+        return replace(
+            self,
+            dofs=round(unknowns * self.dofs),
+            entries=unknowns * self.entries,
+            contact_dofs=round(on_sides * self.contact_dofs),
+            parts=tuple((unknowns * n, on_sides * c) for n, c in self.parts),
+        )
+
     @property
     def condensed_seconds(self) -> float:
         """Predicted time [s] on one core of preparation and all steps, with the bodies in condensed form."""

@@ -76,3 +76,8 @@ class History:
             self._on_iteration(row)
 
         return record
+
+    def tick(self, time: float, number: int, volume_solves: int) -> None:
+        """Tell of a step of a clock that ends at a time [s]; there may be a million of them, so none is kept."""
+        step = Step(iteration=number, residual=0.0, volume_solves=volume_solves)
+        self._on_iteration(HistoryRow(time=time, step=step, seconds=0.0, method="clock"))

@@ -36,9 +36,8 @@ Exact = Callable[[SurfaceProblem, Solution], tuple[Solution, float]]  # from a n
 
 
 def no_memory(cone: AdmissibleSet) -> dict[str, Array]:
-    """Memory of laws at rest."""
-    laws = ((c, c.friction) for c in cone.contacts)
-    found = {c.name: law.memory(len(c.W_t)) for c, law in laws if law is not None and law.remembers}
+    """Memory of laws at t = 0."""
+    found = {c.name: c.first_memory() for c in cone.contacts if c.friction is not None and c.friction.remembers}
     for c in (c for c in cone.contacts if c.wears):
         wear = c.fields.wear if c.fields else None
         asks = {what: wear is not None and wear.asks_for(what) for what in ("slip", "pressure")}

@@ -11,7 +11,7 @@ from stickslip.geometry.arrays import EXACT, ROUNDING, Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.iteration import Correction
-from stickslip.solvers.scene.record import Energy
+from stickslip.solvers.scene.record import Energy, Event
 
 HALVINGS = 8  # a step is cut down to 1/256 before it is given up
 ENOUGH = 3  # easy substeps in a row after which the size doubles: if every second one is hard, a larger one would fail
@@ -112,6 +112,8 @@ class State:
     ground: Array = field(default_factory=lambda: np.zeros(0))  # that springs to it exert, see `GroundSprings` [N, N m]
     refined: State | None = None  # the same history with bubbles, see `solvers/accuracy`; None: it is not followed
     neighbours: tuple[State, ...] = ()  # with other numbers in the scene, see `sensitivity`; empty: nobody asks
+    events: tuple[Event, ...] = ()  # that ended in the step to this state, see `stepping/clock`
+    running: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)  # by contact, how its event began
     peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded
 
     def ahead(self, time: float, turns: Iterable[float]) -> Array:

@@ -11,6 +11,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.stepping.certificate import certified, with_others
+from stickslip.solvers.stepping.clock import ClockLoop
 from stickslip.solvers.stepping.halving import Halving
 from stickslip.solvers.stepping.history import History, HistoryRow, OnIteration, count_iterations
 from stickslip.solvers.stepping.method_chain import MethodChain
@@ -87,6 +88,7 @@ class Stepper(SubstepSolver):
         """
         super().__init__(system, chain or MethodChain(system))
         self.bolts: BoltsAndSprings = BoltsAndSprings(system)
+        self.clock = system.problem.timeline.clock  # finds the steps between requested times
         self.neighbours: Neighbours | None = None  # derivatives follow each substep, see `State.neighbours`
         self.follow()
 
@@ -95,13 +97,14 @@ class Stepper(SubstepSolver):
         found = at_rest(self.system, self.cone)
         return replace(found, neighbours=self.neighbours.start()) if self.neighbours else found
 
-    def reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:
+    def reach(self, start: State, target: float, on_iteration: OnIteration, pauses: bool = False) -> Accepted:
         """Solve one step; collective.
 
         Args:
             start: state that the step starts from.
             target: time at its end [s].
             on_iteration: called with each iteration.
+            pauses: whether a clock may end the step before that, to tell of an event.
 
         Raises:
             StepError: it was given up, see the loops.
@@ -112,7 +115,8 @@ class Stepper(SubstepSolver):
         halving = Halving(
             self.system, self.chain, (certified, with_others, self._accompanied, *filter(None, [self.neighbours]))
         )
-        loops: tuple[Loop, ...] = (Methods(self.chain), pairs, halving, self.bolts)  # inside out
+        clock = ClockLoop(self, self.clock, pauses)
+        loops: tuple[Loop, ...] = (Methods(self.chain), pairs, halving, clock, self.bolts)  # inside out
 
         def innermost(state: State, end: float) -> Attempt:
             return pairs.present.solve(state, end)

@@ -28,7 +28,7 @@ from stickslip.solvers.newton.semismooth import branches
 from stickslip.solvers.newton.uniqueness import critical
 from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.stepping.choice import Stage
-from stickslip.solvers.stepping.law_memory import LawMemory, Solving, with_memory
+from stickslip.solvers.stepping.law_memory import LawMemory, Memory, Solving, with_memory
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.state import Previous, State
 from stickslip.solvers.stepping.touch import Touch, Way
@@ -173,7 +173,7 @@ class SubstepSolver:
 
     def solve(self, state: State, end: float) -> Attempt:
         """One substep by the method in use; a failure of linear algebra ends as `Status.BROKEN`; collective."""
-        system, rows, problem = self.system, list[Step](), None
+        rows, problem = list[Step](), None
         on_step = self.chain.history.attempt(end, lambda: self.chain.stage.method, rows)
         tried = Attempt(solver=self, begin=state, solution=unsolved(state, self.surface.size, Status.BROKEN, rows))
         try:
@@ -190,12 +190,25 @@ class SubstepSolver:
             tried = replace(tried, solution=solution, problem=problem)
             if solution.status is not Status.CONVERGED:
                 return tried
-            q = problem.surface.recover(problem.load, solution.p, solution.u_c)
-            u, u_strained = displacement(system, end, q, u_s)
+            return self.ended(tried, state, u_s, load)
         except (SolverError, np.linalg.LinAlgError) as error:
             log.warning("t = %g: %s", end, error)
             broken = unsolved(state, self.surface.size, Status.BROKEN, rows)
             return replace(tried, solution=broken, problem=problem)
+
+    def ended(self, tried: Attempt, state: State, u_s: Vec, load: Vec, memory: Memory | None = None) -> Attempt:
+        """An attempt from a state with the state at its end, once its problem is solved; collective.
+
+        Args:
+            tried: with its problem, and the solution.
+            u_s: what is prescribed, over all displacements [m].
+            load: external forces, likewise [N].
+            memory: of the laws at its end; None: that of one substep.
+        """
+        problem, solution, system = tried.problem, tried.solution, self.system
+        assert problem is not None
+        end, q = problem.cone.time, problem.surface.recover(problem.load, solution.p, solution.u_c)
+        u, u_strained = displacement(system, end, q, u_s)
         new = new_state(
             system=system,
             old=state,
@@ -206,6 +219,7 @@ class SubstepSolver:
             load=load,
             p=solution.p,
             driven=solution.u_c[len(solution.u_c) - self.surface.driven :],
+            memory=memory,
         )
         if not np.isfinite([new.energy.external, new.energy.stored, new.energy.contact]).all():
             return replace(tried, solution=replace(solution, status=Status.NOT_FINITE))

@@ -14,7 +14,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.wear import WORN
 from stickslip.solvers.scene.record import Energy
-from stickslip.solvers.stepping.law_memory import LawMemory, no_memory
+from stickslip.solvers.stepping.law_memory import LawMemory, Memory, no_memory
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.system import System
 
@@ -62,31 +62,34 @@ def displacement(system: System, time: float, q: Vec, u_s: Vec) -> tuple[Vec, Ve
 
 
 def at_rest(system: System, cone: AdmissibleSet) -> State:
-    """The state at t = 0, without load, displacement or traction; collective.
+    """The state at t = 0, without displacement, and without load or traction but for initial ones; collective.
 
     Args:
         cone: of the contact rows.
     """
     zero, vector = np.zeros(cone.size), system.vector
+    first = np.concatenate(
+        [zero[:0], *(c.initial[0] for c in cone.contacts), *(c.initial[1].ravel() for c in cone.contacts)]
+    )
     nothing_yet = np.zeros(len(system.contacts))
     energy = Energy(external=0.0, stored=0.0, contact=0.0, compliance=0.0, dissipation=nothing_yet)
     driven = np.zeros(len(system.obstacles.driven))
     motion = {c.name: np.zeros_like(c.points) for c in system.contacts}
     slip = {c.name: np.zeros_like(c.surface.points) for c in system.contacts}
-    forces, rows = {name: np.zeros_like(m) for name, m in motion.items()}, system.contacts
+    forces, rows = {c.name: c.nodal_forces(*c.initial) for c in system.contacts}, system.contacts
     unstrained = np.zeros(len(system.initial.forces))
     return State(
         time=0.0,
         u=vector(),
         u_s=vector(),
-        load=vector(),
+        load=vector() if system.prestress is None else system.prestress.copy(),
         initial=unstrained,
         initial_work=unstrained,
         elongation=np.zeros(len(system.constraints.links.stiffness)),
         remote=np.zeros(system.constraints.remote.rows.shape[0]),
         ground=np.zeros(system.ground.forces.shape[0]),
         residual=vector(),
-        p=zero,
+        p=first,
         w=zero,
         motion=motion,
         driven=driven,
@@ -131,6 +134,7 @@ def new_state(
     driven: Array,
     surplus: Surplus | None = None,
     initial: Array | None = None,
+    memory: Memory | None = None,
 ) -> State:
     """The state at the time of a solved problem; collective.
 
@@ -146,6 +150,7 @@ def new_state(
         driven: displacement (o,) of the obstacles that forces drive [m].
         surplus: of a displacement that is added to that of the nodes.
         initial: values (k,) of the initial strains; None: those of the course.
+        memory: of the laws at its end; None: that of one substep.
 
     Returns:
         The state; of its `previous`, `control`, `law_error` and `peak` it knows nothing.
@@ -188,7 +193,7 @@ def new_state(
     slipping = W * p * (w - problem.gap - cone.give(p))
     dissipated = np.array([slipping[place.tangential].sum() for place in cone.places])
     lasting = LawMemory(replace(cone, contacts=contacts).at(time), old.memory, time - old.time)
-    memory = lasting.after(problem, p, w)
+    memory = lasting.after(problem, p, w) if memory is None else memory
     for k, place in enumerate(lasting.cone.places if memory else ()):
         (p_n, law), name = (p[place.normal], place.rows.friction), place.rows.name
         if (worn := f"{name}{WORN}") in memory:  # what the pressure does to what wears away is lost

@@ -80,7 +80,17 @@ class System:
         """External forces at a time [s], without reactions and initial strains, over all displacements [N]."""
         total = self.vector()
         self.loads.add_to(total, self.course, time)
+        if self.prestress is not None:
+            total.axpy(1.0, self.prestress)
         return total
+
+    @cached_property
+    def prestress(self) -> Vec | None:
+        """B^T p of initial tractions [N], which the stress of the undeformed bodies balances; None: there are none."""
+        if all(pair.contact.initial is None for pair in self.problem.pairs.values()):
+            return None
+        pairs = [c.initial for c in self.contacts]
+        return self.interface.forces([p for p, _ in pairs], [t for _, t in pairs])
 
     def prescribed(self, time: float) -> Vec:
         """u_s(t) over all displacements [m]: zero at nodes that are not prescribed; collective.

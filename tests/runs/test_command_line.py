@@ -313,7 +313,14 @@ def test_full_disk_ends_with_4(call: Call, folder: Path, monkeypatch: pytest.Mon
 
 def test_what_friction_dissipated_is_said_with_its_error(call: Call, folder: Path) -> None:
     _, out, _ = call("run", "block", "-o", "out", *COARSE, "--set=output.error=true")
-    assert re.search(r"friction dissipated [\d.]+ ± [\d.]+\*? J/m, time remainder", out)
+    assert re.search(r"friction dissipated [\d.]+ ± [\d.]+\*? J/m, time remainder \S+ ± \? J/m", out)
+    assert "\nwithout ±: exact in the digits shown; grows: has no limit" in out
+    call("run", "block", "-q", "-o", "unknown", *COARSE, "--set=output.error=false")
+    _, out, _ = call("compare", "out", "unknown")
+    row = next(line for line in out.splitlines() if "base: normal force" in line)
+    assert re.search(r"│ +[\d.]+ ± [\d.]+ │ +[\d.]+ ± \? │", row)
+    assert re.search(r"│ time \[s\] +│ +2 │ +2 │ +0 │", out)
+    assert "\nB: without ±: exact in the digits shown; ± ?: not estimated, output.error = false" in out
 
 
 def test_ctrl_c_in_a_write_leaves_readable_results(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

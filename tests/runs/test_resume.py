@@ -48,6 +48,11 @@ TANGENT = ["solver={method='tangent-cg',surface='matrix-free',tolerance=1e-6}"]
 HYSTERESIS = ["geometry.mesh_size=0.1", "steps.end=5", "steps.count=5", "output.pictures=false"]
 SECONDS = "steps.seconds=true"
 STOP = "springs.stop={at='block.right',stiffness=0.3,direction=[-1.0,0.0],acts='compression',gap=0.01}"
+CLOCK = [
+    "contacts.base.friction={law='rate_and_state',f0=0.3,a=0.01,b=0.005,Dc=0.02,V0=0.1}",
+    "supports.top.displacement.x=[[0,0],[1,0],[1.2,0.01],[1.4,0.02],[1.7,0.03],[2,0.05]]",
+    "steps={end=2.0,clock={error=1e-5,smallest=1e-9,largest=0.1}}",
+]
 HISTORIES = {
     "hysteresis": ("hysteresis", HYSTERESIS),
     "condensed-newton": ("block", [*SMALL, "solver.method=condensed-newton"]),
@@ -78,6 +83,7 @@ HISTORIES = {
         "block",
         [*SMALL, "contacts.base.friction={law='rate_and_state',f0=0.3,a=0.01,b=0.005,Dc=0.02,V0=0.1}", SECONDS],
     ),
+    "clock": ("block", [*SMALL, *CLOCK]),
     "friction by slip": ("stick_slip", ["geometry.mesh_size=0.025", "output.pictures=false", "steps.count=6"]),
     "wear": ("block", [*SMALL, "contacts.base.wear.k=0.05", "contacts.base.slide=[[0,0],[1,0],[2,0.01]]"]),
     "orthotropic": ("spruce", ["geometry.mesh_size=0.012", "output.pictures=false", "steps.count=6"]),
@@ -86,7 +92,7 @@ HISTORIES = {
 }
 QUICK = (
     *("springs of one way", "substeps", "friction by slip", "friction by slip rate", "tangent-cg"),
-    *("surface-uzawa", "sliding", "block-uzawa, compliance", "wear"),
+    *("surface-uzawa", "sliding", "block-uzawa, compliance", "wear", "clock"),
 )
 WITHOUT_ERRORS = ("springs of one way", "friction by slip")  # others are resumed with them
 EACH = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in HISTORIES]
@@ -126,7 +132,7 @@ def test_every_method_goes_on_to_the_same_bits(name: str, tmp_path: Path) -> Non
     ready, words = HISTORIES[name]
     scene = read(ready, [*words, f"output.error={'false' if name in WITHOUT_ERRORS else 'full'}"])
     _, content = run(scene, tmp_path / "whole")
-    assert (max(step["substeps"] for step in content["steps"]) > 1) == (name == "substeps")
+    assert (max(step["substeps"] for step in content["steps"]) > 1) == (name in ("substeps", "clock"))
     outcome, _ = run(scene, tmp_path / "out", Watch(on_step=Stop(3)))
     assert (outcome.status, len(result(tmp_path / "out")["steps"])) == ("interrupted", 3)
     outcome, _ = run(scene, tmp_path / "out", resume=True)

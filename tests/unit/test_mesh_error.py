@@ -10,7 +10,7 @@ from stickslip import ErrorParts, Quantity, Simulation, StepResult, prepare, rea
 from stickslip.solvers.accuracy.areas import areas_inside_facets
 from stickslip.solvers.accuracy.histories import OtherHistory, cells_along
 from stickslip.solvers.accuracy.mesh_error import Better, errors_of_step
-from stickslip.solvers.accuracy.nested_run import Corners
+from stickslip.solvers.accuracy.nested_run import Corners, cut_cells
 from stickslip.solvers.results.step_result import quantities
 
 COARSE = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"]
@@ -27,10 +27,13 @@ def solved() -> tuple[Simulation, StepResult]:
 def test_stated_is_the_larger_of_two_differences() -> None:
     simulation, last = solved()
     times, system = simulation.scene.requested_times(), simulation.system
-    better, coarser = OtherHistory.of_order(system, 2), OtherHistory.coarser(system, 2.0)
+    steps, raised = list(simulation.steps()), OtherHistory.of_order(system, 2).stepper.system
+    cut = cut_cells(system, raised, steps, lambda size: True)
+    assert cut is not None
+    better, coarser = OtherHistory.on(system, cut), OtherHistory.coarser(system, 2.0)
     (*_, fine), (*_, rough) = better(times), coarser(times)
     areas = areas_inside_facets(better.stepper.system.contacts, fine)
-    *_, errors = simulation.errors(list(simulation.steps()))
+    *_, errors = simulation.errors(steps)
     judged = 0
     for key, value in quantities(last).items():
         if key.kind in ("bodies", "probes") or errors[key].converges is False:

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,10 +16,11 @@ from stickslip.geometry.nested_mesh import EDGES, FlatMesh
 from stickslip.geometry.shape import Request
 from stickslip.geometry.user_files.meshing import cut_to_sizes
 from stickslip.geometry.user_files.raw_mesh import LOCAL_FACETS, RawMesh, check_neighbours
-from stickslip.solvers.accuracy import nested_run
-from stickslip.solvers.accuracy.nested_run import NestedRun, Places, flat_mesh
+from stickslip.solvers.accuracy.histories import OtherHistory
+from stickslip.solvers.accuracy.nested_run import Places, cut_cells, flat_mesh
 from stickslip.solvers.results.step_result import Errors, Quantity, StepResult, quantities
 from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.stepping.choice import Size
 from stickslip.workflows.scene_file.read import read
 
 CORNERS = {"triangle": 3, "quadrilateral": 4}
@@ -218,27 +218,29 @@ def test_cells_around_a_probe_are_cut() -> None:
     assert (np.linalg.norm(x - point, axis=1) < 2 * size).sum() >= 3
 
 
-def test_what_is_too_dear_is_cut_once_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    simulation, steps = solved("block", *COARSE)
-    run = NestedRun(simulation.stepper, simulation.data, lambda row: None)
-    fine, asked = run._cut_mesh(steps), list[float]()
+@pytest.mark.parametrize("order", [1, 2])
+def test_what_is_too_dear_is_cut_once_or_not_at_all(order: int) -> None:
+    """Then order 2 on the run's own cells tells of order 1, and longer cells alone of order 2."""
+    simulation, steps = solved("block", *COARSE, f"geometry.order={order}")
+    own, raised = simulation.system, OtherHistory.of_order(simulation.system, 2).stepper.system
+    asked = list[float]()
 
-    def price(size: Any) -> float:
-        asked.append(size.dofs)
-        return float(size.dofs)
+    def cut(most: float) -> FlatMesh | None:
+        def fits(size: Size) -> bool:
+            asked.append(size.dofs)
+            return size.dofs <= most
 
-    monkeypatch.setattr(nested_run, "_seconds", price)
-    monkeypatch.setattr(nested_run, "SOON", 0.0)
-    monkeypatch.setattr(nested_run, "MOST", 1e9)
-    assert len(run._cut_mesh(steps).points) == len(fine.points)
-    own, dear = asked
-    monkeypatch.setattr(nested_run, "MOST", 0.999 * dear / own)
-    coarser = run._cut_mesh(steps)
-    assert len(simulation.data.points) < len(coarser.points) < len(fine.points)
-    monkeypatch.setattr(nested_run, "MOST", 1.0)
-    assert run._cut_mesh(steps) is None
-    parts = simulation.errors(steps)[-1][Quantity("contacts", "base", "normal_force")]
-    assert parts.by == "rough"
+        return cut_cells(own, own if order == 2 else raised, steps, fits)
+
+    fine = cut(np.inf)
+    coarser = cut(0.999 * asked[1])  # after that of cells as they are
+    assert raised.mesh.node_count < len(coarser.points) < len(fine.points)
+    assert cut(raised.constraints.free_total) is None
+    estimates = simulation.estimates(steps)
+    choice = replace(estimates.choose(), room=0.0)
+    estimates.solve(choice)
+    parts = estimates.errors[-1][Quantity("contacts", "base", "normal_force")]
+    assert parts.by == ("rough" if order == 2 else "order 2")
     assert parts.total > 0
 
 

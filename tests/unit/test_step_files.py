@@ -439,7 +439,8 @@ def test_results_show_themselves_in_a_line_and_as_a_table(folder: Path) -> None:
     for shown in (base, loaded.steps[-1], loaded, loaded.mesh):
         assert len(repr(shown)) < 300
     for table in (base, loaded.steps[-1], loaded):
-        assert f"<td>normal_force</td><td>{base.normal_force:.6g}</td>" in table._repr_html_()
+        said = f"{base.normal_force:.6g}" if table is not loaded else f"{base.normal_force:.5g} ± ?"
+        assert f"<td>normal_force</td><td>{said}</td>" in table._repr_html_()
 
 
 def test_a_body_has_its_largest_values() -> None:

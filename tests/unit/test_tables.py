@@ -18,9 +18,10 @@ from rich.table import Table
 import stickslip
 from shared.synthetic import job_of, mesh_of, result_of
 from stickslip.geometry.errors import MachineError
-from stickslip.solvers.results.step_result import MeshData, StepResult, values
+from stickslip.solvers.results.step_result import PARTS, MeshData, StepResult, values
 from stickslip.workflows.formats.csv_tables import read_steps_table
 from stickslip.workflows.formats.marker import MARKER, mark
+from stickslip.workflows.formats.results import legend
 from stickslip.workflows.run.terminal import console, contact_cells, print_table
 from stickslip.workflows.writers.tables import ContactTables, HistoryTable, ProbeTable, StepsTable, steps_row
 from stickslip.workflows.writers.writer import Ended, Writer
@@ -261,3 +262,33 @@ def test_a_penetration_of_rounding_is_zero() -> None:
     contact = {"max_penetration": 1e-17, "error": {"max_penetration": {"mesh": 2e-17, "converges": True}}}
     assert contact_cells(contact, ["max_penetration"], moved=0.1) == ["0"]
     assert contact_cells(contact, ["max_penetration"], moved=1e-6) == ["(1 ± ≥2)e-17"]
+
+
+WHOLE = dict.fromkeys(PARTS, 0.0) | {"converges": True}
+STOPPED = WHOLE | {"mesh": None, "lacking": {"mesh": 3.0}}  # as of an interrupted run
+
+
+@pytest.mark.parametrize(
+    ("error", "asked", "cell", "said"),
+    [
+        (WHOLE, True, "4", None),
+        (WHOLE | {"mesh": 0.02}, True, "4.00 ± 0.02", None),
+        (STOPPED, True, "4 ± ?", "± ≥, ± ?: without the error of the mesh (3 times the run)"),
+        (STOPPED | {"law": 0.02}, "rough", "4.00 ± ≥0.02", "± ≥, ± ?: without the error of the mesh (3 times the run)"),
+        (STOPPED | {"lacking": {}}, True, "4 ± ?", "± ?: not estimated, the mesh's part cannot be told"),
+        (WHOLE | {"mesh": None, "converges": False}, True, "4 (grows)", "grows: has no limit on ever finer meshes"),
+        (None, False, "4 ± ?", "± ?: not estimated, output.error = false"),
+        (None, True, "4 ± ?", "± ?: not estimated, the run has left no estimates"),
+    ],
+)
+def test_a_number_alone_is_exact_and_else_a_line_says_why_it_has_no_error(
+    error: dict[str, Any] | None, asked: bool | str, cell: str, said: str | None
+) -> None:
+    contact = {"normal_force": 4.0, "error": error and {"normal_force": error}}
+    assert contact_cells(contact, ["normal_force"]) == [cell]
+    step = {"contacts": {"base": contact, "open": None}, "energy": {"stored": 1.0, "error": {"stored": WHOLE}}}
+    one = step if error else {"contacts": {"base": contact}}
+    found = legend({"scene": {"output": {"error": asked}}, "steps": [one]})
+    assert found.startswith("without ±: exact in the digits shown")
+    assert found.count(";") == (said is not None)
+    assert (said or "") in found

@@ -119,6 +119,27 @@ def pin() -> dict[str, Any]:
     }  # fmt: skip
 
 
+def wedge() -> dict[str, Any]:
+    """A wedge pressed into a groove, then let go: strongly singular ends of contact."""
+    cos, sin = float(np.cos(np.radians(22))), float(np.sin(np.radians(22)))
+    sides = {"left": (-0.5, cos, 0.2), "right": (0.5, -cos, 0.5)}
+    return {
+        "model": "plane strain",
+        "geometry": {"builder": "wedge", "half_angle": 22.0, "bottom_width": 1.0, "height": 1.0, "mesh_size": 0.15},
+        "bodies": {"wedge": {"E": 1.0, "nu": 0.3}},
+        "obstacles": {
+            side: {"shape": "plane", "point": [x, 0.0], "normal": [across, sin]}
+            for side, (x, across, _) in sides.items()
+        },
+        "contacts": {
+            side: {"surface": f"wedge.{side}", "against": side, "friction": {"law": "coulomb", "mu": mu}}
+            for side, (*_, mu) in sides.items()
+        },
+        "loads": {"top": {"boundary": "wedge.top", "force": [0.0, [[0, 0], [1, -0.1], [2, -0.02]]]}},
+        "steps": {"end": 2.0, "count": 4},
+    }
+
+
 def heated() -> dict[str, Any]:
     """A ring heated in a rigid bore of its own radius."""
     return {
@@ -182,7 +203,7 @@ def run(tables: Mapping[str, Any]) -> Run:
 
 @cache
 def of_scene(name: str) -> Run:
-    return run({"squeezed": squeezed, "disc": disc, "dragged": dragged, "pin": pin}[name]())
+    return run({"squeezed": squeezed, "disc": disc, "dragged": dragged, "pin": pin, "wedge": wedge}[name]())
 
 
 def check(of: Run, number: str, time: float, true: float, axis: int | None = None) -> None:
@@ -212,9 +233,12 @@ def test_force_of_tetrahedra_of_order_2_on_a_curved_side(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("scene", "number", "time", "true", "axis"),
     [  # true: order 2 on cells 6 to 12 times finer, in 16 times the steps
+        ("squeezed", "contacts.outside.floor.max_pressure", 0.5, 1.23, None),
         ("squeezed", "contacts.outside.floor.max_pressure", 2.0, 1.80, None),
         ("disc", "contacts.pole.force", 2.5, 0.012131, 0),
         ("dragged", "contacts.base.stick_area", 3.0, 1.5146, None),
+        ("wedge", "contacts.right.tangential_force", 0.5, 0.01780, None),
+        ("wedge", "contacts.right.tangential_force", 1.5, 0.01999, None),
         ("pin", "contacts.fit.max_pressure", 1.0, 199.51, None),  # at a plane of symmetry; it has a limit
     ],
 )

@@ -47,7 +47,9 @@ class Level:
         with prefixed("geometry"):
             geometry = scene.geometry if self.factor == 1 else scene.geometry.refined(self.factor)
             geometry = replace(geometry, order=self.order)
-        steps = replace(scene.steps, count=scene.steps.count * self.splits)
+        clock, n = scene.steps.clock, self.splits
+        finer = {"count": scene.steps.count * n} if clock is None else {"clock": replace(clock, error=clock.error / n)}
+        steps = replace(scene.steps, **finer)
         solver = scene.solver if self.tolerance is None else replace(scene.solver, tolerance=self.tolerance)
         return replace(scene, geometry=geometry, steps=steps, solver=solver)
 

@@ -11,6 +11,7 @@ from stickslip.geometry.errors import SceneError, shortened
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.commands.process import complain, say, speaks
 from stickslip.workflows.formats.marker import read_checked_json
+from stickslip.workflows.formats.results import legend
 from stickslip.workflows.run.folder import RESULT, place_of
 from stickslip.workflows.run.resume import FINISHED
 from stickslip.workflows.run.terminal import (
@@ -69,16 +70,19 @@ def _print(done: Sweep, scene: Scene) -> None:
     """The keys that are swept, and the main numbers of each contact in the last step of what is solved."""
     if not done.solved:  # other ranks
         return
-    numbers, rows = contact_numbers(scene.model, scene.labels), []
+    numbers, rows, notes = contact_numbers(scene.model, scene.labels), [], dict[str, None]()
     del numbers["max_penetration"]
     keys = short(list(done.solved[0].member.values))
     for one in done.solved:
         content = read_checked_json(place_of(one.folder) / RESULT) if one.status in FINISHED else {}
         steps = content.get("steps") or [{}]
+        notes |= {legend(content): None} if content else {}
         values = [shortened(said(value), 24) for value in one.member.values.values()]
         for name, contact in (steps[-1].get("contacts") or {"-": None}).items():
             rows.append((*values, name, *contact_cells(contact, numbers)))
-    print_table(table_of((*keys.values(), "contact", *numbers.values()), rows, ("contact",)), console(160))
+    out = console(160)
+    print_table(table_of((*keys.values(), "contact", *numbers.values()), rows, ("contact",)), out)
+    out.print("\n".join(notes), end="\n" * bool(notes), soft_wrap=True)
 
 
 def _parsed(words: Sequence[str]) -> dict[str, Any]:

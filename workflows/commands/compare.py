@@ -29,8 +29,6 @@ def compare(
     first, second = found(a, complain), found(b, complain)
     out = console(160, quiet=not speaks())
     out.print(f"A: {a}, {first.title}\nB: {b}, {second.title}")
-    if said := report_compare.unlike(first, second):
-        out.print(said, soft_wrap=True)
     for one in report_compare.compare(first, second):
         table = table_of(one.head, one.rows, one.head[: one.words])
         table.title, table.title_justify = one.title, "left"
@@ -38,6 +36,7 @@ def compare(
             print_table(table, out)
         else:
             out.print(table)  # words are folded
+    out.print("\n".join(report_compare.notes(first, second)), soft_wrap=True)
     if output is not None and speaks():
         write_output(output, report_compare.compare_page(first, second).encode())
         out.print(f"wrote {output}")

@@ -36,7 +36,7 @@ def sensitivity(
     from stickslip.geometry.errors import require_known
     from stickslip.solvers.results.step_result import StepResult, names_of, slope_columns, slopes_of, walk
     from stickslip.solvers.scene.parameters import Sensitivity
-    from stickslip.workflows.formats.plus_minus import of_parts, parts_of
+    from stickslip.workflows.formats.plus_minus import error_of, of_parts
     from stickslip.workflows.pictures.tornado import draw_tornado, swings
     from stickslip.workflows.run.ranks import from_rank_0
     from stickslip.workflows.run.run import run
@@ -80,8 +80,8 @@ def sensitivity(
                 rows.append((by, " | ".join(f"{side:.6g}" for side in both), share, bar))
             table = table_of(("by", "derivative", "% by 1 %", ""), rows, ("by", ""))
             owner = told[key.kind][key.name] if key.name else told[key.kind]
-            error = parts_of((owner.get("error") or {}).get(key.quantity), axis)
-            table.title, table.title_justify = f"{name} = {of_parts(number, error)}", "left"
+            said = of_parts(number, error_of(owner, key.quantity, axis))
+            table.title, table.title_justify = f"{name} = {said}", "left"
             print_table(table, out)
             if runs is not None:
                 size, (low, high) = inputs[f"{name}.uncertainty"], runs.spread(name, number)

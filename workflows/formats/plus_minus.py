@@ -14,10 +14,11 @@ from stickslip.solvers.results.step_result import PARTS, ErrorParts
 MOST_PLACES = 6  # behind the point
 PLAIN = 1e5  # smaller numbers have no exponent
 AT_LEAST = "≥"  # before a stated error that lacks a part
+UNKNOWN = "?"  # in place of an error that is not estimated, or only in parts beside which it is exact
 
 
 def plus_minus(value: float, error: float | None, converges: bool | None = None, incomplete: bool = False) -> str:
-    """A number and its error, with as many digits as that leaves.
+    """A number and its error, with as many digits as that leaves; alone it is exact in the digits shown.
 
     Args:
         error: in the unit of the number; None: not known.
@@ -25,14 +26,16 @@ def plus_minus(value: float, error: float | None, converges: bool | None = None,
         incomplete: whether the error lacks a part.
 
     >>> plus_minus(0.242957, 0.0002), plus_minus(0.242957, None, False), plus_minus(0.242957, None)
-    ('0.2430 ± 0.0002', '0.24 (grows)', '0.24296')
+    ('0.2430 ± 0.0002', '0.24 (grows)', '0.24296 ± ?')
+    >>> plus_minus(4.0, 0.0), plus_minus(4.0, 0.0, incomplete=True)
+    ('4', '4 ± ?')
     >>> plus_minus(1324.0, 87.0), plus_minus(0.0, 3.0), plus_minus(2.1e7, 3e5)
     ('1320 ± 90', '0 ± 3', '(2.10 ± 0.03)e+07')
     """
     if converges is False:
         return f"{value:.2g} (grows)"
     if error is None or not error > CLOSE * abs(value):  # of a number: a smaller error is not shown
-        return f"{value:.5g}"
+        return f"{value:.5g}" + f" ± {UNKNOWN}" * (error is None or incomplete)
     least = AT_LEAST if incomplete else ""
     error = float(f"{error:.0e}")
     last = math.floor(math.log10(error))  # place of its only digit
@@ -63,6 +66,11 @@ def parts_of(told: Mapping[str, Any] | None, component: int | None = None) -> Er
     told = told or {}
     dear = {name: cost for name, cost in (told.get("lacking") or {}).items() if cost is not None}
     return ErrorParts(**{name: part(told.get(name)) for name in (*PARTS, "converges", "by", "unsure")}, dear=dear)
+
+
+def error_of(numbers: Mapping[str, Any], key: str, component: int | None = None) -> ErrorParts:
+    """The same of a number of a record."""
+    return parts_of((numbers.get("error") or {}).get(key), component)
 
 
 def stated(parts: ErrorParts) -> float | None:

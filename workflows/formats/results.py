@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 from stickslip.geometry.arrays import SLIGHT, AnyArray
 from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import Units
+from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.parallel.counters import PHASES, Row
 from stickslip.solvers.results.step_result import PARTS, told
 from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of
@@ -22,7 +23,7 @@ from stickslip.workflows.formats.files import json_text, parse_json, read_json
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.marker import RESULT, checksums, marker_of, own_files, read_checked_json, text_of
 from stickslip.workflows.formats.mesh_file import MESH_FILE
-from stickslip.workflows.formats.plus_minus import of_parts, parts_of
+from stickslip.workflows.formats.plus_minus import AT_LEAST, UNKNOWN, missing, of_parts, parts_of
 from stickslip.workflows.formats.steps import light_files, read_checkpoint, step_files
 
 BEGUN, LOG = "begun.json", "run.log"
@@ -119,6 +120,35 @@ def error_budget(content: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tupl
     head = [key for key in ("number", "±", *PARTS, "model", INPUTS, WITH_INPUTS) if any(key in row for row in found)]
     rows = [tuple(row.get(key, "–") for key in head) for row in found]
     return tuple(key.replace("_", " ") for key in head), rows if len(head) > len(("number", "±")) else []
+
+
+def legend(content: Mapping[str, Any]) -> str:
+    """What marks beside the numbers of result.json mean, and why errors are not estimated, in a line."""
+    owners = [own for step in content["steps"] for kind in records() for own in by_name(kind, step.get(kind)).values()]
+    every = [parts_of(error) for own in owners if own for error in (own.get("error") or {}).values()]
+    lacking = {name: cost for parts in every if missing(parts) for name, cost in parts.lacking.items()}
+    said = {name: f" ({cost:.2g} times the run)" if cost else " (not known)" for name, cost in lacking.items()}
+    unknown = "output.error = false" if not (content["scene"].get("output") or {}).get("error", True) else ""
+    if any(parts.total is None and parts.converges is not False for parts in every):
+        unknown = "the mesh's part cannot be told"
+    notes = ["without ±: exact in the digits shown"]
+    if unknown or not every:
+        notes.append(f"± {UNKNOWN}: not estimated, {unknown or 'the run has left no estimates'}")
+    if without := [name.replace("_", " ") + said[name] for name in PARTS if name in lacking]:
+        notes.append(f"± {AT_LEAST}, ± {UNKNOWN}: without the error of the {listed(without)}")
+    if any(parts.converges is False for parts in every):
+        notes.append("grows: has no limit on ever finer meshes, as at a sharp edge")
+    return "; ".join(notes)
+
+
+def listed(names: Iterable[str]) -> str:
+    """As one says it.
+
+    >>> listed(["a", "b", "c"])
+    'a, b and c'
+    """
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def read_results(folder: Path) -> Results:

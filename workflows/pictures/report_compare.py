@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 from stickslip.geometry.errors import FolderError
 from stickslip.solvers.effects import by_name, records
-from stickslip.solvers.results.step_result import ErrorParts
+from stickslip.solvers.results.step_result import PARTS, ErrorParts
 from stickslip.solvers.scene.record import numbers_of, singular
-from stickslip.workflows.formats.plus_minus import missing, of_parts, parts_of, plus_minus, stated
-from stickslip.workflows.formats.results import Results
+from stickslip.workflows.formats.plus_minus import error_of, missing, of_parts, plus_minus, stated
+from stickslip.workflows.formats.results import Results, legend
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.pictures.report_page import PHASES, as_written
 
@@ -50,16 +50,17 @@ def compare(a: Results, b: Results) -> list[Compared]:
     return [one for one in found if one.rows]
 
 
-def unlike(a: Results, b: Results) -> str:
-    """One line where the two have other units; else empty."""
+def notes(a: Results, b: Results) -> list[str]:
+    """What marks beside the numbers mean, and that the two have other units."""
     one, other = (r.scene.get("units", "SI") for r in (a, b))
+    mine, theirs = legend(a.content), legend(b.content)
     said = f"A is in {one}, B in {other}: numbers stand as each run has them, and are not compared"
-    return "" if a.units == b.units else said
+    return [*([mine] if mine == theirs else [f"A: {mine}", f"B: {theirs}"]), *[said] * (a.units != b.units)]
 
 
 def compare_page(a: Results, b: Results) -> str:
     """The tables as a page."""
-    return render("pictures/report/compare.html", a=a, b=b, unlike=unlike(a, b), tables=compare(a, b))
+    return render("pictures/report/compare.html", a=a, b=b, notes=notes(a, b), tables=compare(a, b))
 
 
 def _asked(a: Results, b: Results) -> Rows:
@@ -89,8 +90,8 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, str]]:
 
 
 def _numbers(a: Results, b: Results) -> Iterator[tuple[str, ...]]:
-    last = a.reported[-1], b.reported[-1]
-    yield _difference("time [s]", *last, "time")
+    last, given = (a.reported[-1], b.reported[-1]), {"error": {"time": dict.fromkeys(PARTS, 0.0)}}
+    yield _difference("time [s]", {**last[0], **given}, {**last[1], **given}, "time")
 
     def alike(of: str) -> bool:
         return a.unit(of) == b.unit(of)
@@ -124,7 +125,7 @@ def _difference(
         value = value[place] if isinstance(value, list) and place is not None and place < len(value) else value
         if not isinstance(value, int | float):
             return None, NOTHING, ErrorParts()
-        parts = parts_of((owner.get("error") or {}).get(key), place)
+        parts = error_of(owner, key, place)
         return value, of_parts(value, parts), parts
 
     (mine, told, parts), (theirs, told_too, parts_too) = of(a), of(b)
@@ -134,7 +135,7 @@ def _difference(
     known = None if error is None or error_too is None else error + error_too
     incomplete = bool(missing(parts) or missing(parts_too))
     relative = f"{100 * change / abs(mine):+.3g} %" if mine and change else NOTHING
-    within = NOTHING if known is None else "yes" if abs(change) <= known else "no"
+    within = "yes" if known is not None and abs(change) <= known else NOTHING if known is None or incomplete else "no"
     return words, told, told_too, plus_minus(change, known, incomplete=incomplete) if change else "0", relative, within
 
 

@@ -25,8 +25,8 @@ from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of, singular
 from stickslip.workflows.formats.files import write_output
 from stickslip.workflows.formats.marker import declare, is_marked, read_checked
-from stickslip.workflows.formats.plus_minus import AT_LEAST, missing, of_parts, parts_of, stated
-from stickslip.workflows.formats.results import HEAD, Results, error_budget, profile_rows
+from stickslip.workflows.formats.plus_minus import error_of, of_parts, stated
+from stickslip.workflows.formats.results import HEAD, Results, error_budget, legend, profile_rows
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.pictures.report_view import model
 from stickslip.workflows.pictures.sheet import COLOURS, CURVES, RAISED, STATUS_COLOURS, STATUS_WORDS, ticks
@@ -85,7 +85,6 @@ def page(results: Results) -> str:
         steps=steps,
         of=_modelled(results),
         last=_last(results) if steps else None,
-        missing=AT_LEAST,
         budget=Table(*error_budget(content)),
         mesh_error=f"{error:.1%}" if (error := (content.get("error") or {}).get("discretisation")) else "",
         rounds=(content.get("accuracy") or {}).get("rounds") or (),
@@ -105,9 +104,7 @@ def number(owner: Told, key: str, component: int | None = None) -> str:
     """A number of a step with its error; a dash if it is not there."""
     value = owner.get(key)
     value = value[component] if component is not None and isinstance(value, list) else value
-    if not isinstance(value, int | float):
-        return "–"
-    return of_parts(value, parts_of((owner.get("error") or {}).get(key), component))
+    return of_parts(value, error_of(owner, key, component)) if isinstance(value, int | float) else "–"
 
 
 def _kind(status: str) -> str:
@@ -133,7 +130,7 @@ def _modelled(results: Results) -> list[str]:
 
 
 def _last(results: Results) -> dict[str, Any]:
-    """The last step: numbers of its contacts, and what their errors lack."""
+    """The last step: numbers of its contacts, and what marks beside them mean."""
     last = results.reported[-1]
     contacts = {name: c for name, c in (last.get("contacts") or {}).items() if c}
     rows = [
@@ -144,15 +141,7 @@ def _last(results: Results) -> dict[str, Any]:
     head, *rows = [("contact", *contacts), *rows]
     if len(contacts) > 3:  # then below each other
         head, *rows = [*zip(head, *rows, strict=True)]
-    lacking = {
-        part for c in contacts.values() for told in (c.get("error") or {}).values() for part in missing(parts_of(told))
-    }
-    return {
-        "time": f"{last['time']:g}",
-        "contacts": Table(head, rows),
-        "grows": any("(grows)" in cell for row in rows for cell in row),
-        "lacking": sorted(part.replace("_", " ") for part in lacking),
-    }
+    return {"time": f"{last['time']:g}", "contacts": Table(head, rows), "legend": legend(results.content)}
 
 
 def _view(data: Told | None) -> dict[str, Markup | str]:
@@ -193,7 +182,7 @@ def _panels(results: Results) -> list[Panel]:
         for one in found:
             value = one.get(key)
             value = value[component] if component is not None and isinstance(value, list) else value
-            error = stated(parts_of((one.get("error") or {}).get(key), component))
+            error = stated(error_of(one, key, component))
             values.append(np.nan if value is None else value)
             errors.append(np.nan if error is None else error)
         return Curve(name=name, values=np.array(values, float), error=np.array(errors, float))

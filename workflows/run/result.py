@@ -43,7 +43,7 @@ from stickslip.solvers.results.step_result import (
 )
 from stickslip.solvers.results.verdict import limits
 from stickslip.solvers.scene.problem import PlanRow
-from stickslip.solvers.scene.record import RecordType, numbers_of
+from stickslip.solvers.scene.record import Event, RecordType, numbers_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Stage
@@ -120,6 +120,7 @@ def summary(
             told(step, each) | {"audit": audit and asdict(audit)}
             for step, each, audit in zip(steps, errors or nothing, audits or nothing, strict=True)
         ],
+        "events": [event._asdict() for step in steps for event in step.events],
         "counters": {
             "unknowns": {
                 "displacement": simulation.system.constraints.free_total,
@@ -239,6 +240,7 @@ def _result() -> Any:
         "contact_points": int,
         "plan": list[PlanRow],
         "steps": LIST[_reported_step()],
+        "events": Annotated[list[Event], Key("", "that a clock has found")],
         "counters": _table("Counters", counted, "What the run has done so many times."),
         "audit": Annotated[Audit | None, Key("", "the largest defects of all steps")],
         "verdict": _table("Verdict", judged) | None,

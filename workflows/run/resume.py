@@ -189,7 +189,7 @@ def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
             done = "its results are in their place now"
         return EarlierRun(finished=ended, notes=(f"{results.target}: the run is finished; {done}",))
     _refuse_versions(begun, results.target)
-    found = _read(folder, scene.requested_times(), run_of(begun))
+    found = _read(folder, None if scene.steps.clock else scene.requested_times(), run_of(begun))
     if folder == results.place and (folder / RESULT).exists() and not is_certified(folder / RESULT):
         if not found.steps:
             raise MachineError(f"{folder / RESULT}: was changed after the run, and its steps are gone; {UNTOUCHED}")
@@ -213,7 +213,8 @@ def note_choice(folder: Path, choice: Choice) -> None:
     write_json(folder / BEGUN, read_checked_json(folder / BEGUN) | {CHOICE: asdict(choice)})
 
 
-def _read(folder: Path, times: Sequence[float], run: str) -> EarlierRun:
+def _read(folder: Path, times: Sequence[float] | None, run: str) -> EarlierRun:
+    """Read what there is of a run whose steps end at these times [s]; None: a clock finds them."""
     steps: list[StepResult] = []
     references, last, notes = [""], None, []
     files = step_files(folder)
@@ -231,7 +232,7 @@ def _read(folder: Path, times: Sequence[float], run: str) -> EarlierRun:
             raise MachineError(f"{error}; {later}{UNTOUCHED}") from None
         if of != run:
             raise MachineError(f"{folder / step_name(index)}: is a step of another run; {UNTOUCHED}")
-        if index > len(times) or step.time != times[index - 1]:
+        if times is not None and (index > len(times) or step.time != times[index - 1]):
             if index == count:  # as far as a step came that failed
                 break
             raise MachineError(f"{folder / step_name(index)}: is not that step: its t = {step.time:g}; {UNTOUCHED}")
@@ -243,7 +244,7 @@ def _read(folder: Path, times: Sequence[float], run: str) -> EarlierRun:
         references.append(last.learnt)
     steps = steps[:whole]
     learnt = is_kept(folder, references[-1])
-    if last and not learnt and len(steps) < len(times):
+    if last and not learnt and (times is None or len(steps) < len(times)):
         notes.append("what the method had learnt is lost: the answer is the same to the tolerance, not to the last bit")
     before = references[-2] if last else ""
     return EarlierRun(steps=tuple(steps), last=last, learnt_before=before, learnt=learnt, notes=tuple(notes))

@@ -197,7 +197,7 @@ class Run:
         self._on_rank_0(self._find_folder)
         accepted, scene = self._simulation.reported, self._simulation.scene
         assert accepted is not None
-        stored = scene.output.stores(index) or index == len(scene.requested_times())
+        stored = scene.output.stores(index) or step.time == scene.requested_times()[-1]
         with self._simulation.clock.part("step files"):
             checkpoint = self._checkpoints.take(accepted)
             learnt = self._learnt.write(index, self._checkpoints.learnt()) if stored else ""

@@ -20,6 +20,7 @@ from stickslip.solvers.scene.record import CONTACT_NUMBERS
 from stickslip.workflows.formats.csv_tables import STEPS, read_steps_table
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_from
+from stickslip.workflows.formats.plus_minus import error_of, of_parts
 from stickslip.workflows.formats.results import Results, read_results
 from stickslip.workflows.formats.steps import light_files, read_checkpoint, step_name
 from stickslip.workflows.run.folder import BEGUN, RESULT, work_of
@@ -117,8 +118,8 @@ class Loaded:
         """A table of the contacts at the last step, for notebooks."""
         last: Mapping[str, Any] = next(reversed(self.result["steps"]), {"time": 0.0, "contacts": {}})
         kept = {
-            name: {key: contact[key] for key in CONTACT_NUMBERS if contact.get(key) is not None}
-            for name, contact in last["contacts"].items()
+            name: {key: of_parts(own[key], error_of(own, key)) for key in CONTACT_NUMBERS if own.get(key) is not None}
+            for name, own in last["contacts"].items()
         }
         return f"<p>{escape(repr(self))}</p>" + html_table(f"t = {last['time']:g}", kept)
 

@@ -27,12 +27,12 @@ from stickslip.geometry.errors import printable
 from stickslip.geometry.units import Units
 from stickslip.solvers.accuracy.budget import BETTER, COARSER, PAIRS, TIME
 from stickslip.solvers.parallel.counters import Clock
-from stickslip.solvers.results.step_result import PARTS, ErrorParts, StepResult
+from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.workflows.formats.plus_minus import AT_LEAST, missing, of_parts, parts_of, stated, with_error
-from stickslip.workflows.formats.results import error_budget
+from stickslip.workflows.formats.plus_minus import error_of, of_parts, stated, with_error
+from stickslip.workflows.formats.results import error_budget, legend, listed
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.watch import Watch
@@ -200,8 +200,7 @@ class Reporter(Speaker):
         out.print(content["scene"]["title"])
         if content["steps"]:
             print_table(_contacts(content), out)
-            if lacking := _incomplete(content):
-                out.print(f"{AT_LEAST} without the error of the {listed(lacking)}: see docs")
+            out.print(legend(content), soft_wrap=True)
         else:
             out.print("no step was solved")
         head, rows = error_budget(content)
@@ -224,9 +223,9 @@ class Reporter(Speaker):
         if content["steps"] and content["steps"][-1]["energy"]["dissipated"] > 0:
             energy, units = content["steps"][-1]["energy"], Units.of(content["scene"].get("units", "SI"))
             unit = units("J/m" if content["scene"]["model"].startswith("plane") else "J")
-            dissipated = with_error(energy["dissipated"], _parts(energy, "dissipated"), unit)
+            dissipated = with_error(energy["dissipated"], error_of(energy, "dissipated"), unit)
             wears = any("max_wear" in contact for contact in content["steps"][-1]["contacts"].values())
-            left = f"{energy['time_remainder']:.2g} {unit}"
+            left = with_error(energy["time_remainder"], None, unit)
             out.print(f"friction{' and wear' * wears} dissipated {dissipated}, time remainder {left}")
 
     def files(self, outcome: Outcome) -> None:
@@ -256,16 +255,6 @@ def time_left(seconds: float) -> str:
         return ""
     minutes = seconds / 60
     return f", about {minutes:.0f} minutes left" if minutes < 120 else f", about {minutes / 60:.1f} hours left"
-
-
-def listed(names: Iterable[str]) -> str:
-    """As one says it.
-
-    >>> listed(["a", "b", "c"])
-    'a, b and c'
-    """
-    *others, last = names
-    return f"{', '.join(others)} and {last}" if others else last
 
 
 class Terminal(Console):
@@ -340,25 +329,11 @@ def contact_cells(contact: Content | None, keys: Iterable[str], moved: float = 0
 
 
 def _cell(contact: Content, key: str, moved: float) -> str:
-    value, parts = contact[key], _parts(contact, key)
+    value, parts = contact[key], error_of(contact, key)
     # of the displacement: so small a penetration is that of the solution's digits
     if key == "max_penetration" and value + (stated(parts) or 0.0) <= EXACT * moved:
         return "0"
     return of_parts(value, parts)
-
-
-def _parts(numbers: Content, key: str) -> ErrorParts:
-    """The error of a number, from result.json."""
-    return parts_of((numbers.get("error") or {}).get(key))
-
-
-def _incomplete(content: Content) -> list[str]:
-    """Parts that some stated error lacks, and what they would cost."""
-    owners = [c for step in content["steps"] for c in ((step["contacts"] or {}) | {"": step["energy"]}).values()]
-    every = [_parts(one, key) for one in owners for key in one.get("error") or {}]
-    lacking = {name: cost for parts in every if missing(parts) for name, cost in parts.lacking.items()}
-    said = {name: f" ({cost:.2g} times the run)" if cost else " (not known)" for name, cost in lacking.items()}
-    return [name.replace("_", " ") + said[name] for name in PARTS if name in lacking]
 
 
 def print_plan(content: Content) -> None:

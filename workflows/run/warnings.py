@@ -385,10 +385,10 @@ def large_time_errors(problem: Problem, steps: Sequence[StepResult], errors: Seq
         longest = max(np.diff([step.time for step in steps], prepend=0.0))
         count = share / LARGE * problem.timeline.end / longest  # the error is of first order
         digits = 10 ** max(int(np.log10(count)) - 1, 0)
-        yield (
-            f"the time steps leave an error of about {share:.0%} in {where}; use steps.count = "
-            f"{int(np.ceil(count / digits)) * digits}"
-        )
+        use = f"steps.count = {int(np.ceil(count / digits)) * digits}"
+        if (clock := problem.timeline.clock) is not None:
+            use = f"steps.clock.error = {clock.error * LARGE / share:.0e}"
+        yield f"the time steps leave an error of about {share:.0%} in {where}; use {use}"
 
 
 def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState]) -> Iterator[str]:

@@ -24,7 +24,7 @@ from stickslip.solvers.results.step_result import (
     total_errors,
     values,
 )
-from stickslip.solvers.scene.record import ContactNumbers, ProbeValue, flat_names, numbers_of
+from stickslip.solvers.scene.record import ContactNumbers, Event, ProbeValue, flat_names, numbers_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.history import HistoryTuple
 from stickslip.workflows.formats.contact_line import walk
@@ -40,7 +40,7 @@ from stickslip.workflows.formats.csv_tables import (
 from stickslip.workflows.formats.files import disk_errors
 from stickslip.workflows.writers.writer import Ended, Turn, Writer
 
-PROBES, HISTORY = "probes.csv", "history.csv"
+PROBES, HISTORY, EVENTS = "probes.csv", "history.csv", "events.csv"
 OF_HISTORY = ("step", "time", "iteration", "residual", "volume_solves", "seconds", "method")  # see `HistoryRow`
 
 
@@ -144,6 +144,21 @@ class ProbeTable(TableWriter):
         ]
         if rows:
             yield Table(PROBES, header, rows)
+
+
+class EventsTable(TableWriter):
+    """events.csv: one row an event that a clock has found, when it is over."""
+
+    @classmethod
+    def wanted(cls, scene: Scene) -> bool:
+        return scene.steps.clock is not None
+
+    def names(self) -> list[str]:
+        return [EVENTS]
+
+    def tables(self, index: int, result: StepResult) -> Iterator[Table]:
+        axes = [f"place_{axis}" for axis in "xyz"[: self.job.mesh.points.shape[1]]]
+        yield Table(EVENTS, [*Event._fields[:-1], *axes], [(*event[:-1], *event.place) for event in result.events])
 
 
 class StepsTable(TableWriter):

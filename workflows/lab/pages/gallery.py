@@ -18,7 +18,7 @@ import typer
 from PIL import Image
 
 from stickslip import VERSION
-from stickslip.workflows.formats.plus_minus import parts_of, plus_minus, with_error
+from stickslip.workflows.formats.plus_minus import error_of, plus_minus, with_error
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.scene_file.read import READY
 
@@ -103,7 +103,7 @@ def main_number(said: str, result: dict[str, Any]) -> str:
     """
     contact, key = said.split()[0].rsplit(".", 1)
     last = result["steps"][-1]["contacts"][contact]
-    number = with_error(last[key], parts_of((last["error"] or {}).get(key)), result["units"][f"contacts.{key}"])
+    number = with_error(last[key], error_of(last, key), result["units"][f"contacts.{key}"])
     return f"{contact.replace('_', ' ')}: {NUMBERS[key].partition(' since')[0]} {number}"
 
 

@@ -1,0 +1,322 @@
+"""A clock: slip and state of rate-and-state friction flow in steps by their error, by an embedded Runge-Kutta pair.
+
+Bodies answer slip at once: w = w_free(t) - D W p with the Delassus matrix D, so that tractions of closed points follow
+from their slip by one dense product. These give rates, f(V, theta) p_n + eta V = |t|, and rates the slip and state:
+
+    dw_T/dt = V t / |t|,    d ln(theta)/dt = 1 / theta - V / Dc, or the slip law.
+
+A point that opens, or closes, ends a stretch; then tractions are those of other points. Before anything presses a step
+is solved like any other. Dissipation is integrated too, and what drives the bodies has brought it and what they store.
+
+Source: Dormand & Prince, J. Comput. Appl. Math. 6 (1980), of the pair, by `scipy.integrate.RK45`; Lapusta et al., J.
+Geophys. Res. 105 (2000), of steps that follow the slip; Erickson et al., Seismol. Res. Lett. 91 (2020), of problems.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+from scipy.integrate import RK45
+from scipy.linalg import inv
+from scipy.optimize import brentq
+
+from stickslip.geometry.arrays import EPS, EXACT, TINY, Array, Bools
+from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.iteration import Correction, Solution, Status
+from stickslip.solvers.laws.rate_and_state import RateAndStateByPoint
+from stickslip.solvers.scene.record import Energy, Event
+from stickslip.solvers.scene.settings import Clock
+from stickslip.solvers.stepping.law_memory import with_memory
+from stickslip.solvers.stepping.state import State, StepControl
+from stickslip.solvers.stepping.substep import Attempt, Substep, SubstepSolver, unsolved
+
+log = logging.getLogger(__name__)
+SETTLING = 50  # changes of the points that touch at one time, at the most
+ROUGHEST = 100 * EPS  # relative error that the pair takes as the least, of slips that are long beside Dc
+
+
+class ClockLoop:
+    """Follows a step by the clock in place of substeps that are solved.
+
+    One that pauses ends the step early, where an event begins or ends, or after `every` steps.
+    """
+
+    def __init__(self, solver: SubstepSolver, clock: Clock | None, pauses: bool) -> None:
+        """
+        Args:
+            solver: of the bodies; its pairs do not change.
+            clock: of the scene; None: it has none.
+            pauses: whether a step may end early.
+        """
+        self._solver, self._clock, self._pauses = solver, clock, pauses
+
+    def active(self) -> bool:
+        """Whether the scene has a clock."""
+        return self._clock is not None
+
+    def around(self, inner: Substep) -> Substep:
+        def followed(start: State, target: float) -> Attempt:
+            if not start.p.any() or target <= start.time:
+                return inner(start, target)
+            assert self._clock is not None
+            return _March(self._solver, self._clock, start, target, self._pauses)()
+
+        return followed
+
+
+@dataclass(frozen=True)
+class _Flow:
+    """A contact whose slip and state flow, and its entries in what is integrated."""
+
+    place: ContactBlock
+    law: RateAndStateByPoint
+    slip: slice  # its w_T (m_t c,)
+    aged: slice  # its ln(V0 theta / Dc) (m_t,)
+    index: int  # of the contact
+
+    def speeds(self, rates: Array) -> Array:
+        """Slip rates (m_t,) [m/s] among those of all that is integrated."""
+        return np.asarray(np.linalg.norm(rates[self.slip].reshape(-1, self.place.components), axis=1))
+
+    def fastest(self, rates: Array) -> float:
+        """The largest of them, at least the smallest number."""
+        return max(float(self.speeds(rates).max(initial=0.0)), TINY)
+
+
+class _Pair(RK45):  # type: ignore[misc]  # scipy has no types
+    """The embedded pair, whose error is the largest of all entries, not their mean."""
+
+    def _estimate_error_norm(self, K: Array, h: float, scale: Array) -> float:
+        return float(np.abs(self._estimate_error(K, h) / scale).max())
+
+
+class _March:
+    """One step of a clock: from a state to a time."""
+
+    def __init__(self, solver: SubstepSolver, clock: Clock, start: State, target: float, pauses: bool) -> None:
+        """Form the dense matrix, and see how loads and motions change up to the end; collective.
+
+        Args:
+            start: state that the step starts from.
+            target: time at its end [s].
+            pauses: whether it may end before.
+        """
+        self._solver, self._clock, self._start, self._target = solver, clock, start, target
+        self._most = np.inf if not pauses else clock.every or np.inf
+        self._pauses, self._events, self._running = pauses, list[Event](), dict(start.running)
+        self._posed = solver.posed(start, target)
+        problem, self._flows, at = self._posed[0], list[_Flow](), 0
+        self._n = solver.surface.normal_rows
+        for index, (place, c) in enumerate(zip(problem.cone.places, solver.cone.contacts, strict=True)):
+            if isinstance(law := c.friction, RateAndStateByPoint):
+                ends = np.cumsum([at, c.free.size, len(c.W_t)]).tolist()
+                self._flows.append(_Flow(place, law, slice(*ends[:2]), slice(*ends[1:]), index))
+                at = ends[-1]
+        self._works = at
+        self._free, self._D = self._motion(), solver.surface.agreed(self._delassus())
+        bilateral = [np.full(len(c.W_n), c.normal.sides == 2) for c in problem.cone.contacts]
+        self._held: Bools = np.concatenate(bilateral)
+        self._closed, self._p, self._acts = self._held, start.p, None
+
+    def _motion(self) -> Callable[[float], tuple[Array, Array]]:
+        """w without contact, and gaps (rows,) [m] by time: a line between both ends, where it is one; collective."""
+        begin, end = self._start.time, self._target
+
+        def exactly(time: float) -> Array:
+            problem = self._solver.posed(self._start, time)[0]
+            return np.array([problem.relative_displacement(problem.load.free), problem.gap])
+
+        first, middle, last = (exactly(t) for t in (begin, (begin + end) / 2, end))
+        slope = (last - first) / (end - begin)
+        if np.abs(first + last - 2 * middle).max() > EXACT * np.abs([first, last]).max():
+            return lambda time: tuple(exactly(time))
+        return lambda time: tuple(first + (time - begin) * slope)
+
+    def _delassus(self) -> Array:
+        """W^-1 B K_B^-1 B^T (rows, rows) [m/Pa]: w by tractions of each row; collective."""
+        surface, unit = self._solver.surface, np.eye(len(self._posed[0].gap))
+        if isinstance(surface, CondensedSurface):
+            return np.asarray(surface.coupling(sparse.identity(len(unit)), sparse.identity(len(unit))) * surface.W)
+        return np.column_stack([surface.N @ surface.displacement(surface.forces(each)) for each in unit])
+
+    def __call__(self) -> Attempt:
+        """Integrate from stretch to stretch, each with the same points closed; collective."""
+        start, clock, steps = self._start, self._clock, 0
+        size = clock.smallest if np.isinf(start.control.size) else start.control.size
+        y = np.zeros(self._works + len(self._solver.cone.contacts))
+        allowed = np.full(len(y), np.inf)
+        for flow in self._flows:
+            y[flow.slip] = start.w[flow.place.tangential]
+            y[flow.aged] = start.memory[flow.place.rows.name][:, 0]
+            allowed[flow.slip] = clock.error * np.repeat(flow.law.Dc, flow.place.components)
+            allowed[flow.aged] = clock.error
+        time, last, closed = start.time, 0.0, (start.p[: self._n] > 0) | self._held
+        while time < self._target:
+            if not self._settles(time, y, closed):
+                return self._given_up(time, "points open and close without end")
+            pair = _Pair(self._rates, time, y, self._target, clock.largest, ROUGHEST, allowed,
+                         first_step=min(size, self._target - time))  # fmt: skip
+            while time < self._target and (self._shut(time) == self._closed).all():
+                tried = pair.h_abs
+                with np.errstate(all="ignore"):  # of what is tried and not taken
+                    pair.step()
+                if pair.status == "failed" or (pair.h_abs < clock.smallest and pair.status == "running"):
+                    return self._given_up(pair.t, f"its error asks for steps below smallest = {clock.smallest:g} s")
+                last, time, y, steps = pair.step_size, pair.t, pair.y, steps + 1
+                self._solver.chain.history.tick(time, steps, self._solver.system.counters.volume_solves)
+                size = max(pair.h_abs, tried) if pair.status == "finished" else pair.h_abs
+                changes = [self._notice(flow, pair) for flow in self._flows]
+                if (self._pauses and any(changes)) or steps >= self._most:
+                    return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
+            closed = self._shut(time)
+        log.info("t = %g: %d steps of the clock", time, steps)
+        return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
+
+    def _notice(self, flow: _Flow, pair: _Pair) -> bool:
+        """Note whether an event of a contact begins or ends in the last step.
+
+        The moment is the root of ln(V / threshold) in the pair's own interpolation of order 4.
+        """
+        name, threshold = flow.place.rows.name, self._clock.event
+        began, fast = self._running.get(name), flow.fastest(pair.f)
+        least = threshold if began is None else threshold / 10
+        if began is not None:
+            began = self._running[name] = {**began, "rate": np.maximum(began["rate"], fast)}
+        if (fast >= least) == (began is not None):
+            return False
+        inside, kept = pair.dense_output(), self._p
+
+        def above(time: float) -> float:
+            rates = self._rates(time, inside(time))
+            return float(np.log(flow.fastest(rates) / least))
+
+        low, high = pair.t_old, pair.t
+        time = brentq(above, low, high, xtol=EXACT * high) if above(low) * above(high) < 0 else low
+        y = inside(time)
+        rates = self._rates(time, y).copy()
+        now = {"start": np.array(time), "slip": y[flow.slip], "p": self._p, "rate": np.array(fast)}
+        self._p = kept
+        if began is None:
+            self._running[name] = now | {"at": np.array(flow.speeds(rates).argmax())}
+            return True
+        self._events.append(self._event(flow, began, now))
+        del self._running[name]
+        return True
+
+    def _event(self, flow: _Flow, began: Mapping[str, Array], now: Mapping[str, Array]) -> Event:
+        """An event that is over.
+
+        Args:
+            began, now: when it began and when it ended, with slip [m] and tractions (rows,) [Pa] there.
+        """
+        rows, place, n = flow.place.rows, flow.place, flow.place.components
+        slip = np.linalg.norm((now["slip"] - began["slip"]).reshape(-1, n), axis=1)
+        before, after = (np.linalg.norm(p[place.tangential].reshape(-1, n), axis=1) for p in (began["p"], now["p"]))
+        area, problem = float(rows.W_t @ slip), self._solver.system.problem
+        assert rows.fields is not None
+        at = (rows.fields.to_tangential @ rows.fields.points)[int(began["at"])]
+        return Event(
+            contact=rows.name,
+            start=float(began["start"]),
+            end=float(now["start"]),
+            moment=problem.bodies[problem.pairs[rows.name].bodies[0]].shear_modulus * area,
+            drop=float(rows.W_t @ (slip * (before - after))) / area,
+            slip=float(slip.max()),
+            rate=float(began["rate"]),
+            place=tuple(at.tolist()),
+        )
+
+    def _settles(self, time: float, y: Array, closed: Bools) -> bool:
+        """Whether the points that touch are found, from `closed`; those that come to touch stand where they are."""
+        for _ in range(SETTLING):
+            acts = np.concatenate([closed, np.zeros(len(self._D) - self._n, bool)])
+            for place in self._posed[0].cone.with_friction():
+                near = place.average @ closed[place.normal] > 0
+                acts[place.tangential] = (near[:, None] & place.rows.free).ravel()
+            if self._acts is not None:
+                w = self._free(time)[0] - self._D @ self._p
+                for flow in self._flows:
+                    new = (acts & ~self._acts)[flow.place.tangential]
+                    y[flow.slip][new] = w[flow.place.tangential][new]
+            self._closed, self._acts, self._stiffness = closed, acts, inv(self._D[np.ix_(acts, acts)])
+            self._rates(time, y)
+            closed = self._shut(time)
+            if (closed == self._closed).all():
+                return True
+        return False
+
+    def _shut(self, time: float) -> Bools:
+        """Normal points (m_n,) that press or overlap at a time, by the tractions found last."""
+        found = self._held | (self._closed & (self._p[: self._n] > 0))
+        if not self._closed.all():
+            free, gap = self._free(time)
+            found |= ~self._closed & ((free - self._D @ self._p > gap)[: self._n])
+        return np.asarray(found)
+
+    def _rates(self, time: float, y: Array) -> Array:
+        """dy/dt; the tractions (rows,) [Pa] are kept.
+
+        Args:
+            time: [s].
+            y: w_T [m] and ln(V0 theta / Dc) of the contacts, one after the other; then their dissipation [J].
+        """
+        (free, w), found = self._free(time), np.zeros_like(y)
+        w = np.concatenate([w[: self._n], self._start.w[self._n :]])
+        for flow in self._flows:
+            w[flow.place.tangential] = y[flow.slip]
+        self._p = np.zeros(len(w))
+        self._p[self._acts] = self._stiffness @ (free - w)[self._acts]
+        for flow in self._flows:
+            place, aged = flow.place, y[flow.aged]
+            t = self._p[place.tangential].reshape(-1, place.components)
+            size, pressure = np.linalg.norm(t, axis=1), np.maximum(place.average @ self._p[place.normal], 0.0)
+            V = flow.law.rate(aged, size, pressure)
+            found[flow.slip] = ((V / np.maximum(size, TINY))[:, None] * t).ravel()
+            found[flow.aged] = flow.law.evolves(aged, V)
+            found[self._works + flow.index] = place.rows.W_t @ (size * V)
+        return found
+
+    def _given_up(self, time: float, why: str) -> Attempt:
+        """An attempt without a state; steps up to there are not kept."""
+        nothing = unsolved(self._start, self._solver.surface.size, Status.BROKEN, [])
+        tried = Attempt(solver=self._solver, begin=self._start, solution=nothing)
+        return replace(tried, why=f"the clock stops: {why}", when=time)
+
+    def _ended(self, time: float, y: Array, last: float, steps: int, control: StepControl) -> Attempt:
+        """The state at the end of the step; collective.
+
+        Args:
+            last: length of the last step of the clock [s]: its slip is that of the step in which points slip.
+        """
+        start = self._start
+        problem, u_s, load = self._posed if time == self._target else self._solver.posed(start, time)
+        rates, memory, gap = self._rates(time, y), dict(start.memory), problem.gap.copy()
+        for flow in self._flows:
+            memory[flow.place.rows.name] = np.column_stack([y[flow.aged], flow.speeds(rates)])
+            gap[flow.place.tangential] = y[flow.slip] - last * rates[flow.slip]
+        cone = with_memory(self._solver.cone.at(time), memory)
+        problem, u_c = replace(problem, cone=cone, gap=gap), problem.contact_displacement(self._p)
+        w = problem.relative_displacement(u_c)
+        solution = Solution(p=self._p, w=w, u_c=u_c, status=Status.CONVERGED,
+                            residual=problem.natural_residual(self._p, w), history=())  # fmt: skip
+        tried = Attempt(solver=self._solver, begin=start, solution=solution, problem=problem, substeps=steps,
+                        volume_solves=self._solver.system.counters.volume_solves)  # fmt: skip
+        tried = self._solver.ended(tried, start, u_s, load, memory)
+        if tried.state is None:
+            return tried
+        none = Correction.none(len(gap))  # nothing is iterated
+        before, stored, lost = start.energy, tried.state.energy.stored, y[self._works :]
+        energy = Energy(
+            external=before.external + stored - before.stored + float(lost.sum()),
+            stored=stored,
+            contact=before.contact + float(lost.sum()),
+            compliance=before.compliance,
+            dissipation=before.dissipation + lost,
+        )
+        new = replace(tried.state, energy=energy, control=control, correction=none)
+        return replace(tried, state=replace(new, events=tuple(self._events), running=self._running))
