@@ -123,7 +123,7 @@ class _Inside:
         left = contact.bound - np.linalg.norm(contact.traction, axis=1)
         left = np.where(np.isinf(contact.bound), contact.pressure, left)
         open_, sticks = contact.status == OPEN, contact.status == STICK
-        return np.where(open_, 0.0, contact.pressure) ** 2, np.where(sticks, np.maximum(left, 0.0), 0.0) ** 2
+        return (contact.pressure * ~open_) ** 2, (np.maximum(left, 0.0) * sticks) ** 2
 
     def _level(self, f: Array) -> float:
         """The square between the second and the third node inside the edge; 0: there is no edge, NaN: too few nodes."""

@@ -170,7 +170,7 @@ class Slopes:
             for quantity, value in own.items():
                 one, two = (value - below[quantity]) / by, (above[quantity] - value) / by
                 slope = Slope.of(one, two, ROUNDING * sizes[number_of(quantity).unit] / by)
-                if np.isnan(one + two).any() or (quantity.quantity in AREAS and not np.any([one, two])):
+                if np.isnan(one + two).any() or (quantity.quantity in AREAS and not (np.any(one) or np.any(two))):
                     slope = Slope()  # an edge is not found, or there is none
                 slopes.setdefault(str(quantity), {})[key] = slope
         return slopes
