@@ -35,6 +35,7 @@ from stickslip.workflows.lab.benchmarks import (
     price,
     price_run,
     tangent_cg,
+    time_to_accuracy,
 )
 from stickslip.workflows.lab.benchmarks.auto import Case, Run
 from stickslip.workflows.lab.benchmarks.peers import programs
@@ -60,6 +61,8 @@ from stickslip.workflows.lab.benchmarks.scaling_model import (
     size_of,
 )
 from stickslip.workflows.lab.benchmarks.scaling_run import Case as Scaling
+from stickslip.workflows.lab.benchmarks.time_to_accuracy import OURS as OUR_LADDER
+from stickslip.workflows.lab.benchmarks.time_to_accuracy import PROBLEMS, Curve
 from stickslip.workflows.lab.benchmarks.work_precision import Point, draw, points
 from stickslip.workflows.pictures.performance_profile import ratios
 
@@ -252,7 +255,7 @@ def test_dolfinx_by_hand_has_our_forces_up_to_its_penalty(tmp_path: Path, dim: i
 
 
 def test_the_base_and_the_top_of_the_files_are_those_of_the_mesh(tmp_path: Path) -> None:
-    problem = write_problem(Peer(3, 4), tmp_path)
+    problem = write_problem(replace(Peer(3, 4).scene(), steps=programs.TWO), tmp_path)
     data = np.load(tmp_path / "mesh.npz")
     assert data["points"].shape == (125, 3)
     assert data["cells"].shape == (64, 8)
@@ -260,7 +263,8 @@ def test_the_base_and_the_top_of_the_files_are_those_of_the_mesh(tmp_path: Path)
     assert set(data["base"]) == set(np.flatnonzero(data["points"][:, 2] == 0))
     assert set(data["top"]) == set(np.flatnonzero(data["points"][:, 2] == 1))
     assert json.loads(problem.read_text()) == {
-        "dim": 3, "E": 1.0, "nu": 0.3, "mu": 0.3, "height": 1.0, "motion": [[0.0, 0.0, -0.05], [0.02, 0.01, -0.05]],
+        "dim": 3, "order": 1, "E": 1.0, "nu": 0.3, "mu": 0.3, "height": 1.0, "radius": 0.0,
+        "base": "block.bottom", "top": "block.top", "motion": [[0.0, 0.0, -0.05], [0.02, 0.01, -0.05]],
     }  # fmt: skip
 
 
@@ -303,6 +307,39 @@ def test_a_row_has_the_price_in_our_unit_and_the_errors_of_the_forces(tmp_path: 
     text = price.write_page(tmp_path, [], [ours, peer]).read_text()
     assert "<td>GetFEM<td>1<td>9<td>12<td>6<td>10<td>0.50<td>1.0e-02<td>-2.0e-02" in text
     assert "Peers on the same meshes" not in price.write_page(tmp_path, []).read_text()
+
+
+def of_ladder(errors: list[float]) -> Curve:
+    """Return a ladder of GetFEM whose runs take 1, 2, ... s, and whose truth is 1."""
+    found = [{"seconds": 1.0 + k, "found": {"force": 1 + error}} for k, error in enumerate(errors)]
+    return Curve("GetFEM", "grid of order 1", tuple(found))
+
+
+@pytest.mark.parametrize(
+    ("errors", "seconds"),
+    [([0.1, -0.009, 0.008], 2.0), ([0.001, 0.02, -0.005], 3.0), ([0.1, 0.001, -0.02], None), ([], None)],
+)
+def test_an_accuracy_is_reached_where_all_finer_meshes_have_it(errors: list[float], seconds: float | None) -> None:
+    found = of_ladder(errors).reached("force", 1.0, 1e-2)
+    assert (found and found["seconds"]) == seconds
+
+
+def test_rows_of_accuracies_take_the_soonest_ladder_and_say_where_one_ends() -> None:
+    problem = replace(PROBLEMS["block"], goals={"friction force": "force", "area": "area"})
+    slow, fast = of_ladder([0.1, 0.1, 0.004, 0.004]), of_ladder([0.02, 0.005])
+    hand = replace(of_ladder([0.005]), program=OUR_LADDER)
+    found = list(
+        time_to_accuracy.rows(problem, [hand, slow, fast], {"force": 1.0, "area": 1.0}, {"force": 1e-4, "area": 1.0})
+    )
+    assert [(row["asked"], row["program"], row.get("times"), row.get("status")) for row in found] == [
+        (1e-2, OUR_LADDER, 1.0, None), (1e-2, "GetFEM", 2.0, None),
+        (1e-3, OUR_LADDER, None, "ends at 0.5 %"), (1e-3, "GetFEM", None, "ends at 0.4 %"),
+    ]  # fmt: skip
+
+
+def test_every_ladder_is_of_a_program_that_is_known() -> None:
+    names = {OUR_LADDER, *(program.name for program in programs.PROGRAMS)}
+    assert {ladder.program for problem in PROBLEMS.values() for ladder in problem.ladders} <= names
 
 
 COSTS = {name: np.array([1e-6, 1e-5, 1e-3]) for name in PHASES}

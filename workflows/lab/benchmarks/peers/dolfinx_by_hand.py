@@ -23,7 +23,7 @@ from dolfinx.fem import petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
-PENALTY = 1e4  # stiffness of contact and stick, in units of E / height
+PENALTY = 1e4  # stiffness of contact and stick, in units of E / height, unless the problem names one
 SOLVERS = {
     "lu": {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_7": 5},
     "gamg": {
@@ -36,14 +36,14 @@ SOLVERS = {
         "mg_levels_pc_type": "sor",
     },
 }
-NODES = {  # corners of a facet, with equal weights
+NODES = {  # corners of a facet, with equal weights; for quadrilaterals and hexahedra of order 1
     2: {"quadrature_points": [[0.0], [1.0]], "quadrature_weights": [0.5, 0.5]},
     3: {"quadrature_points": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], "quadrature_weights": [0.25] * 4},
 }
 
 
-def read_mesh(path: Path, dim: int) -> tuple[Any, Any]:
-    """The mesh, and the tags of its facets: base and top are 2 d - 1 and 2 d."""
+def read_mesh(path: Path, dim: int) -> tuple[Any, Any, dict[str, int]]:
+    """The mesh, the tags of its facets, and those of its named groups."""
     gmsh.initialize(["", "-v", "0"])
     gmsh.open(str(path))  # 0.5.2 has a function for files that fails
     if find_spec("dolfinx.io.gmshio"):
@@ -55,44 +55,58 @@ def read_mesh(path: Path, dim: int) -> tuple[Any, Any]:
 
         read = gmsh_io.model_to_mesh(gmsh.model, MPI.COMM_SELF, 0, gdim=dim)
         found = read.mesh, read.cell_tags, read.facet_tags
+    groups = {gmsh.model.getPhysicalName(*group): group[1] for group in gmsh.model.getPhysicalGroups(dim - 1)}
     gmsh.finalize()
-    return found[0], found[2]
+    return found[0], found[2], groups
 
 
-def vector_space(mesh: Any) -> Any:
-    """Continuous piecewise linear displacements."""
+def vector_space(mesh: Any, order: int) -> Any:
+    """Continuous displacements, piecewise linear or quadratic."""
     if hasattr(fem, "functionspace"):
-        return fem.functionspace(mesh, ("Lagrange", 1, (mesh.geometry.dim,)))
-    return fem.VectorFunctionSpace(mesh, ("Lagrange", 1))
+        return fem.functionspace(mesh, ("Lagrange", order, (mesh.geometry.dim,)))
+    return fem.VectorFunctionSpace(mesh, ("Lagrange", order))
 
 
 class Block:
     """Forms, matrix and solver of the block on the plane."""
 
-    def __init__(self, given: dict[str, Any], mesh: Any, facets: Any, solver: str) -> None:
+    def __init__(self, given: dict[str, Any], mesh: Any, facets: Any, groups: dict[str, int], solver: str) -> None:
         self.dim = dim = int(given["dim"])
-        base, top = 2 * dim - 1, 2 * dim
-        E, nu, mu = given["E"], given["nu"], given["mu"]
-        self.V = V = vector_space(mesh)
+        self.order = order = int(given["order"])
+        base, top = groups[given["base"]], groups[given["top"]]
+        E, nu, mu, R = given["E"], given["nu"], given["mu"], given["radius"]
+        self.V = V = vector_space(mesh, order)
         self.u, self.before = fem.Function(V), fem.Function(V)
         v, du = ufl.TestFunction(V), ufl.TrialFunction(V)
         eps = ufl.sym(ufl.grad(self.u))
         sigma = E / (1 + nu) * (eps + nu / (1 - 2 * nu) * ufl.tr(eps) * ufl.Identity(dim))
-        ds = ufl.Measure("ds", mesh, subdomain_data=facets, metadata={"quadrature_rule": "custom"} | NODES[dim])(base)
+        at_nodes = order == 1 and str(mesh.ufl_cell()) in ("quadrilateral", "hexahedron")
+        points = {"quadrature_rule": "custom"} | NODES[dim] if at_nodes else {"quadrature_degree": 2 * order}
+        ds = ufl.Measure("ds", mesh, subdomain_data=facets, metadata=points)(base)
 
-        stiffness = fem.Constant(mesh, PENALTY * E / given["height"])
+        self.stiffness = given.get("penalty", PENALTY) * E / given["height"]
+        stiffness = fem.Constant(mesh, self.stiffness)
         x, slip = ufl.SpatialCoordinate(mesh), self.u - self.before
-        self.gap = x[dim - 1] + self.u[dim - 1]
-        p = ufl.max_value(-stiffness * self.gap, 0)
-        trial = stiffness * ufl.as_vector([slip[k] for k in range(dim - 1)])
+        up = ufl.as_vector([0.0] * (dim - 1) + [1.0])
+        distance = ufl.sqrt(ufl.dot(x, x))
+        gap, n = (distance - R, x / distance) if R else (x[dim - 1], up)
+        p = ufl.max_value(-stiffness * (gap + ufl.dot(self.u, n)), 0)
+        trial = stiffness * (slip - ufl.dot(slip, n) * n)
         size = ufl.sqrt(ufl.dot(trial, trial) + 1e-30)
-        t = trial * ufl.conditional(ufl.le(size, mu * p), 1, mu * p / size)
+        sticks = ufl.le(size, mu * p)
+        t = trial * ufl.conditional(sticks, 1, mu * p / size)
 
-        F = ufl.inner(sigma, ufl.grad(v)) * ufl.dx - p * v[dim - 1] * ds + sum(t[k] * v[k] for k in range(dim - 1)) * ds
+        inside = ufl.dx(metadata={"quadrature_degree": 2 * order})
+        F = ufl.inner(sigma, ufl.grad(v)) * inside + ufl.dot(t - p * n, v) * ds
         self.F, self.J = fem.form(F), fem.form(ufl.derivative(F, self.u, du))
-        self.forces = [fem.form(force * ds) for force in (p, *(t[k] for k in range(dim - 1)))]
+        area = ufl.conditional(ufl.And(sticks, ufl.gt(p, 0)), 1.0, 0.0)
+        self.numbers = [fem.form(value * ds) for value in (p, area, *(t[k] for k in range(dim)))]
         self.top = fem.locate_dofs_topological(V, dim - 1, facets.find(top))
         self.base = fem.locate_dofs_topological(V, dim - 1, facets.find(base))
+        nodes = V.tabulate_dof_coordinates()[self.base, :dim]
+        far = np.linalg.norm(nodes, axis=1)
+        self.gap = far - R if R else nodes[:, dim - 1]
+        self.n = nodes / far[:, None] if R else np.eye(dim)[[dim - 1]]
         self.held = [fem.dirichletbc(np.zeros(dim), self.top, V)]
         self.matrix = petsc.create_matrix(self.J)
         self.matrix.setBlockSize(dim)
@@ -152,13 +166,16 @@ class Block:
         return {"iterations": self.snes.getIterationNumber(), "linear_iterations": self.snes.getLinearSolveIterations()}
 
     def reactions(self) -> dict[str, float]:
-        """Normal and tangential force [N] on the block, and the deepest penetration [m]."""
-        normal, *tangential = (fem.assemble_scalar(force) for force in self.forces)
-        depth = -self.u.x.array.reshape(-1, self.dim)[self.base, self.dim - 1].min()
+        """Forces [N], area of stick, deepest penetration [m] and largest pressure [Pa] at the nodes of the base."""
+        normal, stick, *tangential = (fem.assemble_scalar(number) for number in self.numbers)
+        moved = self.u.x.array.reshape(-1, self.dim)[self.base]
+        depth = max(0.0, -float((self.gap + (moved * self.n).sum(axis=1)).min()))
         return {
             "normal_force": float(normal),
             "tangential_force": float(np.linalg.norm(tangential)),
-            "penetration": float(max(depth, 0.0)),
+            "stick_area": float(stick),
+            "penetration": depth,
+            "max_pressure": depth * self.stiffness,
         }
 
 
@@ -170,9 +187,10 @@ def peak() -> float:
 
 def main(path: Path, solver: str) -> dict[str, Any]:
     """Solve the problem of a file. Seconds [s] of the processor: assembly and solution, without mesh and compiler."""
-    given = json.loads(path.read_text())
-    mesh, facets = read_mesh(path.with_name("mesh.msh"), given["dim"])
-    block = Block(given, mesh, facets, solver)
+    given, started = json.loads(path.read_text()), time.process_time()
+    mesh, facets, groups = read_mesh(path.with_name("mesh.msh"), given["dim"])
+    read = time.process_time()
+    block = Block(given, mesh, facets, groups, solver)
     began, steps = time.process_time(), []
     for motion in given["motion"]:
         counts = block.step(motion)
@@ -181,6 +199,8 @@ def main(path: Path, solver: str) -> dict[str, Any]:
         "program": "dolfinx by hand",
         "version": dolfinx.__version__,
         "seconds": time.process_time() - began,
+        "start": started + began - read,
+        "mesh": read - started,
         "memory": peak(),
         "dofs": len(block.u.x.array),
         "steps": steps,

@@ -16,24 +16,29 @@ import getfem as gf
 import numpy as np
 
 BASE, TOP = 1, 2
-CORNERS = {2: [0, 1, 3, 2], 3: [0, 1, 3, 2, 4, 5, 7, 6]}  # of a cell, in GetFEM's order
+ORDER = {  # nodes of a cell in GetFEM's order, by dimension and number of nodes
+    (2, 4): [0, 1, 3, 2], (2, 3): [0, 1, 2], (2, 9): [0, 4, 1, 7, 8, 5, 3, 6, 2], (2, 6): [0, 3, 1, 5, 4, 2],
+    (3, 8): [0, 1, 3, 2, 4, 5, 7, 6], (3, 4): [0, 1, 2, 3],
+}  # fmt: skip
 
 
 def model_of(given: dict[str, Any], data: Any) -> tuple[Any, Any, Any]:
-    """The model, its displacements and its multipliers."""
-    dim, points, E, nu = given["dim"], data["points"], given["E"], given["nu"]
-    mesh = gf.Mesh("empty", dim)
+    """The model, its displacements and its integration method."""
+    dim, order, points, E, nu = given["dim"], given["order"], data["points"], given["E"], given["nu"]
+    nodes = ORDER[dim, data["cells"].shape[1]]
+    grid, degree = 2**dim <= len(nodes) != 6, 1 + (len(nodes) in (6, 9))  # 6: a curved triangle
+    mesh, kind = gf.Mesh("empty", dim), "QK" if grid else "PK"
     mesh.add_convex(
-        gf.GeoTrans(f"GT_QK({dim},1)"), np.asfortranarray(points[data["cells"][:, CORNERS[dim]]].transpose(2, 1, 0))
+        gf.GeoTrans(f"GT_{kind}({dim},{degree})"), np.asfortranarray(points[data["cells"][:, nodes]].transpose(2, 1, 0))
     )
-    nodes = mesh.pts()
-    for region, height in ((BASE, 0.0), (TOP, given["height"])):
-        there = np.flatnonzero(np.abs(nodes[-1] - height) < 1e-9 * given["height"])
+    for region, side in ((BASE, "base"), (TOP, "top")):
+        there = mesh.pid_from_coords(np.asfortranarray(points[data[side]].T), 1e-9 * given["height"])
         mesh.set_region(region, mesh.faces_from_pid(there))
     displacements, obstacle = gf.MeshFem(mesh, dim), gf.MeshFem(mesh, 1)
     for space in (displacements, obstacle):
-        space.set_fem(gf.Fem(f"FEM_QK({dim},1)"))
-    inside = gf.MeshIm(mesh, gf.Integ(f"IM_GAUSS_PARALLELEPIPED({dim},2)"))
+        space.set_fem(gf.Fem(f"FEM_{kind}({dim},{order})"))
+    rule = f"IM_GAUSS_PARALLELEPIPED({dim},{2 * order})" if grid else RULES[dim, order]
+    inside = gf.MeshIm(mesh, gf.Integ(rule))
 
     model = gf.Model("real")
     model.add_fem_variable("u", displacements)
@@ -43,14 +48,22 @@ def model_of(given: dict[str, Any], data: Any) -> tuple[Any, Any, Any]:
     model.add_initialized_data("motion", np.zeros(dim))
     model.add_Dirichlet_condition_with_simplification("u", TOP, "motion")
     model.add_filtered_fem_variable("traction", displacements, BASE)
-    model.add_initialized_fem_data("obstacle", obstacle, obstacle.eval("y" if dim == 2 else "z"))
+    plane, R = "y" if dim == 2 else "z", given["radius"]
+    model.add_initialized_fem_data("obstacle", obstacle, obstacle.eval(f"sqrt(x*x+y*y)-{R}" if R else plane))
     model.add_initialized_fem_data("before", displacements, np.zeros(displacements.nbdof()))
-    for name, value in (("r", E), ("mu", given["mu"]), ("alpha", 1.0)):
+    for name, value in (("r", E / given["height"] if "penalty" in given else E), ("mu", given["mu"]), ("alpha", 1.0)):
         model.add_initialized_data(name, value)
     model.add_integral_contact_with_rigid_obstacle_brick(
         inside, "u", "traction", "obstacle", "r", "mu", BASE, 1, "alpha", "before"
     )
     return model, displacements, inside
+
+
+RULES = {(2, 1): "IM_TRIANGLE(2)", (2, 2): "IM_TRIANGLE(4)", (3, 1): "IM_TETRAHEDRON(2)", (3, 2): "IM_TETRAHEDRON(5)"}
+N = "Normalized(Grad_obstacle)"  # into the body
+PRESSED = f"(traction.{N}-r*(obstacle+u.{N}))"
+TRIAL = f"(traction-(traction.{N})*{N}-r*(u-before-((u-before).{N})*{N}))"
+STICKS = f"Heaviside({PRESSED})*Heaviside(mu*{PRESSED}-Norm({TRIAL}))"
 
 
 def peak() -> float:
@@ -61,10 +74,13 @@ def peak() -> float:
 
 def main(path: Path) -> dict[str, Any]:
     """Solve the problem of a file."""
-    given = json.loads(path.read_text())
+    given, started = json.loads(path.read_text()), time.process_time()
     with np.load(path.with_name("mesh.npz")) as data:
         model, displacements, inside = model_of(given, data)
     dim, base = given["dim"], displacements.basic_dof_on_region(BASE)
+    nodes, R = displacements.basic_dof_nodes()[:, base[::dim]].T, given["radius"]
+    far = np.linalg.norm(nodes, axis=1)
+    gap, n = (far - R, nodes / far[:, None]) if R else (nodes[:, -1], np.eye(dim)[[-1]])
     began, steps = time.process_time(), []
     for motion in given["motion"]:
         model.set_variable("before", model.variable("u"))
@@ -73,19 +89,25 @@ def main(path: Path) -> dict[str, Any]:
         if not converged:
             raise SystemExit(f"GetFEM's Newton method does not converge in {iterations} iterations")
         force = gf.asm_generic(inside, 0, "traction", BASE, model)
-        depth = -model.variable("u")[base][dim - 1 :: dim].min()
+        normal = float(gf.asm_generic(inside, 0, f"traction.{N}", BASE, model)) if R else float(force[-1])
+        pressed = -((model.variable("u")[base].reshape(-1, dim) * n).sum(axis=1) + gap)
+        pressures = (model.variable("traction").reshape(-1, dim) * n).sum(axis=1)
         steps.append(
             {
                 "iterations": int(iterations),
-                "normal_force": float(abs(force[dim - 1])),
-                "tangential_force": float(np.linalg.norm(force[: dim - 1])),
-                "penetration": float(max(depth, 0.0)),
+                "normal_force": abs(normal),
+                "tangential_force": float(np.linalg.norm(force if R else force[:-1])),
+                "stick_area": float(gf.asm_generic(inside, 0, STICKS, BASE, model)),
+                "penetration": float(max(pressed.max(), 0.0)),
+                "max_pressure": float(pressures.max()),
             }
         )
     return {
         "program": "GetFEM",
         "version": str(gf.getfem_env("version")),
         "seconds": time.process_time() - began,
+        "start": started,
+        "mesh": began - started,
         "memory": peak(),
         "dofs": int(model.nbdof()),
         "steps": steps,

@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Literal
@@ -19,9 +19,10 @@ from typing import Literal
 import meshio
 import numpy as np
 
-from stickslip import Coulomb, Material
+from stickslip import Builder, Coulomb, Material, Scene, Steps
 from stickslip.geometry.amplitude import Amplitude, value_at
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.mesh.mesh import write_msh
 from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.lab.benchmarks.own_process import Run, child, kept
@@ -30,49 +31,65 @@ from stickslip.workflows.lab.benchmarks.price_run import OURS, PEERS, Case
 HERE = Path(__file__).parent
 PYTHONS = (sys.executable, "/usr/bin/python3")  # Debian's packages are the second one's
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
-TIMES = (1.0, 2.0)  # [s] of pressing and shifting
-CELLS = {2: ("quad", "line"), 3: ("hexahedron", "quad")}
+CELLS = ("quad", "triangle", "quad9", "triangle6", "hexahedron", "tetra", "hexahedron27", "tetra10")
+TWO = Steps(end=2.0, count=2)  # pressing and shifting
+FACETS = {2: ("line", "line3"), 3: ("quad", "triangle", "quad9", "triangle6")}
 
 
-def write_problem(case: Case, folder: Path) -> Path:
-    """Write the mesh and the data of a case into a folder; the path of problem.json.
+def write_problem(scene: Scene, folder: Path) -> Path:
+    """Write the mesh and the data of a scene of one body and one obstacle into a folder; the path of problem.json.
 
-    mesh.npz has `points` (nodes, d) [m], `cells` and the base's `facets` in the node order of gmsh, and the nodes
-    `base` and `top`; all numbers of nodes begin with 0.
+    The obstacle is the plane where the last coordinate is 0, or a cylinder around the origin, and does not move. What
+    is held is moved in equal steps. mesh.npz has `points` (nodes, d) [m], `cells` and the base's `facets` in the node
+    order of gmsh, and the nodes `base` and `top`; all numbers of nodes begin with 0. Cells with straight sides are
+    written with their corners alone.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    scene, mesh_file = case.scene(), folder / "mesh.msh"
-    write_msh(scene.geometry, scene.request(), mesh_file)
-    mesh, (cell, facet) = meshio.read(mesh_file), CELLS[case.dim]
-    sides = {name: mesh.cells_dict[facet][mesh.cell_sets_dict[name][facet]] for name in ("block.bottom", "block.top")}
-    points: Array = mesh.points[:, : case.dim]
+    mesh_file, dim, shape = folder / "mesh.msh", scene.dim, scene.geometry
+    assert isinstance(shape, Builder)  # bodies of builders have both orders
+    write_msh(shape.of_order(1) if isinstance(shape, Block) else shape, scene.request(), mesh_file)
+    mesh = meshio.read(mesh_file)
+    (contact,), (support,), (body,) = scene.contacts.values(), scene.supports.values(), scene.bodies.values()
+    names = {"base": contact.surface, "top": support.boundary}
+    facet = next(kind for kind in FACETS[dim] if kind in mesh.cells_dict)
+    sides = {key: mesh.cells_dict[facet][mesh.cell_sets_dict[name][facet]] for key, name in names.items()}
+    points: Array = mesh.points[:, :dim]
     np.savez(
         folder / "mesh.npz",
         points=points,
-        cells=mesh.cells_dict[cell],
-        facets=sides["block.bottom"],
-        base=np.unique(sides["block.bottom"]),
-        top=np.unique(sides["block.top"]),
+        cells=mesh.cells_dict[next(kind for kind in CELLS if kind in mesh.cells_dict and kind not in FACETS[dim])],
+        facets=sides["base"],
+        base=np.unique(sides["base"]),
+        top=np.unique(sides["top"]),
     )
-    top, body, friction = scene.supports["top"].displacement, scene.bodies["block"], scene.contacts["base"].friction
+    assert isinstance(contact.against, str)
     assert isinstance(body, Material)
-    assert isinstance(friction, Coulomb)
-    data = {
-        "dim": case.dim,
-        "E": body.E,  # [Pa]
-        "nu": body.nu,
-        "mu": friction.mu,
-        "height": float(np.ptp(points[:, -1])),  # [m]
-        "motion": [[_at(top[axis], time) for axis in AXES[: case.dim]] for time in TIMES],  # [m] of the top
-    }
+    assert isinstance(contact.friction, Coulomb)
+    end, count = scene.steps.end, scene.steps.count
+    data = (
+        names
+        | {
+            "dim": dim,
+            "order": shape.degree,
+            "E": body.E,  # [Pa]
+            "nu": body.nu,
+            "mu": contact.friction.mu,
+            "height": float(np.ptp(points[:, -1])),  # [m]
+            "radius": getattr(scene.obstacles[contact.against], "radius", 0.0),  # [m] of the cylinder; 0: a plane
+            "motion": [  # [m] of the top, by step
+                [_at(support.displacement[axis], end * k / count, end) for axis in AXES[:dim]]
+                for k in range(1, count + 1)
+            ],
+        }
+    )
     path = folder / "problem.json"
     path.write_text(json.dumps(data, indent=1))
     return path
 
 
-def _at(table: Amplitude | str, time: float) -> float:
+def _at(table: Amplitude | str, time: float, end: float) -> float:
     assert not isinstance(table, str)  # an expression: the scene has none
-    return value_at(table, time, TIMES[-1])
+    return value_at(table, time, end)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +178,7 @@ def measured(folder: Path, dim: int, sizes: Sequence[int], limit: float) -> Iter
     last: dict[str, Run] = {}
     for n in sizes:
         case = Case(dim, n)
-        problem = write_problem(case, folder / "peers" / f"{dim}d_{n:03d}")
+        problem = write_problem(replace(case.scene(), steps=TWO), folder / "peers" / f"{dim}d_{n:03d}")
         for program in (program for program in (OWN, *PROGRAMS) if dim in program.dims):
             name, before = program.name, last.get(program.name)
             command = [*program.command(), *([json.dumps(asdict(case)), PEERS] if program is OWN else [str(problem)])]
