@@ -129,6 +129,8 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     if problem.p_ref == 0:  # no load and no motion: the answer is zero
         yield Start.at(problem, np.zeros_like(p), np.zeros(surface.size))
         return
+    if problem.guess is not None:
+        yield Start.at(problem, p, problem.guess)
     known = np.abs(p).max(initial=0.0) > problem.scales.no_traction  # what is smaller does not tell what touches
     if known:
         yield Start.placed(problem, p)
@@ -256,12 +258,12 @@ class Attempts(Driver):
             if known:
                 x = self.judged(k, p, w, u)
                 # what other pairs leave the tolerance may hide, and it would be passed on from search to search
-                yield replace(x, enough=False) if problem.again and k == 0 and start.in_equilibrium else x
+                yield replace(x, enough=False) if problem.guess is not None and k == 0 and start.in_equilibrium else x
+                if k > number or self.problem is not problem:
+                    p_hat = p + gamma * (w - self.problem.gap)
                 if self.problem is not problem:
                     problem, least = self.problem, np.inf
                     search = LineSearch(problem, gamma)
-                if k > number:
-                    p_hat = p + gamma * (w - problem.gap)
                 rises, least = rises or x.residual > least, x.residual
                 weight = min(1.0, x.residual) * proximal * rises
             solved = self._solve(p_hat, held, gamma, (p, u), weight)

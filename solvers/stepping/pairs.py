@@ -65,7 +65,7 @@ class PairSearch:
                 start = replace(carried_over(state, system), searched=searched) if searched else state
                 if last is not None:  # behind a jump the path from the state before leads to pairs that take turns
                     jumped = bool(tried) and tried[-1].attempt.solution.jumps
-                    start = replace(start, guess=carried_over(last, system).p, jumped=jumped)
+                    start = replace(start, guess=carried_over(last, system), jumped=jumped)
                 attempt = inner(start, end)
                 if attempt.state is None or (attempt.solution.jumps and first.chain.cut_first):
                     return attempt  # a shorter substep follows

@@ -99,7 +99,7 @@ class State:
     searched: Mapping[str, Array]  # (n_all, d) relative motion that the pairs of sliding contacts were searched at [m]
     energy: Energy  # [J]
     previous: Previous | None = None  # None: the initial state, or one whose trend tells nothing of the next step
-    guess: Array | None = None  # (rows,) tractions [Pa] near those of the next substep; None: not known
+    guess: State | None = None  # near that at the end of the next substep, in the same contact rows; None: not known
     jumped: bool = False  # whether the next substep is known to jump, to the solution next to `guess`
     control: StepControl = StepControl()
     correction: Correction | None = None  # exact solution of the same steps minus this one; None: zero
@@ -123,7 +123,7 @@ class State:
             turns: times [s] at which one does.
         """
         if self.guess is not None:
-            return self.guess
+            return self.guess.p
         if self.previous is None:
             return self.p
         far = (time - self.time) / (self.time - self.previous.time)

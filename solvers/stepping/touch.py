@@ -129,22 +129,25 @@ class Way:
     def _freed(self, p: Array, closes: list[Bools]) -> Array:
         """Relative displacement (rows,) [m] that the tractions of points that close have taken; collective.
 
-        Obstacles stay where they are at the end, floating bodies where points were closed before, or give way across
-        the surface as points of their softness do.
+        Obstacles stay where they are at the end, floating bodies where points were closed before, which take up the
+        forces, so that the way has an energy; or they give way across the surface as points of their softness do.
 
         Args:
             p: tractions (rows,) [Pa] at the end.
             closes: by contact with friction, points that close.
         """
         problem, surface, acting = self.problem, self.problem.surface, self.holding(p, closes)
-        u = surface.displacement(surface.forces(acting) + self.added, self.tolerance * problem.u_ref)
+        forces, closed, wanted = surface.forces(acting) + self.added, self.p != 0, np.zeros_like(p)
+        bodies = np.asarray(surface.N @ surface.R)[:, : surface.R.shape[1] - surface.driven]
+        if surface.floating and closed.any():  # these take up the forces, as rigid bodies would share them out
+            left = (surface.R.T @ forces)[: bodies.shape[1]]
+            forces = forces - surface.N[closed].T @ np.linalg.lstsq(bodies[closed].T, left, rcond=None)[0]
+        u = surface.displacement(forces, self.tolerance * problem.u_ref)
         freed = surface.N @ (u - surface.R @ (surface.R.T @ u))
         if surface.floating:
-            closed, wanted = self.p != 0, np.zeros_like(p)
             if not closed.any():
                 closed = (acting != 0) & (np.arange(len(p)) < surface.normal_rows)
                 wanted = wanted + (p / problem.gamma)[closed].mean()
-            bodies = np.asarray(surface.N @ surface.R)[:, : surface.R.shape[1] - surface.driven]
             freed = freed + bodies @ np.linalg.lstsq(bodies[closed], (wanted - freed)[closed], rcond=None)[0]
         return np.asarray(freed)
 

@@ -38,7 +38,7 @@ from stickslip.workflows.lab.benchmarks import (
     time_to_accuracy,
 )
 from stickslip.workflows.lab.benchmarks.auto import Case, Run
-from stickslip.workflows.lab.benchmarks.peers import programs
+from stickslip.workflows.lab.benchmarks.peers import calculix_peer, programs
 from stickslip.workflows.lab.benchmarks.peers.programs import OURS, write_problem
 from stickslip.workflows.lab.benchmarks.price_run import REFERENCE
 from stickslip.workflows.lab.benchmarks.price_run import Case as Peer
@@ -307,6 +307,13 @@ def test_a_row_has_the_price_in_our_unit_and_the_errors_of_the_forces(tmp_path: 
     text = price.write_page(tmp_path, [], [ours, peer]).read_text()
     assert "<td>GetFEM<td>1<td>9<td>12<td>6<td>10<td>0.50<td>1.0e-02<td>-2.0e-02" in text
     assert "Peers on the same meshes" not in price.write_page(tmp_path, []).read_text()
+
+
+def test_a_deck_of_calculix_has_the_nodes_of_the_sides(tmp_path: Path) -> None:
+    problem = write_problem(replace(Peer(3, 2).scene(), steps=programs.TWO), tmp_path)
+    data = np.load(tmp_path / "mesh.npz")
+    top = calculix_peer.deck(json.loads(problem.read_text()), data).split("NSET=TOP\n")[1].split("*")[0]
+    assert sorted(map(int, top.split())) == sorted(data["top"] + 1)
 
 
 def of_ladder(errors: list[float]) -> Curve:
@@ -617,5 +624,13 @@ def test_coarse_copies_of_assemblies_have_answers(name: str, most: tuple[int, in
     found = assemblies.measure(case)
     assert found["told"] == ""
     assert len(found["iterations"]) == 3
+    assert found["iterations"][0] <= most[0]
+    assert max(found["iterations"][1:]) <= most[1]
+
+
+@pytest.mark.parametrize(("name", "most"), [("clevis", (27, 16)), ("ball", (42, 25))])
+def test_points_that_close_and_pairs_that_change_cost_little(name: str, most: tuple[int, int]) -> None:
+    """Of the clevis points close in a further step; of the ball the first one ends with other pairs."""
+    found = assemblies.measure(next(case for case in assemblies.copies([name]) if case.mu == 0.1))
     assert found["iterations"][0] <= most[0]
     assert max(found["iterations"][1:]) <= most[1]

@@ -38,6 +38,7 @@ from stickslip.solvers.newton.attempts import (
 )
 from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, saddle_point, solve
 from stickslip.solvers.newton.semismooth import SemismoothNewton
+from stickslip.solvers.stepping.touch import Way
 from stickslip.workflows.lab.benchmarks.price_run import Case
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict, read
@@ -676,6 +677,30 @@ def test_bodies_are_placed_where_tractions_near_to_a_solution_hold_them(floating
     start = Start.placed(floating, found.p)
     assert_allclose(start.u_c, found.u_c, atol=1e-9 * np.abs(found.u_c).max())
     assert newton(floating, found.p).iterations == 1
+
+
+def test_a_solution_of_other_pairs_is_begun_from_where_its_bodies_stand(floating: SurfaceProblem) -> None:
+    """Tractions tell badly where floating bodies are; the displacement found with other pairs leaves one solve."""
+    newton = SemismoothNewton(rtol=1e-12, max_it=100, linear=condensed_system.solve)
+    found = newton(floating, np.zeros(len(floating.gap)))
+    start = next(first_starts(replace(floating, guess=found.u_c), found.p))
+    assert (start.in_equilibrium, start.u_c is found.u_c) == (True, True)
+    moved = replace(floating, guess=found.u_c, gap=floating.gap + 1e-6 * floating.u_ref)
+    again = newton(moved, found.p)
+    assert (again.status, again.iterations) == (Status.CONVERGED, 1)
+
+
+def test_what_holds_closing_points_back_has_one_energy(floating: SurfaceProblem) -> None:
+    """Betti: forces a do the same work on the way that b take as b on that of a, and each does work on its own."""
+    n = floating.surface.normal_rows
+    p = np.where(np.arange(len(floating.gap)) < 2, floating.p_ref, 0.0)
+    way = Way(replace(floating, gap=np.where(np.arange(len(p)) < n, floating.u_ref, 0.0)), p, 0 * p, 0.0)
+    acting = np.zeros((2, len(p)))
+    acting[0, n - 1], acting[1, n // 2] = floating.p_ref, floating.p_ref
+    freed = np.array([way._freed(each, way._closes(each)) for each in acting])
+    work = (acting * floating.surface.W) @ freed.T
+    assert np.diag(work).min() > 0
+    assert work[0, 1] == pytest.approx(work[1, 0], rel=1e-9)
 
 
 def test_trial_tractions_of_an_answer_are_projected_onto_it() -> None:

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from verification.test_rate_and_state import LAW, SIGMA, column, followed
 
 from shared.audited import record_of
-from stickslip import Clock, Coulomb, Initial, Scene, SceneError, StepError, Steps
+from stickslip import Clock, Coulomb, Initial, Scene, SceneError, StepError, Steps, read
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.laws.rate_and_state import RateAndState
 from stickslip.solvers.results.audit import Auditor
@@ -210,3 +210,25 @@ def test_wrong_initial_tractions_are_refused_in_a_line(change: dict[str, Any], s
     with pytest.raises(SceneError, match=said) as refused:
         prepare(stressed(STRESSED | change, [[0.0, 0.0], [1.0, 1e-6]])).stepper.start()
     assert "\n" not in str(refused.value)
+
+
+def test_the_ready_slider_has_its_period() -> None:
+    steps = list(prepare(read("spring_slider", ["output.error=false"])).steps())
+    starts = [event.start for step in steps for event in step.events]
+    assert len(starts) == 4
+    assert_allclose(starts[3] - starts[2], 285.794093, rtol=1e-6)
+
+
+def test_the_ready_fault_slips_what_its_far_side_has_gone_ahead() -> None:
+    """Coarser by half: events come back, slip nearly what creep at depth has, and start where a is less than b."""
+    words = ["geometry.contact_mesh_size=800", "geometry.width=800", "output.error=false"]
+    scene = read("fault", [*words, "supports.far.displacement.y=[[0,0],[1.4e10,7]]", "steps.end=1.4e10"])
+    events = [event for step in prepare(scene).steps() for event in step.events]
+    assert len(events) == 3
+    apart = np.diff([event.start for event in events])
+    assert_allclose(apart, apart[0], rtol=0.01)
+    for event in events[1:]:
+        assert 0.85 < event.slip / (0.5e-9 * apart[0]) < 1.0  # the rest creeps before and after
+        assert event.place[2] > 25e3
+        assert_allclose(event.moment / 32e9 / 800, event.slip * 15e3, rtol=0.15)  # over the depth where a < b
+        assert 2e6 < event.drop < 6e6  # (b - a) p ln of nine decades of rate, at the most

@@ -24,20 +24,27 @@ PLATE = [[x, y, z] for z in (-1.0, 0.0) for x, y in ((-1, -1), (2, -1), (2, 2), 
 
 
 def deck(given: dict[str, Any], data: Any) -> str:
-    """Return the input file; its numbers begin with 1."""
+    """Return the input file; its numbers begin with 1.
+
+    Args:
+        given: problem.json.
+        data: mesh.npz.
+    """
     points, cells = data["points"], data["cells"]
     below = np.isin(cells, data["base"])
-    return render(
-        "lab/benchmarks/templates/calculix.inp",
-        nodes=np.vstack([points, PLATE]).tolist(),
-        cells=(cells + 1).tolist(),
-        plate=[len(points) + corner for corner in range(1, 9)],
-        top=(data["top"] + 1).tolist(),
-        base=(data["base"] + 1).tolist(),
-        faces=[f"{e + 1},S{face}" for face, c in FACES.items() for e in np.flatnonzero(below[:, c].all(axis=1))],
-        stiffness=PENALTY * given["E"] / given["height"],
-        **given,
+    sides = {side: (data[side] + 1).tolist() for side in ("base", "top")}  # in place of their names
+    numbers = (
+        given
+        | sides
+        | {
+            "nodes": np.vstack([points, PLATE]).tolist(),
+            "cells": (cells + 1).tolist(),
+            "plate": [len(points) + corner for corner in range(1, 9)],
+            "faces": [f"{e + 1},S{face}" for face, c in FACES.items() for e in np.flatnonzero(below[:, c].all(axis=1))],
+            "stiffness": PENALTY * given["E"] / given["height"],
+        }
     )
+    return render("lab/benchmarks/templates/calculix.inp", **numbers)
 
 
 def results(folder: Path) -> list[dict[str, float]]:
@@ -82,6 +89,8 @@ def main(path: Path) -> dict[str, Any]:
         "program": "CalculiX",
         "version": version,
         "seconds": used.ru_utime + used.ru_stime,
+        "start": 0.0,
+        "mesh": 0.0,
         "memory": used.ru_maxrss * 1024 / 1e9,
         "dofs": dofs,
         "steps": results(folder),

@@ -23,7 +23,12 @@ ORDER = {  # nodes of a cell in GetFEM's order, by dimension and number of nodes
 
 
 def model_of(given: dict[str, Any], data: Any) -> tuple[Any, Any, Any]:
-    """The model, its displacements and its integration method."""
+    """The model, its displacements and its integration method.
+
+    Args:
+        given: problem.json.
+        data: mesh.npz; cells with as many nodes as one of order 2 has are curved.
+    """
     dim, order, points, E, nu = given["dim"], given["order"], data["points"], given["E"], given["nu"]
     nodes = ORDER[dim, data["cells"].shape[1]]
     grid, degree = 2**dim <= len(nodes) != 6, 1 + (len(nodes) in (6, 9))  # 6: a curved triangle

@@ -29,7 +29,7 @@ from stickslip.workflows.lab.benchmarks.own_process import Run, child, kept
 from stickslip.workflows.lab.benchmarks.price_run import OURS, PEERS, Case
 
 HERE = Path(__file__).parent
-PYTHONS = (sys.executable, "/usr/bin/python3")  # Debian's packages are the second one's
+PYTHONS = (sys.executable, "/usr/bin/python3", "results/peers/bin/python")  # Debian's packages are the second one's
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 CELLS = ("quad", "triangle", "quad9", "triangle6", "hexahedron", "tetra", "hexahedron27", "tetra10")
 TWO = Steps(end=2.0, count=2)  # pressing and shifting
@@ -152,6 +152,24 @@ PROGRAMS = (
         install="Debian: python3-getfem",
         how="integral augmented Lagrangian, multipliers in the traces, Newton; MUMPS",
         growth=(2.6, 6.0),
+    ),
+    Program(
+        name="NGSolve by hand",
+        script="ngsolve_peer.py",
+        needs="ngsolve",
+        install="PyPI: ngsolve, in an environment results/peers",
+        how="penalty and return mapping at Gauss points, Newton; UMFPACK",
+        growth=(2.6, 6.0),
+        dims=(),
+    ),
+    Program(
+        name="FElupe",
+        script="felupe_peer.py",
+        needs="felupe",
+        install="PyPI: felupe, in an environment results/peers",
+        how="penalty at nodes, its rigid plane; SciPy's direct solver",
+        growth=(2.6, 6.0),
+        dims=(),
     ),
     Program(
         name="CalculiX",
