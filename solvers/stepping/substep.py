@@ -323,7 +323,7 @@ class SubstepSolver:
             weight=self.weight,
             force=sum_of_sizes(external) + float(np.abs(driving).sum()),
             stiffness=system.problem.softest / system.extent,
-            guess=self._at_contact(state.guess) if state.guess else None,
+            guess=self.at_contact(state.guess) if state.guess else None,
         )
         return problem, u_s, external
 
