@@ -32,8 +32,9 @@ from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.system.system import System
 
 log = logging.getLogger(__name__)
-# Solutions that bubbles add to a step, by the form of the bodies: they answer twice to each of Jacobi's steps, or once
-BUBBLES = {"condensed": 2 * STEPS, "sparse": 2 * STEPS, "matrix-free": 2}
+# Solutions that bubbles add to a step, by the form of the bodies: they answer twice to each of Jacobi's steps, or once,
+# and then these steps' stiffness of the next order takes as long as two more
+BUBBLES = {"condensed": 2 * STEPS, "sparse": 2 * STEPS, "matrix-free": 3}
 LEAST = 10.0  # s that estimates may take, however short the run
 FIXED = 2.0  # s of a run that do not grow with it: libraries, compiled forms
 USUAL = 10  # iterations of a step, as the cost model has them

@@ -3,7 +3,9 @@
 Of a run of order 1 the better ones are its own cells with order 2, in the plane cut where the error comes from, see
 `nested_run`: beside singular ends, and where less than a facet touches or slips, order 2 alone leaves most of the
 error. Stated is BETTER times the difference, no less than a third of that to cells twice as long, as the difference to
-order 2 may vanish by chance: it is the error if that falls with their area. A mesh that is a file's has no such cells.
+order 2 may vanish by chance: it is the error if that falls with their area. Where most numbers of the step are off by
+less of that, no chance makes them so, and that part of it is the least: long cells that lock err more. A mesh that is
+a file's has no such cells.
 Curved sides are curved with order 2: the part of the geometry is in that of the mesh. One rule holds for every kind of
 number. Areas, which are multiples of a node's area, are compared with that whose edges lie between nodes, see `areas`,
 and with the sum over nodes, of which half of the difference counts, as of all that is rounded; the larger is stated.
@@ -25,7 +27,7 @@ one, though cells that are larger than it do not show it: in the plane growth co
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -72,16 +74,27 @@ def errors_of_step(
     found, alone = dict[Quantity, ErrorParts](), _at_points(problem)
     others = {} if coarser is None else quantities(coarser)
     meshes = [] if coarser is None or not better.values else [at_ends(coarser), at_ends(step), _merged(better.values)]
-    for key, value in quantities(step).items():
-        near = [values[key] for values in better.values if key in values]
+    numbers = {key: (value, [v[key] for v in better.values if key in v]) for key, value in quantities(step).items()}
+    third = _left_over(numbers, others, factor)
+    for key, (value, near) in numbers.items():
         far = others.get(key)
         if f"{key.kind}.{key.name}" in alone or (not near and far is None):
             found[key] = ErrorParts()
         elif near and meshes and key not in better.smooth and _grows(problem, key, meshes, (factor, better.finer)):
             found[key] = ErrorParts(converges=False)
         else:
-            found[key] = _stated(key, order, value, near, far, by, factor, better.finer)
+            found[key] = _stated(key, order, value, near, far, by, factor, better.finer, third)
     return found
+
+
+def _left_over(numbers: Mapping[Quantity, tuple[Value, Sequence[Value]]], others: Values, factor: float) -> float:
+    """Part of the difference to longer cells that an error of order 1 is: a third, less if most numbers show less."""
+    parts = [1 / 3]
+    for key, (value, near) in numbers.items():
+        whole = 0.0 if key not in others else float(np.linalg.norm(value - others[key])) / (factor - 1)
+        if near and whole > EXACT * np.linalg.norm(value):
+            parts.append(BETTER * float(np.linalg.norm(difference(value, near))) / whole)
+    return min(parts[0], float(np.median(parts)))
 
 
 def _stated(
@@ -93,13 +106,14 @@ def _stated(
     by: str,
     factor: float,
     finer: float | None,
+    third: float,
 ) -> ErrorParts:
     """Error of a number by the difference to better ones, and to that of longer cells: the part that twice have."""
     times = BETTER if finer is None else finer**2 / (finer**2 - 1)
     off = times * difference(value, near)
     whole = np.zeros(np.shape(value)) if far is None else np.abs(value - far) / (factor - 1)
     if order == 1:
-        least = whole / (3 if near else 1)
+        least = whole * (third if near else 1)
     else:
         second = key.quantity in AT_NODES or number_of(key).kind == "pressure"
         least = whole / ((3 if second else 7) if near else 2)

@@ -56,8 +56,6 @@ def _correction(attempt: Attempt, new: State) -> Correction:
         return replace(Correction.none(len(new.w)), memory=before.memory)
     if found.correct is not None:  # an estimate of the method's own, with mu as it ended
         left = found.correct(before)
-        unsettled = _way(attempt, Correction.none(len(new.w))).unsettled(found.p, found.w, problem.gap)
-        left = replace(left, size=left.size + unsettled)
     else:
         if solver.chain.stage.surface != "condensed":
             found = replace(found, w=new.w)  # of the displacement that was recovered

@@ -59,7 +59,7 @@ class _March:
         self._proved: Attempt | None = None  # at the earliest one that is shown to have no equilibrium
         self._limit: _Limit | None = None  # between the present state and that time
         self._failed: SurfaceProblem | None = None  # from the present state
-        self._jumped: tuple[Attempt, State, float] | None = None  # likewise: solved, though by a jump; end, size [s]
+        self._beyond: float | None = None  # the earliest time [s] to which a jump led
         self._stuck = False  # whether a shorter step would be the same problem again
 
     def __call__(self) -> Attempt:
@@ -69,6 +69,8 @@ class _March:
             end = self._target if size == remaining else self._state.time + size
             if self._limit is not None:
                 if self._unbalanced is not None and self._limit.found(self._state.time):
+                    if self._by_jump():
+                        continue
                     return self._no_equilibrium(self._unbalanced)
                 end = self._limit.next_time(self._state.time)
                 size = end - self._state.time
@@ -77,7 +79,7 @@ class _March:
             if attempt.solution.jumps and self._limit is None and not (self._least(size) or self._chain.repeats):
                 self._whole = self._whole or self._control
                 self._control = self._control.after_failure(size, self._smallest)  # it may lead on in between
-                self._jumped = (attempt, attempt.state, size) if attempt.state is not None else None
+                self._beyond = end if attempt.state is not None else self._beyond
             elif attempt.state is not None:
                 self._good = self._accepted(attempt, attempt.state, size)
             elif (given_up := self._cut(attempt, size, end)) is not None:
@@ -112,7 +114,8 @@ class _March:
         # where pairs do not settle shorter substeps do not either
         self._smallest = self._shortest if settled else 2 * size
         begin, self._state = self._state, replace(attempt.state or new, control=self._control)
-        self._failed, self._jumped, self._stuck = None, None, False
+        self._failed, self._stuck = None, False
+        self._beyond = self._beyond if self._beyond is not None and self._beyond > new.time else None
         if self._state.searched:
             self._unbalanced = self._proved = None  # for other pairs
             if self._limit is not None and self._limit.found(self._state.time):
@@ -151,14 +154,29 @@ class _March:
             self._control, self._whole = self._control.after_failure(size, self._smallest), None
             log.warning("t = %g: %s; the step is cut to %.3g s", end, solution.status.value, self._control.size)
             return None
+        if self._by_jump():
+            return None
         if self._unbalanced is not None:
             return self._no_equilibrium(self._unbalanced)
-        if self._jumped is not None:  # in between is nothing that could be solved
-            self._good = self._accepted(*self._jumped)
-            return None
         why = explain(problem, solution, system.problem.solver, size)
         why += f"; {self._last}" if attempt.solver.surface.floating else ""
         return replace(attempt, good=self._good, when=end, why=why)
+
+    def _by_jump(self) -> bool:
+        """Go on by a jump to where one led, unless it is shown that the load has a limit before; collective.
+
+        In between is nothing that could be solved: where mu is large, an edge that opens neither sticks nor slips then.
+        """
+        if (end := self._beyond) is None or self._proved is not None:
+            return False
+        self._beyond = None
+        self._chain.begin(cut_first=False)
+        attempt = self._inner(self._state, end)
+        if attempt.state is None:
+            return False
+        self._limit = self._unbalanced = None
+        self._good = self._accepted(attempt, attempt.state, end - self._state.time)
+        return True
 
     @property
     def _last(self) -> str:

@@ -23,8 +23,9 @@ import numpy as np
 from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Solution, Status
+from stickslip.solvers.iteration import Correction, Solution, Status
 from stickslip.solvers.laws.law import touching
+from stickslip.solvers.newton.correction import CONTRACTION, SOLVES, UNSURE
 
 Solve = Callable[[SurfaceProblem, Array], tuple[Solution, SurfaceProblem]]  # from tractions (rows,) [Pa]
 
@@ -54,6 +55,9 @@ class Way:
         (solution, last), touch = found, Touch(self)
         while solution.status is Status.CONVERGED and (gap := touch(solution.p, solution.w, last.gap)) is not last.gap:
             solution, last = solve(replace(self.problem, gap=gap), solution.p)
+        if (correct := solution.correct) is not None and touch.felt is not None:
+            left = self._left(solution.p, touch.felt)
+            solution = replace(solution, correct=lambda before: _larger(correct(before), left))
         return solution, replace(last, gap=touch.idle) if touch.idle is not None else last
 
     @cached_property
@@ -151,27 +155,50 @@ class Way:
             freed = freed + bodies @ np.linalg.lstsq(bodies[closed], (wanted - freed)[closed], rcond=None)[0]
         return np.asarray(freed)
 
-    def felt(self, change: Array, p: Array) -> Array:
-        """Size of the part of a change (rows,) [m] of gaps that friction feels: it goes from bound to bound at most.
+    def felt(self, change: Array, p: Array, w: Array, gap: Array) -> Array:
+        """The part (rows,) [m] of a change (rows,) [m] of gaps that friction feels.
+
+        It goes from bound to bound at most, and where a point slips it is what turns its slip, or turns it back.
 
         Args:
-            p: tractions (rows,) [Pa] that give the bound.
-        """
-        problem, size = self.problem, np.abs(change)
-        for place in problem.cone.with_friction():
-            t, whole = place.tangential, 2 * np.repeat(problem.cone.bound(place, p[place.normal]), place.components)
-            size[t] = np.minimum(size[t], whole / problem.gamma[t])
-        return size
-
-    def unsettled(self, p: Array, w: Array, gap: Array) -> float:
-        """Energy norm [J^(1/2)] of what slip from where points touch would change; collective.
-
-        Args:
-            p, w: tractions (rows,) [Pa] and relative displacement (rows,) [m] of a solution.
+            p, w: tractions (rows,) [Pa] and relative displacement (rows,) [m] of a solution; the bound is theirs.
             gap: what it was found with (rows,) [m].
         """
-        size = self.felt(self.touched(p, w) - gap, p) if self.any else np.zeros_like(gap)
-        return float(np.sqrt((self.problem.surface.W * self.problem.gamma) @ size**2))
+        problem, felt = self.problem, change.copy()
+        slip = w - gap - problem.cone.give(p)
+        for place in problem.cone.with_friction():
+            t = place.tangential
+            moved, slid = (x[t].reshape(-1, place.components) for x in (change, slip))
+            length = np.linalg.norm(slid, axis=1, keepdims=True)
+            along = np.divide(slid, length, out=np.zeros_like(slid), where=length > 0)
+            whole = 2 * problem.cone.bound(place, p[place.normal])[:, None] / problem.gamma[t].reshape(moved.shape)
+            rest = moved - np.minimum((moved * along).sum(axis=1, keepdims=True), length) * along
+            felt[t] = np.clip(rest, -whole, whole).ravel()
+        return felt
+
+    def _left(self, p: Array, change: Array) -> float:
+        """Energy norm [J^(1/2)] of what a further change (rows,) [m] of slip from touch would add; collective.
+
+        Tractions q of the rows that touch move the bodies by it, F q = c; conjugate gradients find the energy q . c
+        from below.
+        """
+        surface, held, energy = self.problem.surface, ((p != 0) | (change != 0)) * self.problem.gamma, 0.0
+        r, d = change, held * change
+        size = first = float((surface.W * d) @ change)
+        with surface.counters.for_error():
+            for _ in range(SOLVES if size else 0):
+                u = surface.displacement(surface.forces(d), self.tolerance * float(np.abs(change).max()))
+                answer = surface.N @ (u - surface.R @ (surface.R.T @ u))
+                if (given := float((surface.W * d) @ answer)) <= 0 or size <= CONTRACTION**2 * first:
+                    break
+                energy, r = energy + size**2 / given, r - size / given * answer
+                size, last = float((surface.W * held) @ r**2), size
+                d = held * r + size / last * d
+        return UNSURE * float(np.sqrt(energy))
+
+
+def _larger(known: Correction, further: float) -> Correction:
+    return replace(known, size=known.size + further)
 
 
 @dataclass
@@ -189,6 +216,7 @@ class Touch:
     halved: float = np.inf  # size [m] of the last change that was halved
     sizes: list[float] = field(default_factory=list)  # of changes since then [m]
     tried: dict[bytes, list[tuple[Array, Array]]] = field(default_factory=dict)  # gaps, changes
+    felt: Array | None = None  # what is felt (rows,) [m] of the last change; None: not yet
     idle: Array | None = None  # gap (rows,) [m] before, with the changes that friction does not feel; None: not yet
 
     def __call__(self, p: Array, w: Array, before: Array) -> Array:
@@ -202,7 +230,8 @@ class Touch:
         problem, gap = self.way.problem, self.way.touched(p, w)
         change, settled = gap - before, max(self.way.tolerance, EXACT) * problem.u_ref
         allowed = np.maximum(settled, problem.scales.no_motion(self.way.w))
-        heard = (np.abs(change) if self.on_the_way else self.way.felt(change, p)) > allowed
+        self.felt = change if self.on_the_way else self.way.felt(change, p, w, before)
+        heard = np.abs(self.felt) > allowed
         self.idle = np.where(heard | (np.abs(change) <= allowed), before, gap)
         if not heard.any():
             return before

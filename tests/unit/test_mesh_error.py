@@ -61,6 +61,19 @@ def stated(better: float | None, coarser: float | None, order: int = 1, **given:
     return errors_of_step(simulation.problem, order, as_if(1.0), Better(near, **given), far, "order 2")[PEAK]
 
 
+@pytest.mark.parametrize("off", [0.01, 0.5])
+def test_cells_that_lock_when_they_are_longer_tell_no_third(off: float) -> None:
+    """Where all numbers are off by less of the difference to longer cells, one that is right by chance is, too."""
+    simulation, last = solved()
+    base = last.contacts["base"]
+    names = [key.quantity for key in quantities(last) if key.name == "base" and key.quantity in vars(base)]
+    longer = {**vars(base), **{name: 0.0 * getattr(base, name) for name in names}}
+    far = StepResult(**{**vars(last), "contacts": {"base": type(base)(**longer)}})
+    near = {key: value * (1 if key == PEAK else 1 - off) for key, value in quantities(last).items()}
+    found = errors_of_step(simulation.problem, 1, last, Better((near,), frozenset({PEAK})), far, "order 2")
+    assert found[PEAK].mesh == pytest.approx(base.max_pressure * min(1.4 * off, 1 / 3))
+
+
 def test_what_grows_by_no_less_each_time_has_no_limit() -> None:
     assert stated(1.3, 0.8).converges is False
     assert stated(1.3, 0.8).mesh is None

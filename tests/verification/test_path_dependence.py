@@ -153,6 +153,13 @@ def test_what_no_solution_goes_on_from_jumps(tmp_path: Path) -> None:
     assert after.jump > 0
 
 
+def test_an_edge_that_neither_sticks_nor_slips_lets_go() -> None:
+    """With mu of 200 a point at the edge has no state between that in which it sticks and that in which it is open."""
+    words = ["geometry.mesh_size=0.0035", "contacts.joint.friction.mu=200", "steps.count=6", "output.error=false"]
+    *_, step = steps(read("lap_joint", words))
+    assert step.time == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize(("lean", "mu"), [(1.0, 0.4), (1.3, 0.33)])
 def test_a_leaning_leg_has_several_answers(lean: float, mu: float, tmp_path: Path) -> None:
     """One of them slips everywhere under a uniform pressure, for loads that are made so."""

@@ -139,6 +139,16 @@ def test_stated_error_is_a_bound_and_not_far_too_large(case: tuple[str, str, flo
     assert_bound(*case)
 
 
+@pytest.mark.parametrize(
+    "motion", ["{ x = 0.0, y = -0.005 }", pytest.param("{ x = 0.001, y = -0.01 }", marks=pytest.mark.slow)]
+)
+def test_places_of_touch_that_a_tolerance_leaves_are_stated(motion: str) -> None:
+    """Pressed, and pressed and pushed in proportion: points that close stick from elsewhere than they should."""
+    words = (*coarse("half_disc"), "steps.end=1", "steps.count=1", f"supports.top.displacement={motion}")
+    stated, true = stated_and_true("half_disc", words, "regularised", 1e-3)
+    assert 1 <= stated / true <= 10
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize(
