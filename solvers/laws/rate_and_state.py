@@ -19,7 +19,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import EPS, TINY, Array, Ints
+from stickslip.geometry.arrays import EPS, SLIGHT, TINY, Array, Ints
 from stickslip.geometry.errors import prefixed, require
 from stickslip.geometry.expression import Varying
 from stickslip.geometry.field import Field, check_field, in_time, values
@@ -73,6 +73,8 @@ class RateAndState(FrictionLaw):
             }
             for key in ("a", "Dc"):
                 require(bool(np.all(found[key] > 0)), key, getattr(self, key), "must be positive everywhere")
+            least = f"must be at least f0 / 1000 = {SLIGHT * self.f0:g}; friction that no rate changes is coulomb"
+            require(bool(np.all(found["a"] >= SLIGHT * self.f0)), "a", self.a, least)
         return RateAndStateByPoint(of=self, a=found["a"], b=found["b"], Dc=found["Dc"])
 
     def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
@@ -123,9 +125,14 @@ class RateAndStateByPoint(FrictionLaw):
 
     def coefficient(self, aged: Array, V: Array) -> tuple[Array, Array, Array]:
         """f (m_t,) at states and rates, and its derivatives by ln V and by the state [-]."""
-        x = V / (2 * self.of.V0) * np.exp((self.of.f0 + self.b * aged) / self.a)
-        direct = self.a * x / np.hypot(1.0, x)
-        return self.a * np.arcsinh(x), direct, self.b / self.a * direct
+        with np.errstate(divide="ignore"):
+            ln_x = np.log(V) - self.ln_least(aged)
+        direct = self.a * np.exp(-np.logaddexp(0.0, -2 * ln_x) / 2)  # a x / sqrt(1 + x^2)
+        return self.a * _asinh_exp(ln_x), direct, self.b / self.a * direct
+
+    def ln_least(self, aged: Array) -> Array:
+        """ln of 2 V0 exp(-(f0 + b ln(V0 theta / Dc)) / a), below which rates are creep (m_t,)."""
+        return np.asarray(np.log(2 * self.of.V0) - (self.of.f0 + self.b * aged) / self.a)
 
     def rate(self, aged: Array, size: Array, pressure: Array) -> Array:
         """V (m_t,) [m/s] at states, of tractions f pressure + eta V = size [Pa], by Newton's method from above.
@@ -134,17 +141,18 @@ class RateAndStateByPoint(FrictionLaw):
         >>> law.rate(np.zeros(1), law.coefficient(np.zeros(1), np.full(1, 0.1))[0] + 1e3, np.ones(1))
         array([0.1])
         """
-        e, eta = 2 * self.of.V0 * np.exp(-(self.of.f0 + self.b * aged) / self.a), self.of.damping
+        ln_e, eta = self.ln_least(aged), self.of.damping
         size, ap = np.where(pressure > 0, size, 0.0), np.maximum(self.a * pressure, TINY)
         y = size / ap  # V = e sinh(y): the function below is convex, and positive here
         if eta:
-            y = np.minimum(y, np.arcsinh(size / (eta * e)))
+            y = np.minimum(y, _asinh_exp(np.log(np.maximum(size, TINY) / eta) - ln_e))
             for _ in range(NEWTON_STEPS):
-                off = ap * y + eta * e * np.sinh(y) - size
+                V = np.exp(ln_e + _ln_sinh(y))
+                off = ap * y + eta * V - size
                 if np.all(off <= 8 * EPS * size):
                     break
-                y = y - off / (ap + eta * e * np.cosh(y))
-        return np.asarray(e * np.sinh(y))
+                y = y - off / (ap + eta * np.hypot(V, np.exp(ln_e)))  # e cosh(y)
+        return np.asarray(np.exp(ln_e + _ln_sinh(y)))
 
     def evolves(self, aged: Array, V: Array) -> Array:
         """d ln(theta) / dt (m_t,) [1/s] at states and rates."""
@@ -243,6 +251,8 @@ class _InStep(FrictionLaw):
         steep = slope * pressure + np.where(pressure > 0, eta, 0.0) * V  # of the traction by ln V
         whole = steep + trial.gamma * self.step * V
         bound = np.where(pressure > 0, f * pressure + eta * V, 0.0)
+        steep = np.where(whole > 0, steep, pressure > 0)  # of a rate below the smallest number: it rests
+        whole = np.where(whole > 0, whole, 1.0)
         by_pressure = np.where(pressure > 0, f * trial.gamma * self.step * V / whole, 0.0)
         return Dragged(bound, steep / whole, average.multiply(by_pressure[:, None]).tocsr())
 
@@ -257,9 +267,15 @@ class _InStep(FrictionLaw):
         law, of = self.of, self.of.of
         aged = np.log(np.exp(self.start) + of.V0 * self.step / law.Dc)
         z = size / np.maximum(law.a * pressure, TINY)
-        return np.asarray(np.log(2 * of.V0) - (of.f0 + law.b * aged) / law.a + _ln_sinh(z))
+        return np.asarray(law.ln_least(aged) + _ln_sinh(z))
 
 
-def _ln_sinh(z: Array) -> Array:
-    """ln(sinh(z)) of z > 0, however large."""
-    return np.asarray(z + np.log(-np.expm1(-2 * z)) - np.log(2.0))
+def _asinh_exp(z: Array) -> Array:
+    """asinh(e^z)."""
+    return np.asarray(np.logaddexp(z, np.logaddexp(0.0, 2 * z) / 2))
+
+
+def _ln_sinh(y: Array) -> Array:
+    """ln sinh(y), y >= 0."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(y + np.log(-np.expm1(-2 * y)) - np.log(2.0))

@@ -147,8 +147,11 @@ def _by_rate(law: RateDependent | RateAndStateByPoint, mean: Array, memory: Arra
         mu = law.coefficient(memory) if isinstance(law.mu, str) else _in_table(law.mu, memory)
         return np.asarray(mu * mean + law.damping * memory)
     (aged, V), of = memory.T, law.of
-    z = V / of.V0 / 2 * np.exp(of.f0 / law.a + law.b / law.a * aged)
-    return np.asarray(law.a * np.log1p(z + z * z / (1 + np.sqrt(1 + z * z))) * mean + of.damping * V)
+    with np.errstate(divide="ignore"):
+        ln_z = np.log(V / of.V0 / 2) + of.f0 / law.a + law.b / law.a * aged
+    z = np.exp(np.minimum(ln_z, -np.log(EPS)))  # beyond it asinh grows as ln z
+    asinh = np.log1p(z + z * z / (1 + np.sqrt(1 + z * z))) + np.maximum(ln_z + np.log(EPS), 0.0)
+    return np.asarray(law.a * asinh * mean + of.damping * V)
 
 
 def remembered(law: FrictionLaw, before: Array, slip: Array, step: float) -> Array | None:

@@ -498,7 +498,8 @@ def _status(
     at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - accepted.slack)
     motion = min(problem.u_ref, scale / problem.stiffness)
     moving = np.linalg.norm(increment, axis=1) > ROUNDING * motion
-    slipping = at_bound & (moving | (not bound.any()))  # nothing sticks without friction
+    rests = bound.any() and (c.friction is None or c.friction.rests)  # nothing sticks without friction
+    slipping = at_bound & (moving | (not rests))
     return np.where(touching, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
 
 

@@ -120,14 +120,11 @@ def contact_differences(
     slid = np.linalg.norm(np.asarray(stored["slip_increment"], float), axis=1)
     limit = np.where(rows.share_t.T @ (~finite).astype(float) > 0, np.inf, nodal)
     wrong = (status != OPEN) & (pressure <= 0) & (rows.normal.sides == 1)
-    if not limit.any():
+    if not limit.any() or not (rows.friction is None or rows.friction.rests):
         wrong |= status == STICK
     elif exact:
         known = CLOSE * p_top * rows.slides  # what is left in the plane may be far less than what iterations leave
-        rests = rows.friction is None or rows.friction.rests
-        wrong |= (
-            rests & (status == SLIP) & ((size + known < limit * (1 - 2 * CLOSE)) | ((slid == 0) & (not rows.slides)))
-        )
+        wrong |= (status == SLIP) & ((size + known < limit * (1 - 2 * CLOSE)) | ((slid == 0) & (not rows.slides)))
         wrong |= (status == STICK) & (size >= limit * (1 - CLOSE / 2)) & (slid > CLOSE * u_top)
     yield float(wrong.any() and np.abs(p_n).max(initial=0.0) > noise)
     # where the edge of contact crosses a facet, dual means of compliant pressures may be below zero beside it

@@ -87,13 +87,47 @@ def test_the_command_leaves_covariance_and_picture(tmp_path: Path, capsys: pytes
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [("a,b\n1,2\n", "expected a column time"), ("time,x\n1,y\n", "table of numbers"), ("time,x\n", "expected numbers")],
+    [
+        ("a,b\n1,2\n", "expected a column time"),
+        ("time,x\n1,y\n", "table of numbers"),
+        ("time,x\n1,2\n3\n", "table of numbers"),
+        (f'time,x\n1,"{"1" * 200_000}"\n', "field larger than field limit"),
+        ("time,x\n", "expected numbers"),
+        ("time,x\n1\n", "1 columns: expected one for each of 2 names"),
+        ("time,x\n1,2,3\n", "3 columns: expected one for each of 2 names"),
+        ("time,x,x\n1,2,3\n", "expected each name once"),
+    ],
 )
 def test_what_is_no_table_of_data_is_refused(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "data.csv"
     path.write_text(text)
     with pytest.raises(SceneError, match=words):
         read_data(path)
+
+
+def test_a_table_of_a_spreadsheet_is_read(tmp_path: Path) -> None:
+    (tmp_path / "data.csv").write_bytes("\ufeff time , x\r\n1, 2\r\n".encode())
+    assert read_data(tmp_path / "data.csv") == {"time": 1.0, "x": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("data", "keys", "words"),
+    [
+        ({"time": np.ones(3), FORCE: np.array([1.0, np.nan, 1.0])}, (MU,), "expected 3 finite numbers"),
+        ({"time": np.ones(3), FORCE: np.ones(2)}, (MU,), "expected 3 finite numbers"),
+        ({"time": np.array([0.0, np.inf]), FORCE: np.ones(2)}, (MU,), "expected 2 finite numbers"),
+        ({"time": np.array([1.0, 3.5]), FORCE: np.ones(2)}, (MU,), "fit = 3.5: times lie from 0 to 3"),
+        ({"time": np.array([-1.0, 2.0]), FORCE: np.ones(2)}, (MU,), "times lie from 0 to 3"),
+        ({FORCE: np.ones(2)}, (MU,), "expected time"),
+        ({"time": np.ones(2), FORCE: np.ones(2)}, (MU, MU), "each key once"),
+        ({"time": np.ones(2), FORCE: np.ones(2)}, (), "each key once"),
+    ],
+)
+def test_columns_that_cannot_be_fitted_are_refused_before_a_run(
+    data: dict[str, np.ndarray], keys: tuple[str, ...], words: str
+) -> None:
+    with pytest.raises(SceneError, match=words):
+        fit(drawn(), data, keys, tell=pytest.fail)
 
 
 def test_data_that_no_step_has_are_refused() -> None:

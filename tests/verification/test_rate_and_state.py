@@ -16,6 +16,7 @@ from stickslip.solvers.laws.law import Trial
 from stickslip.solvers.laws.normal import Unilateral
 from stickslip.solvers.laws.rate_and_state import RateAndState
 from stickslip.solvers.results.audit import Auditor
+from stickslip.solvers.results.closed_formulas import bound
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -131,6 +132,20 @@ def test_a_column_is_a_spring_slider() -> None:
     assert_allclose(V[seen], [1.009133e-6, 1.016869e-6, 1.008361e-6], rtol=1e-3)
 
 
+@pytest.mark.parametrize("numbers", [{"a": 7e-4}, {"f0": 9.0}, {"b": 10.0, "theta": 1e6}])
+@pytest.mark.parametrize("eta", [0.0, 1e-3])
+def test_a_law_beyond_the_largest_exponential_is_that_of_its_logarithm(numbers: dict[str, float], eta: float) -> None:
+    law = RateAndState(**{"f0": 0.6, "a": 0.01, "b": 0.015, "Dc": 1e-3, "V0": 1e-6, "damping": eta} | numbers)
+    placed, V, p = law.placed(np.ones((1, 1)), 1.0, 1.0), np.array([1e-3]), np.ones(1)
+    aged = placed.memory(1)[:, 0]
+    f, slope, _ = placed.coefficient(aged, V)
+    assert_allclose(f, law.a * np.log(V / law.V0) + law.f0 + law.b * aged, rtol=1e-12)
+    assert_allclose(slope, law.a, rtol=1e-12)
+    off = placed.rate(aged, f + eta * V, p) / V - 1
+    assert np.all(np.abs(off) < 1e-14 * f / (law.a + eta * V) + 1e-12)
+    assert_allclose(bound(placed, Unilateral(), p, np.eye(1), 1.0, 1.0, np.column_stack([aged, V])), f + eta * V)
+
+
 def test_its_steps_pass_the_audit() -> None:
     scene = column(1e9, [[0.0, 0.0], [1.0, 6e-4], [11.0, 6.1e-4]], damping=1e7, evolution="slip")
     simulation = stickslip.prepare(scene)
@@ -155,6 +170,8 @@ def test_its_steps_pass_the_audit() -> None:
         ("theta", 0.0, "theta = 0.0: must be positive"),
         ("k_T", 1.0, "k_T = 1.0: friction that slips"),
         ("a", "0.01 - x", "a = 0.01 - x: must be positive everywhere"),
+        ("a", "1e-4", "a = 1e-4: must be at least f0 / 1000 = 0.0006"),
+        ("f0", 1e5, "a = 0.01: must be at least f0 / 1000 = 100"),
     ],
 )
 def test_parameters_that_mean_nothing_are_refused_in_a_line(key: str, value: Any, said: str) -> None:

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -85,12 +86,14 @@ class WrittenFiles:
                 for key, number in ((key, n) for key, n in numbers_of(record).items() if key in own):
                     parts = np.ravel(own[key])
                     stated = ((own.get("error") or {}).get(key) or {}).get("total")
+                    slopes = own.get("sensitivity", {}).get(key, {})
                     for k, flat in enumerate(flat_names(table, name, key, number, len(parts))):
                         reported.add(flat)
                         if number.column or flat in row:
                             yield flat, parts[k], 0.0
                         if number.column and number.error and errors is not None:
                             yield f"{flat}.error", np.nan if stated is None else np.ravel(stated)[k], 0.0
+                        yield from _by_inputs(flat, {by: _sides(slope, k) for by, slope in slopes.items()}, step)
         for key in numbers_of(StepResult):
             yield key, getattr(step, key), 0.0
         for key, value in step.columns.items():
@@ -137,6 +140,30 @@ class WrittenFiles:
                 yield _apart(float(columns[f"displacement_{axis}"][k]), value)
             for axis, at in STRESSES.items():
                 yield _apart(float(columns[f"stress_{axis}"][k]), probe.stress[at])
+
+
+def _sides(slope: Any, k: int) -> Array:
+    """Both sides (2,) of the derivative of a component, as result.json has it; NaN: there is none."""
+    both = [slope["below"], slope["above"]] if isinstance(slope, dict) else [slope, slope]
+    return np.array([np.nan if side is None else np.ravel(side)[k] for side in both])
+
+
+def _by_inputs(name: str, slopes: Mapping[str, Array], step: StepResult) -> Iterator[Expected]:
+    """Derivatives of a number in steps.csv; and what is left by inputs, of a gradient and its jump.
+
+    Args:
+        name: of the number's column.
+        slopes: both sides (2,) of each derivative, by number of the scene.
+    """
+    for by, (below, above) in slopes.items():
+        yield f"{name}.sensitivity.{by}", above if below == above else np.nan, 0.0
+    if slopes and (inputs := step.covariance):
+        half = np.array([np.diff(slopes[by])[0] / 2 for by in inputs])
+        mean, C = (
+            np.array([slopes[by][0] for by in inputs]) + half,
+            np.array([[*row.values()] for row in inputs.values()]),
+        )
+        yield f"{name}.uncertainty", float(np.sqrt(mean @ C @ mean + np.diag(C) @ half**2)), 0.0
 
 
 def _columns(header: Sequence[str], rows: Sequence[Sequence[str]], count: int) -> dict[str, AnyArray]:

@@ -57,14 +57,18 @@ def read_data(path: Path) -> dict[str, Array]:
         SceneError: it cannot be read, or holds something else than numbers.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            head, *rows = [row for row in csv.reader(file) if row]
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            head, *rows = [[cell.strip() for cell in row] for row in csv.reader(file) if row]
         table = np.array([[float(cell) for cell in row] for row in rows])
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise SceneError(f"{path}: expected a table of numbers below a line of names: {error}") from None
     require(TIME in head and len(head) > 1, str(path), ", ".join(head), f"expected a column {TIME}, and others")
+    require(len({*head}) == len(head), str(path), ", ".join(head), "expected each name once")
     require(len(table) > 0, str(path), "no rows", "expected numbers")
-    return {name.strip(): column for name, column in zip(head, table.T, strict=True)}
+    require(
+        len(table.T) == len(head), str(path), f"{len(table.T)} columns", f"expected one for each of {len(head)} names"
+    )
+    return dict(zip(head, table.T, strict=True))
 
 
 @typed
@@ -87,7 +91,12 @@ def fit(
         SceneError: a column or key is none, or there are fewer data than keys.
         SolverError: derivatives are lost.
     """
-    columns, start = [name for name in data if name != TIME], scene.parameters()
+    columns, start, end = [name for name in data if name != TIME], scene.parameters(), scene.requested_times()[-1]
+    require(TIME in data and len({*vary}) == len(vary) > 0, "fit", ", ".join(vary), f"expected {TIME}, each key once")
+    for name, column in data.items():
+        usable = np.shape(column) == np.shape(data[TIME]) and bool(np.isfinite(column).all())
+        require(usable, f"fit.{name}", name, f"expected {len(data[TIME])} finite numbers, as many as times")
+    require(min(data[TIME]) >= 0 and max(data[TIME]) <= end, "fit", max(data[TIME]), f"times lie from 0 to {end:g}")
     for name in columns:
         require_known("fit", name, scene.quantities(), "no such number in steps.csv")
     count = len(columns) * len(data[TIME])
@@ -168,7 +177,6 @@ class _Runs:
             numbers.append([now[name] for name in self.columns])
             slopes.append(np.array([[np.mean(each[name][key]) for key in self.vary] for name in self.columns]))
         at = self.data[TIME]
-        require(at.min() >= 0 and at.max() <= times[-1], "fit", at.max(), f"times lie from 0 to {times[-1]:g}")
 
         def between(columns: Array) -> Array:
             """Values at the times of the data (columns, times), of those at the steps (times, columns)."""
