@@ -77,7 +77,12 @@ class MovingEdges:
     """Areas of the neighbours of a solution, whose edges move beside those that it has between nodes."""
 
     def __init__(self, contacts: Iterable[ContactRows], step: Numbers) -> None:
-        """Find the edges of the solution."""
+        """Find the edges of the solution.
+
+        Args:
+            contacts: all of them.
+            step: numbers of the solution.
+        """
         contacts = tuple(contacts)
         self.own = areas_inside_facets(contacts, step)
         self._edges = {c.name: _Inside(c.surface, step.contacts[c.name]) for c in contacts}
@@ -104,7 +109,12 @@ class _Inside:
     """
 
     def __init__(self, side: Surface, contact: ContactState) -> None:
-        """Choose the parts by a solution."""
+        """Choose the parts by a solution.
+
+        Args:
+            side: of order 2: its corners count, where tractions have unknowns.
+            contact: of the solution.
+        """
         corners = len({"interval": "12", "triangle": "123", "quadrilateral": "1234"}[side.shape])
         self._side = side
         self._cut = np.concatenate([side.facets[:, :corners][:, list(part)] for part in PARTS[side.shape]])
@@ -140,7 +150,12 @@ class _Inside:
         return float(np.mean(rings) / f.max())
 
     def _above(self, f: Array, level: float) -> float:
-        """Area [m^(d-1)] where a function that is linear on each simplex is above a part of its largest value."""
+        """Area [m^(d-1)] where a function that is linear on each simplex is above a part of its largest value.
+
+        Args:
+            f: the function (n,), not negative.
+            level: that part [-].
+        """
         if np.isnan(level) or not f.any():
             return np.nan
         level = level * f.max()
