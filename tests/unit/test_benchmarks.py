@@ -62,7 +62,7 @@ from stickslip.workflows.lab.benchmarks.scaling_model import (
 )
 from stickslip.workflows.lab.benchmarks.scaling_run import Case as Scaling
 from stickslip.workflows.lab.benchmarks.time_to_accuracy import OURS as OUR_LADDER
-from stickslip.workflows.lab.benchmarks.time_to_accuracy import PROBLEMS, Curve
+from stickslip.workflows.lab.benchmarks.time_to_accuracy import PROBLEMS, Curve, Ladder
 from stickslip.workflows.lab.benchmarks.work_precision import Point, draw, points
 from stickslip.workflows.pictures.performance_profile import ratios
 
@@ -331,6 +331,19 @@ def test_an_accuracy_is_reached_where_all_finer_meshes_have_it(errors: list[floa
     assert (found and found["seconds"]) == seconds
 
 
+@pytest.mark.parametrize(("offset", "meshes"), [(0.1, 5), (0.0, 4), (None, 1)])
+def test_a_ladder_ends_where_its_number_is_right_or_settles_or_fails(
+    offset: float | None, meshes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def peer(problem: object, ladder: Ladder, size: float, folder: Path) -> dict[str, object]:
+        number = {"tangential_force": 1 + (offset or 0) + 0.1 * 0.08 ** int(folder.name)}
+        return {"status": "?", "seconds": 1.0} | ({} if offset is None else {"found": number})
+
+    monkeypatch.setattr(time_to_accuracy, "_peer", peer)
+    found = time_to_accuracy.climbed("block", Ladder(program="GetFEM"), {"tangential_force": 1.0}, tmp_path)
+    assert [run["size"] for run in found] == pytest.approx([4.0 * 0.6**k for k in range(meshes)])
+
+
 def test_rows_of_accuracies_take_the_soonest_ladder_and_say_where_one_ends() -> None:
     problem = replace(PROBLEMS["block"], goals={"friction force": "force", "area": "area"})
     slow, fast = of_ladder([0.1, 0.1, 0.004, 0.004]), of_ladder([0.02, 0.005])
@@ -338,8 +351,8 @@ def test_rows_of_accuracies_take_the_soonest_ladder_and_say_where_one_ends() -> 
     found = list(
         time_to_accuracy.rows(problem, [hand, slow, fast], {"force": 1.0, "area": 1.0}, {"force": 1e-4, "area": 1.0})
     )
-    assert [(row["asked"], row["program"], row.get("times"), row.get("status")) for row in found] == [
-        (1e-2, OUR_LADDER, 1.0, None), (1e-2, "GetFEM", 2.0, None),
+    assert [(row["asked"], row["program"], row["times"], row["ladder"]) for row in found] == [
+        (1e-2, OUR_LADDER, 1.0, "grid of order 1"), (1e-2, "GetFEM", 2.0, "grid of order 1"),
         (1e-3, OUR_LADDER, None, "ends at 0.5 %"), (1e-3, "GetFEM", None, "ends at 0.4 %"),
     ]  # fmt: skip
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import tempfile
 import time as clock
 import tomllib
@@ -18,12 +17,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
+from operator import itemgetter
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
-from stickslip import Accuracy, Counters, Scene, Watch, __version__, prepare, read
+from stickslip import Accuracy, Counters, Scene, Watch, prepare, read
 from stickslip.geometry.memory import peak
 from stickslip.solvers.parallel.counters import Clock, processors
 from stickslip.workflows.accuracy.rounds import Rounds
@@ -31,15 +31,17 @@ from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.cost.pictures import log_log
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
-from stickslip.workflows.lab.benchmarks.own_process import Run, child, kept
+from stickslip.workflows.lab.benchmarks.own_process import Run, apart, child, kept
 from stickslip.workflows.lab.benchmarks.peers.programs import PROGRAMS, write_problem
 from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, Sheet
 
 os.environ.update(ONE_THREAD)  # before the first operation that would start them
+STARTED = clock.process_time()  # libraries are loaded
 
 ASKED = (1e-2, 1e-3)
 LIMIT = 15.0  # seconds of the processor that a point may be expected to take
 Numbers = Mapping[str, float]
+COLUMNS = ("ladder", "seconds", "times", "error", "dofs", "mesh", "start", "memory")
 KEPT = Path("results/time_to_accuracy")
 OURS, ROUNDS = "stickslip, mesh by hand", "stickslip, --accuracy"
 
@@ -84,6 +86,7 @@ class Problem:
         start: the mesh that rounds begin with.
         truth: three meshes of order 2.
         grids: whether its builder has them, beside free meshes.
+        note: what the page says of the rows.
     """
 
     title: str
@@ -94,6 +97,7 @@ class Problem:
     start: float
     truth: Sequence[float]
     grids: bool = True
+    note: str = ""
 
     def on(self, order: int, cells: str, size: float) -> Scene:
         """Return the scene on a mesh, of cells `size` times as large as its own."""
@@ -111,7 +115,6 @@ PROBLEMS = {
 def _run(problem: Problem, ladder: Ladder, size: float) -> Run:
     """Return what our program finds on a mesh, in this process, after a first run that loads and compiles."""
     scene = problem.on(ladder.order, ladder.cells, size)
-    started = clock.process_time()
     list(prepare(problem.on(ladder.order, ladder.cells, problem.start)).steps())
     counters = Counters()
     counters.clock = Clock(now=clock.process_time)
@@ -122,12 +125,11 @@ def _run(problem: Problem, ladder: Ladder, size: float) -> Run:
     (contact,) = last.contacts.values()
     found = {number: getattr(contact, number) for number in problem.goals.values()}
     dofs, memory = simulation.system.constraints.free_total, peak() / 1e9
-    return {"seconds": seconds - mesh, "mesh": mesh, "start": started, "dofs": dofs, "memory": memory, "found": found}
+    return {"seconds": seconds - mesh, "mesh": mesh, "start": STARTED, "dofs": dofs, "memory": memory, "found": found}
 
 
 def _rounds(problem: Problem, goal: str, asked: float) -> Run:
     """Return what the rounds of `--accuracy` find, whose seconds count all of them, meshes, results and audit."""
-    started = clock.process_time()
     scene = problem.on(1, "simplex", problem.start)
     list(prepare(scene).steps())
     (contact,) = scene.contacts
@@ -141,19 +143,7 @@ def _rounds(problem: Problem, goal: str, asked: float) -> Run:
     told = last["goals"][f"{contact}.{goal}"]
     counts = {"dofs": last["unknowns"], "count": len(content["accuracy"]["rounds"]), "met": content["accuracy"]["met"]}
     found = {"found": {goal: told["value"]}, "stated": told["error"]}
-    return {"seconds": seconds, "mesh": 0.0, "start": started, "memory": peak() / 1e9} | counts | found
-
-
-def one(given: str) -> None:
-    """Print what a process of its own has measured, in JSON."""
-    problem, ladder, *rest = json.loads(given)
-    found = _run(PROBLEMS[problem], Ladder(**ladder), *rest) if ladder else _rounds(PROBLEMS[problem], *rest)
-    print(json.dumps(found | {"version": __version__}))
-
-
-def _own(name: str, *what: Any) -> Run:
-    code = "import sys; from stickslip.workflows.lab.benchmarks.time_to_accuracy import one; one(sys.argv[1])"
-    return child([sys.executable, "-c", code, json.dumps([name, *what], default=vars)], 4 * LIMIT)
+    return {"seconds": seconds, "mesh": 0.0, "start": STARTED, "memory": peak() / 1e9} | counts | found
 
 
 def _peer(problem: Problem, ladder: Ladder, size: float, folder: Path) -> Run:
@@ -180,8 +170,10 @@ def _peer(problem: Problem, ladder: Ladder, size: float, folder: Path) -> Run:
     return found
 
 
-def climb(name: str, ladder: Ladder, truth: Numbers, folder: Path) -> Iterator[Run]:
-    """Yield measurements on finer and finer meshes, until the first number is right twice, or one would take too long.
+def climbed(name: str, ladder: Ladder, truth: Numbers, folder: Path) -> list[Run]:
+    """Return measurements on finer and finer meshes, until the first number is right twice, or one would take too long.
+
+    It also ends where the number does not change any more, as that of a penalty.
 
     Args:
         name: of the problem.
@@ -189,21 +181,24 @@ def climb(name: str, ladder: Ladder, truth: Numbers, folder: Path) -> Iterator[R
         truth: the true numbers.
         folder: that keeps each measurement in a file.
     """
-    problem, before, k = PROBLEMS[name], list[Run](), 0
+    problem, before, found = PROBLEMS[name], list[Run](), list[Run]()
     goal = next(iter(problem.goals.values()))
     while len(before) < 3 or any(abs(run["found"][goal] / truth[goal] - 1) > min(ASKED) for run in before[-2:]):
-        if len(before) > 1 and before[-1]["seconds"] ** 2 / before[-2]["seconds"] > LIMIT:
-            return
+        seconds, values = (
+            [*map(value, before[-2:])] for value in (itemgetter("seconds"), lambda run: run["found"][goal])
+        )
+        settled = len(before) > 2 and abs(values[1] / values[0] - 1) < min(ASKED) / 3
+        if settled or (len(before) > 1 and seconds[1] ** 2 / seconds[0] > LIMIT):
+            break
+        k = len(before)
         size, path = ladder.first * ladder.finer**k, folder / f"{k}.json"
-        if ladder.program == OURS:
-            run = kept(path, partial(_own, name, ladder, size))
-        else:
-            run = kept(path, partial(_peer, problem, ladder, size, folder / str(k)))
-        yield run | {"size": size}
+        ours = partial(_run, problem, ladder, size)
+        run = kept(path, ours if ladder.program == OURS else partial(_peer, problem, ladder, size, folder / str(k)))
+        found.append(run | {"size": size})
         if "found" not in run:
-            return
+            break
         before.append(run)
-        k += 1
+    return found
 
 
 def truths(name: str, folder: Path) -> tuple[dict[str, float], dict[str, float]]:
@@ -215,7 +210,7 @@ def truths(name: str, folder: Path) -> tuple[dict[str, float], dict[str, float]]
     folder.mkdir(parents=True, exist_ok=True)
     problem, ladder = PROBLEMS[name], Ladder(program=OURS, order=2)
     found = [
-        kept(folder / f"truth_{k}.json", partial(_own, name, ladder, size))["found"]
+        kept(folder / f"truth_{k}.json", partial(apart, _run, problem, ladder, size))["found"]
         for k, size in enumerate(problem.truth)
     ]
     return found[-1], {goal: abs(found[-2][goal] / value - 1) for goal, value in found[-1].items()}
@@ -275,7 +270,7 @@ def rows(problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numb
         for maker in dict.fromkeys(curve.maker for curve in curves):
             mine = [curve for curve in curves if curve.maker == maker]
             met = [(run, curve) for curve in mine if (run := curve.reached(goal, truth[goal], asked))]
-            row: Run = {"number": word, "asked": asked, "program": maker}
+            row: Run = dict.fromkeys(COLUMNS) | {"number": word, "asked": asked, "program": maker}
             if met:
                 run, curve = min(met, key=lambda pair: pair[0]["seconds"])
                 hand = hand or run["seconds"]
@@ -284,7 +279,7 @@ def rows(problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numb
             else:
                 closest = [error for curve in mine for _, error, _ in curve.errors(goal, truth[goal])[-1:]]
                 failed = dict.fromkeys(run["status"] for curve in mine for run in curve.runs if "found" not in run)
-                row["status"] = f"ends at {100 * min(closest):.2g} %" if closest else "; ".join(failed)
+                row["ladder"] = f"ends at {100 * min(closest):.2g} %" if closest else "; ".join(failed)
             yield row
 
 
@@ -327,13 +322,15 @@ def measured(name: str, only: str = "") -> tuple[list[Curve], dict[str, float], 
     for ladder in problem.ladders:
         place = folder / "-".join((ladder.program, ladder.name)).replace(", ", "-").replace(" ", "_")
         _forget(only in f"{ladder.program}, {ladder.name}" and bool(only), place)
-        curves.append(Curve(ladder.program, ladder.name, tuple(climb(name, ladder, truth, place))))
+        own = ladder.program == OURS and not place.joinpath("0.json").exists()  # libraries are loaded once
+        runs = apart(climbed, name, ladder, truth, place) if own else climbed(name, ladder, truth, place)
+        curves.append(Curve(ladder.program, ladder.name, tuple(runs)))
     found = list[Run]()
     for goal, asked in product(problem.goals.values(), ASKED):
         if spread[goal] <= asked / 3:
             place = folder / f"rounds_{goal}_{asked:g}"
             _forget(only in ROUNDS and bool(only), place)
-            found.append(kept(place / "0.json", partial(_own, name, None, goal, asked)) | {"asked": asked})
+            found.append(kept(place / "0.json", partial(apart, _rounds, problem, goal, asked)) | {"asked": asked})
     return [*curves, Curve(ROUNDS, "rounds from a free mesh", tuple(found))], truth, spread
 
 

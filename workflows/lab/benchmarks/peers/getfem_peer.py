@@ -53,8 +53,9 @@ def model_of(given: dict[str, Any], data: Any) -> tuple[Any, Any, Any]:
     model.add_initialized_data("motion", np.zeros(dim))
     model.add_Dirichlet_condition_with_simplification("u", TOP, "motion")
     model.add_filtered_fem_variable("traction", displacements, BASE)
-    plane, R = "y" if dim == 2 else "z", given["radius"]
-    model.add_initialized_fem_data("obstacle", obstacle, obstacle.eval(f"sqrt(x*x+y*y)-{R}" if R else plane))
+    places, R = obstacle.basic_dof_nodes(), given["radius"]
+    distance = np.linalg.norm(places, axis=0) - R if R else places[-1]
+    model.add_initialized_fem_data("obstacle", obstacle, distance)
     model.add_initialized_fem_data("before", displacements, np.zeros(displacements.nbdof()))
     for name, value in (("r", E / given["height"] if "penalty" in given else E), ("mu", given["mu"]), ("alpha", 1.0)):
         model.add_initialized_data(name, value)
@@ -93,15 +94,15 @@ def main(path: Path) -> dict[str, Any]:
         iterations, converged = model.solve("max_res", 1e-9, "max_iter", 100, "lsolver", "mumps")
         if not converged:
             raise SystemExit(f"GetFEM's Newton method does not converge in {iterations} iterations")
-        force = gf.asm_generic(inside, 0, "traction", BASE, model)
-        normal = float(gf.asm_generic(inside, 0, f"traction.{N}", BASE, model)) if R else float(force[-1])
+        normal = float(gf.asm_generic(inside, 0, f"traction.{N}", BASE, model))
+        tangential = gf.asm_generic(inside, 0, f"traction-(traction.{N})*{N}", BASE, model)
         pressed = -((model.variable("u")[base].reshape(-1, dim) * n).sum(axis=1) + gap)
         pressures = (model.variable("traction").reshape(-1, dim) * n).sum(axis=1)
         steps.append(
             {
                 "iterations": int(iterations),
                 "normal_force": abs(normal),
-                "tangential_force": float(np.linalg.norm(force if R else force[:-1])),
+                "tangential_force": float(np.linalg.norm(tangential)),
                 "stick_area": float(gf.asm_generic(inside, 0, STICKS, BASE, model)),
                 "penetration": float(max(pressed.max(), 0.0)),
                 "max_pressure": float(pressures.max()),
