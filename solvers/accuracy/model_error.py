@@ -44,7 +44,7 @@ def model_errors(observe: Observer, accepted: Accepted, result: StepResult) -> d
 
 
 def _changes(observe: Observer, accepted: Accepted, result: StepResult) -> dict[Quantity, Value]:
-    share, forces = left_out(observe, accepted)
+    share, forces, _ = left_out(observe, accepted)
     values = quantities(result)
     if share < SLIGHT:
         return {key: share * np.abs(value) for key, value in values.items()}
@@ -68,8 +68,11 @@ def _between_turns(accepted: Accepted) -> bool:
     return bool(np.abs(own - time).min() <= near < np.abs(turns - time).min())
 
 
-def left_out(observe: Observer, accepted: Accepted) -> tuple[float, Vec]:
-    """What D is of the stress, in the mean over the bodies [-], and its inner forces over all dofs [N]; collective."""
+def left_out(observe: Observer, accepted: Accepted) -> tuple[float, Vec, Array]:
+    """What D is of the stress, in the mean over the bodies [-], and its inner forces over all dofs [N]; collective.
+
+    Third is the size of D in this rank's own cells (cells,) [Pa].
+    """
     system, state, mesh = accepted.stepper.system, accepted.state, accepted.stepper.system.mesh
     stress, shape = observe.stress(state.u, state.initial), mesh.domain.topology.cell_type.name
     basis, slopes = dx.reference_basis(shape, mesh.degree, dx.midpoint(mesh.domain))
@@ -101,9 +104,9 @@ def left_out(observe: Observer, accepted: Accepted) -> tuple[float, Vec]:
     np.add.at(at_nodes, nodes, forces)
     vector = system.vector()
     vector.array[:] = dx.sums_on_owners(system.space, at_nodes).ravel()
-    sizes = [float(volume @ np.linalg.norm(each, axis=(1, 2))) for each in (more, stress)]
-    part, whole = mesh.comm.allreduce(np.array(sizes))
-    return float(part / whole) if whole else 0.0, vector
+    sizes = np.linalg.norm([more, stress], axis=(2, 3))
+    part, whole = mesh.comm.allreduce(sizes @ volume)
+    return float(part / whole) if whole else 0.0, vector, sizes[0]
 
 
 def _answer(accepted: Accepted, forces: Vec) -> State | None:

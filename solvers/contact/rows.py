@@ -121,17 +121,21 @@ class ContactRows:
 
     @cached_property
     def initial(self) -> tuple[Array, Array]:
-        """Pressures (m_n,) and tangential tractions (m_t, d-1) [Pa] at t = 0."""
-        p, t, given = np.zeros(len(self.W_n)), np.zeros(self.free.shape), self.fields.initial if self.fields else None
-        if given is None or self.fields is None:
-            return p, t
-        p += values(given.pressure, "pressure", self.fields.to_points @ self.fields.points, 0.0, self.fields.end)
+        """Pressures (m_n,) and tangential tractions (m_t, d-1) [Pa] at t = 0; what supports hold carries none."""
+        p, given = np.zeros(len(self.W_n)), self.fields.initial if self.fields else None
+        if given is not None and self.fields is not None:
+            p += values(given.pressure, "pressure", self.fields.to_points @ self.fields.points, 0.0, self.fields.end)
+        return p, self._shear() * self.free
+
+    def _shear(self) -> Array:
+        """The latter, of supports that hold nothing."""
+        given = self.fields.initial if self.fields else None
+        if given is None:
+            return np.zeros(self.free.shape)
         if isinstance(given.traction, float | int):  # of a plane model: along the axis that is nearest to the tangent
             axis = np.abs(self.tangents).argmax(axis=2)[..., None]
-            t = given.traction * np.sign(np.take_along_axis(self.tangents, axis, axis=2))[..., 0]
-        else:
-            t = np.asarray(self.tangents @ np.array(given.traction), float)
-        return p, self.sense * t * self.free
+            return self.sense * given.traction * np.sign(np.take_along_axis(self.tangents, axis, axis=2))[..., 0]
+        return np.asarray(self.sense * self.tangents @ np.array(given.traction))
 
     def first_memory(self) -> Array:
         """What the law remembers of points at t = 0."""
@@ -140,11 +144,10 @@ class ContactRows:
         found = law.memory(len(self.W_t))
         if fields is None or fields.initial is None:
             return found
-        p, t = self.initial
         with prefixed(f"contacts.{self.name}.initial"):
             state, at = fields.initial.state, fields.to_tangential @ fields.points
             theta = state if state is None or state == STEADY else values(state, "state", at, 0.0, fields.end)
-            pressure, size = np.asarray(self.average @ p), np.linalg.norm(t, axis=1)
+            pressure, size = np.asarray(self.average @ self.initial[0]), np.linalg.norm(self._shear(), axis=1)
             return law.begun(found, pressure, size, theta, fields.initial.rate)
 
     @property

@@ -297,14 +297,13 @@ class Contact(Noun):
         for key in ("slide", "slide_speed"):
             value = getattr(self, key)
             require(model != "3d" or value is None, key, value, "there is no direction out of the plane in 3D")
-        if self.initial is not None and (model == "3d" or not isinstance(self.initial.traction, float | int)):
+        if self.initial is not None:
             with prefixed("initial"):
-                number = isinstance(self.initial.traction, float | int)
-                require(
-                    not number or not self.initial.traction, "traction", self.initial.traction, "give [x, y, z] in 3D"
-                )
-                if not isinstance(self.initial.traction, float | int):
-                    require_components(self.initial.traction, "traction", dimensions(model))
+                traction = self.initial.traction
+                if not isinstance(traction, float | int):
+                    require_components(traction, "traction", dimensions(model))
+                else:
+                    require(model != "3d" or not traction, "traction", traction, "give [x, y, z] in 3D")
         if self.friction is not None:
             with prefixed("friction"):
                 self.friction.check_model(model)

@@ -429,7 +429,7 @@ class Scene(Noun):
                 timed = (contact.friction is not None and contact.friction.timed) or contact.slide_speed is not None
                 key = "slide_speed is a rate" if contact.slide_speed is not None else "friction depends on slip rates"
                 said = f"contacts.{name}.{key}: say that times are seconds, seconds = true"
-                require(self.steps.timed or not timed, "steps.seconds", "false", said)
+                require(self.steps.seconds or self.steps.clock is not None or not timed, "steps.seconds", "false", said)
 
     def _check_rest(self, mistakes: Mistakes) -> None:
         with mistakes:

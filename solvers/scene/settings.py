@@ -86,11 +86,6 @@ class Steps(Noun):
         require(1 <= self.count <= 1_000_000, "count", self.count, "must be a whole number from 1 to 1000000")
         require(self.clock is None or self.count == 1, "count", self.count, "leave it out: the clock finds the steps")
 
-    @property
-    def timed(self) -> bool:
-        """Whether times are seconds."""
-        return self.seconds or self.clock is not None
-
 
 @dataclass(frozen=True, kw_only=True)
 class Solver(Noun):

@@ -14,7 +14,6 @@ Geophys. Res. 105 (2000), of steps that follow the slip; Erickson et al., Seismo
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -25,6 +24,7 @@ from scipy.linalg import inv
 from scipy.optimize import brentq
 
 from stickslip.geometry.arrays import EPS, EXACT, TINY, Array, Bools
+from stickslip.geometry.errors import SolverError
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Correction, Solution, Status
@@ -35,7 +35,6 @@ from stickslip.solvers.stepping.law_memory import with_memory
 from stickslip.solvers.stepping.state import State, StepControl
 from stickslip.solvers.stepping.substep import Attempt, Substep, SubstepSolver, unsolved
 
-log = logging.getLogger(__name__)
 SETTLING = 50  # changes of the points that touch at one time, at the most
 ROUGHEST = 100 * EPS  # relative error that the pair takes as the least, of slips that are long beside Dc
 
@@ -64,7 +63,10 @@ class ClockLoop:
             if not start.p.any() or target <= start.time:
                 return inner(start, target)
             assert self._clock is not None
-            return _March(self._solver, self._clock, start, target, self._pauses)()
+            try:
+                return _March(self._solver, self._clock, start, target, self._pauses)()
+            except (SolverError, np.linalg.LinAlgError) as error:
+                return _given_up(self._solver, start, start.time, str(error))
 
         return followed
 
@@ -158,7 +160,7 @@ class _March:
         time, last, closed = start.time, 0.0, (start.p[: self._n] > 0) | self._held
         while time < self._target:
             if not self._settles(time, y, closed):
-                return self._given_up(time, "points open and close without end")
+                return _given_up(self._solver, self._start, time, "points open and close without end")
             pair = _Pair(self._rates, time, y, self._target, clock.largest, ROUGHEST, allowed,
                          first_step=min(size, self._target - time))  # fmt: skip
             while time < self._target and (self._shut(time) == self._closed).all():
@@ -166,7 +168,12 @@ class _March:
                 with np.errstate(all="ignore"):  # of what is tried and not taken
                     pair.step()
                 if pair.status == "failed" or (pair.h_abs < clock.smallest and pair.status == "running"):
-                    return self._given_up(pair.t, f"its error asks for steps below smallest = {clock.smallest:g} s")
+                    return _given_up(
+                        self._solver,
+                        self._start,
+                        pair.t,
+                        f"its error asks for steps below smallest = {clock.smallest:g} s",
+                    )
                 last, time, y, steps = pair.step_size, pair.t, pair.y, steps + 1
                 self._solver.chain.history.tick(time, steps, self._solver.system.counters.volume_solves)
                 size = max(pair.h_abs, tried) if pair.status == "finished" else pair.h_abs
@@ -174,7 +181,6 @@ class _March:
                 if (self._pauses and any(changes)) or steps >= self._most:
                     return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
             closed = self._shut(time)
-        log.info("t = %g: %d steps of the clock", time, steps)
         return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
 
     def _notice(self, flow: _Flow, pair: _Pair) -> bool:
@@ -192,20 +198,18 @@ class _March:
         inside, kept = pair.dense_output(), self._p
 
         def above(time: float) -> float:
-            rates = self._rates(time, inside(time))
-            return float(np.log(flow.fastest(rates) / least))
+            return float(np.log(flow.fastest(self._rates(time, inside(time))) / least))
 
-        low, high = pair.t_old, pair.t
-        time = brentq(above, low, high, xtol=EXACT * high) if above(low) * above(high) < 0 else low
+        turns = above(pair.t_old) * above(pair.t) < 0
+        time = brentq(above, pair.t_old, pair.t, xtol=EXACT * pair.t) if turns else pair.t_old
         y = inside(time)
-        rates = self._rates(time, y).copy()
-        now = {"start": np.array(time), "slip": y[flow.slip], "p": self._p, "rate": np.array(fast)}
+        at = np.array(flow.speeds(self._rates(time, y)).argmax())
+        now = {"start": np.array(time), "slip": y[flow.slip], "p": self._p, "rate": np.array(fast), "at": at}
         self._p = kept
         if began is None:
-            self._running[name] = now | {"at": np.array(flow.speeds(rates).argmax())}
+            self._running[name] = now
             return True
-        self._events.append(self._event(flow, began, now))
-        del self._running[name]
+        self._events.append(self._event(flow, self._running.pop(name), now))
         return True
 
     def _event(self, flow: _Flow, began: Mapping[str, Array], now: Mapping[str, Array]) -> Event:
@@ -281,12 +285,6 @@ class _March:
             found[self._works + flow.index] = place.rows.W_t @ (size * V)
         return found
 
-    def _given_up(self, time: float, why: str) -> Attempt:
-        """An attempt without a state; steps up to there are not kept."""
-        nothing = unsolved(self._start, self._solver.surface.size, Status.BROKEN, [])
-        tried = Attempt(solver=self._solver, begin=self._start, solution=nothing)
-        return replace(tried, why=f"the clock stops: {why}", when=time)
-
     def _ended(self, time: float, y: Array, last: float, steps: int, control: StepControl) -> Attempt:
         """The state at the end of the step; collective.
 
@@ -320,3 +318,9 @@ class _March:
         )
         new = replace(tried.state, energy=energy, control=control, correction=none)
         return replace(tried, state=replace(new, events=tuple(self._events), running=self._running))
+
+
+def _given_up(solver: SubstepSolver, start: State, time: float, why: str) -> Attempt:
+    """An attempt without a state; steps up to there are not kept."""
+    tried = Attempt(solver=solver, begin=start, solution=unsolved(start, solver.surface.size, Status.BROKEN, []))
+    return replace(tried, why=f"the clock stops: {why}", when=time)

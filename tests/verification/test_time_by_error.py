@@ -10,9 +10,8 @@ from scipy.integrate import solve_ivp
 from verification.test_rate_and_state import LAW, SIGMA, column, followed
 
 from shared.audited import record_of
-from stickslip import Clock, Coulomb, Initial, Scene, SceneError, StepError, Steps, read
+from stickslip import Clock, Coulomb, Initial, Scene, SceneError, StepError, Steps, Support, read
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.laws.rate_and_state import RateAndState
 from stickslip.solvers.results.audit import Auditor
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.scene_file.read import from_dict
@@ -187,14 +186,6 @@ def test_the_first_moments_are_those_of_an_independent_integration() -> None:
     assert_allclose(f, exact.y[0], rtol=1e-7)
 
 
-def test_a_rate_gives_the_state_that_its_traction_asks_for() -> None:
-    given = {"pressure": SIGMA, "traction": 0.55 * SIGMA, "rate": 1e-9}
-    start = prepare(stressed(given, [[0.0, 0.0], [1.0, 1e-6]], damping=1e7)).stepper.start()
-    assert_allclose(start.memory["base"][:, 1], 1e-9, rtol=1e-9)
-    law = RateAndState(**{k: v for k, v in LAW.items() if k != "law"}).placed(np.ones((1, 1)), 1.0, 1.0)
-    assert_allclose(law.coefficient(*start.memory["base"].T)[0] * SIGMA + 1e7 * 1e-9, 0.55 * SIGMA, rtol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -232,3 +223,12 @@ def test_the_ready_fault_slips_what_its_far_side_has_gone_ahead() -> None:
         assert event.place[2] > 25e3
         assert_allclose(event.moment / 32e9 / 800, event.slip * 15e3, rtol=0.15)  # over the depth where a < b
         assert 2e6 < event.drop < 6e6  # (b - a) p ln of nine decades of rate, at the most
+
+
+def test_points_that_supports_hold_along_the_surface_have_a_state_too() -> None:
+    scene = stressed({"pressure": SIGMA, "traction": 0.55 * SIGMA, "rate": 1e-9}, [[0.0, 0.0], [1.0, 1e-6]])
+    held = Support(point=(0.0, 0.0), displacement={"x": 0.0})
+    simulation = prepare(replace(scene, periodic={}, supports=scene.supports | {"left": held}))
+    start = simulation.stepper.start()
+    assert_allclose(start.memory["base"][:, 1], 1e-9, rtol=1e-9)
+    assert sum(abs(start.p) == 0.55 * SIGMA) == sum(abs(start.p) == SIGMA) - 1  # it carries no shear

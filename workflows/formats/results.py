@@ -23,6 +23,7 @@ from stickslip.workflows.formats.files import json_text, parse_json, read_json
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.marker import RESULT, checksums, marker_of, own_files, read_checked_json, text_of
 from stickslip.workflows.formats.mesh_file import MESH_FILE
+from stickslip.workflows.formats.neglect_table import largest_neglected
 from stickslip.workflows.formats.plus_minus import AT_LEAST, UNKNOWN, missing, of_parts, parts_of
 from stickslip.workflows.formats.steps import light_files, read_checkpoint, step_files
 
@@ -33,7 +34,7 @@ OF_MESH = re.compile(r" INFO ((?:mesh|contact \w+): .*)$", re.MULTILINE)  # line
 HEAD = ("phase", "seconds", "share", "calls", "volume solves")
 REFERENCE = "linear_reference"
 MAIN = ("normal_force", "tangential_force", "max_pressure", "stored")  # numbers whose errors are told by part
-INPUTS, WITH_INPUTS = "inputs, k = 1", "with inputs, k = 1"
+INPUTS, WITH_INPUTS, NEGLECTED = "inputs, k = 1", "with inputs, k = 1", "largest neglected"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +99,7 @@ def unit_of(scene: Mapping[str, Any], of: str) -> str:
 
 
 def error_budget(content: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Head and rows of a table: main numbers of the last step with ±, by part, and by what inputs leave.
+    """Head and rows of a table: main numbers of the last step with ±, by part, by inputs, and by what is left out.
 
     A part that is less than a thousandth of the largest is a dash.
 
@@ -116,8 +117,11 @@ def error_budget(content: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tupl
             parts |= {INPUTS: inputs.get("inputs"), WITH_INPUTS: inputs.get("combined")}
             least = SLIGHT * max((size for size in parts.values() if size is not None), default=0.0)
             known = {part: f"{size:.1g}" for part, size in parts.items() if size is not None and size > least}
+            effect = largest_neglected(content, f"{name or 'energy'}.{key}", owner[key])
+            known |= {NEGLECTED: effect} if effect else {}
             found.append({"number": words, "±": of_parts(owner[key], parts_of(error)), **known})
-    head = [key for key in ("number", "±", *PARTS, "model", INPUTS, WITH_INPUTS) if any(key in row for row in found)]
+    columns = ("number", "±", *PARTS, "model", INPUTS, WITH_INPUTS, NEGLECTED)
+    head = [key for key in columns if any(key in row for row in found)]
     rows = [tuple(row.get(key, "–") for key in head) for row in found]
     return tuple(key.replace("_", " ") for key in head), rows if len(head) > len(("number", "±")) else []
 

@@ -23,6 +23,7 @@ from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import SI
 from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.scene.record import ContactNumbers, Energy, numbers_of, singular
+from stickslip.workflows.formats import neglect_table
 from stickslip.workflows.formats.files import write_output
 from stickslip.workflows.formats.marker import declare, is_marked, read_checked
 from stickslip.workflows.formats.plus_minus import error_of, of_parts, stated
@@ -86,6 +87,7 @@ def page(results: Results) -> str:
         of=_modelled(results),
         last=_last(results) if steps else None,
         budget=Table(*error_budget(content)),
+        neglect=Table(neglect_table.HEAD, neglect_table.neglect_rows(content), words=6),
         mesh_error=f"{error:.1%}" if (error := (content.get("error") or {}).get("discretisation")) else "",
         rounds=(content.get("accuracy") or {}).get("rounds") or (),
         left_out=data["left_out"] if data else None,

@@ -51,6 +51,7 @@ from stickslip.solvers.stepping.method_chain import Switch
 from stickslip.workflows.formats.files import write_json
 from stickslip.workflows.formats.results import PER_METRE, seconds_of
 from stickslip.workflows.run.audit import Audited
+from stickslip.workflows.run.neglect import Neglected
 from stickslip.workflows.scene_file.identity import identity
 from stickslip.workflows.scene_file.read import to_dict
 
@@ -93,6 +94,7 @@ def summary(
     reference: LinearReference | None = None,
     errors: Sequence[Errors] | None = None,
     choice: Choice | None = None,
+    left_out: Sequence[Neglected] = (),
 ) -> dict[str, Any]:
     """The content of result.json; what of the numbers' `errors`, and of their choice, is not there is null."""
     scene, counters, rows = simulation.scene, simulation.counters, simulation.clock.rows()
@@ -140,6 +142,7 @@ def summary(
             "linear_solver": _largest([step.linear_error for step in steps]),
             "what": "relative, energy norm",
         },
+        "neglect": [asdict(row) for row in left_out],
         "estimates": choice and asdict(choice),
         "seconds": seconds_of(rows, reference.seconds if reference else None),
         "profile": [asdict(row) for row in rows],
@@ -245,6 +248,7 @@ def _result() -> Any:
         "audit": Annotated[Audit | None, Key("", "the largest defects of all steps")],
         "verdict": _table("Verdict", judged) | None,
         "error": _table("Errors", dict.fromkeys(LARGEST, float | None) | {"what": str}, "The largest of all steps."),
+        "neglect": SAID[list[Neglected], Key("", "effects that are off: what they would change in the last step")],
         "estimates": Choice | None,
         "seconds": SAID[_table("Seconds", phases | {"total": float}), Key("s", "wall time by phase")],
         "profile": list[Row],

@@ -13,6 +13,8 @@ from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.solvers.parallel.counters import Clock, Counters, Row
@@ -34,6 +36,7 @@ from stickslip.workflows.run import resume as resuming
 from stickslip.workflows.run.audit import Audited, audit_files, audit_steps
 from stickslip.workflows.run.folder import BEGUN, FORMER, ResultsFolder, work_of
 from stickslip.workflows.run.mesh_report import report_mesh
+from stickslip.workflows.run.neglect import Neglected, neglected
 from stickslip.workflows.run.ranks import Interrupt, all_act, raise_together
 from stickslip.workflows.run.result import Outcome, summary, write_result
 from stickslip.workflows.run.warnings import Fields, Seen, beyond_linear, doubts, reasons_to_doubt
@@ -111,6 +114,8 @@ class Run:
         self.steps = list(earlier.steps)  # the last one with its fields on rank 0, the others without
         self._errors: tuple[Errors, ...] | None = None  # of the numbers of each step; None: not estimated
         self._choice = earlier.choice
+        # displacement (nodes, d) [m] in the last step, on rank 0
+        self._moved = self.steps[-1].displacement if self.steps else np.zeros(0)
         seen = Seen()
         if earlier.last:
             self._state, usable = self._checkpoints.put_back(earlier.last.checkpoint, self._learnt.read())
@@ -141,6 +146,9 @@ class Run:
             for index, step in enumerate(marching, start=len(self.steps) + 1):
                 with self._simulation.clock.phase("output"):
                     self._write(index, step)
+                    self._moved = step.displacement
+                    if self.steps and self._simulation.mesh.comm.rank == 0:
+                        self._moved = step.displacement - self.steps[-1].displacement
                     self.steps = [*self.steps[:-1], *(s.without_fields() for s in self.steps[-1:]), step]
                     self._outputs(methodcaller("step", index, step), AFTER)
                     self._on_rank_0(partial(watch.on_step, step))
@@ -263,13 +271,16 @@ class Run:
         for reason in self._on_all(lambda: reasons_to_doubt(simulation, self.steps)):
             warnings += (reason,) * (status != "converged")
             status, sentence = ("doubtful", reason) if status == "converged" else (status, sentence)
-        outcome = Outcome(status, sentence, self._place, warnings)
+        outcome, left_out = Outcome(status, sentence, self._place, warnings), list[Neglected]()
+        if self.steps and status != "interrupted":
+            with simulation.clock.phase("output", "neglected effects"):
+                left_out = neglected(simulation, self.steps, self._moved, self._errors)
         ended = Ended(status=status, steps=self.steps, errors=self._errors)
         reference: LinearReference | None = None
 
         def content() -> dict[str, Any]:
             said = replace(outcome, warnings=(*told, *warnings))
-            return summary(simulation, said, self.steps, audited, reference, self._errors, self._choice)
+            return summary(simulation, said, self.steps, audited, reference, self._errors, self._choice, left_out)
 
         for line in (*warnings, *[sentence] * (status == "doubtful")):
             log.warning("%s", line)

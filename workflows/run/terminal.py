@@ -31,8 +31,9 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.workflows.formats.neglect_table import neglect_lines
 from stickslip.workflows.formats.plus_minus import error_of, of_parts, stated, with_error
-from stickslip.workflows.formats.results import error_budget, legend, listed
+from stickslip.workflows.formats.results import NEGLECTED, error_budget, legend, listed
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.watch import Watch
@@ -205,7 +206,9 @@ class Reporter(Speaker):
             out.print("no step was solved")
         head, rows = error_budget(content)
         if rows:
-            print_table(table_of(head, rows, ("number",)), out)
+            print_table(table_of(head, rows, ("number", NEGLECTED)), out)
+        for line in neglect_lines(content) if self.verbose else ():
+            out.print(line, soft_wrap=True)
         seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
         names = ("imports", "mesh", "assemble", "prepare", "iterate", "error", "audit", "output", "other")
         phases = ", ".join(f"{name} {seconds[name]:.2f}" for name in names)

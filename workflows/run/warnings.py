@@ -9,6 +9,7 @@ import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import LAST_DIGITS, ROUNDING, Array, Bools, Ints, inverse_and_determinant
+from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.geometry.surfaces.faces import RIDGES
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.geometry.user_files.raw_mesh import different
@@ -87,7 +88,7 @@ class Fields:
 
     def _seen_strains(self, name: str, cells: Ints, step: StepResult) -> float:
         """Note large strains and inverted cells of a body (c, k); its rotation [rad], see `PART`."""
-        gradient, volume = _gradients(self._mesh, cells, step.displacement)
+        gradient, volume = gradients(self._mesh, cells, step.displacement)
         strain = np.abs(np.linalg.eigvalsh((gradient + np.swapaxes(gradient, 1, 2)) / 2)).max(axis=1)
         worst = int(np.argmax(strain))
         if 0 < volume[strain > GROSS].sum() < SMALL * volume.sum():
@@ -136,7 +137,7 @@ class Fields:
             )
 
 
-def _gradients(mesh: MeshData, cells: Ints, displacement: Array) -> tuple[Array, Array]:
+def gradients(mesh: MeshData, cells: Ints, displacement: Array) -> tuple[Array, Array]:
     """Gradient (c, d, d) of the displacement at midpoints of cells (c, k), and their volume (c,) but for a factor."""
     d = mesh.points.shape[1]
     nodes = cells[:, : d + 1] if mesh.shape in ("triangle", "tetrahedron") else cells[:, : 2**d]
@@ -410,10 +411,8 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
     for state, touching in closed:
         if not touching.any():
             continue
-        moved = moved_on_obstacle(rows, state)
-        off = obstacle.signed_gap(rows.surface.points + moved) - obstacle.signed_gap(rows.surface.points)
-        off += np.einsum("nd,nd->n", moved, rows.frames[:, 0])  # of second order
-        miss = float(np.abs(off[touching]).max()) / _motion(rows, problem, state)
+        off = strayed(rows, obstacle, state)
+        miss = float(np.abs(off[touching]).max()) / motion(rows, problem, state)
         if miss > missed:
             missed, worst = miss, state.max_slip
     if missed > LARGE:
@@ -421,6 +420,13 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
             f"contacts.{rows.name}: slips by up to {worst:.3g} {length} on a curved obstacle, while each point keeps "
             f"the normal it began with; set contacts.{table_of(rows.name)}.sliding = true"
         )
+
+
+def strayed(rows: ContactRows, obstacle: Obstacle, state: ContactState) -> Array:
+    """Gap (n,) [m] to a curved obstacle that slips open, of second order, while normals are those of the start."""
+    moved = moved_on_obstacle(rows, state)
+    off = obstacle.signed_gap(rows.surface.points + moved) - obstacle.signed_gap(rows.surface.points)
+    return np.asarray(off + np.einsum("nd,nd->n", moved, rows.frames[:, 0]))
 
 
 def _worn_far(rows: ContactRows, state: ContactState, length: str) -> Iterator[str]:
@@ -492,7 +498,7 @@ def _cut_corners(rows: ContactRows, problem: Problem, state: ContactState) -> It
     if rows.master is not None:
         facing = rows.relative[np.flatnonzero(closed), len(closed) :]
         cut = max(cut, _sagitta(rows.master, np.isin(np.arange(len(rows.master.points)), facing.indices)))
-    share = cut / _motion(rows, problem, state)
+    share = cut / motion(rows, problem, state)
     if share > LARGE:
         yield (
             f"contacts.{rows.name}: flat facets cut up to {cut:.2g} {problem.labels.length} off a curved side, "
@@ -513,7 +519,7 @@ def _lengths(points: Array, facets: Ints) -> Array:
     return np.asarray(np.linalg.norm(points[facets[:, 1]] - points[facets[:, 0]], axis=1))
 
 
-def _motion(rows: ContactRows, problem: Problem, state: ContactState) -> float:
+def motion(rows: ContactRows, problem: Problem, state: ContactState) -> float:
     """Motion [m] that the largest pressure or pull causes: times the extent of the closed part, by E of each body.
 
     Where the contact transmits nothing it is inf: nothing counts beside it.
