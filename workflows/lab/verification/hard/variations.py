@@ -18,7 +18,6 @@ import numpy as np
 
 from stickslip import NoEquilibriumError, StickslipError
 from stickslip.geometry.amplitude import Amplitude, value_at
-from stickslip.solvers.laws.rate_and_state import STEADY
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.workflows.lab.verification.hard.tables import (
@@ -43,7 +42,7 @@ from stickslip.workflows.scene_file.read import from_dict, to_dict
 
 Random = np.random.Generator
 BOXES = ("block", "strip", "stack", "two_blocks")
-OTHER = {"left": "right", "right": "left"}
+OTHER = {"left": "right", "right": "left", "aging": "slip", "slip": "aging"}
 
 
 def mirrored(tables: Tables, random: Random) -> Tables | None:
@@ -185,8 +184,11 @@ def same(tables: Tables, random: Random) -> Tables | None:
 # friction and normal laws
 
 
-RATED = {"a": (0.5, 1.4), "b": (0.5, 1.2), "f0": (0.5, 1.5), "Dc": (0.7, 3.0, 100.0), "damping": (0.1, 10.0)}
-YEAR = 3.15e7  # [s]
+RATED: dict[str, tuple[float, ...]] = {  # keys of rate and state, of initial tractions and of clocks, times these
+    "a": (0.5, 1.4), "b": (0.5, 1.2), "f0": (0.5, 1.5), "Dc": (0.7, 3, 100), "damping": (0.1, 10),
+    "pressure": (1.5,), "traction": (0.9,), "state": (0.1, 1e3), "rate": (0.1, 10),
+    "error": (0.1, 10), "largest": (0.1,),
+}  # fmt: skip
 JUMPS = ("stick", "tresca")  # laws whose bound jumps where surfaces part
 
 
@@ -250,38 +252,12 @@ def normal_law(law: str, tables: Tables, random: Random) -> Tables | None:
     return tables
 
 
-# friction of rate and state, and its clock
-
-
-def times_rated(key: str, factor: float, tables: Tables, random: Random) -> Tables | None:
-    """A parameter of rate and state times a factor: a number, or an expression."""
-    found = list(frictions(tables, "Dc"))
-    for friction in found:
-        value = friction[key]
-        friction[key] = f"{factor!r}*({value})" if isinstance(value, str) else value * factor
-    return tables if found else None
-
-
-def other_evolution(tables: Tables, random: Random) -> Tables | None:
-    """The other law of the state."""
-    found = list(frictions(tables, "Dc"))
-    for friction in found:
-        friction["evolution"] = "slip" if friction["evolution"] == "aging" else "aging"
-    return tables if found else None
-
-
-def clocked(key: str, factor: float, tables: Tables, random: Random) -> Tables | None:
-    """A number of the clock times a factor."""
-    clock = tables["steps"].get("clock")
-    return clock and tables | {"steps": tables["steps"] | {"clock": clock | {key: clock[key] * factor}}}
-
-
-def begun(state: str, tables: Tables, random: Random) -> Tables | None:
-    """Initial tractions of another state: steady, or a year old."""
-    found = [c["initial"] for c in tables["contacts"].values() if c.get("initial")]
-    for initial in found:
-        initial.pop("rate", None)
-        initial["state"] = YEAR if state == "old" else state
+def rated(key: str, change: Callable[[Any], Any], tables: Tables, random: Random) -> Tables | None:
+    """Change a number of friction by rate and state, of what it starts from, or of the clock."""
+    parts = [part for c in tables["contacts"].values() for part in (c.get("friction", {}), c.get("initial", {}))]
+    found = [part for part in (*parts, tables["steps"].get("clock", {})) if key in part]
+    for part in found:
+        part[key] = change(part[key])
     return tables if found else None
 
 
@@ -389,7 +365,7 @@ def times_loads(factor: float, tables: Tables, random: Random) -> Tables:
 
 def one_step(tables: Tables, random: Random) -> Tables | None:
     """As few steps as the tables in time allow, or a clock that only its error holds back."""
-    return clocked("largest", 1e3, tables, random) or set_key("steps", "count", 1, tables, random)
+    return rated("largest", (1e3).__mul__, tables, random) or set_key("steps", "count", 1, tables, random)
 
 
 def at_once(tables: Tables, random: Random) -> Tables | None:
@@ -480,12 +456,10 @@ def _of_laws_and_bodies() -> Iterator[Variation]:
 def _of_rates() -> Iterator[Variation]:
     for key, factors in RATED.items():
         for factor in factors:
-            yield Variation("rate and state", f"{key} x {factor:g}", partial(times_rated, key, factor))
-    yield Variation("rate and state", "other evolution", other_evolution)
-    for state in (STEADY, "old"):
-        yield Variation("initial", f"initial {state}", partial(begun, state))
-    for key, factor in (("error", 0.1), ("error", 10.0), ("largest", 0.1)):
-        yield Variation("clock", f"{key} x {factor:g}", partial(clocked, key, factor))
+            yield Variation(f"rates: {key}", f"{key} x {factor:g}", partial(rated, key, partial(times, factor=factor)))
+    yield Variation(
+        "rates: law", "other evolution", partial(rated, "evolution", {"aging": "slip", "slip": "aging"}.get)
+    )
 
 
 def _of_meshes_and_loads() -> Iterator[Variation]:
