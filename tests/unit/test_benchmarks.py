@@ -239,7 +239,7 @@ CLOSED = 0.05  # [m] least of the compressions
 
 @pytest.mark.parametrize(("dim", "solver"), [(2, "lu"), pytest.param(3, "lu", marks=pytest.mark.slow), (3, "gamg")])
 def test_dolfinx_by_hand_has_our_forces_up_to_its_penalty(tmp_path: Path, dim: int, solver: str) -> None:
-    problem = write_problem(Peer(dim, N[dim]), tmp_path)
+    problem = write_problem(replace(Peer(dim, N[dim]).scene(), steps=programs.TWO), tmp_path)
     found = programs.child([sys.executable, str(BY_HAND), str(problem), solver], 60.0)
     assert found["status"] == "converged"
     exact = [
@@ -612,7 +612,7 @@ def test_figures_repeat_and_a_difference_is_noticed(
 
 @pytest.mark.parametrize(
     ("name", "mu", "coarser", "order", "most"),
-    [("clevis", 0.2, 1.0, 1, 15), ("clevis", 0.1, 2.0, 1, 25), ("ball", 0.1, 1.0, 1, 22),
+    [("clevis", 0.2, 1.0, 1, 15), ("clevis", 0.1, 2.0, 1, 25), ("ball", 0.1, 1.0, 1, 23),
      ("wedge", 0.2, 1.0, 1, 8), ("rings", 0.2, 1.0, 1, 14)],
 )  # fmt: skip
 def test_assemblies_take_a_dozen_iterations(name: str, mu: float, coarser: float, order: int, most: int) -> None:

@@ -191,8 +191,8 @@ def test_numbers_of_a_contact_are_drawn_with_their_errors() -> None:
     said = _said("base", contact, errors, per_metre=True)
     assert said["normal force"] == "0.2430 ± 0.0002 N/m"
     assert said["largest pressure"] == "0.18 Pa (grows)"
-    assert said["sticks on"] == "1 m"  # no error is known
-    assert _said("base", contact, {}, per_metre=False)["sticks on"] == "1 m²"
+    assert said["sticks on"] == "1 ± ? m"  # its error is not known
+    assert _said("base", contact, {}, per_metre=False)["sticks on"] == "1 ± ? m²"
 
 
 def test_words_of_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
