@@ -40,12 +40,17 @@ def areas_inside_facets(contacts: Iterable[ContactRows], step: Numbers) -> dict[
     for c in contacts:
         areas = areas_between_nodes(c.surface, step.contacts[c.name], c.node_weights)
         found |= {Quantity("contacts", c.name, key): area for key, area in areas.items()}
+    return _with_sums(found, step)
+
+
+def _with_sums(found: dict[Quantity, float], step: Numbers) -> dict[Quantity, float]:
+    """Areas of contacts, with those of their sums and mean pressures."""
     for name in step.sums:
         for key in ("contact_area", "stick_area", "slip_area"):
             found[Quantity("contacts", name, key)] = sum(found[Quantity("contacts", p, key)] for p in step.parts(name))
     for name, of in {**step.contacts, **step.sums}.items():
         area = found[Quantity("contacts", name, "contact_area")]
-        found[Quantity("contacts", name, "mean_pressure")] = of.normal_force / area if area > 0 else 0.0
+        found[Quantity("contacts", name, "mean_pressure")] = 0.0 if area <= 0 else of.normal_force / area
     return found
 
 
@@ -66,6 +71,112 @@ def areas_between_nodes(side: Surface, contact: ContactState, weights: Array) ->
     touching = float(weights[contact.status != OPEN].sum()) + beyond_touching
     sticking = float(weights[contact.status == STICK].sum()) + sum(beyond_sticking)
     return {"contact_area": touching, "stick_area": sticking, "slip_area": touching - sticking}
+
+
+class MovingEdges:
+    """Areas of the neighbours of a solution, whose edges move beside those that it has between nodes."""
+
+    def __init__(self, contacts: Iterable[ContactRows], step: Numbers) -> None:
+        """Find the edges of the solution.
+
+        Args:
+            contacts: all of them.
+            step: numbers of the solution.
+        """
+        contacts = tuple(contacts)
+        self.own = areas_inside_facets(contacts, step)
+        self._edges = {c.name: _Inside(c.surface, step.contacts[c.name]) for c in contacts}
+
+    def __call__(self, step: Numbers) -> dict[Quantity, float]:
+        """As `areas_inside_facets`; NaN where too few nodes are inside an edge."""
+        found = dict[Quantity, float]()
+        for name, edges in self._edges.items():
+            touching, sticking = Quantity("contacts", name, "contact_area"), Quantity("contacts", name, "stick_area")
+            grown = edges.grown(step.contacts[name])
+            found |= {key: self.own[key] * by for key, by in zip((touching, sticking), grown, strict=True)}
+            found[Quantity("contacts", name, "slip_area")] = found[touching] - found[sticking]
+        return _with_sums(found, step)
+
+
+class _Inside:
+    """How the areas of a contact grow, by what vanishes at their edges like a square root of the distance.
+
+    Pressure does so at the edge of contact, bound minus traction at that of what sticks. The square is linear there:
+    where it is some part of its largest value the next node that touches or slips does not disturb it, and the area
+    inside grows as the whole one does. What is between nodes at the edge itself goes from one to the next in jumps.
+
+    Source: K. L. Johnson, Contact Mechanics (1985), sections 4.2 and 7.2.
+    """
+
+    def __init__(self, side: Surface, contact: ContactState) -> None:
+        """Choose the parts by a solution.
+
+        Args:
+            side: of order 2: its corners count, where tractions have unknowns.
+            contact: of the solution.
+        """
+        corners = len({"interval": "12", "triangle": "123", "quadrilateral": "1234"}[side.shape])
+        self._side = side
+        self._cut = np.concatenate([side.facets[:, :corners][:, list(part)] for part in PARTS[side.shape]])
+        squares = self._squares(contact)
+        self._levels = [self._level(f) for f in squares]
+        self._sizes = [self._above(f, level) for f, level in zip(squares, self._levels, strict=True)]
+
+    def grown(self, contact: ContactState) -> list[float]:
+        """By how much what touches and what sticks is larger than in the solution, as factors."""
+        every = zip(self._squares(contact), self._levels, self._sizes, strict=True)
+        return [1.0 if level == 0 else self._above(f, level) / size for f, level, size in every]
+
+    @staticmethod
+    def _squares(contact: ContactState) -> tuple[Array, Array]:
+        """What vanishes at the edge of contact, and at that of what sticks, squared (n,)."""
+        left = contact.bound - np.linalg.norm(contact.traction, axis=1)
+        left = np.where(np.isinf(contact.bound), contact.pressure, left)
+        open_, sticks = contact.status == OPEN, contact.status == STICK
+        return (contact.pressure * ~open_) ** 2, (np.maximum(left, 0.0) * sticks) ** 2
+
+    def _level(self, f: Array) -> float:
+        """The square between the second and the third node inside the edge; 0: there is no edge, NaN: too few nodes."""
+        inside, rings = f > 0, list[float]()
+        among = inside[self._cut]
+        seen = np.unique(self._cut[among.any(axis=1) & ~among.all(axis=1)])
+        if not len(seen):
+            return 0.0
+        for _ in range(2):
+            near = np.unique(self._cut[np.isin(self._cut, seen[inside[seen]]).any(axis=1)])
+            ring = np.setdiff1d(near[inside[near]], seen)
+            rings.append(float(f[ring].mean()) if len(ring) else np.nan)
+            seen = np.union1d(seen, ring)
+        return float(np.mean(rings) / f.max())
+
+    def _above(self, f: Array, level: float) -> float:
+        """Area [m^(d-1)] where a function that is linear on each simplex is above a part of its largest value.
+
+        Args:
+            f: the function (n,), not negative.
+            level: that part [-].
+        """
+        if np.isnan(level) or not f.any():
+            return np.nan
+        level = level * f.max()
+        order = np.argsort(-f[self._cut], axis=1)
+        nodes = np.take_along_axis(self._cut, order, axis=1)
+        high, *_, low = values = f[nodes].T
+        some = (high > level) & (low < level)
+        part, x = (low >= level).astype(float), self._side.points[nodes]
+        middle = x.mean(axis=1)
+        if nodes.shape[1] == 2:
+            part[some] = ((high - level) / np.where(some, high - low, 1.0))[some]
+            middle = x[:, 0] + part[:, None] / 2 * (x[:, 1] - x[:, 0])
+        else:
+            mid = values[1]
+            whole = np.where(some, (high - low), 1.0)
+            tip = (high - level) ** 2 / np.where(high > mid, (high - mid), 1.0) / whole
+            rest = 1 - (level - low) ** 2 / np.where(mid > low, (mid - low), 1.0) / whole
+            part[some] = np.where(level >= mid, tip, rest)[some]
+        sizes = np.array([_size(each) for each in x])
+        around = 2 * np.pi * middle[:, 0] if self._side.axisymmetric else 1.0
+        return float(np.sum(part * sizes * around))
 
 
 def _edges(contact: ContactState, weights: Array) -> tuple[Edge, Edge, Edge]:

@@ -79,7 +79,7 @@ class Places:
 
     def contact_nodes(self, mesh: FlatMesh) -> int:
         """Number of nodes of all contact sides."""
-        return len(np.unique(np.concatenate([mesh.facets(side).ravel() for side in self.segments])))
+        return len(set().union(*(mesh.facets(side).ravel().tolist() for side in self.segments)))
 
 
 def acted_on(problem: Problem) -> tuple[str, ...]:
@@ -259,7 +259,7 @@ def _cut(mesh: FlatMesh, places: Places, rough: Ints, size: Size, fits: Callable
         finer = mesh
         for _ in range(cuts):
             finer = finer.cut(finer.touching(np.concatenate([places.nodes(finer), rough])))
-        more = places.contact_nodes(finer) / places.contact_nodes(mesh)
+        more = places.contact_nodes(finer) / max(places.contact_nodes(mesh), 1)  # there may be no contact
         if fits(size.times(len(finer.points) / len(mesh.points), more)):
             return finer
     log.info("cells are not cut where the error comes from: that would be too dear")

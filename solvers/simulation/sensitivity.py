@@ -1,8 +1,8 @@
 """Derivatives of the numbers of a step by numbers of the scene, and what the uncertainty of these leaves in them.
 
 Differences of a solution's neighbours are read by the same walk as the solution itself: see `Neighbours`. An area is a
-sum of weights of nodes, which no small change alters: its derivative is that of the area with its edge between nodes,
-and none where there is no edge.
+sum of weights of nodes, which no small change alters: its derivative is that of an area whose edge moves, see
+`MovingEdges`, and none where there is no edge.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from mpi4py import MPI
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import ROUNDING
-from stickslip.geometry.errors import SceneError, StickslipError
+from stickslip.geometry.errors import SceneError, SolverError, StickslipError
 from stickslip.geometry.mesh.mesh import build_mesh
-from stickslip.solvers.accuracy.areas import areas_inside_facets
+from stickslip.solvers.accuracy.areas import MovingEdges
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import Quantity, Slope, StepResult, number_of, quantities
@@ -27,9 +27,10 @@ from stickslip.solvers.scene.record import Value
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.timeline import Course, Timeline
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.stepping.sensitivity import STEP, Neighbours, beside, refuse
+from stickslip.solvers.stepping.sensitivity import STEP, Neighbours, beside, condensed, refuse
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 from stickslip.solvers.stepping.substep import SubstepSolver
+from stickslip.solvers.stepping.update import at_rest
 from stickslip.solvers.system.system import System, assemble
 
 log = logging.getLogger(__name__)
@@ -54,12 +55,16 @@ def neighbours(scene: Scene, stepper: Stepper) -> Neighbours | None:
         raise SceneError(f"sensitivity: is not built for springs that act in one way, as {names}")
     refuse(stepper)
     stepper.system.course.found = {bolt.shortening: 0.0 for bolt in stepper.system.initial.tightened}  # until a step
+    try:
+        base = condensed(stepper)
+    except SolverError as error:
+        raise SceneError(f"sensitivity: {error}") from None
     with stepper.system.counters.for_error():
-        scale = stepper.posed(stepper.start(), scene.requested_times()[0])[0].u_ref
+        scale = base.posed(at_rest(base.system, base.cone), scene.requested_times()[0])[0].u_ref
     pairs, sizes = dict[str, tuple[SubstepSolver, SubstepSolver]](), dict[str, float]()
     for key in stepper.system.counters.clock.counted(asked):
         try:
-            pair, size = _pair(scene, stepper, key, STEP), STEP
+            pair, size = _pair(scene, base, key, STEP), STEP
             moved = max(
                 (
                     np.abs(one.gap - two.gap).max(initial=0.0) / 2
@@ -69,14 +74,14 @@ def neighbours(scene: Scene, stepper: Stepper) -> Neighbours | None:
             )
             if moved > STEP * scale > 0:  # of a place far from the origin even a small part is a large gap
                 size = STEP * STEP * scale / moved
-                pair = _pair(scene, stepper, key, size)
+                pair = _pair(scene, base, key, size)
         except StickslipError as error:
             if key in scene.sensitivity.parameters or key in scene.uncertainty:
                 raise SceneError(f"sensitivity: {key}: {error}") from None
             log.warning("sensitivity: %s is left out: %s", key, error)
         else:
             pairs[key], sizes[key] = pair, size * float(np.sign(values[key]))
-    return Neighbours(stepper, pairs, sizes)
+    return Neighbours(stepper, base, pairs, sizes)
 
 
 def timelines(scene: Scene, stepper: Stepper) -> Iterator[tuple[Course, Timeline]]:
@@ -88,14 +93,14 @@ def timelines(scene: Scene, stepper: Stepper) -> Iterator[tuple[Course, Timeline
             yield solver.system.course, scaled(scene, key, factor).timeline()
 
 
-def _pair(scene: Scene, stepper: Stepper, key: str, size: float) -> tuple[SubstepSolver, SubstepSolver]:
+def _pair(scene: Scene, base: SubstepSolver, key: str, size: float) -> tuple[SubstepSolver, SubstepSolver]:
     """Solvers of the scene with a number smaller and larger by a part of its size.
 
     Raises:
         StickslipError: see `_changed` and `beside`.
     """
     by = size * float(np.sign(scene.parameters()[key]))
-    below, above = (beside(stepper, _changed(scene, stepper.system, key, each)) for each in (-by, by))
+    below, above = (beside(base, _changed(scene, base.system, key, each)) for each in (-by, by))
     return below, above
 
 
@@ -145,7 +150,14 @@ class Slopes:
 
     def _slopes(self, accepted: Accepted, known: Mapping[str, float]) -> dict[str, dict[str, Slope]]:
         """By `Quantity`, and by number of the scene."""
-        own, *others = (self._numbers(at, observer, accepted) for at, observer in enumerate(self._observers))
+        edges: MovingEdges | None = None
+        every = list[dict[Quantity, Value]]()
+        for at, observer in enumerate(self._observers):
+            near = self._near(at, accepted)
+            numbers = observer.numbers(near)
+            edges = edges or MovingEdges(near.stepper.system.contacts, numbers)
+            every.append(quantities(numbers) | (edges(numbers) if at else edges.own) | observer.at_probes(near))
+        own, *others = every
         slopes, extent = dict[str, dict[str, Slope]](), accepted.stepper.system.extent
         sizes = {"m": max(float(np.abs(accepted.state.w).max(initial=0.0)), accepted.problem.u_ref)}
         for quantity, value in own.items():
@@ -158,20 +170,17 @@ class Slopes:
             for quantity, value in own.items():
                 one, two = (value - below[quantity]) / by, (above[quantity] - value) / by
                 slope = Slope.of(one, two, ROUNDING * sizes[number_of(quantity).unit] / by)
-                if quantity.quantity in AREAS:  # one whose nodes change jumps
-                    slope = Slope((one + two) / 2 if np.abs(one - two) < np.abs(one + two) / 2 else None)
+                if np.isnan(one + two).any() or (quantity.quantity in AREAS and not (np.any(one) or np.any(two))):
+                    slope = Slope()  # an edge is not found, or there is none
                 slopes.setdefault(str(quantity), {})[key] = slope
         return slopes
 
-    def _numbers(self, at: int, observer: Observer, accepted: Accepted) -> dict[Quantity, Value]:
-        """The numbers of a neighbour; collective."""
-        near = replace(
+    def _near(self, at: int, accepted: Accepted) -> Accepted:
+        """The step of a neighbour."""
+        return replace(
             accepted,
             stepper=self.neighbours.present[at],
             state=accepted.state.neighbours[at],
             start=accepted.start.neighbours[at],
             substep_start=accepted.substep_start.neighbours[at],
         )
-        numbers = observer.numbers(near)
-        found = quantities(numbers) | areas_inside_facets(near.stepper.system.contacts, numbers)
-        return found | observer.at_probes(near)

@@ -70,6 +70,7 @@ class Size:
     floating: bool = False  # whether contact or forces alone hold a body or an obstacle
     driven: bool = False  # whether a force moves an obstacle
     rates: bool = False  # whether friction depends on the slip rate
+    clock: bool = False  # whether steps follow slip rates, by the flexibility of each contact dof
     worn: bool = False  # whether a contact slides out of the plane, or wears
     slower: float = 1.0  # iterations of conjugate gradients, relative to those of bodies that are easy to compress
     mixed: float = 1.0  # seconds and entries of a factor, likewise
@@ -96,6 +97,7 @@ class Size:
             floating=bool(problem.rigid_modes.shape[1] or problem.driven),
             driven=bool(problem.driven),
             rates=any(c.friction is not None and c.friction.drags for c in contacts),
+            clock=problem.timeline.clock is not None,
             worn=any(c.wears or c.slides for c in contacts),
             slower=slower(problem),
             mixed=mixed(kind, averaged),
@@ -132,7 +134,7 @@ class Size:
         # a floating body more slender than 2 takes more, in proportion to the square
         iterations = usual * self.slower * max(1.0, self.slender / 2) ** 2
         step = iterations * (PER_ENTRY * self.entries + PER_CONTACT_DOF * self.contact_dofs)
-        return SET_UP * self.entries + self.steps * step
+        return SET_UP * self.entries + self.steps * step * (self.contact_dofs if self.clock else 1)
 
     @property
     def dense_bytes(self) -> float:

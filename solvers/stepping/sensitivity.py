@@ -27,13 +27,15 @@ from scipy import sparse
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from stickslip.geometry.arrays import EPS, EXACT, SLIGHT, Array
-from stickslip.geometry.errors import SceneError, SolverError
+from stickslip.geometry.errors import SceneError, SolverError, StickslipError
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import ActiveSet, linearise, sets
+from stickslip.solvers.stepping.choice import Choice, Stage, fits
 from stickslip.solvers.stepping.law_memory import LawMemory, with_memory
+from stickslip.solvers.stepping.method_chain import MethodChain, Reached
 from stickslip.solvers.stepping.pairs import SEARCHES, carried_over, relative_positions
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.substep import Attempt, SubstepSolver
@@ -43,7 +45,7 @@ from stickslip.solvers.system.system import System
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
-NOT_CONDENSED = "needs the condensed form of the bodies"
+NO_MEMORY = "the bodies are factorised for it, for which there is not enough memory"
 STEP = EPS ** (1 / 3)  # change of a number, relative: what differences leave and what rounding leaves are then alike
 MAX_IT = 100  # of the chord method; one that moves where points touch, or what friction remembers, takes a dozen
 
@@ -54,10 +56,8 @@ class Tangent:
     Unknowns are the tractions of the rows whose law involves a motion, and the rigid motions b of floating bodies.
     """
 
-    def __init__(self, laws: ActiveSet) -> None:
+    def __init__(self, laws: ActiveSet, surface: CondensedSurface) -> None:
         """Factorise the laws at a solution."""
-        surface = laws.problem.surface
-        assert isinstance(surface, CondensedSurface)
         self.laws, self.surface = laws, surface
         rows, x = len(laws.rhs), np.flatnonzero(~laws.given)
         eye, W = sparse.eye(rows, format="csr"), sparse.diags(surface.W)
@@ -179,16 +179,21 @@ class Neighbours:
     """The solution of each substep once more, to rounding, and its neighbours with one number smaller and larger."""
 
     def __init__(
-        self, base: SubstepSolver, pairs: Mapping[str, tuple[SubstepSolver, SubstepSolver]], sizes: Mapping[str, float]
+        self,
+        stepper: SubstepSolver,
+        base: SubstepSolver,
+        pairs: Mapping[str, tuple[SubstepSolver, SubstepSolver]],
+        sizes: Mapping[str, float],
     ) -> None:
         """Take over the neighbours' solvers.
 
         Args:
-            base: that solves the history.
+            stepper: that solves the history.
+            base: the same with condensed bodies, see `condensed`.
             pairs: by number of the scene, see `beside`, with a smaller and with a larger value.
             sizes: how much smaller and larger these are, relative to the number.
         """
-        self.sizes, self.base = sizes, base
+        self.sizes, self.stepper, self.base = sizes, stepper, base
         self.solvers = (base, *(each for pair in pairs.values() for each in pair))
         self.present = self.solvers  # with the pairs of the last substep
 
@@ -208,7 +213,7 @@ class Neighbours:
                 sliding = [name for name, pair in self.base.system.problem.pairs.items() if pair.contact.sliding]
                 self.present, found = self._slid(attempt, sliding) if sliding else (self.solvers, None)
                 found = found or _found(self.solvers, attempt)
-        except (SolverError, np.linalg.LinAlgError) as error:  # the step is solved all the same
+        except (StickslipError, np.linalg.LinAlgError) as error:  # the step is solved all the same
             log.warning("t = %g: derivatives are not known from here on: %s", attempt.state.time, error)
             found = ()
         return replace(attempt, state=replace(attempt.state, neighbours=found))
@@ -221,7 +226,7 @@ class Neighbours:
         Args:
             names: of sliding contacts.
         """
-        solver, new, problem = attempt.solver, attempt.state, attempt.problem
+        solver, new, problem = _of_bodies(self.base, attempt.solver.system), attempt.state, attempt.problem
         assert new is not None
         assert problem is not None
         reached = relative_positions(solver.system, new, names)
@@ -247,12 +252,28 @@ class Neighbours:
         """Take over bodies that another method has prepared anew; collective.
 
         Raises:
-            SolverError: they are not condensed.
+            SolverError: see `condensed`.
         """
-        if not isinstance(self.base.surface, CondensedSurface):
-            raise SolverError(NOT_CONDENSED)
+        if isinstance(self.stepper.surface, CondensedSurface) or not isinstance(self.base.surface, CondensedSurface):
+            self.base = condensed(self.stepper)
         if any(solver.volume is not self.base.volume for solver in self.solvers):
             self.solvers = (self.base, *(beside(self.base, solver.system) for solver in self.solvers[1:]))
+
+
+def condensed(stepper: SubstepSolver) -> SubstepSolver:
+    """A solver of the same scene with condensed bodies: where they have another form they are factorised; collective.
+
+    Raises:
+        SolverError: memory does not suffice for that.
+    """
+    system = stepper.system
+    if isinstance(stepper.surface, CondensedSurface):
+        return stepper
+    if not fits(system, "condensed"):
+        raise SolverError(NO_MEMORY)
+    with system.counters.for_error():
+        chosen = Choice((Stage("condensed-newton", "condensed"),), "derivatives")
+        return SubstepSolver(system, MethodChain(system, Reached(chosen, 0, ())))
 
 
 def beside(base: SubstepSolver, system: System) -> SubstepSolver:
@@ -261,9 +282,15 @@ def beside(base: SubstepSolver, system: System) -> SubstepSolver:
     Raises:
         SceneError: it has other contact rows.
     """
-    found = SubstepSolver(system, base.chain)
+    found = _of_bodies(base, system)
     if found.surface.N.shape != base.surface.N.shape:
         raise SceneError("another value gives a contact other points")
+    return found
+
+
+def _of_bodies(base: SubstepSolver, system: System) -> SubstepSolver:
+    """A solver of a system with the bodies of another."""
+    found = SubstepSolver(system, base.chain)
     found.surface.adopt(base.surface)
     found.surface.R = base.surface.R  # whose stiffness resists none of these motions
     return found
@@ -332,8 +359,9 @@ def _solved(
     assert new is not None
     assert problem is not None
     p = attempt.solution.p
-    tangent = Tangent(linearise(problem, p + problem.gamma * (new.w - problem.gap), problem.gamma))
-    solution = _Solution(p, attempt.solution.u_c, base.system.free_part(new.u, new.time), tangent)
+    assert isinstance(base.surface, CondensedSurface)
+    tangent = Tangent(linearise(problem, p + problem.gamma * (new.w - problem.gap), problem.gamma), base.surface)
+    solution = _Solution(p, base.at_contact(new), base.system.free_part(new.u, new.time), tangent)
     lengths = [None] * len(solvers) if shortened is None else [*shortened]
     posed = [Posed.of(*each, new.time) for each in zip(solvers, olds, lengths, strict=True)]
     own, *nears = [solution.near(each) for each in solution.softened(posed)]
@@ -462,11 +490,8 @@ class _Solution:
 
 def refuse(base: SubstepSolver) -> None:
     """Refuse what has no derivative that is built, with the reason."""
-    system, surface = base.system, base.surface
-    why = ""
-    if not isinstance(surface, CondensedSurface):
-        why = f'{NOT_CONDENSED}; set solver.surface = "condensed"'
-    elif not base.chain.exact_laws:
+    system, why = base.system, ""
+    if not base.chain.exact_laws:
         why = 'needs a method with the contact laws as they are; set solver.method = "auto"'
     elif any(pair.skins for pair in system.problem.pairs.values()):
         why = "is not built for bodies that may come near all over, whose pairs are searched anew"

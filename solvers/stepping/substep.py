@@ -317,17 +317,17 @@ class SubstepSolver:
             cone=cone,
             load=self.surface.load(system.pull(time, external, u_s), driving),
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
-            u_before=self._at_contact(state) if self.surface.floating else np.zeros(self.surface.size),
+            u_before=self.at_contact(state) if self.surface.floating else np.zeros(self.surface.size),
             gap=np.concatenate([*(c.gap for c in cone.contacts), (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,
             weight=self.weight,
             force=sum_of_sizes(external) + float(np.abs(driving).sum()),
             stiffness=system.problem.softest / system.extent,
-            guess=self._at_contact(state.guess) if state.guess else None,
+            guess=self.at_contact(state.guess) if state.guess else None,
         )
         return problem, u_s, external
 
-    def _at_contact(self, state: State) -> Array:
+    def at_contact(self, state: State) -> Array:
         """Displacement (c,) [m] of the contact dofs in a state; collective."""
         q = self.system.free_part(state.u, state.time)
         return np.concatenate([self.volume.contact.read(q), state.driven])

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools
-from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.contact.admissible_set import ContactBlock, project_disc
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, Solution, Status
 from stickslip.solvers.laws.law import touching
@@ -158,22 +158,21 @@ class Way:
     def felt(self, change: Array, p: Array, w: Array, gap: Array) -> Array:
         """The part (rows,) [m] of a change (rows,) [m] of gaps that friction feels.
 
-        It goes from bound to bound at most, and where a point slips it is what turns its slip, or turns it back.
+        It is what the change does to the tractions that project the trial ones onto the bound, over gamma: all of it
+        where a point sticks, none where one slips on.
 
         Args:
             p, w: tractions (rows,) [Pa] and relative displacement (rows,) [m] of a solution; the bound is theirs.
             gap: what it was found with (rows,) [m].
         """
         problem, felt = self.problem, change.copy()
-        slip = w - gap - problem.cone.give(p)
+        trial, moved = p + problem.gamma * (w - gap - problem.cone.give(p)), problem.gamma * change
         for place in problem.cone.with_friction():
-            t = place.tangential
-            moved, slid = (x[t].reshape(-1, place.components) for x in (change, slip))
-            length = np.linalg.norm(slid, axis=1, keepdims=True)
-            along = np.divide(slid, length, out=np.zeros_like(slid), where=length > 0)
-            whole = 2 * problem.cone.bound(place, p[place.normal])[:, None] / problem.gamma[t].reshape(moved.shape)
-            rest = moved - np.minimum((moved * along).sum(axis=1, keepdims=True), length) * along
-            felt[t] = np.clip(rest, -whole, whole).ravel()
+            t, bound = place.tangential, problem.cone.bound(place, p[place.normal])
+            before, after = (
+                project_disc(x[t].reshape(-1, place.components), bound).ravel() for x in (trial, trial - moved)
+            )
+            felt[t] = (before - after) / problem.gamma[t]
         return felt
 
     def _left(self, p: Array, change: Array) -> float:

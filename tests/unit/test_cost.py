@@ -19,9 +19,9 @@ from stickslip.workflows.cost.extrapolation import SAFETY, TRUSTED, limit, rate_
 from stickslip.workflows.cost.ladder import COARSEST, Budget, Ladder, climb, ladder_of, retry
 from stickslip.workflows.cost.pictures import draw_methods
 from stickslip.workflows.cost.progress import Teller, _of_steps
-from stickslip.workflows.cost.run_record import PHASES, RATIO, Run, Rung, from_plain
+from stickslip.workflows.cost.run_record import PHASES, RATIO, Run, Rung, from_plain, with_estimates
 from stickslip.workflows.cost.study import Study, Truth, check, chosen, front, truth_of
-from stickslip.workflows.cost.tables import _quantity, comparison, headline, lines, plain, sentence
+from stickslip.workflows.cost.tables import _quantity, comparison, explained, headline, lines, plain, sentence
 from stickslip.workflows.scene_file.read import from_dict, read
 
 TIGHT = 1e-8
@@ -266,8 +266,10 @@ def test_a_child_tells_why(error: Exception, status: str, monkeypatch: pytest.Mo
 
 def test_a_child_measures_the_time_steps_beside_its_seconds() -> None:
     sizes = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5", "output.error=false"]
-    plain, measured = (measure.solve(read("block", sizes), time_steps=each) for each in (False, True))
-    assert plain["time_steps"] == {}
+    plain, measured = (measure.solve(read("block", sizes), errors=each) for each in (False, True))
+    assert "time_steps" not in plain
+    assert "estimate" not in plain
+    assert 0 < measured["estimate"] < measured["lasted"]
     name = "base.dissipation_total"
     assert 0.05 < measured["time_steps"][name] / measured["quantities"][name] < 1.0  # one step of slip
     assert measured["quantities"] == plain["quantities"]
@@ -519,6 +521,38 @@ def test_an_error_of_the_time_steps_that_nobody_measured_is_not_0(error: float) 
     exact = doubted({}, exact=True, error=error)
     assert exact.time_step == 0
     assert said not in sentence(exact)
+
+
+def test_a_user_waits_for_the_start_and_the_estimate_too() -> None:
+    coarse, fine, late = (made_up(Rung(1, "newton", level, TIGHT), seconds=20.0) for level in (-1, 0, 1))
+    known = [
+        replace(coarse, start=2.0, estimate=40.0),
+        replace(fine, start=2.0, estimate=5.0),
+        replace(late, start=2.0),
+    ]
+    assert [run.waited for run in with_estimates(known)] == [62.0, 27.0, 27.0]  # as beside the finest
+    dear = [replace(fine, estimate=60.0), late]
+    assert with_estimates(dear)[1].estimate == 20.0  # no more than its budget, as long as the run
+    assert with_estimates([late]) == [late]  # nothing is known of it
+    study = study_of([replace(run, start=3.0) for run in converging(1)])
+    assert [run.waited for run in study.front] == [run.seconds + 3.0 for run in study.front]
+
+
+def test_the_front_is_explained_in_words() -> None:
+    runs = [replace(run, start=1.0) for run in converging(1) + converging(2)]
+    said = explained(study_of(runs))
+    for words in (
+        "order 1 with newton (",
+        "then order 2 with newton (",
+        "A tenth of the error costs ",
+        "larger --budget",
+    ):
+        assert words in said
+    first = study_of(runs).front[0]
+    assert f"start and estimate of errors are {100 / first.waited:.0f} %" in said
+    steps = [replace(run, time_steps={"base.max_pressure": 0.1} if run.rung.level <= 0 else {}) for run in runs]
+    assert "which the time steps leave" in explained(study_of(steps))
+    assert explained(study_of(runs[:2])) == ""
 
 
 BOTH = ("newton", "uzawa")

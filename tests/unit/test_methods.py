@@ -351,6 +351,7 @@ def test_the_choice_goes_by_size_and_memory() -> None:
     assert chosen(SMALL, Solver(), 1e3).stages == FREE
     assert chosen(SMALL, Solver(method="surface-uzawa"), 1e12).stages == DENSE[1:2]
     assert chosen(replace(SMALL, floating=True), Solver(), 1e12).stages == DENSE[:2]
+    assert chosen(replace(LARGE, clock=True), Solver(), 1e15).stages == DENSE  # all of D is needed
     with pytest.raises(MachineError, match="more than this machine has free"):
         chosen(LARGE, Solver(method="condensed-newton"), 1e9)
 

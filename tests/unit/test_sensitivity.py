@@ -1,6 +1,6 @@
 """Derivatives of all numbers of a step by numbers of the scene, and what uncertain inputs leave in them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from shared.problems import on_floor, scene_of, two_blocks
 from shared.ranks import mpirun
 from stickslip import Scene, SceneError, prepare
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.accuracy.areas import areas_inside_facets
+from stickslip.solvers.accuracy.areas import MovingEdges
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.results.step_result import (
     ErrorParts,
@@ -140,23 +140,29 @@ SCENES: dict[str, tuple[Scene, tuple[str, ...]]] = {
 }
 
 
-def numbers(scene: Scene) -> list[dict[Quantity, Any]]:
-    """The numbers of each step, areas with their edges between nodes."""
+def numbers(scene: Scene, edges: Sequence[MovingEdges] = ()) -> tuple[list[dict[Quantity, Any]], list[MovingEdges]]:
+    """The numbers of each step, with areas that have moved beside edges; and these, by default their own."""
     simulation, steps = solved(replace(scene, sensitivity=Sensitivity()))
     if any(pair.sliding for pair in scene.contacts.values()):  # weights are those of other pairs at each step
         by_weights = {"contact_area", "stick_area", "slip_area", "mean_pressure"}
-        return [{key: x for key, x in quantities(step).items() if key.quantity not in by_weights} for step in steps]
-    return [quantities(step) | areas_inside_facets(simulation.system.contacts, step) for step in steps]
+        return [{key: x for key, x in quantities(step).items() if key.quantity not in by_weights} for step in steps], []
+    every = edges or [MovingEdges(simulation.system.contacts, step) for step in steps]
+    return [quantities(step) | each(step) for step, each in zip(steps, every, strict=True)], [*every]
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_derivatives_are_the_differences_of_two_runs(name: str) -> None:
+ITERATIVE = ("order 1", "bolts", "3D", "points that slide", "a body that friction holds")
+
+
+@pytest.mark.parametrize(("name", "form"), [*((name, "") for name in SCENES), *((n, "matrix-free") for n in ITERATIVE)])
+def test_derivatives_are_the_differences_of_two_runs(name: str, form: str) -> None:
     scene, keys = SCENES[name]
-    _, steps = solved(replace(scene, sensitivity=Sensitivity(parameters=keys)))
-    own, known = numbers(scene), scene.parameters()
+    asking = replace(scene, sensitivity=Sensitivity(parameters=keys))
+    simulation, steps = solved(with_keys(asking, {"solver.surface": form} if form else {}))
+    assert isinstance(simulation.stepper.surface, CondensedSurface) != bool(form)
+    (own, edges), known = numbers(scene), scene.parameters()
     for key in keys:
         size = 1e-5  # of the number: the sets do not change
-        below, above = (numbers(scaled(scene, key, 1 + sign * size)) for sign in (-1, 1))
+        below, above = (numbers(scaled(scene, key, 1 + sign * size), edges)[0] for sign in (-1, 1))
         for step, mine, low, high in zip(steps, own, below, above, strict=True):
             assert len(step.sensitivity) > 20
             units = {number_of(quantity).unit: [] for quantity in mine}
@@ -215,7 +221,8 @@ def test_points_at_the_bound_of_friction_stick_on_one_side_and_slip_on_the_other
     assert slip.above == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_worn_column_loses_pressure_by_its_coefficient_of_wear() -> None:
+@pytest.mark.parametrize("count", [1, 8])
+def test_a_worn_column_loses_pressure_by_its_coefficient_of_wear(count: int) -> None:
     held = {side: {"boundary": f"block.{side}", "displacement": {"x": 0.0}} for side in ("left", "right")}
     top = {"boundary": "block.top", "displacement": {"y": [[0, 0], [1, -0.01]]}}
     base = {
@@ -230,13 +237,14 @@ def test_a_worn_column_loses_pressure_by_its_coefficient_of_wear() -> None:
         bodies=body,
         contacts={"base": base},
         supports=held | {"top": top},
-        steps={"end": 2.0, "count": 2},
+        steps={"end": 2.0, "count": 2 * count},
         **EXACT,
     )
-    _, (_, step) = solved(replace(scene, sensitivity=Sensitivity(parameters=(key,))))
-    worn = 1346.15384615 * 1e-4 * 5.0  # M k s / H; one implicit step leaves p_0 / (1 + worn)
-    slope = step.sensitivity["contacts.base.normal_force"][key].value
-    assert slope * 1e-4 / step.contacts["base"].normal_force == pytest.approx(-worn / (1 + worn), rel=1e-6)
+    *_, step = solved(replace(scene, sensitivity=Sensitivity(parameters=(key,))))[1]
+    worn = 1346.15384615 * 1e-4 * 5.0  # M k s / H; an implicit step leaves 1 / (1 + worn / count) of the pressure
+    slope = step.sensitivity["contacts.base.normal_force"][key].value * 1e-4 / step.contacts["base"].normal_force
+    assert slope == pytest.approx(-worn / (1 + worn / count), rel=1e-6)
+    assert slope == pytest.approx(-worn, abs=worn**2 / count)  # of infinitely short ones
 
 
 @pytest.fixture(scope="module")
@@ -272,6 +280,19 @@ def test_uncertain_inputs_add_up_by_the_law_of_propagation(rings: tuple[Scene, S
     assert (
         row["fit.mean_pressure.sensitivity.bodies.inner.E"] == stated["sensitivity"]["mean_pressure"]["bodies.inner.E"]
     )
+
+
+@pytest.mark.slow
+def test_what_inputs_leave_is_what_five_hundred_true_runs_leave(rings: tuple[Scene, StepResult]) -> None:
+    coarse = {"geometry.mesh_size": 1.0, "geometry.inner_mesh_size": 1.0, "geometry.order": 1}
+    scene = with_keys(replace(rings[0], sensitivity=Sensitivity(), uncertainty={}), coarse)
+    rng, count, found = np.random.default_rng(7), 500, list[float]()
+    for draw in rng.standard_normal((count, 3)):
+        run = scene
+        for key, size, x in zip(rings[0].uncertainty, (0.1, 0.1, 0.03), draw, strict=True):
+            run = scaled(run, key, 1 + size * x)
+        found.append(solved(run)[1][0].contacts["fit"].mean_pressure)
+    assert np.std(found, ddof=1) / np.mean(found) == pytest.approx(0.08988, rel=2 / np.sqrt(2 * (count - 1)))
 
 
 def test_correlations_add_up_or_cancel(rings: tuple[Scene, StepResult]) -> None:
@@ -382,7 +403,6 @@ def test_what_is_no_parameter_is_refused(keys: Mapping[str, Any], words: str) ->
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
-        ({"solver": {"surface": "matrix-free"}}, 'set solver.surface = "condensed"'),
         ({"solver": {"method": "regularised"}}, "the contact laws as they are"),
         ({"springs": {"rope": SLACK}}, "springs that act in one way, as springs.rope"),
         ({"base": {"normal": {"law": "compliance", "c_n": 9.0, "m_n": 2.0}}}, "gives a contact other points"),

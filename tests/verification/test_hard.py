@@ -71,6 +71,40 @@ def test_every_variation_is_made_or_left_out(scene: str) -> None:
                     varied(base, change, random)
 
 
+@pytest.mark.parametrize("scene", ["spring_slider", "fault"])
+def test_scenes_with_a_clock_keep_it_and_vary_by_it(scene: str) -> None:
+    base, random = ready(scene), np.random.default_rng(0)
+    found = {name: varied(base, one.change, random) for name, one in FIXED.items() if one.kind != "limit"}
+    for name in ("reversed", "everything back", "time x 1000", "error x 10", "largest x 0.1", "one step", "Dc x 100"):
+        made = found[name]
+        assert made is not None, name
+        assert from_dict(made).steps.clock is not None
+    assert found["one big step"] is None
+    tresca = found["friction tresca"]
+    assert tresca is not None
+    assert from_dict(tresca).steps.count > 1
+    assert sum(made is not None for made in found.values()) >= 60
+
+
+def test_another_unit_of_time_changes_nothing_where_rates_matter() -> None:
+    """The slider's state, rates, clock and damping are converted with its times; up to its first event."""
+    drive = {"x": [[0, 0], [110, 1.1e-4]], "y": 0.0}
+    base = to_dict(read("spring_slider", ["geometry.mesh_size=1.0", "steps.clock.error=1e-3", "steps.end=110"]))
+    base["supports"]["top"]["displacement"] = drive
+    one = variation("time x 1000")
+    made = varied(base, one.change, np.random.default_rng(0))
+    assert made is not None
+    assert made["steps"]["end"] == 110e3
+    assert judged(made, base).twin == "agrees"
+    made["contacts"]["base"]["friction"]["V0"] *= 1000
+    assert judged(made, base).twin == "differs"
+
+
+def judged(made: dict[str, Any], twin: dict[str, Any]) -> Verdict:
+    """The verdict without a second opinion."""
+    return next(judge(from_dict(made), from_dict(twin)))
+
+
 @pytest.mark.parametrize("scene", ["block", "arch", "shrink_fit"])
 @pytest.mark.parametrize(
     "name", ["mu x 1000", "friction none", "one big step", "reversed", "force x 1e-12", "random 1"]

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from verification.test_rate_and_state import LAW, SIGMA, column, followed
 
 from shared.audited import record_of
+from shared.house import ROOT
 from stickslip import Clock, Coulomb, Initial, Scene, SceneError, StepError, Steps, Support, read
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.results.audit import Auditor
@@ -223,6 +224,15 @@ def test_the_ready_fault_slips_what_its_far_side_has_gone_ahead() -> None:
         assert event.place[2] > 25e3
         assert_allclose(event.moment / 32e9 / 800, event.slip * 15e3, rtol=0.15)  # over the depth where a < b
         assert 2e6 < event.drop < 6e6  # (b - a) p ln of nine decades of rate, at the most
+
+
+def test_coarse_bp1_has_the_interval_of_boundary_elements() -> None:
+    """Of eight times the Dc in 50 cells. Source: elements of constant slip of a half-space, made for this project."""
+    words = ["geometry.count=50", "contacts.fault.friction.Dc=0.032"]
+    steps = prepare(read(ROOT / "workflows/lab/studies/bp1/bp1.toml", words)).steps()
+    events = [event for step in steps for event in step.events]
+    assert_allclose(np.diff([event.start for event in events]) / 31556926, [182.727], rtol=2e-3)  # years
+    assert_allclose([2 * event.rate for event in events], [0.676, 0.650], rtol=0.03)
 
 
 def test_points_that_supports_hold_along_the_surface_have_a_state_too() -> None:

@@ -14,7 +14,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.ladder import Budget, climb, ladder_of, retry
 from stickslip.workflows.cost.measure import measure
 from stickslip.workflows.cost.progress import Teller
-from stickslip.workflows.cost.run_record import Run, Rung
+from stickslip.workflows.cost.run_record import Run, Rung, with_estimates
 from stickslip.workflows.cost.study import Study, check, chosen, truth_of
 from stickslip.workflows.cost.study_folder import StudyFolder
 from stickslip.workflows.cost.tables import Line, comparison, headline, lines, plain, sentence, summary, write_csv
@@ -102,7 +102,7 @@ def cost(
 
 def judge(scene: Scene, runs: Sequence[Run], asked: Sequence[str], tolerance: float) -> list[Study]:
     """A study of every quantity that has a reference value."""
-    converged = tuple(run for run in runs if run.converged)
+    converged = tuple(run for run in with_estimates(runs) if run.converged)
     if not converged:
         return []
     truths = [truth_of(name, runs, scene.exact, tolerance) for name in chosen(asked, scene, runs)]

@@ -219,7 +219,7 @@ def power_law(values: Mapping[int, float], at: float, least: float, most: float)
 
 def overhead(runs: Sequence[Run]) -> float:
     """Time of a process outside its phases [s]."""
-    found = [run.spent - run.seconds for run in runs if run.converged and not run.compiled]
+    found = [run.spent - run.seconds - (run.estimate or 0.0) for run in runs if run.converged and not run.compiled]
     return float(np.median(found)) if found else START
 
 

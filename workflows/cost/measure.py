@@ -8,7 +8,7 @@ import signal
 import sys
 import tempfile
 import time as clock
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,9 @@ from stickslip.geometry.dolfinx_versions import CACHE
 from stickslip.geometry.errors import GeometryError, MachineError, SceneError, SolverError
 from stickslip.geometry.memory import peak
 from stickslip.geometry.user_files.child_process import Ended, end_with, run_child
-from stickslip.solvers.results.step_result import StepResult, names_of, values
+from stickslip.solvers.results.step_result import Errors, StepResult, names_of, values
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.simulation.simulation import prepare
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.cost.run_record import Run, Rung, mesh_size
 from stickslip.workflows.formats.files import read_json, write_aside, write_json
@@ -56,15 +56,16 @@ def _once(scene: Scene, rung: Rung, seconds: float) -> Run:
     with tempfile.TemporaryDirectory(prefix="stickslip_") as place:
         task, answer = (Path(place) / name for name in ("scene.json", "answer.json"))
         write_json(task, to_dict(mine))
-        # errors of time steps depend little on the mesh
-        more = ["time-steps"] if rung.level <= 0 and rung.tolerance == scene.solver.tolerance else []
+        # errors of time steps depend little on the mesh, and what the estimate takes beside a run
+        more = ["errors"] if rung.level <= 0 and rung.tolerance == scene.solver.tolerance else []
         ended = run_child(
             "stickslip.workflows.cost.measure", [str(task), str(answer), *more], None, seconds, **ONE_THREAD
         )
         common: dict[str, Any] = {"rung": rung, "h": mesh_size(mine), "spent": clock.perf_counter() - began}
         if ended.code is None:
             return Run(**common, status="out_of_time", sentence=f"stopped after {seconds:.0f} s")
-        return Run(**common, **(read_json(answer) or _broken(ended)))
+        found = read_json(answer) or _broken(ended)
+        return Run(**common, start=common["spent"] - found.pop("lasted", common["spent"]), **found)
 
 
 def _broken(ended: Ended) -> dict[str, Any]:
@@ -74,15 +75,15 @@ def _broken(ended: Ended) -> dict[str, Any]:
     return {"status": "out_of_memory" if memory else "failed", "sentence": lines[-1]}
 
 
-def solve(scene: Scene, time_steps: bool = False) -> dict[str, Any]:
-    """The fields of a `Run` that this process can measure itself.
+def solve(scene: Scene, errors: bool = False) -> dict[str, Any]:
+    """The fields of a `Run` that this process can measure itself; and how long that has lasted [s].
 
     Args:
-        time_steps: whether the errors of the time steps are measured too, beside its seconds.
+        errors: whether errors are estimated too, beside its seconds.
     """
-    before, began = forms(), clock.process_time()
+    before, began, now = forms(), clock.process_time(), clock.perf_counter()
     try:
-        found = _figures(scene, time_steps)
+        found = _figures(scene, errors)
     except SolverError as error:
         status = "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged"
         found = {"status": status, "sentence": str(error)}
@@ -93,10 +94,10 @@ def solve(scene: Scene, time_steps: bool = False) -> dict[str, Any]:
     except MemoryError:
         found = {"status": "out_of_memory", "sentence": "not enough memory"}
     measured = {"memory": peak(), "cpu": clock.process_time() - began, "compiled": forms() != before}
-    return measured | found
+    return measured | found | {"lasted": clock.perf_counter() - now}
 
 
-def _figures(scene: Scene, time_steps: bool) -> dict[str, Any]:
+def _figures(scene: Scene, errors: bool) -> dict[str, Any]:
     began = clock.process_time()
     simulation = prepare(scene)
     residuals, law_errors, steps = [0.0], [0.0], list[StepResult]()
@@ -118,12 +119,17 @@ def _figures(scene: Scene, time_steps: bool) -> dict[str, Any]:
         "law_error": max(law_errors),
         "quantities": values(last),
     }
-    return found | {"time_steps": dict(_of_time_steps(simulation, steps)) if time_steps else {}}
+    if not errors:
+        return found
+    now = clock.perf_counter()
+    told = dict(_of_time_steps(simulation.errors(steps)[-1]))
+    found["estimate"] = clock.perf_counter() - now
+    return found | {"time_steps": told or dict(_of_time_steps(simulation.time_step_errors(steps)[-1]))}
 
 
-def _of_time_steps(simulation: Simulation, steps: Sequence[StepResult]) -> Iterator[tuple[str, float]]:
-    """Errors of the time steps at the last step, in the unit of each number; of those that are known."""
-    for key, parts in simulation.time_step_errors(steps)[-1].items():
+def _of_time_steps(errors: Errors) -> Iterator[tuple[str, float]]:
+    """Errors of the time steps, in the unit of each number; of those that are known."""
+    for key, parts in errors.items():
         if parts.time_step is not None:
             for name, axis in names_of(key, parts.time_step):
                 yield name, float(np.asarray(parts.time_step)[() if axis is None else axis])
@@ -135,10 +141,10 @@ def forms() -> int:
 
 
 def main() -> None:
-    """`python -m stickslip.workflows.cost.measure SCENE.json ANSWER.json [time-steps] PROCESS`; PROCESS: the parent."""
+    """`python -m stickslip.workflows.cost.measure SCENE.json ANSWER.json [errors] PROCESS`; PROCESS: the parent."""
     task, answer, *more, parent = sys.argv[1:]
     end_with(int(parent))
-    found = solve(from_dict(read_json(Path(task))), "time-steps" in more)
+    found = solve(from_dict(read_json(Path(task))), "errors" in more)
     write_aside(Path(answer), json.dumps(found).encode())
 
 

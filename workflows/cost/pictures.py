@@ -40,13 +40,15 @@ def draw(folder: Path, title: str, study: Study, units: Units = SI) -> Path:
         log_log(axes)
     for chain in dict.fromkeys(run.rung.chain for run in shown):
         mine = [run for run in shown if run.rung.chain == chain]
-        _chain(work, [run for run in mine if not run.compiled], study, colours[chain[1]], lambda run: run.seconds)
+        _chain(work, [run for run in mine if not run.compiled], study, colours[chain[1]], lambda run: run.waited)
         tight = [run for run in mine if run.rung.tolerance == study.tolerance]
         _chain(mesh, tight, study, colours[chain[1]], lambda run: run.h)
     _front(work, study)
     _slopes(mesh, study)
     _limits(work, mesh, study, shown)
-    work.set_xlabel("seconds on one core: mesh, assemble, prepare, iterate", fontsize=9, color=INK)
+    work.set_xlabel(
+        "seconds on one core that a user waits, start and estimate of errors included", fontsize=9, color=INK
+    )
     work.set_ylabel(f"relative error of {study.truth.name}", fontsize=9, color=INK)
     mesh.set_xlabel("edge length of cells at the contact [m]", fontsize=9, color=INK)
     mesh.invert_xaxis()
@@ -117,7 +119,7 @@ def _chain(axes: Any, runs: Sequence[Run], study: Study, colour: str, place: Any
 def _front(axes: Any, study: Study) -> None:
     """The smallest error for a given time, as a staircase."""
     if study.front:
-        x = [run.seconds for run in study.front]
+        x = [run.waited for run in study.front]
         y = [study.sturdy[run.rung] for run in study.front]
         axes.step([*x, 3 * x[-1]], [*y, y[-1]], where="post", color=INK, linewidth=3.5, alpha=0.25, zorder=2)
 
@@ -161,7 +163,13 @@ def _limits(work: Any, mesh: Any, study: Study, shown: Sequence[Run]) -> None:
     if sure > low:
         text = "grey and its edge: uncertainty of the reference"
         work.text(0.99, 0.015, text, transform=work.transAxes, ha="right", va="bottom", fontsize=8, color=PALE)
-    x = [run.seconds for run in shown]
+    for level, name in ((0.01, "1 %"), (0.001, ".1 %"), (study.time_step or 0.0, "time steps")):
+        if low < level < max(errors) * 2.5:
+            work.axhline(level, color=PALE, linewidth=0.8, linestyle=":" if name == "time steps" else "-", zorder=1)
+            place = (0.01, level)
+            work.annotate(name, place, (0, 2), xycoords=("axes fraction", "data"), textcoords="offset points",
+                          fontsize=8, color=PALE)  # fmt: skip
+    x = [run.waited for run in shown]
     work.set_xlim(min(x) / 1.5, max(x) * 1.8)
 
 

@@ -9,7 +9,7 @@ from rich.progress import TextColumn
 from stickslip.workflows.cost.foresee import ASKED, Price, Row
 from stickslip.workflows.cost.run_record import Run
 from stickslip.workflows.cost.study import Study
-from stickslip.workflows.cost.tables import Line, duration, percent, seconds
+from stickslip.workflows.cost.tables import Line, duration, explained, percent, seconds
 from stickslip.workflows.run.terminal import Speaker, console, print_table, table_of
 
 PRICES = ("1 % [s]", ".1 % [s]", ".01 % [s]")
@@ -45,7 +45,7 @@ class Teller(Speaker):
         for study in studies:
             truth, best = study.truth, study.most_exact
             costs = [study.cheapest(level) for level in (1e-2, 1e-3, 1e-4)]
-            shown = [f"{run.seconds:.2g}" if run else "-" for run in costs]
+            shown = [f"{run.waited:.2g}" if run else "-" for run in costs]
             sure = percent(truth.uncertainty) if truth.converges else "-"
             because = truth.source if truth.converges else "one mesh only" if truth.meshes < 2 else "does not settle"
             exact = percent(study.sure[best.rung]) if best else "-"
@@ -53,6 +53,7 @@ class Teller(Speaker):
             rows.append((*about, *shown, exact))
         heads = ("quantity", "value", "sure to", "because", "time steps", "orders", *PRICES, "best")
         print_table(table_of(heads, rows, words), console(160))
+        self.line(*filter(None, map(explained, studies)))
 
     def methods(self, found: Sequence[Line], methods: Sequence[str]) -> None:
         """Seconds and volume solves of methods that are laid side by side: one row for each mesh and method."""

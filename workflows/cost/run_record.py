@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
 from typing import Any, Literal
 from urllib.parse import quote
 
+import numpy as np
+
 from stickslip.geometry.errors import SceneError, prefixed
+from stickslip.solvers.accuracy.budget import budget_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.workflows.scene_file.read import with_method
@@ -77,6 +80,8 @@ class Run:
     spent: float = 0.0  # of the budget: start of the process and compiling of forms included [s]
     h: float = 0.0  # edge length where bodies touch [m]
     phases: Mapping[str, float] = field(default_factory=dict)  # wall time [s]
+    start: float = 0.0  # of the process, and its end [s]
+    estimate: float | None = None  # of the errors as `stickslip run` makes it [s]; None: not measured
     cpu: float = 0.0  # in those phases [s]; less than their sum: others used the core too
     memory: float = 0.0  # peak of the process [bytes]
     dofs: int = 0
@@ -97,6 +102,28 @@ class Run:
     def seconds(self) -> float:
         """Wall time of all phases [s]."""
         return sum(self.phases.values())
+
+    @property
+    def waited(self) -> float:
+        """What a user waits for [s]: also for the start of the program and the estimate of errors."""
+        return self.seconds + self.start + (self.estimate or 0.0)
+
+
+def with_estimates(runs: Sequence[Run]) -> list[Run]:
+    """The runs; where the estimate of errors was not measured it takes the share of the finest on which it was.
+
+    A run gives it as many seconds as the budget of errors has by default.
+    """
+    known = [run for run in runs if run.estimate is not None and run.seconds > 0]
+    if not known:
+        return [*runs]
+    last = max(known, key=lambda run: (run.rung.level, run.seconds))
+    share = (last.estimate or 0.0) / last.seconds
+    budgets = [budget_of(Output(), run.seconds) or np.inf for run in runs]
+    return [
+        replace(run, estimate=min(share * run.seconds, budget)) if run.converged and run.estimate is None else run
+        for run, budget in zip(runs, budgets, strict=True)
+    ]
 
 
 def from_plain(content: Mapping[str, Any]) -> Run:

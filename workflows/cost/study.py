@@ -224,19 +224,19 @@ class Study:
     def front(self) -> tuple[Run, ...]:
         """The Pareto front by rising cost; errors below the uncertainty count as equal."""
         runs = self.timed if self.truth.converges else ()
-        return tuple(runs[i] for i in front([(run.seconds, self.sturdy[run.rung]) for run in runs]))
+        return tuple(runs[i] for i in front([(run.waited, self.sturdy[run.rung]) for run in runs]))
 
     def cheapest(self, level: float) -> Run | None:
         """The cheapest run among those whose error is surely at most this."""
         good = [run for run in self.timed if self.truth.converges and self.sure[run.rung] <= level]
-        return min(good, key=lambda run: run.seconds, default=None)
+        return min(good, key=lambda run: run.waited, default=None)
 
     @cached_property
     def most_exact(self) -> Run | None:
         """The cheapest of the runs with the smallest error; one whose time counts, if there is one."""
         if not self.runs or not self.truth.converges:
             return None
-        return min(self.timed or self.runs, key=lambda run: (self.sturdy[run.rung], run.seconds))
+        return min(self.timed or self.runs, key=lambda run: (self.sturdy[run.rung], run.waited))
 
     @cached_property
     def rates(self) -> Mapping[tuple[int, str], float]:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from stickslip import VERSION
 from stickslip.geometry.arrays import CLOSE
@@ -41,13 +44,36 @@ def sentence(study: Study) -> str:
         return f"{name}: no run came to an end."
     if run is None:
         return f"1 % of {name} was not reached: {_least(study, best)}{unknown}."
-    said = f"1 % of {name} costs {seconds(run.seconds)} with {choice(run, study)}"
+    said = f"1 % of {name} costs {seconds(run.waited)} with {choice(run, study)}"
     following = study.cheapest(0.01 / 10)
     if following is run:
         return f"{said}, and the next digit comes with it{unknown}."
     if following is not None:
-        return f"{said}; the next digit costs {seconds(following.seconds)}{_changes(run, following)}{unknown}."
+        return f"{said}; the next digit costs {seconds(following.waited)}{_changes(run, following)}{unknown}."
     return f"{said}; the next digit was not reached: {_least(study, best)}{unknown}."
+
+
+def explained(study: Study) -> str:
+    """The front in words, from cheap to exact: who is on it, what a digit costs, and where it ends."""
+    if len(study.front) < 2 or not study.truth.converges:
+        return ""
+    first, last, told = study.front[0], study.front[-1], list[str]()
+    for (order, method), group in groupby(study.front, key=lambda run: run.rung.chain):
+        runs = [*group]
+        errors, times = ([percent(study.sturdy[run.rung]) for run in runs], [seconds(run.waited) for run in runs])
+        way = [f"{one[0]} to {one[-1]}" if len(runs) > 1 else one[0] for one in (errors, times)]
+        told.append(f"order {order} with {method} ({way[0]} in {way[1]})")
+    digits = np.log10(study.sturdy[first.rung] / study.sturdy[last.rung])
+    said = f"{study.truth.name}, front: {', then '.join(told)}. "
+    said += f"A tenth of the error costs {(last.waited / first.waited) ** (1 / digits):.2g} times the wait. "
+    said += f"Of the cheapest, start and estimate of errors are {percent(1 - first.seconds / first.waited)}. "
+    least, of_steps = study.sturdy[last.rung], study.time_step
+    if of_steps is not None and of_steps >= least:
+        return f"{said}It ends at {percent(least)}, which the time steps leave: it takes more of them (steps.count)."
+    if least <= study.truth.uncertainty:
+        return f"{said}It ends at {percent(least)}, to which the reference is sure."
+    share = "" if of_steps is None else f", of which the time steps are {percent(of_steps / least)}"
+    return f"{said}It ends at {percent(least)}{share}: a larger --budget goes on."
 
 
 def choice(run: Run, study: Study) -> str:
@@ -106,7 +132,7 @@ def _least(study: Study, best: Run) -> str:
         return f"the time steps alone leave {percent(of_steps)}, it takes more of them (steps.count)"
     if study.worst[best.rung] <= study.truth.uncertainty:
         return f"the reference itself is sure to {percent(study.truth.uncertainty)} only"
-    return f"the best is {percent(study.sure[best.rung])} for {seconds(best.seconds)} with {choice(best, study)}"
+    return f"the best is {percent(study.sure[best.rung])} for {seconds(best.waited)} with {choice(best, study)}"
 
 
 @dataclass(frozen=True)
@@ -173,7 +199,7 @@ def write_csv(path: Path, runs: Sequence[Run], studies: Sequence[Study]) -> None
         MachineError: the disk is full.
     """
     head = ["order", "method", "h", "cells_times", "tolerance", "status", "seconds", *(f"{p}_s" for p in PHASES)]
-    head += ["cpu_s", "spent_s", "peak_memory_bytes", *COUNTS, "residual", "compiled"]
+    head += ["waited_s", "cpu_s", "spent_s", "peak_memory_bytes", *COUNTS, "residual", "compiled"]
     for study in studies:
         name = study.truth.name
         head += [name, f"{name}:error", f"{name}:error_is_known", f"{name}:on_front"]
@@ -197,7 +223,7 @@ def summary(
         "quantities": {study.truth.name: _quantity(study) for study in studies},
         "runs": [
             asdict(run)
-            | {"name": run.rung.name, "seconds": run.seconds}
+            | {"name": run.rung.name, "seconds": run.seconds, "waited": run.waited}
             | {"errors": {study.truth.name: study.errors.get(run.rung) for study in studies}}
             for run in runs
         ],
@@ -208,7 +234,8 @@ def summary(
 def _row(run: Run) -> list[object]:
     rung, solved = run.rung, bool(run.phases)
     numbers: list[object] = [run.seconds if solved else "", *(run.phases[p] if solved else "" for p in PHASES)]
-    numbers += [run.cpu or "", run.spent, run.memory or "", *(getattr(run, key) if solved else "" for key in COUNTS)]
+    numbers += [run.waited if solved else "", run.cpu or "", run.spent, run.memory or ""]
+    numbers += [getattr(run, key) if solved else "" for key in COUNTS]
     about = [rung.order, rung.method, run.h or "", rung.factor, rung.tolerance, run.status]
     return [*about, *numbers, run.residual, int(run.compiled)]
 
@@ -229,4 +256,5 @@ def _quantity(study: Study) -> dict[str, Any]:
         "time_step": study.time_step,
         "front": [run.rung.name for run in study.front],
         "sentence": sentence(study),
+        "explained": explained(study),
     }

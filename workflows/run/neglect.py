@@ -371,7 +371,7 @@ def _thermal_expansion(answer: Answer) -> Iterator[Found]:
     Strains that differ between two bodies which friction holds together are not seen.
     """
     trace = answer.volume * np.trace(answer.last.stress, axis1=1, axis2=2)
-    for body in set(answer.mesh.bodies) - set(answer.problem.tables.get("thermal", ())):
+    for body in (body for body in answer.mesh.bodies if body not in answer.problem.tables.get("thermal", ())):
         own = answer.members(body)
         where = answer.at(np.where(own, np.abs(trace / answer.volume), 0.0))
         yield Found(answer.strained(float(trace[own].sum())), where, f"expansion × temperature of bodies.{body} [-]")

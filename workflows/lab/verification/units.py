@@ -16,7 +16,7 @@ EXPONENT = {"²": 2, "³": 3}
 
 @dataclass(frozen=True, kw_only=True)
 class Units:
-    """One metre and one newton in the new units; seconds and kelvins stay.
+    """One metre, one newton and one second in the new units; kelvins stay.
 
     In plane models forces and energies are per length of thickness, whatever their unit says.
     """
@@ -24,6 +24,7 @@ class Units:
     length: float
     force: float
     plane: bool
+    time: float = 1.0
 
     def factor(self, unit: str, noun: Any = None) -> float:
         """Factor for a number of this unit; an exponent may be the name of another field of the same table.
@@ -36,8 +37,9 @@ class Units:
         >>> mm.factor("N m")
         1000.0
         """
-        symbols = {"m": self.length, "N": self.force, "s": 1.0, "rad": 1.0, "K": 1.0}
-        symbols |= {"Pa": self.force / self.length**2, "kg": self.force / self.length, "J": self.force * self.length}
+        symbols = {"m": self.length, "N": self.force, "s": self.time, "rad": 1.0, "K": 1.0}
+        symbols |= {"Pa": self.force / self.length**2, "J": self.force * self.length}
+        symbols["kg"] = self.force / self.length * self.time**2
         if self.plane:
             symbols |= {"N": self.force / self.length, "J": self.force}
         total, unit = 1.0, unit.split(", ")[-1].replace("N/m³", "Pa/m")  # per volume in plane models too
@@ -85,11 +87,13 @@ def _scaled(value: Any, factor: float, units: Units) -> Any:
     if isinstance(value, Mapping):
         return {name: _scaled(entry, factor, units) for name, entry in value.items()}
     if isinstance(value, tuple) and all(_is_row(row) for row in value):  # a table in time
-        return tuple((time, entry * factor) for time, entry in value)
+        return tuple((time * units.time, entry * factor) for time, entry in value)
     if isinstance(value, tuple):
         return tuple(_scaled(entry, factor, units) for entry in value)
     if isinstance(value, str) and _is_formula(value):
         pascal, length = units.factor("Pa"), units.length
+        value = re.sub(r"\bt\b", f"(t/{units.time!r})", value)
+        value = re.sub(r"\bV\b", f"(V/{units.factor('m/s')!r})", value)
         text = re.sub(r"\b([xyz])\b", rf"(\1/{length!r})", re.sub(r"\b([EG](_\d+)?)\b", rf"(\1/{pascal!r})", value))
         return f"{factor!r}*({text})"
     return value * factor if isinstance(value, float | int) and factor != 1 else value

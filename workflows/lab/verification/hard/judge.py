@@ -191,6 +191,8 @@ def _against_twin(own: Solved, scene: Scene, scale: Scale) -> tuple[str, str]:
         return NONE, ""  # judged where it is a variation itself
     if abs(own.spread - scale.length * twin.spread) > MESH * own.spread:
         return ELSEWHERE, ""  # the last digits of a mesh size let gmsh place its nodes otherwise
+    if len(own.steps) != len(twin.steps):  # a clock has them where events begin and end
+        return DIFFERS, f"twin: {len(own.steps)} steps, not {len(twin.steps)}"
     wrong = "; ".join(_differences(own, twin, scale))
     return (DIFFERS if wrong else AGREES), wrong
 
@@ -244,6 +246,8 @@ def _with_second_opinion(verdict: Verdict, own: Solved) -> Verdict:
 def _differences_of_methods(own: Solved, other: Solved) -> dict[str, float]:
     """Relative differences by quantity; 0 of nodal forces where contact slides."""
     mine, theirs = own.quantities(), other.quantities()
+    if len(own.steps) != len(other.steps):
+        return dict.fromkeys([*mine, "nodal forces"], np.inf)
     nodal, others = own.nodal(), other.nodal()
     found = {key: apart(mine[key][1], theirs[key][1]) for key in mine}
     return found | {"nodal forces": apart(nodal, others) if nodal.size and others.size else 0.0}

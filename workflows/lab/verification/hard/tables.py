@@ -37,6 +37,15 @@ def ready(name: str) -> Tables:
     return tables
 
 
+def lasting(steps: Tables, end: float, count: int) -> Tables:
+    """Steps up to another time: as many equal ones, or those of the same clock.
+
+    >>> lasting({"end": 1.0, "count": 1, "clock": {"error": 1e-4}}, 2.0, 6)
+    {'end': 2.0, 'count': 1, 'clock': {'error': 0.0001}}
+    """
+    return steps | {"end": end, "count": 1 if steps.get("clock") else count}
+
+
 def sizes(tables: Tables) -> list[str]:
     """Keys of [geometry] that are mesh sizes."""
     return [key for key in SIZES if key in tables["geometry"]]
@@ -108,13 +117,15 @@ def frictions(tables: Tables, key: str = "law") -> Iterator[Tables]:
             yield contact["friction"]
 
 
-def times(mu: float | list[list[float]], factor: float) -> float | list[list[float]]:
-    """A coefficient times a factor; or one by pressure, a table.
+def times(value: Any, factor: float) -> Any:
+    """A number, an expression or a vector times a factor; or a coefficient by pressure, a table.
 
-    >>> times([[0.0, 0.8], [1.5e5, 0.4]], 0.5)
-    [[0.0, 0.4], [150000.0, 0.2]]
+    >>> times([[0.0, 0.8], [1.5e5, 0.4]], 0.5), times([0.0, 2.0], 0.5), times("x", 0.5)
+    ([[0.0, 0.4], [150000.0, 0.2]], [0.0, 1.0], '0.5*(x)')
     """
-    return [[p, value * factor] for p, value in mu] if isinstance(mu, list) else mu * factor
+    if isinstance(value, list):
+        return [[each[0], each[1] * factor] if isinstance(each, list) else each * factor for each in value]
+    return f"{factor!r}*({value})" if isinstance(value, str) else value * factor
 
 
 def overrides(before: Mapping[str, Any], after: Mapping[str, Any], at: str = "") -> list[str]:

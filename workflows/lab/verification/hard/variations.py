@@ -21,10 +21,12 @@ from stickslip.geometry.amplitude import Amplitude, value_at
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.workflows.lab.verification.hard.tables import (
+    COUNT,
     Tables,
     corners,
     extent,
     frictions,
+    lasting,
     over_drives,
     resolved,
     scaled,
@@ -40,7 +42,7 @@ from stickslip.workflows.scene_file.read import from_dict, to_dict
 
 Random = np.random.Generator
 BOXES = ("block", "strip", "stack", "two_blocks")
-OTHER = {"left": "right", "right": "left"}
+OTHER = {"left": "right", "right": "left", "aging": "slip", "slip": "aging"}
 
 
 def mirrored(tables: Tables, random: Random) -> Tables | None:
@@ -108,7 +110,7 @@ def sideways(share: float, tables: Tables, random: Random) -> Tables | None:
     end, acceleration = tables["steps"]["end"], tables["gravity"]["acceleration"]
     down = value_at(_tuple(acceleration[-1]), end, end)
     acceleration[0] = [[0.0, 0.0], [end, 0.0], [2 * end, share * abs(down)]]
-    tables["steps"] = {"end": 2 * end, "count": 2 * tables["steps"]["count"]}
+    tables["steps"] = lasting(tables["steps"], 2 * end, 2 * tables["steps"]["count"])
     return tables
 
 
@@ -131,7 +133,7 @@ def _falls(tables: Tables) -> bool:
     gravity = tables["gravity"]["acceleration"]
     end = tables["steps"]["end"]
     tables["gravity"]["acceleration"] = [value_at(_tuple(a), end, end) for a in gravity]
-    tables["steps"] = {"end": end, "count": 1}
+    tables["steps"] = lasting(tables["steps"], end, 1)
     scene = from_dict(tables)
     try:
         list(prepare(replace(scene, solver=replace(scene.solver, max_iterations=1))).steps())
@@ -182,6 +184,11 @@ def same(tables: Tables, random: Random) -> Tables | None:
 # friction and normal laws
 
 
+RATED: dict[str, tuple[float, ...]] = {  # keys of rate and state, of initial tractions and of clocks, times these
+    "a": (0.5, 1.4), "b": (0.5, 1.2), "f0": (0.5, 1.5), "Dc": (0.7, 3, 100), "damping": (0.1, 10),
+    "pressure": (1.5,), "traction": (0.9,), "state": (0.1, 1e3), "rate": (0.1, 10),
+    "error": (0.1, 10), "largest": (0.1,),
+}  # fmt: skip
 JUMPS = ("stick", "tresca")  # laws whose bound jumps where surfaces part
 
 
@@ -195,7 +202,7 @@ def friction_law(law: str, tables: Tables, random: Random) -> Tables | None:
     """Another friction law in its place, of bounds that the scene may reach; or none.
 
     Tresca's bound and stick come with bilateral contact: where surfaces part the bound jumps, and there may be no
-    solution.
+    solution. None of them has a rate: equal steps come in place of a clock, and initial tractions have no state.
     """
     if not any(frictions(tables)):
         return None
@@ -205,17 +212,21 @@ def friction_law(law: str, tables: Tables, random: Random) -> Tables | None:
         "tresca": {"law": "tresca", "bound": bound},
         "capped": {"law": "capped_coulomb", "mu": 0.5, "s_max": bound},
     }
+    if tables["steps"].pop("clock", None):
+        tables["steps"]["count"] = COUNT
     for contact in tables["contacts"].values():
         if contact.pop("friction", None) and law != "none":
             contact["friction"] = laws[law]
             if law in JUMPS:
                 contact["normal"] = {"law": "bilateral"}
+        for key in ("state", "rate", *(["traction"] if law == "none" else [])):
+            contact.get("initial", {}).pop(key, None)
     return tables
 
 
 def compliant(stiffness: float, m_n: float, tables: Tables, random: Random) -> Tables | None:
     """Compliant contact; stiffness: of the surface over that of the bodies, at a penetration of the travel."""
-    if any(friction["law"] in JUMPS for friction in frictions(tables)):
+    if any(friction["law"] in JUMPS for friction in frictions(tables)) or tables["steps"].get("clock"):
         return None
     own = softest(tables) / extent(tables)
     for contact in tables["contacts"].values():
@@ -226,6 +237,8 @@ def compliant(stiffness: float, m_n: float, tables: Tables, random: Random) -> T
 def elastic_friction(stiffness: float, tables: Tables, random: Random) -> Tables | None:
     """Tangential stiffness before slip, in units of that of the bodies."""
     for friction in frictions(tables):
+        if "Dc" in friction:  # slips at all tractions
+            return None
         friction["k_T"] = stiffness * softest(tables) / extent(tables)
     return tables
 
@@ -235,7 +248,17 @@ def normal_law(law: str, tables: Tables, random: Random) -> Tables | None:
         contact["normal"] = {"law": law}
         if law == "tied":
             contact.pop("friction", None)
+            contact.pop("initial", None)
     return tables
+
+
+def rated(key: str, change: Callable[[Any], Any], tables: Tables, random: Random) -> Tables | None:
+    """Change a number of friction by rate and state, of what it starts from, or of the clock."""
+    parts = [part for c in tables["contacts"].values() for part in (c.get("friction", {}), c.get("initial", {}))]
+    found = [part for part in (*parts, tables["steps"].get("clock", {})) if key in part]
+    for part in found:
+        part[key] = change(part[key])
+    return tables if found else None
 
 
 # materials
@@ -341,14 +364,15 @@ def times_loads(factor: float, tables: Tables, random: Random) -> Tables:
 
 
 def one_step(tables: Tables, random: Random) -> Tables | None:
-    """As few steps as the tables in time allow."""
-    tables["steps"]["count"] = 1
-    return tables
+    """As few steps as the tables in time allow, or a clock that only its error holds back."""
+    return rated("largest", (1e3).__mul__, tables, random) or set_key("steps", "count", 1, tables, random)
 
 
 def at_once(tables: Tables, random: Random) -> Tables | None:
-    """One big step: every value goes straight to where it is at the end."""
+    """One big step: every value goes straight to where it is at the end; not where rates matter."""
     end = tables["steps"]["end"]
+    if tables["steps"].get("clock"):
+        return None
     tables["steps"]["count"] = 1
     return over_drives(tables, lambda _, a: value_at(a, end, end), bounds=True)
 
@@ -364,7 +388,7 @@ def goes_on(share: float, tables: Tables, random: Random) -> Tables | None:
         return (*resolved(a, end, times), (later, start - share * (last - start)))
 
     found = over_drives(tables, turned)
-    found["steps"] = {"end": later, "count": max(2, tables["steps"]["count"])}
+    found["steps"] = lasting(tables["steps"], later, max(2, tables["steps"]["count"]))
     return found
 
 
@@ -372,20 +396,13 @@ def all_back(tables: Tables, random: Random) -> Tables | None:
     """After the end, everything returns to where it was at t = 0."""
     end, times = tables["steps"]["end"], corners(tables)
     found = over_drives(tables, lambda _, a: (*resolved(a, end, times), (2 * end, value_at(a, 0.0, end))))
-    found["steps"] = {"end": 2 * end, "count": max(2, tables["steps"]["count"])}
+    found["steps"] = lasting(tables["steps"], 2 * end, max(2, tables["steps"]["count"]))
     return found
 
 
 def slower(factor: float, tables: Tables, random: Random) -> Tables | None:
-    """The same history in another time: nothing depends on rates."""
-    end = tables["steps"]["end"]
-    times = corners(tables)
-    found = over_drives(tables, lambda _, a: tuple((t * factor, v) for t, v in resolved(a, end, times)), bounds=True)
-    found["steps"]["end"] = end * factor
-    for bolt in found.get("bolts", {}).values():
-        if bolt.get("held_from") is not None:
-            bolt["held_from"] *= factor
-    return found
+    """The same history in another unit of time, rates and all."""
+    return in_units(1.0, 1.0, tables, random, factor)
 
 
 # solution
@@ -400,12 +417,12 @@ def method(name: str, surface: str, tables: Tables, random: Random) -> Tables | 
 # units
 
 
-def in_units(length: float, force: float, tables: Tables, random: Random) -> Tables | None:
+def in_units(length: float, force: float, tables: Tables, random: Random, time: float = 1.0) -> Tables | None:
     """The same bodies and loads in other units, those of gravity and of a length of thickness included."""
     scene = from_dict(tables)
-    if "file" in tables["geometry"]:
+    if "file" in tables["geometry"] and length != 1.0:
         return None
-    return to_dict(convert(scene, Units(length=length, force=force, plane=scene.model.startswith("plane"))))
+    return to_dict(convert(scene, Units(length=length, force=force, plane=scene.model.startswith("plane"), time=time)))
 
 
 def units(name: str, length: float, force: float) -> Variation:
@@ -434,6 +451,15 @@ def _of_laws_and_bodies() -> Iterator[Variation]:
             yield Variation("contrast", f"E of {place} x {factor:g}", partial(contrast, place, factor))
     yield Variation("aspect", "20 times as long", partial(slender, False))
     yield Variation("aspect", "20 times as high", partial(slender, True))
+
+
+def _of_rates() -> Iterator[Variation]:
+    for key, factors in RATED.items():
+        for factor in factors:
+            yield Variation(f"rates: {key}", f"{key} x {factor:g}", partial(rated, key, partial(times, factor=factor)))
+    yield Variation(
+        "rates: law", "other evolution", partial(rated, "evolution", {"aging": "slip", "slip": "aging"}.get)
+    )
 
 
 def _of_meshes_and_loads() -> Iterator[Variation]:
@@ -488,7 +514,7 @@ def _by_a_grid(tables: Tables, random: Random) -> Tables | None:
 
 FIXED = {
     variation.name: variation
-    for variation in (*_of_laws_and_bodies(), *_of_meshes_and_loads(), *_of_methods_and_units())
+    for variation in (*_of_laws_and_bodies(), *_of_rates(), *_of_meshes_and_loads(), *_of_methods_and_units())
 }
 MIXED = tuple(
     v for v in FIXED.values() if v.twin is None and v.kind not in ("solver", "limit", "as it is")
