@@ -145,6 +145,10 @@ class Shape:
         """
         raise NotImplementedError
 
+    def meeting(self, one: str, other: str, reach: float, dim: int) -> tuple[Array, Array]:
+        """Sample points (k, d) [m] of a side, and normals, where it has another one within reach [m]; or all."""
+        return self.sample(one, dim)
+
     def skin(self, body: str, dim: int) -> tuple[Array, Array]:
         """Sample points of all of a body's skin, and normals, as of a side."""
         samples = [self.sample(f"{body}.{side}", dim) for side in self.bodies(dim)[body]]

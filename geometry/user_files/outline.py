@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations, product
 
 import numpy as np
@@ -77,7 +78,13 @@ class Outline:
 
     def skin(self, body: str) -> tuple[Array, Array]:
         """Sample points (k, 3) of all of a body's skin, and unit outward normals there."""
-        return _sample([face for face in self.entities if face.bodies == (body,)], body)
+        return sample([face for face in self.entities if face.bodies == (body,)], body)
+
+    @cached_property
+    def forms(self) -> dict[int, Form]:
+        """The form of each entity by its tag."""
+        of = ((face, simplices([face.corners])) for face in self.entities)
+        return {face.number: fit(corners, corners.shape[1], face.between) for face, corners in of}
 
     def times(self, factor: float, dim: int) -> Outline:
         """The same, its lengths multiplied by a factor: in another unit."""
@@ -130,7 +137,7 @@ def read_outline(gmsh: Gmsh, dim: int, parts: Parts, unit: float) -> Outline:
     }
     if raw is None and not of:
         raise GeometryError("has no boundary")
-    samples = {side: _sample(_faces(dim, side, tags, of), side.split(".")[0]) for side, tags in parts.sides.items()}
+    samples = {side: sample(_faces(dim, side, tags, of), side.split(".")[0]) for side, tags in parts.sides.items()}
     points = unit * raw.points if raw else np.concatenate([f.corners.reshape(-1, 3) for f in of.values()])
     sides = {body: tuple(s.split(".")[1] for s in parts.sides if s.split(".")[0] == body) for body in parts.bodies}
     box = np.array([points.min(axis=0), points.max(axis=0)])
@@ -279,7 +286,7 @@ def simplices(faces: Iterable[Array]) -> Array:
     return np.concatenate(parts)
 
 
-def _sample(of: list[Facets], body: str) -> tuple[Array, Array]:
+def sample(of: Sequence[Facets], body: str) -> tuple[Array, Array]:
     """Extreme points of a side in 26 directions, of each of its faces if they are flat; else also extreme normals."""
     corners = simplices(face.corners if face.bodies[0] == body else face.corners[:, ::-1] for face in of)
     units = normals_of(corners)
@@ -408,11 +415,11 @@ FLAT = 100.0  # a cylinder's radius, relative to the face, is less than this
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """A plane (in 2D a line), a cylinder (in 2D an arc of a circle), or another form, of which nothing is known."""
+    """A plane (in 2D a line), a cylinder (an arc of a circle), a sphere, or another form, of which nothing is known."""
 
-    kind: str  # plane, cylinder, other
-    point: Array  # (3,) on the plane or on the axis [m]
-    axis: Array  # (3,) unit vector: the plane's outward normal, or the cylinder's axis
+    kind: str  # plane, cylinder, sphere, other
+    point: Array  # (3,) on the plane, on the axis, or the centre [m]
+    axis: Array  # (3,) unit vector: the plane's outward normal, or the cylinder's axis; of a sphere any
     radius: float = 0.0  # [m]; negative: the body is outside, as of a bore
     size: float = 0.0  # of the face [m]
 
@@ -434,18 +441,18 @@ class Form:
         return np.asarray(x + across * (abs(self.radius) / long - 1))
 
     def normals(self, x: Array) -> Array:
-        """Unit normals (n, 3) at points (n, 3) of a plane or a cylinder, outward."""
+        """Unit normals (n, 3) at points (n, 3) of a form that is known, outward."""
         if self.kind == "plane":
             return np.tile(self.axis, (len(x), 1))
         across = self._across(x - self.point) * np.sign(self.radius)
         return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), TINY))
 
     def same(self, other: Form) -> bool:
-        """Whether both are one plane or one cylinder, with the body on the same side."""
+        """Whether both are one plane, cylinder or sphere, with the body on the same side."""
         if self.kind != other.kind or self.kind == "other":
             return False
         near = CLOSE * max(self.size, other.size)  # points lie on the form to this, relative to the face
-        if abs(abs(self.axis @ other.axis) - 1) > CLOSE:
+        if self.kind != "sphere" and abs(abs(self.axis @ other.axis) - 1) > CLOSE:
             return False
         if self.kind == "plane":
             return bool(self.axis @ other.axis > 0 and abs(self.distance(other.point[None])[0]) < near)
@@ -453,8 +460,8 @@ class Form:
         return bool(off < near and abs(self.radius - other.radius) < near)
 
     def _across(self, away: Array) -> Array:
-        """The part of vectors (..., 3) across the axis."""
-        return np.asarray(away - (away @ self.axis)[..., None] * self.axis)
+        """The part of vectors (..., 3) across the axis; from the centre of a sphere all of it."""
+        return away if self.kind == "sphere" else away - np.asarray(away @ self.axis)[..., None] * self.axis
 
 
 def fit(corners: Array, dim: int, between: Array | None = None) -> Form:
@@ -475,20 +482,28 @@ def fit(corners: Array, dim: int, between: Array | None = None) -> Form:
     if len(nodes) < (8 if dim == 3 else 4):
         return other
     start = _narrowest(normals) if dim == 3 else np.array([0.0, 0.0, 1.0])
-    across = np.linalg.svd(start[None])[2][1:]
+    across, kind = np.linalg.svd(start[None])[2][1:], "cylinder"
     if dim == 3:
         from scipy.optimize import least_squares  # late: it loads much else
 
-        tilt = least_squares(lambda t: _circle(nodes - middle, start + t @ across)[2] / size, np.zeros(2)).x
-        start = start + tilt @ across
+        tilted = least_squares(
+            lambda t: _circle(nodes - middle, start + t @ across)[2] / size,
+            np.zeros(2),
+            ftol=EXACT,
+            xtol=EXACT,
+            gtol=EXACT,
+        )
+        start = start + tilted.x @ across
     axis = start / np.linalg.norm(start)
     centre, radius, off = _circle(nodes - middle, axis)
+    if dim == 3 and np.abs(off).max() > CLOSE * size:
+        kind, (centre, radius, off) = "sphere", _circle(nodes - middle)
     if np.abs(off).max() > CLOSE * size or radius > FLAT * size:
         return other
-    found = Form("cylinder", middle + centre, axis, radius, size)
+    found = Form(kind, middle + centre, axis, radius, size)
     away = corners.mean(axis=1) - found.point
     outward = np.einsum("fd,fd->", found._across(away), normals)
-    return Form("cylinder", middle + centre, axis, radius * float(np.sign(outward)), size)
+    return replace(found, radius=radius * float(np.sign(outward)))
 
 
 def _narrowest(x: Array) -> Array:
@@ -496,10 +511,10 @@ def _narrowest(x: Array) -> Array:
     return np.asarray(np.linalg.svd(np.linalg.qr(x, mode="r"))[2][-1])
 
 
-def _circle(x: Array, axis: Array) -> tuple[Array, float, Array]:
-    """Centre (3,), radius, and how far points (n, 3) are from it, of the circle as seen along an axis."""
-    basis = np.linalg.svd(axis[None])[2][1:]
+def _circle(x: Array, axis: Array | None = None) -> tuple[Array, float, Array]:
+    """Centre (3,), radius, and how far points (n, 3) are from it: of a circle as seen along an axis, or a sphere."""
+    basis = np.eye(3) if axis is None else np.linalg.svd(axis[None])[2][1:]
     seen = x @ basis.T
-    solved = np.linalg.lstsq(np.column_stack([2 * seen, np.ones(len(x))]), (seen**2).sum(axis=1), rcond=None)[0]
-    radius = float(np.sqrt(max(solved[2] + solved[:2] @ solved[:2], 0.0)))
-    return solved[:2] @ basis, radius, np.linalg.norm(seen - solved[:2], axis=1) - radius
+    *centre, rest = np.linalg.lstsq(np.column_stack([2 * seen, np.ones(len(x))]), (seen**2).sum(axis=1), rcond=None)[0]
+    radius = float(np.sqrt(max(rest + np.square(centre).sum(), 0.0)))
+    return centre @ basis, radius, np.linalg.norm(seen - centre, axis=1) - radius

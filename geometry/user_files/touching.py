@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
 from stickslip.geometry.shape import SKIN
 from stickslip.geometry.surfaces.search import pair
 from stickslip.geometry.surfaces.surface import Surface
-from stickslip.geometry.user_files.outline import Facets, Form, Outline, fit, simplices
+from stickslip.geometry.user_files.outline import Facets, Form, Outline, fit, sample, simplices
 
 WITHIN = 1e-3  # of the box's diagonal: as far as faces are paired unless the user says how far
 ACROSS = 24  # sample points across the part of a side that may touch
@@ -23,6 +24,7 @@ OPPOSITE = 0.7  # minus the cosine between normals of facets that face each othe
 AGAINST = 0.9  # the same where they meet in a point; a cone's edge on the rim of a hole is no contact
 CUT, BEST, ROUNDS = 4, 64, 6  # where the gap is least, parts of facets are cut into so many, the best ones, again
 ENOUGH = 16  # sample points within the distance asked for, for their area
+KNOWN = ("plane", "cylinder", "sphere", "other")  # kinds of forms, in the order in which their normals count
 SAG = 0.3  # bulge of a curved facet relative to its length times the turn of its normals; 1/4 on a circle
 
 
@@ -169,6 +171,28 @@ def close_pairs(
     return [pair_found for pair_found in found if pair_found is not None]
 
 
+def meeting(outline: Outline, one: str, other: str, reach: float) -> tuple[Array, Array]:
+    """Points (p, 3) of a side where it has another one within reach [m], and unit normals there; all if none is round.
+
+    Normals are those of the plane, cylinder or sphere that a face is, not of facets, which hold what slides on it.
+    """
+    own, there = ([Side(face.bodies[0], "", (face,), outline.forms[face.number]) for face in _faces(name, outline)]
+                  for name in (one, other))  # fmt: skip
+    found, kinds = [], set[str]()
+    for pair_of in product(own, there):
+        opposite = _opposite(*pair_of, reach)
+        near = opposite[0].spread(opposite[1] / ACROSS) if opposite else None
+        if near is not None and (near.gap <= reach).any():
+            form = min((side.form for side in pair_of), key=lambda form: KNOWN.index(form.kind))
+            points = near.points[near.gap <= reach]
+            kinds.add(form.kind)
+            flat = sample(pair_of[0].faces, pair_of[0].body) if form.kind == "other" else None
+            found.append(flat or (points, form.normals(points)))
+    if kinds.isdisjoint(KNOWN[1:3]):
+        return sample(_faces(one, outline), one.split(".")[0])
+    return np.concatenate([each[0] for each in found]), np.concatenate([each[1] for each in found])
+
+
 def thinned(pairs: Sequence[Pair], spacing: float) -> Array:
     """Points (p, 3) of pairs, about this far apart [m]."""
     points = np.concatenate([np.zeros((0, 3)), *(p.points for p in pairs)])
@@ -179,10 +203,15 @@ def thinned(pairs: Sequence[Pair], spacing: float) -> Array:
 
 def named(name: str, outline: Outline, dim: int) -> Side:
     """The side of a name that the outline has, as body.side."""
+    return Side.of(name.split(".")[0], _faces(name, outline), dim, name)
+
+
+def _faces(name: str, outline: Outline) -> tuple[Facets, ...]:
+    """The faces of a side that the outline has, as body.side."""
     body, side = name.split(".")
     whole = side == SKIN
     faces = (f for f in outline.entities if (f.bodies == (body,) if whole else outline.side_of.get(f.number) == name))
-    return Side.of(body, tuple(faces), dim, name)
+    return tuple(faces)
 
 
 def _sides(faces: Sequence[Facets], outline: Outline, dim: int) -> list[Side]:
@@ -319,6 +348,16 @@ class _Meeting:
         return self.sampled(np.repeat(samples.facet[rows], len(cut)), parts, weights)
 
 
+def _opposite(one: Side, other: Side, reach: float) -> tuple[_Meeting, float] | None:
+    """The parts of two sides that may touch within reach [m], and the size of the box around them [m]."""
+    far = reach + one.sag + other.sag
+    boxes = [(x.reshape(-1, 3).min(axis=0), x.reshape(-1, 3).max(axis=0)) for x in (one.corners, other.corners)]
+    low = np.maximum(boxes[0][0], boxes[1][0]) - far
+    high = np.minimum(boxes[0][1], boxes[1][1]) + far
+    found = _Meeting.of(one, other, low, high, far)
+    return None if found is None else (found, float(np.linalg.norm(high - low)))
+
+
 def _measure(one: Side, other: Side, reach: float, dim: int, spacing: float = np.inf) -> Pair | None:
     """The pair, if a part of `one` has `other` within reach along its normals.
 
@@ -328,14 +367,9 @@ def _measure(one: Side, other: Side, reach: float, dim: int, spacing: float = np
     Args:
         spacing: of sample points, at most [m].
     """
-    far = reach + one.sag + other.sag
-    boxes = [(x.reshape(-1, 3).min(axis=0), x.reshape(-1, 3).max(axis=0)) for x in (one.corners, other.corners)]
-    low = np.maximum(boxes[0][0], boxes[1][0]) - far
-    high = np.minimum(boxes[0][1], boxes[1][1]) + far
-    size = float(np.linalg.norm(high - low))
-    meeting = _Meeting.of(one, other, low, high, far)
-    if meeting is None:
+    if (opposite := _opposite(one, other, reach)) is None:
         return None
+    meeting, size = opposite
     # a gap of less, relative to the part of the sides that may touch, is rounding
     accuracy = CLOSE * size + 2 * (one.off + other.off)
     kinds, samples, tips = {one.form.kind, other.form.kind}, meeting.spread(min(spacing, size / ACROSS)), meeting.tips()

@@ -29,7 +29,7 @@ from stickslip.geometry.user_files.open_file import KINDS, Parameter, declared_u
 from stickslip.geometry.user_files.outline import Outline
 from stickslip.geometry.user_files.raw_mesh import RawMesh
 from stickslip.geometry.user_files.reader import Question, ask
-from stickslip.geometry.user_files.touching import Pair, close_pairs, thinned
+from stickslip.geometry.user_files.touching import Pair, close_pairs, meeting, thinned
 
 DEBIAN = Path("/usr/share/doc/gmsh-doc/doc/gmsh")  # gmsh's own files, of which ready scenes use some
 WHEEL = Path(sys.prefix, "share/doc/gmsh")  # the same ones, not compressed, in gmsh from PyPI
@@ -237,6 +237,10 @@ class UserFile(Noun, Shape):
     def sample(self, side: str, dim: int) -> tuple[Array, Array]:
         body, name = side.split(".")
         points, normals = self.skin(body, dim) if name == SKIN else self.outline(dim).samples[side]
+        return points[:, :dim], normals[:, :dim]
+
+    def meeting(self, one: str, other: str, reach: float, dim: int) -> tuple[Array, Array]:
+        points, normals = meeting(self.outline(dim), one, other, reach)
         return points[:, :dim], normals[:, :dim]
 
     def skin(self, body: str, dim: int) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ from stickslip.solvers.effects import EFFECTS, active
 from stickslip.solvers.fem.constraints import AXES
 from stickslip.solvers.fem.rigid_fields import rigid_fields, rigid_names
 from stickslip.solvers.method_registry import method_of
-from stickslip.solvers.scene.contact import table_of
+from stickslip.solvers.scene.contact import REACH, table_of
 from stickslip.solvers.scene.loads import Coupling, End, Support
 from stickslip.solvers.scene.problem import Pair, PlanRow, Problem, Setup
 from stickslip.solvers.scene.scene import Scene
@@ -123,7 +123,7 @@ def with_rigid_modes(setup: Setup) -> Problem:
     for (one, other), points in setup.shape.shared(setup.dim).items():
         blocks.extend(motions.fields(one, points) - motions.fields(other, points))
     supported = np.concatenate(blocks)[:, : len(motions.bodies) * motions.each]
-    pairs, bedding = setup.pairs.values(), [*blocks]
+    pairs, bedding = setup.pairs.values() if unresisted(np.concatenate(blocks)).size else (), [*blocks]
     for pair in pairs:
         if pair.contact.normal.at_quadrature:
             normal = replace(pair, contact=replace(pair.contact, friction=None, wear=None))
@@ -228,14 +228,19 @@ def _held(setup: Setup, coupling: Coupling, motions: RigidMotions) -> list[Array
 def _touching(setup: Setup, pair: Pair, motions: RigidMotions) -> list[Array]:
     """Rows (m, k): relative displacement that a contact resists; its normal part alone if it has no friction."""
     contact = pair.contact
-    points, normals = setup.sample(contact.surface)
+    rubs = bool(contact.tangential and contact.tangential.resists() and not is_faint(setup, pair))
+    if rubs or pair.obstacle is not None or contact.sliding:
+        points, normals = setup.sample(contact.surface)
+    else:
+        reach = contact.search_distance or REACH * setup.extent
+        points, normals = setup.shape.meeting(contact.surface, str(contact.against), reach, setup.dim)
     relative = motions.fields(contact.surface.split(".")[0], points)
     if pair.obstacle is not None:
         relative -= motions.of_obstacle(pair.obstacle, points)
         normals = seen_from(setup.obstacles[pair.obstacle], points)[1]
     else:
         relative -= motions.fields(str(contact.against).split(".")[0], points)
-    if contact.tangential and contact.tangential.resists() and not is_faint(setup, pair):
+    if rubs:
         return list(relative)
     return [np.einsum("kd,kdj->kj", normals, relative)]
 

@@ -1,5 +1,6 @@
 """Meshes of other programs: cells that are completed or split, and bodies that share nodes."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.assemblies import write_assembly
 from shared.drawn import scene_data
 from shared.problems import SimulationOf
 from stickslip.geometry.errors import GeometryError
@@ -267,3 +269,66 @@ def test_a_side_between_glued_bodies_says_what_to_leave_out(text: str, says: str
 def test_what_parts_bodies_is_told_for_each_kind_of_file(name: str, text: str, says: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text)
     assert apart(tmp_path / name) == says
+
+
+def ring(occ: Any) -> None:
+    """A ring in the bore of a plate that is thicker."""
+    for solid, r in ((occ.addBox(-2, -2, -0.5, 4, 4, 2), 1), (occ.addCylinder(0, 0, 0, 0, 0, 1, 1), 0.6)):
+        occ.cut([(3, solid)], [(3, occ.addCylinder(0, 0, -1, 0, 0, 3, r))])
+
+
+def ball(occ: Any) -> None:
+    """A ball in its socket."""
+    occ.cut([(3, occ.addBox(-2, -2, -2, 4, 4, 4))], [(3, occ.addSphere(0, 0, 0, 1))])
+    occ.addSphere(0, 0, 0, 1)
+
+
+def shaft(occ: Any, collar: float = 0.0) -> None:
+    """A shaft in a bore, with a collar on each side if it has a radius."""
+    occ.cut([(3, occ.addBox(-2, -2, 0, 4, 4, 2))], [(3, occ.addCylinder(0, 0, 0, 0, 0, 2, 1))])
+    parts = [(3, occ.addCylinder(0, 0, -1, 0, 0, 4, 1))]
+    parts += [(3, occ.addCylinder(0, 0, z, 0, 0, 1, collar)) for z in (-1, 2) if collar]
+    if collar:
+        occ.fuse(parts[:1], parts[1:])
+
+
+def bar(occ: Any) -> None:
+    """A bar of six sides in its hole, with a head of the same kind at each end."""
+    for cut in (True, False):
+        angles = np.pi / 3 * np.arange(6)
+        corners = [occ.addPoint(np.cos(a), np.sin(a), 0) for a in angles]
+        lines = [occ.addLine(corners[k - 1], corners[k]) for k in range(6)]
+        (_, solid), *_ = (each for each in occ.extrude([(2, occ.addPlaneSurface([occ.addCurveLoop(lines)]))], 0, 0, 2)
+                          if each[0] == 3)  # fmt: skip
+        if cut:
+            occ.cut([(3, occ.addBox(-2, -2, 0, 4, 4, 2))], [(3, solid)])
+        else:
+            occ.fuse([(3, solid)], [(3, occ.addBox(-1.5, -1.5, z, 3, 3, 1)) for z in (-1, 2)])
+
+
+FREE = {  # shape, and the motion that nothing resists without friction; "": there is none
+    "a ring": (ring, " z of"),
+    "a ball": (ball, "rotation about "),
+    "a shaft": (shaft, " z of"),
+    "a shaft between collars": (partial(shaft, collar=1.5), "rotation about z"),
+    "a bar": (bar, ""),
+}
+
+
+@pytest.mark.parametrize("what", FREE)
+def test_facets_of_round_sides_do_not_hold_what_turns_and_slides_in_them(what: str, tmp_path: Path) -> None:
+    draw, motion = FREE[what]
+    path = str(write_assembly(tmp_path / "drawn.brep", draw))
+    outline = UserFile(file=path).outline(3)
+    outer = max(outline.bodies, key=lambda body: float(np.ptp(outline.skin(body)[0][:, 0])))
+    tables = {
+        "model": "3d",
+        "geometry": {"file": path, "names": {f"{outer}.held": {"box": [-2.1, -3, -3, -1.9, 3, 3]}}},
+        "bodies": {body: {"E": 1.0, "nu": 0.3} for body in outline.bodies},
+        "supports": {"held": {"boundary": f"{outer}.held", "displacement": dict.fromkeys("xyz", 0.0)}},
+    }
+    rubs = {"friction": {"law": "coulomb", "mu": 0.1}}
+    assert resolve(from_dict(tables | {"contacts": {"c": {"between": "all"} | rubs}})).unheld == ""
+    found = resolve(from_dict(tables | {"contacts": {"c": {"between": "all"}}})).unheld
+    assert motion in found
+    assert bool(motion) == bool(found)
