@@ -47,7 +47,7 @@ def sliders(draw: st.DrawFn) -> list[str]:
     ]
 
 
-@fuzzed(0.5, least=4)
+@fuzzed(0.75, least=4)
 @given(sliders(), st.integers(1, 5))
 def test_a_clock_that_was_stopped_goes_on_to_the_same_bits(tmp_path_factory: Any, words: list[str], after: int) -> None:
     place = tmp_path_factory.mktemp("clock")
