@@ -31,6 +31,7 @@ from stickslip.solvers.stepping.pairs import carried_over
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted
 from stickslip.solvers.stepping.update import displacement, new_state
+from stickslip.solvers.system.system import System
 
 log = logging.getLogger(__name__)
 
@@ -44,7 +45,7 @@ def model_errors(observe: Observer, accepted: Accepted, result: StepResult) -> d
 
 
 def _changes(observe: Observer, accepted: Accepted, result: StepResult) -> dict[Quantity, Value]:
-    share, forces, _ = left_out(observe, accepted)
+    share, forces, _ = left_out(observe, accepted.stepper.system, accepted.state)
     values = quantities(result)
     if share < SLIGHT:
         return {key: share * np.abs(value) for key, value in values.items()}
@@ -68,12 +69,12 @@ def _between_turns(accepted: Accepted) -> bool:
     return bool(np.abs(own - time).min() <= near < np.abs(turns - time).min())
 
 
-def left_out(observe: Observer, accepted: Accepted) -> tuple[float, Vec, Array]:
+def left_out(observe: Observer, system: System, state: State) -> tuple[float, Vec, Array]:
     """What D is of the stress, in the mean over the bodies [-], and its inner forces over all dofs [N]; collective.
 
     Third is the size of D in this rank's own cells (cells,) [Pa].
     """
-    system, state, mesh = accepted.stepper.system, accepted.state, accepted.stepper.system.mesh
+    mesh = system.mesh
     stress, shape = observe.stress(state.u, state.initial), mesh.domain.topology.cell_type.name
     basis, slopes = dx.reference_basis(shape, mesh.degree, dx.midpoint(mesh.domain))
     own = slice(len(stress))

@@ -23,7 +23,6 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import TINY, Array, Bools
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.keys import Key
@@ -44,8 +43,9 @@ from stickslip.solvers.results.step_result import (
 )
 from stickslip.solvers.simulation.resolve import RigidMotions
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.state import State
 from stickslip.workflows.run.ranks import from_rank_0
-from stickslip.workflows.run.warnings import GROSS, gradients, motion, strayed
+from stickslip.workflows.run.warnings import GROSS, Seen, corners, middles_and_volumes, motion, strayed
 
 REACHED = 0.01  # of a number: the change at which a property that the scene lacks is stated
 GRAVITY = 9.80665  # of the Earth [m/s²]
@@ -127,20 +127,16 @@ class Side:
 class Answer:
     """The last step of a run as the effects read it, on rank 0."""
 
-    def __init__(self, simulation: Simulation, steps: Sequence[StepResult], moved: Array, errors: Errors) -> None:
+    def __init__(self, simulation: Simulation, steps: Sequence[StepResult], seen: Seen, errors: Errors) -> None:
         """
         Args:
-            moved: displacement (nodes, d) [m] in the last step alone.
+            seen: of the fields until then.
             errors: of its numbers; empty: not estimated.
         """
         self.problem, self.mesh, self.steps, self.last = simulation.problem, simulation.data, steps, steps[-1]
-        self.moved, self.errors, self.timed = moved, errors, simulation.scene.steps.seconds
-        d, axisymmetric = self.problem.dim, self.problem.axisymmetric
-        self.nodes = self.mesh.cells[:, : d + 1 if self.mesh.shape in ("triangle", "tetrahedron") else 2**d]
-        self.middles = self.mesh.points[self.nodes].mean(axis=1)
-        self.volume = gradients(self.mesh, self.mesh.cells, self.last.displacement)[1]
-        self.volume *= dx.reference_rule(self.mesh.shape, 1)[1].sum()
-        self.volume *= 2 * np.pi * self.middles[:, 0] if axisymmetric else 1.0
+        self.seen, self.errors, self.timed = seen, errors, simulation.scene.steps.seconds
+        self.nodes = corners(self.mesh, self.mesh.cells)
+        self.middles, self.volume = middles_and_volumes(self.mesh, self.problem.axisymmetric)
         self.work = 2 * (self.last.energy.stored + self.last.energy.compliance)
         forces = [(c.tangential_force, c.normal_force) for c in self.last.contacts.values()]
         across, normal = np.sum([(0.0, 0.0), *forces], axis=0)
@@ -329,9 +325,8 @@ def _inertia(answer: Answer) -> Iterator[Found]:
     Of a column whose end is driven from rest at a steady speed that is 1 / sqrt(3) of the largest deviation.
     """
     density = np.array([answer.problem.bodies[body].density for body in answer.mesh.bodies])
-    rates = (answer.moved[answer.nodes].mean(axis=1) ** 2).sum(axis=1) / answer.span**2
     density = density if density.any() else np.ones(len(density))
-    kinetic = float(answer.volume * density[answer.mesh.body] @ rates)
+    kinetic = float(density @ np.array(answer.seen.moved)) / answer.span**2
     share = float(np.sqrt(kinetic / max(answer.work, TINY)))
     lacks = "" if any(m.density for m in answer.problem.bodies.values()) else "density of all bodies [kg/m³]"
     power = 0.5
@@ -339,7 +334,7 @@ def _inertia(answer: Answer) -> Iterator[Found]:
         lacks, power = "seconds per unit of time, below", -1.0
     yield Found(
         dict.fromkeys(answer.numbers(lambda side: (share, share), share), share),
-        answer.at(rates),
+        Where(answer.seen.fastest[0], [*answer.seen.fastest[1]]),
         lacks,
         power,
         "" if answer.timed or power < 0 else UNTIMED,
@@ -545,22 +540,23 @@ EFFECTS = (
 
 
 def neglected(
-    simulation: Simulation, steps: Sequence[StepResult], moved: Array, errors: Sequence[Errors] | None
+    simulation: Simulation, steps: Sequence[StepResult], state: State, seen: Seen, errors: Sequence[Errors] | None
 ) -> list[Neglected]:
     """The report on the last step of a run, the same on every rank; collective.
 
     Args:
         steps: of the run, the last one with its fields on rank 0.
-        moved: displacement (nodes, d) [m] in the last step alone, on rank 0.
+        state: at the end of it.
+        seen: of the fields until then, on rank 0.
         errors: of the numbers of each step; None: not estimated.
     """
-    accepted, share, sizes = simulation.reported, 0.0, np.zeros(0)
-    if accepted is not None and not simulation.problem.averaged:
-        share, _, own = left_out(simulation.observer, accepted)
+    share, sizes = 0.0, np.zeros(0)
+    if not simulation.problem.averaged:
+        share, _, own = left_out(simulation.observer, simulation.system, state)
         sizes = simulation.observer.by_cell(own)
 
     def report() -> list[Neglected]:
-        answer, counters = Answer(simulation, steps, moved, errors[-1] if errors else {}), simulation.counters
+        answer, counters = Answer(simulation, steps, seen, errors[-1] if errors else {}), simulation.counters
         assemble, prepare, iterate = (simulation.clock.seconds(of) for of in ("assemble", "prepare", "iterate"))
         spent = Spent(
             assemble=assemble,

@@ -13,8 +13,6 @@ from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.mesh_sizes import SizeField
 from stickslip.solvers.parallel.counters import Clock, Counters, Row
@@ -114,8 +112,6 @@ class Run:
         self.steps = list(earlier.steps)  # the last one with its fields on rank 0, the others without
         self._errors: tuple[Errors, ...] | None = None  # of the numbers of each step; None: not estimated
         self._choice = earlier.choice
-        # displacement (nodes, d) [m] in the last step, on rank 0
-        self._moved = self.steps[-1].displacement if self.steps else np.zeros(0)
         seen = Seen()
         if earlier.last:
             self._state, usable = self._checkpoints.put_back(earlier.last.checkpoint, self._learnt.read())
@@ -124,7 +120,8 @@ class Run:
             simulation.clock.add(earlier.last.spent)
             seen = earlier.last.seen
         if simulation.mesh.comm.rank == 0:  # where the mesh and the displacements are
-            self._fields = Fields(simulation.problem, simulation.data, simulation.system.contacts, seen)
+            start = self.steps[-1].displacement if self.steps else None
+            self._fields = Fields(simulation.problem, simulation.data, simulation.system.contacts, seen, start)
 
     def march(self, watch: Watch) -> tuple[str, str]:
         """Solve and write step by step: status, and what to tell the user."""
@@ -146,9 +143,6 @@ class Run:
             for index, step in enumerate(marching, start=len(self.steps) + 1):
                 with self._simulation.clock.phase("output"):
                     self._write(index, step)
-                    self._moved = step.displacement
-                    if self.steps and self._simulation.mesh.comm.rank == 0:
-                        self._moved = step.displacement - self.steps[-1].displacement
                     self.steps = [*self.steps[:-1], *(s.without_fields() for s in self.steps[-1:]), step]
                     self._outputs(methodcaller("step", index, step), AFTER)
                     self._on_rank_0(partial(watch.on_step, step))
@@ -183,6 +177,10 @@ class Run:
             self._errors, self._choice = estimates.errors, choice
 
     @property
+    def _seen(self) -> Seen:
+        return self._fields.seen if self._simulation.mesh.comm.rank == 0 else Seen()
+
+    @property
     def _stopped(self) -> tuple[str, str]:
         """Status and sentence of a run that was told to stop."""
         count, by = len(self._simulation.scene.requested_times()), self._interrupt.by or "the user"
@@ -215,7 +213,7 @@ class Run:
             last = resuming.RunCheckpoint(
                 checkpoint=checkpoint,
                 spent=self._simulation.clock.rows(),
-                seen=self._fields.seen if self._simulation.mesh.comm.rank == 0 else Seen(),
+                seen=self._seen,
                 run=self._name,
                 learnt=learnt,
             )
@@ -272,9 +270,10 @@ class Run:
             warnings += (reason,) * (status != "converged")
             status, sentence = ("doubtful", reason) if status == "converged" else (status, sentence)
         outcome, left_out = Outcome(status, sentence, self._place, warnings), list[Neglected]()
-        if self.steps and status != "interrupted":
+        state = simulation.reported.state if simulation.reported else self._state
+        if state is not None and status != "interrupted":
             with simulation.clock.phase("output", "neglected effects"):
-                left_out = neglected(simulation, self.steps, self._moved, self._errors)
+                left_out = neglected(simulation, self.steps, state, self._seen, self._errors)
         ended = Ended(status=status, steps=self.steps, errors=self._errors)
         reference: LinearReference | None = None
 

@@ -42,18 +42,27 @@ class Seen:
     strain: tuple[float, str] = (0.0, "")  # largest principal one, where it is above `GROSS` in less than `SMALL` of a
     # body's volume; and its place
     inverted: str = ""  # the body of which cells are turned inside out, and when
+    # of the last step alone: by body the integral of the squared displacement [m^(d + 2)]; and where it is largest
+    moved: tuple[float, ...] = ()
+    fastest: tuple[str, tuple[float, ...]] = ("", ())
 
 
 class Fields:
     """Judges displacement and stress step by step: they are not kept."""
 
-    def __init__(self, problem: Problem, mesh: MeshData, contacts: Sequence[ContactRows], before: Seen) -> None:
+    def __init__(
+        self, problem: Problem, mesh: MeshData, contacts: Sequence[ContactRows], before: Seen, start: Array | None
+    ) -> None:
         """
         Args:
             contacts: with the pairs of the start.
             before: what was seen in steps before those that `see` is given.
+            start: displacement (nodes, d) [m] before these steps; None: nothing has moved yet.
         """
         self.seen, self._problem, self._mesh = before, problem, mesh
+        self._start = np.zeros_like(mesh.points) if start is None else start
+        self._cells = corners(mesh, mesh.cells)
+        self._middles, self._volume = middles_and_volumes(mesh, problem.axisymmetric)
         self._rubbing = [
             rows
             for rows in contacts
@@ -74,17 +83,20 @@ class Fields:
             turn = self._seen_strains(name, cells, step) if spread > SMALL else 0.0
             soft = self._problem.bodies[name].near_incompressible > SOFT and self._problem.model != "plane stress"
             jump = _jump(cells, step.stress[own], step.von_mises[own]) if soft else 0.0
-            self.seen = Seen(
+            self.seen = replace(
+                self.seen,
                 spread=max(self.seen.spread, spread),
                 turn=max(self.seen.turn, turn),
                 jump=max(self.seen.jump, jump),
-                lean=self.seen.lean,
-                strain=self.seen.strain,
-                inverted=self.seen.inverted,
             )
         for rows in self._rubbing:
             lean = _lean(rows, step.contacts[rows.name], rows.of_mesh(step.displacement, self._problem.request.turned))
             self.seen = replace(self.seen, lean=max(self.seen.lean, (lean, rows.name)))
+        moved, self._start = (step.displacement - self._start)[self._cells].mean(axis=1), step.displacement
+        squares, mesh = (moved**2).sum(axis=1), self._mesh
+        first, found = int(squares.argmax()), np.bincount(mesh.body, self._volume * squares, len(mesh.bodies))
+        place = f"bodies.{mesh.bodies[mesh.body[first]]}", tuple(self._middles[first].tolist())
+        self.seen = replace(self.seen, moved=tuple(found.tolist()), fastest=place)
 
     def _seen_strains(self, name: str, cells: Ints, step: StepResult) -> float:
         """Note large strains and inverted cells of a body (c, k); its rotation [rad], see `PART`."""
@@ -137,10 +149,22 @@ class Fields:
             )
 
 
+def corners(mesh: MeshData, cells: Ints) -> Ints:
+    """Corners (c, n) of cells (c, k) of any order."""
+    d = mesh.points.shape[1]
+    return cells[:, : d + 1 if mesh.shape in ("triangle", "tetrahedron") else 2**d]
+
+
+def middles_and_volumes(mesh: MeshData, axisymmetric: bool) -> tuple[Array, Array]:
+    """Midpoints (c, d) [m] and volumes (c,) of all cells, in 2D by thickness, axisymmetric ones of rings [m³]."""
+    middles = mesh.points[corners(mesh, mesh.cells)].mean(axis=1)
+    volume = gradients(mesh, mesh.cells, mesh.points)[1] * dx.reference_rule(mesh.shape, 1)[1].sum()
+    return middles, np.asarray(volume * (2 * np.pi * middles[:, 0] if axisymmetric else 1.0))
+
+
 def gradients(mesh: MeshData, cells: Ints, displacement: Array) -> tuple[Array, Array]:
     """Gradient (c, d, d) of the displacement at midpoints of cells (c, k), and their volume (c,) but for a factor."""
-    d = mesh.points.shape[1]
-    nodes = cells[:, : d + 1] if mesh.shape in ("triangle", "tetrahedron") else cells[:, : 2**d]
+    nodes = corners(mesh, cells)
     slope = dx.reference_basis(mesh.shape, 1, dx.reference_nodes(mesh.shape, 1).mean(axis=0, keepdims=True))[1][:, 0]
     jacobian, change = (np.array([slope @ x[nodes.T] for x in values.T]) for values in (mesh.points, displacement))
     inverse, det = inverse_and_determinant(jacobian)

@@ -51,8 +51,12 @@ CASES: tuple[tuple[str, tuple[str, ...], Mapping[str, On]], ...] = (
 def said(scene: Scene) -> tuple[StepResult, dict[str, Neglected]]:
     """The last step of a scene, and the report on it by effect."""
     simulation, steps = solved(scene)
-    moved = steps[-1].displacement - (steps[-2].displacement if len(steps) > 1 else 0.0)
-    return steps[-1], {row.effect: row for row in neglected(simulation, steps, moved, None)}
+    fields = Fields(simulation.problem, simulation.data, simulation.system.contacts, Seen(), None)
+    for step in steps:
+        fields.see(step)
+    assert simulation.reported is not None
+    found = neglected(simulation, steps, simulation.reported.state, fields.seen, None)
+    return steps[-1], {row.effect: row for row in found}
 
 
 def changed(before: StepResult, after: StepResult, names: Collection[str]) -> float:
