@@ -14,6 +14,7 @@ from stickslip.solvers.results.step_result import StepResult, values
 from stickslip.workflows.lab.verification.check import ONE, Check, problem, within
 from stickslip.workflows.lab.verification.prepared import solved
 from stickslip.workflows.run.neglect import GRAVITY, REACHED, Neglected, neglected
+from stickslip.workflows.run.warnings import Fields, Seen
 from stickslip.workflows.scene_file.read import read, with_keys
 
 ASIDE = ("geometry.order=1", "steps.count=2")
