@@ -334,7 +334,8 @@ def test_numbers_of_other_places_are_not_compared() -> None:
 
 def test_nodal_forces_of_sliding_contact_are_left_out() -> None:
     def found(nodal: tuple[int, int]) -> Any:
-        return SimpleNamespace(quantities=lambda: {"resultants": ("N", np.ones((1, 1)))}, nodal=lambda: np.ones(nodal))
+        resultants = {"resultants": ("N", np.ones((1, 1)))}
+        return SimpleNamespace(steps=(), quantities=lambda: resultants, nodal=lambda: np.ones(nodal))
 
     assert judging._differences_of_methods(found((0, 0)), found((1, 4))) == {"resultants": 0.0, "nodal forces": 0.0}
 
