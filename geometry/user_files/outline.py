@@ -84,7 +84,7 @@ class Outline:
     def forms(self) -> dict[int, Form]:
         """The form of each entity by its tag."""
         of = ((face, simplices([face.corners])) for face in self.entities)
-        return {face.number: fit(corners, corners.shape[1], face.between) for face, corners in of}
+        return {face.number: fit(corners, corners.shape[1], face.between, spheres=True) for face, corners in of}
 
     def times(self, factor: float, dim: int) -> Outline:
         """The same, its lengths multiplied by a factor: in another unit."""
@@ -464,7 +464,7 @@ class Form:
         return away if self.kind == "sphere" else away - np.asarray(away @ self.axis)[..., None] * self.axis
 
 
-def fit(corners: Array, dim: int, between: Array | None = None) -> Form:
+def fit(corners: Array, dim: int, between: Array | None = None, *, spheres: bool = False) -> Form:
     """The form on which facets (f, k, 3) with outward normals lie.
 
     Args:
@@ -496,7 +496,7 @@ def fit(corners: Array, dim: int, between: Array | None = None) -> Form:
         start = start + tilted.x @ across
     axis = start / np.linalg.norm(start)
     centre, radius, off = _circle(nodes - middle, axis)
-    if dim == 3 and np.abs(off).max() > CLOSE * size:
+    if spheres and dim == 3 and np.abs(off).max() > CLOSE * size:
         kind, (centre, radius, off) = "sphere", _circle(nodes - middle)
     if np.abs(off).max() > CLOSE * size or radius > FLAT * size:
         return other
