@@ -499,7 +499,7 @@ def _status(
     motion = min(problem.u_ref, scale / problem.stiffness)
     moving = np.linalg.norm(increment, axis=1) > ROUNDING * motion
     rests = bound.any() and (c.friction is None or c.friction.rests)  # nothing sticks without friction
-    slipping = at_bound & (moving | (not rests))
+    slipping = (at_bound & moving) | (not rests)
     return np.where(touching, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
 
 

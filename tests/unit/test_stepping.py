@@ -541,7 +541,7 @@ POINTS = {  # pressure, traction, bound [Pa], slip increment [m]; the largest tr
 def test_a_point_slips_at_its_bound_if_it_moves(smooth: bool, sides: int) -> None:
     pressure, t, bound, by, expected = np.array([*POINTS.values()]).T
     bound = 0 * pressure if smooth else bound
-    rows = SimpleNamespace(normal=SimpleNamespace(sides=sides))
+    rows = SimpleNamespace(normal=SimpleNamespace(sides=sides), friction=None)
     problem = SimpleNamespace(scales=SimpleNamespace(of_tractions=np.max), u_ref=1.0, stiffness=1.0)
     start = SimpleNamespace(p=np.zeros(1))
     accepted: Any = SimpleNamespace(problem=problem, state=SimpleNamespace(p=pressure), substep_start=start, slack=1e-3)
