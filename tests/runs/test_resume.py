@@ -201,7 +201,7 @@ def test_signals_end_the_run_after_the_iteration_and_it_goes_on(
 
 
 def test_a_run_that_is_stopped_behind_its_last_step_goes_on_to_the_estimate(tmp_path: Path) -> None:
-    scene = read("half_disc", CUT)
+    scene = read("half_disc", [*CUT, "output.error_budget=inf"])
     run(scene, tmp_path / "whole")
     stop = Stop(1)
     outcome, content = run(scene, tmp_path / "out", Watch(on_estimate=stop))
