@@ -168,7 +168,11 @@ class Way:
         problem, felt = self.problem, change.copy()
         trial, moved = p + problem.gamma * (w - gap - problem.cone.give(p)), problem.gamma * change
         for place in problem.cone.with_friction():
-            t, bound = place.tangential, problem.cone.bound(place, p[place.normal])
+            t, bound, law = place.tangential, problem.cone.bound(place, p[place.normal]), place.rows.friction
+            if place.rows.wears or (law is not None and law.remembers):  # the length of the slip counts, too
+                whole = 2 * np.repeat(bound, place.components) / problem.gamma[t]
+                felt[t] = np.clip(change[t], -whole, whole)
+                continue
             before, after = (
                 project_disc(x[t].reshape(-1, place.components), bound).ravel() for x in (trial, trial - moved)
             )
