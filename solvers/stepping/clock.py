@@ -16,10 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.integrate import RK45
 from scipy.linalg import inv
 from scipy.optimize import brentq
 
@@ -90,11 +91,16 @@ class _Flow:
         return max(float(self.speeds(rates).max(initial=0.0)), TINY)
 
 
-class _Pair(RK45):  # type: ignore[misc]  # scipy has no types
+@cache
+def _pair() -> Any:
     """The embedded pair, whose error is the largest of all entries, not their mean."""
+    from scipy.integrate import RK45  # late: it loads much else
 
-    def _estimate_error_norm(self, K: Array, h: float, scale: Array) -> float:
-        return float(np.abs(self._estimate_error(K, h) / scale).max())
+    class Pair(RK45):  # type: ignore[misc]  # scipy has no types
+        def _estimate_error_norm(self, K: Array, h: float, scale: Array) -> float:
+            return float(np.abs(self._estimate_error(K, h) / scale).max())
+
+    return Pair
 
 
 class _March:
@@ -161,7 +167,7 @@ class _March:
         while time < self._target:
             if not self._settles(time, y, closed):
                 return _given_up(self._solver, self._start, time, "points open and close without end")
-            pair = _Pair(self._rates, time, y, self._target, clock.largest, ROUGHEST, allowed,
+            pair = _pair()(self._rates, time, y, self._target, clock.largest, ROUGHEST, allowed,
                          first_step=min(size, self._target - time))  # fmt: skip
             while time < self._target and (self._shut(time) == self._closed).all():
                 tried = pair.h_abs
@@ -183,7 +189,7 @@ class _March:
             closed = self._shut(time)
         return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
 
-    def _notice(self, flow: _Flow, pair: _Pair) -> bool:
+    def _notice(self, flow: _Flow, pair: Any) -> bool:
         """Note whether an event of a contact begins or ends in the last step.
 
         The moment is the root of ln(V / threshold) in the pair's own interpolation of order 4.

@@ -169,7 +169,7 @@ class Way:
         trial, moved = p + problem.gamma * (w - gap - problem.cone.give(p)), problem.gamma * change
         for place in problem.cone.with_friction():
             t, bound, law = place.tangential, problem.cone.bound(place, p[place.normal]), place.rows.friction
-            if place.rows.wears or (law is not None and law.remembers):  # the length of the slip counts, too
+            if place.rows.wears or (law and (law.remembers or law.drags)):  # the length of the slip counts, too
                 whole = 2 * np.repeat(bound, place.components) / problem.gamma[t]
                 felt[t] = np.clip(change[t], -whole, whole)
                 continue

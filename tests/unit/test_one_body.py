@@ -195,7 +195,7 @@ def test_a_flat_hole_closes_on_itself_at_the_pressure_of_its_closed_form(
     }  # fmt: skip
     scene = from_dict(data)
     hole = run(scene, tmp_path / "out")[1]["steps"][-1]["contacts"]["hole"]
-    assert abs(hole["normal_force"] - 3.0) < 1.1 * hole["error"]["normal_force"]["total"] < 0.2  # 2 a (p - E b / 2 a)
+    assert abs(hole["normal_force"] - 3.0) < 1.1 * hole["error"]["normal_force"]["total"] < 0.25  # 2 a (p - E b / 2 a)
     if order == 1:  # at the sharp ends of the hole those of order 2 waver
         assert_allclose(hole["max_pressure"], 1.5, rtol=0.03)
 
