@@ -125,7 +125,8 @@ def mortar_coupling(facing: Facing) -> Coupling:
     gap = np.where(faces, gap, 0.0)
     other = P @ master.node_normals()
     spread = np.divide(abs(psi).sum(axis=1).A1, weights, out=np.full(len(weights), np.inf), where=weights > 0)
-    far = faces & ((spread > FAR) | (weights <= LITTLE * slave.node_weights()))
+    averted = np.einsum("nd,nd->n", slave.node_normals(), other) > 0  # of facets that face it no mean but a wild one is
+    far = faces & ((spread > FAR) | (weights <= LITTLE * slave.node_weights()) | averted)
     if far.any():
         gap[far], other[far] = np.clip(gap[far], found.gap.min(), found.gap.max()), 0.0
     normals, gap = midway_normals(slave.node_normals(), other, gap, slave.at_edge, P @ master.at_edge)

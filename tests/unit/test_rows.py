@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from shared.cases import every_nth
 from shared.overlays import above, below
 from shared.problems import plane, scene_of
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.surfaces.overlap import overlap
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.build import frames_of
@@ -413,6 +414,21 @@ def test_a_spot_inside_a_facet_has_one_multiplier(shape: str, degree: int) -> No
     found = mortar_coupling(Facing(slave, above(shape, 1, (1, 1), box=(spot, spot + 0.01)), 0.5))
     assert found.carries.sum() == 1  # for all of the facet: what the nodes see is extrapolated, their mean is not
     assert_allclose(found.gap[found.carries], 0.1)  # not an extrapolated one
+
+
+@pytest.mark.parametrize("low", [0.4, 0.6, 0.65])
+def test_a_round_side_that_faces_part_of_a_facet_turns_no_normal_round(low: float) -> None:
+    """Its normals, extrapolated to the far end of the facet, are those of a side that is averted."""
+
+    def bend(x: Array) -> Array:
+        angle = np.radians(85) * (x[:, 0] - low) / 0.2
+        return np.column_stack([low + 0.2 * np.sin(angle), 0.5 - 0.2 * np.cos(angle)])
+
+    master = above("interval", 1, (8, 1), bend, ((low,), (low + 0.2,)))
+    found = mortar_coupling(Facing(below("interval", 1, (1, 1)), master, 1.0))
+    assert_allclose(found.weights.sum(), 0.2, rtol=0.01)
+    assert (found.normals[found.carries, 1] > 0.8).all()
+    assert found.gap[found.carries].min() > 0.2  # it was .01: all points are .3 apart
 
 
 def test_of_nodes_that_differ_by_rounding_the_first_has_the_least() -> None:
