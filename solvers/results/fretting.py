@@ -192,4 +192,4 @@ def _middle(path: Array, turns: int = 200) -> Array:
         far, at = away.argmax(axis=0), np.arange(path.shape[1])
         outside = away[far, at] > apart / 2 * (1 + ROUNDING)  # half the longest way is a sphere's least radius
         middle += np.where(outside, 1 / (turn + 1), 0.0)[:, None] * (path[far, at] - middle)
-    return middle
+    return np.asarray(middle)
