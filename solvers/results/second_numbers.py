@@ -210,8 +210,8 @@ class SecondNumbers:
         known = self._problem.pairs[pair]
         name, tied = str(known.obstacle), known.contact.normal.ties
         obstacle, slid = self._problem.obstacles[name], np.zeros(points.shape[1])
-        for axis in known.contact.along:
-            slid["xyz".index(axis)] = self.value(Place("contacts", table_of(pair), "slide", axis), record)
+        for way in known.contact.along:
+            slid["xyz".index(way)] = self.value(Place("contacts", table_of(pair), "slide", way), record)
         found = np.tile(self.moved(name, record) - slid, (len(points), 1))
         if obstacle.rotation is None:
             return found

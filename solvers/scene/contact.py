@@ -230,6 +230,7 @@ class Contact(Noun):
         return self.slide_speed if self.slide is None or isinstance(self.slide, Mapping) else self.slide
 
     def _slides(self) -> dict[tuple[str, ...], Amplitude]:
+        """Its sliding by key and component."""
         if self.along:
             return {("slide", axis): value for axis, value in self.along.items()}
         return {(key,): value for key in ("slide", "slide_speed") if (value := getattr(self, key)) is not None}
@@ -239,7 +240,13 @@ class Contact(Noun):
         return np.array([value_at(self.along.get(axis, 0.0), time, end) for axis in AXES[:dim]])
 
     def check_partner(self, obstacle: Obstacle | None, end: float, dim: int) -> None:
-        """Refuse sliding along another side that it does not leave in its place."""
+        """Refuse sliding along another side that it does not leave in its place.
+
+        Args:
+            obstacle: the other side; None: a body's.
+            end: of the scene [s].
+            dim: number of the dimensions.
+        """
         times = {end, *(t for amplitude in self.along.values() for t in listed_times(amplitude))} if self.along else ()
         for way in (self.slid(time, end, dim) for time in times):
             alike = obstacle is not None and obstacle.alike_along(way)

@@ -70,8 +70,8 @@ class Obstacles:
         for (other, axis), size in zip(self.driven, driven, strict=True):
             if other == name:
                 motion[:, axis] += size
-        for axis in known.contact.along:  # the other side slides back
-            motion[:, AXES[axis]] -= self.course.value(Place("contacts", table_of(pair), "slide", axis), time)
+        for way in known.contact.along:  # the other side slides back
+            motion[:, AXES[way]] -= self.course.value(Place("contacts", table_of(pair), "slide", way), time)
         return motion
 
     def motions(self, contacts: tuple[ContactRows, ...], time: float, driven: Array) -> dict[str, Array]:
