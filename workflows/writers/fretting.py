@@ -68,8 +68,7 @@ class FrettingTables(Writer):
             require(contact is not None, where, "given", f"no contact has this name; {nearest(name, scene.pairs)}")
             assert contact is not None
             require(contact.friction is not None, where, "given", "the contact has no friction")
-            slides = contact.slide is not None or contact.slide_speed is not None
-            require(not slides, where, "given", "the contact slides out of the plane: it has no cycle")
+            require(contact.aside is None, where, "given", "the contact slides out of the plane: it has no cycle")
             body = scene.slave_and_master(name)[0].split(".")[0]
             plain = isinstance(scene.bodies[body], Material)
             require(plain, where, "given", f"body {body}, which carries the tractions, is not isotropic")
