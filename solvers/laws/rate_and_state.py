@@ -168,6 +168,7 @@ class RateAndStateByPoint(FrictionLaw):
         if rate is not None:
             f = f - self.of.damping * rate / pressure
             require(bool(np.all(f > 0)), "rate", rate, "radiates more than the traction")
+            require(bool(np.all(self.b > 0)), "rate", rate, "is that of the traction alone where b is 0; give state")
             aged = (self.a * (np.log(2 * self.of.V0 / rate) + _ln_sinh(f / self.a)) - self.of.f0) / self.b
         elif isinstance(state, str):
             apart = bool(np.all(self.a != self.b) and np.all(f > 0))

@@ -608,6 +608,9 @@ class Auditor:
                 if isinstance(law, RateAndStateByPoint):
                     unit = np.column_stack([law.Dc, np.full(len(law.Dc), lasts)])
                 found.append(difference(unit * now_known, unit * expected, scales.u[rows.name], scales.rounding))
+                if (shown := record.stored.contacts.get(rows.name, {}).get("rate")) is not None:
+                    rates = rows.share_t.T @ np.atleast_2d(now_known.T)[-1]
+                    found.append(difference(np.asarray(shown, float), rates, rounding=scales.rounding))
         now, then = (each.stored.contacts.get(rows.name) for each in (record, before))
         if now is not None and then is not None:
             step = slip_of(rows, self._motion(rows, record) - moved)

@@ -387,6 +387,8 @@ class Observer:
         status = _status(c, pressure, multiplier, bound, increment, accepted)
         if c.slides and c.path(None, state.time, state.time - accepted.substep_start.time).any():
             status[status == STICK] = SLIP  # out of the plane
+        known, law = state.memory.get(c.name), c.friction
+        rates, ages = (None, None) if law is None or known is None else (law.rates(known), law.ages(known))
         weight = c.node_weights
         own = np.arange(len(c.points)) < len(c.surface.points)
         on = own if c.sense > 0 else ~own  # nodes of the side that the scene calls the surface
@@ -409,6 +411,7 @@ class Observer:
             lam=c.sense * lam,
             status=status,
             wear=c.node_pressure(depth) if c.wears else None,
+            rate=None if rates is None else c.share_t.T @ rates,
             force=resultant,
             moment=moment,
             normal_force=float(c.W_n @ p_n),
@@ -423,8 +426,8 @@ class Observer:
             dissipation_total=float(state.energy.dissipation[index]),
             max_wear=float(depth.max(initial=0.0)) if c.wears else None,
             worn_volume=float(c.W_n @ depth) if c.wears else None,
-            slip_rate=_largest(c.friction.rates if c.friction else None, state.memory.get(c.name)),
-            state=_largest(c.friction.ages if c.friction else None, state.memory.get(c.name)),
+            slip_rate=None if rates is None else float(rates.max(initial=0.0)),
+            state=None if ages is None else float(ages.max(initial=0.0)),
         )
 
     def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, ObstacleState]:
@@ -546,9 +549,3 @@ def mesh_data(system: System) -> MeshData:
         slaves={c.name: np.searchsorted(known, c.surface.input) for c in system.contacts} if len(known) else {},
         gaps={c.name: c.node_gap for c in system.contacts},
     )
-
-
-def _largest(of: Callable[[Array], Array | None] | None, memory: Array | None) -> float | None:
-    """Largest value that a law makes of what its points remember; None: none."""
-    found = of(memory) if of is not None and memory is not None else None
-    return None if found is None else float(found.max(initial=0.0))

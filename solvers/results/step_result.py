@@ -203,6 +203,7 @@ class ContactState(ContactNumbers):
     lam: Array  # (n, d) lambda = -sigma_T / s [-]; its length is 1 where the node slips; 0 where s = 0
     status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
     wear: Array | None = None  # (n,) worn depth of both sides together [m]; None: nothing wears
+    rate: Array | None = None  # (n,) slip rate at the end of the step [m/s]; None: friction does not know it
 
     def columns(self) -> dict[str, AnyArray]:
         """Values at the nodes, by the columns of contact_NAME.csv but `arc`: arrays (n,); a status is a word."""
@@ -211,7 +212,7 @@ class ContactState(ContactNumbers):
         parts = (("", self.points), *((f"{name}_", values) for name, values in (*vectors, ("lambda", self.lam))))
         (place, *at_nodes) = ({f"{name}{a}": v for a, v in zip(axes, values.T, strict=True)} for name, values in parts)
         numbers = {"weight": self.weight, "gap": self.gap, "pressure": self.pressure}
-        numbers |= {} if self.wear is None else {"wear": self.wear}
+        numbers |= {key: found for key in ("wear", "rate") if (found := getattr(self, key)) is not None}
         words = {"status": np.array(STATUS_WORDS)[self.status]}
         return reduce(or_, (place, numbers, *at_nodes, words))
 

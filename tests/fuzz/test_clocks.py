@@ -32,7 +32,9 @@ def sliders(draw: st.DrawFn) -> list[str]:
     law = draw(st.sampled_from(["aging", "slip"]))
     friction = ",".join(f"{key}={value}" for key, value in number.items())
     error, every = draw(st.sampled_from([1e-3, 1e-5])), draw(st.sampled_from([9, 25]))
-    start = draw(st.sampled_from(["state=10.0", "state='steady'", "rate=1e-7", "state='5 + x'"]))
+    starts = ["state=10.0", "rate=1e-7", "state='5 + x'", "state='steady'"]
+    strengthens = number["b"] == 0.0 or number["a"] == "0.02"  # else low traction is that of boundless steady rates
+    start = draw(st.sampled_from(starts if strengthens else starts[:-1]))
     share = draw(st.floats(0.5, 0.99))
     way = draw(st.sampled_from([f"[[0,0],[{END},{END * 1e-6}]]", "[[0,0],[60,6e-5],[70,6e-5],[130,0]]"]))
     return [
@@ -60,8 +62,9 @@ def test_a_clock_that_was_stopped_goes_on_to_the_same_bits(tmp_path_factory: Any
     assert len(result(place / "out")["steps"]) == min(after, len(known[1]["steps"]))
     assert run(scene, place / "out", resume=True)[0].status == "converged"
     assert_same(place / "out", place / "whole")
-    energy = known[1]["steps"][-1]["energy"]
-    assert_allclose(energy["external"], energy["stored"] + energy["contact"], rtol=1e-9)
+    energies = [step["energy"] for step in known[1]["steps"]]
+    balance = [energy["external"] - energy["stored"] - energy["contact"] for energy in energies]
+    assert_allclose(balance, 0.0, atol=1e-9 * max(abs(energy["external"]) for energy in energies))
     assert all(event["start"] < event["end"] <= END for event in known[1].get("events", []))
 
 

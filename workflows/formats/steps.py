@@ -41,6 +41,7 @@ class StoredContact:
     lam: Array  # (n, 3) [-]
     status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
     wear: Array | None = None  # (n,) worn depth [m]; None: nothing wears
+    rate: Array | None = None  # (n,) slip rate [m/s]; None: friction does not know it
 
 
 @dataclass(frozen=True, kw_only=True)

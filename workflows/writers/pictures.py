@@ -53,7 +53,7 @@ class Pictures(AtTheEnd):
         return scene.output.pictures
 
     def names(self) -> Sequence[str]:
-        contacts = (f"contact_{name}.png" for name in self.job.scene.pairs)
+        contacts = (f"{what}_{name}.png" for name in self.job.scene.pairs for what in ("contact", "slip"))
         return [
             "deformed.png",
             "stress_error.png",
@@ -66,6 +66,7 @@ class Pictures(AtTheEnd):
     def draw(self, ended: Ended) -> None:
         from stickslip.workflows.pictures.draw import draw, draw_course
         from stickslip.workflows.pictures.rigid import rigids
+        from stickslip.workflows.pictures.slip_course import draw_slip
         from stickslip.workflows.pictures.tornado import NAME, draw_tornado
 
         scene, errors = self.job.scene, ended.errors[-1] if ended.errors else None
@@ -82,6 +83,7 @@ class Pictures(AtTheEnd):
         )
         draw_course(self.job.folder, scene)
         title = " ".join(scene.title.split())
+        draw_slip(self.job.folder, self.job.mesh, title, scene.labels)
         draw_tornado(self.job.folder / NAME, ended.steps[-1], scene.parameters(), title, units=scene.labels)
 
 

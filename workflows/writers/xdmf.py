@@ -14,6 +14,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.contact import Contact
 from stickslip.workflows.formats.files import make_folder, write_aside
 from stickslip.workflows.formats.hdf5 import checksum, is_whole, stored_checksum, write_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_arrays, shape_of
@@ -140,24 +141,24 @@ class FieldFiles(SeriesWriter):
         # a step without it would be shown with that of another one: VTK's reader keeps fields that it has read first
         fields = (*BODY_FIELDS, ERROR) if self._with_error else BODY_FIELDS
         _write(folder / "fields.xdmf", "mesh", "bodies", (mesh.points, mesh.cells, mesh.shape), fields, steps)
-        worn = {name: pair.wear is not None for name, pair in self.job.scene.pairs.items()}
         for name, surface in mesh.surfaces.items():
             _write(
                 folder / f"contact_{name}.xdmf",
                 f"contacts/{name}",
                 name,
                 surface,
-                contact_fields(name, worn[name]),
+                contact_fields(name, self.job.scene.pairs[name]),
                 steps,
             )
 
 
-def contact_fields(name: str, wears: bool = False) -> tuple[Field, ...]:
+def contact_fields(name: str, pair: Contact | None = None) -> tuple[Field, ...]:
     """Fields at the nodes of a contact surface."""
 
     kinds = {"pressure": "Scalar", "traction": "Vector", "slip": "Vector", "slip_increment": "Vector", "gap": "Scalar"}
     place = f"{{step}}:/contacts/{name}/"
-    kinds |= {"wear": "Scalar"} if wears else {}
+    kinds |= {"wear": "Scalar"} if pair is not None and pair.wear is not None else {}
+    kinds |= {"rate": "Scalar"} if pair is not None and pair.friction is not None and pair.friction.timed else {}
     fields = (Field(shown_as(key), kind, "Node", place + key) for key, kind in (kinds | {"lam": "Vector"}).items())
     return (*fields, Field("status", "Scalar", "Node", f"{place}status", "Int", 1))
 

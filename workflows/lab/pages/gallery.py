@@ -137,6 +137,7 @@ def page(name: str, fact: dict[str, Any], result: dict[str, Any]) -> str:
         contact=contact,
         amounts={word: amount(last[key], last["error"][key]) for key, word in NUMBERS.items() if key in last},
         loop=(PAGES / f"{name}_loop.png").exists(),
+        slip=(PAGES / f"{name}_slip.png").exists(),
         scene=scene_text(name),
     )
 
@@ -161,7 +162,9 @@ def main(names: Annotated[list[str] | None, typer.Argument(help="solve these aga
             contact = f"contact_{fact['main'].partition('.')[0]}"
             drawings = sorted(RUNS.glob(f"{name}/{contact}.png")) or sorted(RUNS.glob(f"{name}/{contact}.*.png"))
             contact = drawings[0].stem if drawings else contact  # of several partners the first
-            for ending, drawn in {"": "deformed", "_contact": contact, "_loop": "force_displacement"}.items():
+            slip = contact.replace("contact_", "slip_", 1)
+            pictures = {"": "deformed", "_contact": contact, "_loop": "force_displacement", "_slip": slip}
+            for ending, drawn in pictures.items():
                 if (RUNS / name / f"{drawn}.png").exists():  # a loop has three steps or more
                     shrunk(RUNS / name / f"{drawn}.png", PAGES / f"{name}{ending}.png")
             (PAGES / f"{name}.md").write_text(page(name, fact, result), encoding="utf-8")
