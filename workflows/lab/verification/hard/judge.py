@@ -142,7 +142,7 @@ def judge(scene: Scene, twin: Scene | None = None, scale: Scale = OWN) -> Iterat
         twin: a scene of the same answer, if there is one.
         scale: one metre and one newton of the scene, in units of the twin.
     """
-    began, held = clock.perf_counter(), True
+    began, held = clock.process_time(), True
     try:
         held = supported(scene)
         own = solve(scene)
@@ -154,14 +154,14 @@ def judge(scene: Scene, twin: Scene | None = None, scale: Scale = OWN) -> Iterat
             outcome=Outcome.WRONG if held else Outcome.PROVED,
             reason=("supports hold the bodies, but: " if held else "") + str(error),
             held=held,
-            seconds=clock.perf_counter() - began,
+            seconds=clock.process_time() - began,
         )
         return
     except StickslipError as error:
-        seconds = clock.perf_counter() - began
+        seconds = clock.process_time() - began
         yield Verdict(outcome=_without_answer(str(error)), reason=str(error), held=held, seconds=seconds)
         return
-    first = Verdict(outcome=Outcome.SOLVED, held=held, iterations=own.iterations, seconds=clock.perf_counter() - began)
+    first = Verdict(outcome=Outcome.SOLVED, held=held, iterations=own.iterations, seconds=clock.process_time() - began)
     others = max((len(step.other_solutions) for step in own.steps), default=0)
     if others:
         first = replace(first, outcome=Outcome.BRANCH, reason=f"{others} other solutions were met")

@@ -58,6 +58,11 @@ def mirrored(tables: Tables, random: Random) -> Tables | None:
     found = over_drives(tables, _turned)
     found["geometry"]["cells"] = "tensor"
     for contact in found["contacts"].values():
+        shear = (contact.get("initial") or {}).get("traction")
+        if isinstance(shear, list):
+            shear[0] *= -1
+        elif shear and _other(contact["surface"]) == contact["surface"]:  # it is not steep
+            contact["initial"]["traction"] = -shear
         contact |= {key: _other(contact[key]) for key in ("surface", "against") if key in contact}
         _mirror(contact.get("friction") or {}, middle)
     for body in found["bodies"].values():
