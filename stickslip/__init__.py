@@ -84,8 +84,8 @@ nothing can balance the loads. `MachineError` (with `DamagedError`) is about dis
 Names
 -----
 Functions         read, prepare, steps, run, sweep, fit, load
-Scene             Scene, Material, Orthotropic, Contact, Support, Load, Probe, Steps, Clock, Cycle, Solver,
-                  Initial, Gram, Output, Exact, Accuracy, Sensitivity
+Scene             Scene, Material, Orthotropic, Contact, Support, Load, Probe, Steps, Clock, Cycle,
+                  Solver, Initial, Gram, Output, Exact, Accuracy, Sensitivity
 Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, HalfDisc, HalfSpace, Ring,
                   Rings, Spheres, Stack, Strip, TwoBlocks, Wedge
 Obstacles         Plane, Cylinder, Sphere, Cone, Rotation
