@@ -98,7 +98,8 @@ Solving           Simulation, Script, Limit, PlanRow, Seconds, Counters; iterati
                   HistoryTuple, Step, Status
 Results           StepResult, ContactState, ContactNumbers, OPEN, SLIP, STICK, BodyState, Reaction,
                   ObstacleState, SpringForce, BoltState, RemoteState, ProbeValue, Energy, Event,
-                  Batch, MeshData, SurfaceMesh, Convergence; errors: Quantity, ErrorParts; derivatives: Slope
+                  Batch, MeshData, SurfaceMesh, Convergence; errors: Quantity, ErrorParts;
+                  derivatives: Slope
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended);
                   Loaded; sweeps: Sweep, Solved; calibration: Fit
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,

@@ -428,6 +428,9 @@ class Scene(Noun):
                     contact.check_clock()
                 if self.steps.cycle is not None:
                     contact.check_cycle()
+            for pair in contact.each(name, tuple(self.bodies)).values() if contact.along else ():
+                with mistakes, prefixed(f"contacts.{name}"):
+                    contact.check_partner(self.obstacles.get(pair.partners[0]), self.steps.end, self.dim)
             with mistakes:
                 timed = (contact.friction is not None and contact.friction.timed) or contact.slide_speed is not None
                 key = "slide_speed is a rate" if contact.slide_speed is not None else "friction depends on slip rates"
@@ -460,7 +463,8 @@ class Scene(Noun):
         wears = any(contact.wear is not None for contact in self.contacts.values())
         require(wears, "steps.cycle", "given", "leave it out: no contact wears")
         timeline, times = self.timeline(), np.linspace(cycle.from_, cycle.to, 9)
-        for place in (place for place, _ in self._varying() if place.quantity not in ("slide", "slide_speed")):
+        onward = [p for p, _ in self._varying() if p.quantity in ("slide", "slide_speed") and not p.component]
+        for place in (place for place, _ in self._varying() if place not in onward):
             value = self.sampled if place in timeline.expressions else timeline.value
             found = np.array([value(place, t) for t in times.tolist()])
             same = np.abs(found[0] - found[-1]).max() <= ROUNDING * np.abs(found).max()
