@@ -489,7 +489,10 @@ def _by_gaps(answer: Answer, gaps: Mapping[str, Array]) -> Iterator[Found]:
 
 
 def _along_edges(side: Surface) -> tuple[Array, Array]:
-    """Edges (e, f, d) of the facets of a side [m], and what its outward normals turn by along them (e, f, d)."""
+    """Edges (e, f, d) of the facets of a side [m], and what its outward normals turn by along them (e, f, d).
+
+    Of a side in 2D the only edge of a facet is the facet. Sides of order 2 are taken by their corners.
+    """
     edges = np.array([ends[:2] for ends in RIDGES[side.shape]] if side.dim == 3 else [(0, 1)])
     (a, b), normals = side.facets[:, edges].T, side.node_normals()
     return side.points[b] - side.points[a], normals[b] - normals[a]
@@ -502,7 +505,11 @@ def _bulge(side: Surface) -> Array:
 
 
 def _turning(side: Surface) -> Array:
-    """What the outward normal turns by a way (n, d, d) [1/m], its own component last."""
+    """What the outward normal turns by a way (n, d, d) [1/m], its own component last.
+
+    It is linear on a facet, by least squares where that has more edges than dimensions: of a sphere the identity on
+    the facet over the radius.
+    """
     ways, turns = (np.moveaxis(each, 0, 1) for each in _along_edges(side))
     return _around(side, np.linalg.pinv(ways) @ turns)
 

@@ -26,6 +26,11 @@ from stickslip.workflows.scene_file.read import from_dict, read, with_keys
 ASIDE = ("geometry.order=1", "steps.count=2")
 CURVED = ("geometry.mesh_size=2.5", "geometry.lower_mesh_size=3.0", "geometry.contact_mesh_size=0.125", *ASIDE[:1])
 FAR = "supports.top.displacement.x=[[0, 0], [1, 0], [2, 0.3]]"  # a third of the half width
+ROLLED = (
+    *("geometry.mesh_size=8.0", "geometry.contact_mesh_size=0.08", "steps.count=4"),
+    "obstacles.roller={ shape = 'cylinder', point = [0.0, 2.0], radius = 2.0, "
+    "displacement = { x = [[0, 0], [1, 0], [2, 0.08]], y = [[0, 0], [1, -0.02]] } }",
+)
 GLUED: dict[str, Any] = {
     "model": "plane strain",
     "geometry": {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.25},
@@ -57,6 +62,7 @@ def _wearing(scene: Scene, k: float, *_: float) -> Scene:
 
 
 def _following(scene: Scene, *_: float) -> Scene:
+    """Pairs, normals and gaps follow the motion."""
     return with_keys(scene, {f"contacts.{name}.sliding": True for name in scene.contacts})
 
 
@@ -73,27 +79,18 @@ CASES: tuple[tuple[str, tuple[str, ...], Mapping[str, On]], ...] = (
     ("shrink_fit", ASIDE, {"facets": lambda scene, *_: with_keys(scene, {"geometry.order": 2})}),
     ("cylinders", CURVED, {"friction by rate": _rubbing("line")}),
     ("cylinders", (*CURVED, FAR), {"sliding search": _following}),
-    (
-        "half_space",
-        ("geometry.mesh_size=8.0", "geometry.contact_mesh_size=0.08", "steps.count=4"),
-        {"friction by rate": _rubbing("track")},
-    ),
-    (
-        "half_space",
-        (
-            "geometry.mesh_size=8.0",
-            "geometry.contact_mesh_size=0.08",
-            "steps.count=4",
-            "obstacles.roller={ shape = 'cylinder', point = [0.0, 2.0], radius = 2.0, "
-            "displacement = { x = [[0, 0], [1, 0], [2, 0.08]], y = [[0, 0], [1, -0.02]] } }",
-        ),
-        {"sliding search": _following},
-    ),
+    ("half_space", ROLLED[:3], {"friction by rate": _rubbing("track")}),
+    ("half_space", ROLLED, {"sliding search": _following}),
 )
 
 
 def said(scene: Scene, *, estimated: bool = False) -> tuple[StepResult, dict[str, Neglected]]:
-    """The last step of a scene, and the report on it by effect, by errors if they are estimated."""
+    """The last step of a scene, and the report on it by effect.
+
+    Args:
+        scene: it is solved as it is.
+        estimated: whether errors of its numbers are, which strain and rotation are said by.
+    """
     simulation = stickslip.prepare(scene) if estimated else prepare(scene)
     steps = [*simulation.steps()]
     fields = Fields(simulation.problem, simulation.data, simulation.system.contacts, Seen(), None)
@@ -130,6 +127,10 @@ def checks(method: str) -> list[Check]:
 
 
 def _strained() -> Iterator[Check]:
+    """Strain and rotation of a block that is pressed and sheared: under pressure shear is softer.
+
+    Its forces on the top are those of the contact, whose nodes do not move.
+    """
     scene = from_dict(GLUED)
     last, report = said(scene, estimated=True)
     true = total_lagrangian(prepare(scene).data, last.displacement) - last.supports["top"].force
@@ -139,7 +140,25 @@ def _strained() -> Iterator[Check]:
 
 
 def total_lagrangian(mesh: MeshData, u: Array, E: float = 6.0, nu: float = 0.3) -> Array:
-    """Force (2,) on the top of a block of triangles whose ends are moved as by u (n, 2), St. Venant-Kirchhoff."""
+    """Force on the top of a block of triangles at finite strain, by Newton's method on all nodes at once.
+
+    The first Piola-Kirchhoff stress F S balances on the undeformed mesh, F = 1 + grad u, S = C : (F^T F - 1) / 2 after
+    St. Venant and Kirchhoff. Nodes of both ends are moved as by u; the others begin there.
+
+    Args:
+        mesh: of triangles of order 1, its lower end at y = 0, in plane strain.
+        u: displacements (n, 2) [m].
+        E: Young's modulus [Pa].
+        nu: Poisson's ratio [-].
+
+    Returns:
+        Sum (2,) of the inner forces of the nodes of the upper end [N/m].
+
+    Raises:
+        AssertionError: it has not converged in 30 iterations.
+
+    Source: Bathe, Finite Element Procedures (1996), section 6.3.
+    """
     lame, shear = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
     X, cells, u = mesh.points, mesh.cells, u.copy()
     slope = np.array([[-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]])
