@@ -103,6 +103,10 @@ class Obstacle(Choice):
         """Unit normals (m, d) out of the obstacle at the points closest to `points`."""
         raise NotImplementedError
 
+    def alike_along(self, way: Array) -> bool:
+        """Whether it is in its own place after a motion by a vector (d,)."""
+        return not way.any()
+
     def check_model(self, model: Model) -> None:
         """Refuse data that the model does not have, or lacks."""
         dim = dimensions(model)

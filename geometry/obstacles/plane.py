@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key, Vector
 from stickslip.geometry.obstacles.obstacle import Obstacle, unit
@@ -34,6 +34,9 @@ class Plane(Obstacle):
         array([0.5])
         """
         return sum((a - b) * float(n) for a, b, n in zip(x, self.point, unit(self.normal), strict=True))
+
+    def alike_along(self, way: Array) -> bool:
+        return bool(abs(unit(self.normal) @ way) <= ROUNDING * np.linalg.norm(way))
 
     def normals(self, points: Array) -> Array:
         return np.tile(unit(self.normal), (len(points), 1))

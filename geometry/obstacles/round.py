@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key, Vector
 from stickslip.geometry.obstacles.obstacle import Obstacle, unit
@@ -65,6 +65,10 @@ class Cylinder(Round, Obstacle):
         if model == "axisymmetric" and self.axis is not None:
             require(self.axis[0] == 0, "axis", list(self.axis), "expected [0.0, 1.0], the axis of symmetry")
             require(self.point[0] == 0, "point", list(self.point), "must lie on the axis of symmetry, x = 0")
+
+    def alike_along(self, way: Array) -> bool:
+        axis = np.zeros(len(way)) if self.axis is None else unit(self.axis)
+        return bool(np.linalg.norm(way - axis @ way * axis) <= ROUNDING * np.linalg.norm(way))
 
     def from_core(self, x: Sequence[Any]) -> list[Any]:
         """Components of the shortest vector [m] from the axis to the point with coordinates `x`.

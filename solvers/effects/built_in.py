@@ -91,7 +91,7 @@ EFFECTS = (
             for key in ("slide", "slide_speed")
             if getattr(c, key) is not None
         ),
-        lambda scene: "nothing sticks while it moves, friction in the plane is that of a film",
+        lambda scene: "friction turns to it: out of the plane nothing sticks, in the plane it is that of a film",
     ),
     Row(
         "wear",

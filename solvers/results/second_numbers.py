@@ -23,6 +23,7 @@ from stickslip.solvers.effects import by_name, records
 from stickslip.solvers.fem.rigid_fields import parts_of_motion, rigid_fields
 from stickslip.solvers.results.closed_formulas import gap, in_time
 from stickslip.solvers.results.stored_fields import Record, StoredFields, stress_again
+from stickslip.solvers.scene.contact import table_of
 from stickslip.solvers.scene.loads import Coupling, End, Link, Springs
 from stickslip.solvers.scene.record import AGAIN, Number, Seen, Value, numbers_of
 from stickslip.solvers.scene.timeline import Place
@@ -208,7 +209,10 @@ class SecondNumbers:
         """Motion (m, d) [m] of a pair's obstacle where it is closest to points (m, d), or if tied at these."""
         known = self._problem.pairs[pair]
         name, tied = str(known.obstacle), known.contact.normal.ties
-        obstacle, found = self._problem.obstacles[name], np.tile(self.moved(name, record), (len(points), 1))
+        obstacle, slid = self._problem.obstacles[name], np.zeros(points.shape[1])
+        for way in known.contact.along:
+            slid["xyz".index(way)] = self.value(Place("contacts", table_of(pair), "slide", way), record)
+        found = np.tile(self.moved(name, record) - slid, (len(points), 1))
         if obstacle.rotation is None:
             return found
         own = gap(obstacle, points)

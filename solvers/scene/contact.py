@@ -7,11 +7,15 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import combinations
 from typing import Annotated, Any, Literal
 
-from stickslip.geometry.amplitude import Amplitude, check
+import numpy as np
+
+from stickslip.geometry.amplitude import Amplitude, check, listed_times, value_at
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, prefixed, require, require_components
 from stickslip.geometry.expression import Varying
 from stickslip.geometry.field import Field, check_field, in_time
 from stickslip.geometry.keys import Key, Noun, Vector
+from stickslip.geometry.obstacles.obstacle import AXES, ByAxis, Obstacle
 from stickslip.geometry.shape import SKIN, Model, dimensions
 from stickslip.solvers.laws import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.friction import Stick
@@ -138,8 +142,12 @@ class Contact(Noun):
     ] = False
 
     slide: Annotated[
-        Amplitude | None,
-        Key("m", "sliding out of the plane, in time, that friction turns to; axisymmetric: a turn [rad]; not in 3D"),
+        Amplitude | ByAxis | None,
+        Key(
+            "m",
+            "sliding of `surface` in time, that friction turns to: out of the plane; axisymmetric: a turn [rad]; or by "
+            "component, { x = ... }, along a rigid plane or the axis of a rigid cylinder",
+        ),
     ] = None
     slide_speed: Annotated[
         Amplitude | None, Key("m/s", "instead of it its speed, constant if it is a number; axisymmetric: [rad/s]")
@@ -182,21 +190,21 @@ class Contact(Noun):
         skins = self.surface.endswith(SKIN) and any(each.endswith(SKIN) for each in self.partners)
         for key, value in ((key, value) for key, value in given.items() if value is not None):
             said = "true" if key == "wear" else value
-            if not isinstance(value, Wear):
-                check(value, key)
+            for place, amplitude in self._slides().items() if key != "wear" else ():
+                check(amplitude, ".".join(place))
             require(self.normal.sides == 1, key, said, "needs surfaces that only press: unilateral or compliance")
             require(not self.sliding, key, said, "not where pairs are searched again, `sliding`, yet")
             require(self.between is None and not skins, key, said, "not between whole skins yet; name two sides")
         require(self.slide is None or self.slide_speed is None, "slide", self.slide, "leave it out, or `slide_speed`")
         law = self.friction
-        slides = self.slide is not None or self.slide_speed is not None
+        slides = self.aside is not None
         if slides and law is not None and Turned.refuses_law(law):
             key = "law" if law.k_T is None else "k_T"
             raise SceneError(f"friction.{key} = {getattr(law, key, '')}: does not turn to `slide` yet; use coulomb")
         if self.wear is not None:
             if law is not None and law.k_T is not None:
                 raise SceneError(f"friction.k_T = {law.k_T}: has no slip that wears yet; leave out k_T, or wear")
-            require(law is not None or slides, "wear", "true", "needs friction or `slide`, which slip")
+            require(law is not None or slides, "wear", "true", "needs friction or `slide` out of the plane, which slip")
             if isinstance(law, TangentialCompliance):
                 raise SceneError(f"friction.law = {law.law}: is bounded by the penetration, of which wear takes a part")
 
@@ -209,13 +217,48 @@ class Contact(Noun):
         require(rigid, "normal.law", getattr(self.normal, "law", ""), said)
         for key in ("sliding", "wear"):
             require(not getattr(self, key), key, "true", said)
+        require(not self.along, "slide", "given", said)
+
+    @property
+    def along(self) -> ByAxis:
+        """Components of its sliding along the other side; empty: it slides out of the plane, or not."""
+        return self.slide if isinstance(self.slide, Mapping) else {}
+
+    @property
+    def aside(self) -> Amplitude | None:
+        """Its sliding out of the plane, or the speed of that."""
+        return self.slide_speed if self.slide is None or isinstance(self.slide, Mapping) else self.slide
+
+    def _slides(self) -> dict[tuple[str, ...], Amplitude]:
+        """Its sliding by key and component."""
+        if self.along:
+            return {("slide", axis): value for axis, value in self.along.items()}
+        return {(key,): value for key in ("slide", "slide_speed") if (value := getattr(self, key)) is not None}
+
+    def slid(self, time: float, end: float, dim: int) -> Array:
+        """Sliding (d,) [m] along the other side at a time [s]; end: of the scene [s]."""
+        return np.array([value_at(self.along.get(axis, 0.0), time, end) for axis in AXES[:dim]])
+
+    def check_partner(self, obstacle: Obstacle | None, end: float, dim: int) -> None:
+        """Refuse sliding along another side that it does not leave in its place.
+
+        Args:
+            obstacle: the other side; None: a body's.
+            end: of the scene [s].
+            dim: number of the dimensions.
+        """
+        times = {end, *(t for amplitude in self.along.values() for t in listed_times(amplitude))} if self.along else ()
+        for way in (self.slid(time, end, dim) for time in times):
+            alike = obstacle is not None and obstacle.alike_along(way)
+            said = "only along a rigid plane, or the axis of a rigid cylinder, is the other side the same everywhere"
+            require(alike, "slide", way.tolist(), said)
 
     def law(self, turns: bool) -> tuple[FrictionLaw | None, Slide | None]:
         """The friction law in force, turned towards the sliding out of the plane, and that; turns: about an axis."""
-        given, law = self.slide if self.slide_speed is None else self.slide_speed, self.tangential
+        given, law = self.aside, self.tangential
         if given is None:
             return law, None
-        slide = Slide(given=given, speed=self.slide is None, turns=turns)
+        slide = Slide(given=given, speed=self.slide_speed is not None, turns=turns)
         return law and Turned(of=law, normal=self.normal, slide=slide, k_T=law.k_T), slide
 
     def _check_sides(self) -> None:
@@ -289,14 +332,16 @@ class Contact(Noun):
         """Its values in time by key and component."""
         of_law = self.friction.amplitudes() if self.friction else {}
         found = {("friction", *part): value for part, value in of_law.items()} | in_time(self.gap_offset, "gap_offset")
-        slide = {("slide",): self.slide, ("slide_speed",): self.slide_speed}
-        return found | {key: value for key, value in slide.items() if value is not None}
+        return found | self._slides()
 
     def check_model(self, model: Model) -> None:
         """Refuse what friction and sliding do not have in the model."""
-        for key in ("slide", "slide_speed"):
-            value = getattr(self, key)
-            require(model != "3d" or value is None, key, value, "there is no direction out of the plane in 3D")
+        key = "slide" if self.slide_speed is None else "slide_speed"
+        none = model != "3d" or self.aside is None
+        require(none, key, self.aside, "there is no direction out of the plane in 3D; give slide = { x = ... }")
+        for axis in self.along:
+            known = axis in AXES[: dimensions(model)] and (model, axis) != ("axisymmetric", "x")
+            require(known, f"slide.{axis}", "given", "is no direction in which this model can slide")
         if self.initial is not None:
             with prefixed("initial"):
                 traction = self.initial.traction

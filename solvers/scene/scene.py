@@ -425,6 +425,9 @@ class Scene(Noun):
             with mistakes, prefixed(f"contacts.{name}"):
                 if self.steps.clock is not None:
                     contact.check_clock()
+            for pair in contact.each(name, tuple(self.bodies)).values() if contact.along else ():
+                with mistakes, prefixed(f"contacts.{name}"):
+                    contact.check_partner(self.obstacles.get(pair.partners[0]), self.steps.end, self.dim)
             with mistakes:
                 timed = (contact.friction is not None and contact.friction.timed) or contact.slide_speed is not None
                 key = "slide_speed is a rate" if contact.slide_speed is not None else "friction depends on slip rates"

@@ -297,7 +297,7 @@ def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Re
         yield "friction.law", getattr(contact.friction, "law", ""), "has no friction by slip rate"
     given = {key: getattr(contact, key) for key in ("slide", "slide_speed", "wear")}
     for key, value in given.items() if not table.worn else ():
-        if value is not None:
+        if value is not None and not (key == "slide" and contact.along):
             yield key, "true", "has no prescribed sliding, and no wear"
     mu = contact.friction.mu if isinstance(contact.friction, Coulomb) else 0.0
     for key, value in (("gap_offset", contact.gap_offset), ("friction.mu", mu)):

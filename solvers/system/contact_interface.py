@@ -19,6 +19,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import AXES, Constraints
 from stickslip.solvers.fem.rigid_modes import RigidModes
 from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.scene.contact import table_of
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Course, Place
 
@@ -50,6 +51,8 @@ class Obstacles:
     def motion(self, pair: str, points: Array, time: float, driven: Array) -> Array:
         """Motion of a pair's obstacle (m, d) [m], at its points closest to `points`, or if tied at `points` themselves.
 
+        What the pair slides along it is a part of that, which the obstacle does not have elsewhere.
+
         Args:
             pair: name of the contact.
             points: (m, d) [m].
@@ -67,6 +70,8 @@ class Obstacles:
         for (other, axis), size in zip(self.driven, driven, strict=True):
             if other == name:
                 motion[:, axis] += size
+        for way in known.contact.along:  # the other side slides back
+            motion[:, AXES[way]] -= self.course.value(Place("contacts", table_of(pair), "slide", way), time)
         return motion
 
     def motions(self, contacts: tuple[ContactRows, ...], time: float, driven: Array) -> dict[str, Array]:
