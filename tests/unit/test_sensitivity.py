@@ -428,6 +428,16 @@ def test_what_has_no_derivative_yet_is_refused_with_the_reason(tables: dict[str,
         prepare(replace(scene, sensitivity=Sensitivity(parameters=(key,))))
 
 
+def test_a_periodic_twin_is_no_edge_of_what_touches() -> None:
+    """All of the fit touches and sticks: its areas have no derivatives, rather than those of rounding."""
+    key = "bodies.inner.E"
+    scene = read("sector", [*coarse("sector")])
+    *_, step = solved(replace(scene, sensitivity=Sensitivity(parameters=(key,))))[1]
+    for area in ("contact_area", "stick_area", "slip_area"):
+        assert step.sensitivity[f"contacts.fit.{area}"][key] == Slope()
+    assert step.sensitivity["contacts.fit.normal_force"][key].value is not None
+
+
 def test_a_node_that_another_radius_gives_to_the_other_roller_is_refused() -> None:
     scene = read("three_point_bending", [*coarse("three_point_bending")])
     with pytest.raises(SceneError, match=r"obstacles\.left\.radius: another value gives a contact other points"):
