@@ -283,7 +283,8 @@ def beside(base: SubstepSolver, system: System) -> SubstepSolver:
         SceneError: it has other contact rows.
     """
     found = _of_bodies(base, system)
-    if found.surface.N.shape != base.surface.N.shape:
+    rows, own = ([len(rows.gap) for rows in solver.cone.contacts] for solver in (found, base))
+    if rows != own:
         raise SceneError("another value gives a contact other points")
     return found
 

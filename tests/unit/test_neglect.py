@@ -11,10 +11,10 @@ from stickslip import Scene
 from stickslip.geometry.arrays import Array
 from stickslip.workflows.formats.neglect_table import HEAD, largest_neglected, neglect_lines, neglect_rows
 from stickslip.workflows.formats.results import error_budget
-from stickslip.workflows.lab.verification.cases.neglect import said
+from stickslip.workflows.lab.verification.cases.neglect import CURVED, FAR, said
 from stickslip.workflows.lab.verification.prepared import solved
 from stickslip.workflows.run.neglect import GRAVITY, Neglected
-from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.scene_file.read import from_dict, read
 
 E, NU, U = 1000.0, 0.3, 0.01
 M, G, K = E * (1 - NU) / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU)), E / (3 * (1 - 2 * NU))
@@ -136,6 +136,14 @@ def test_inertia_against_waves_in_the_column() -> None:
     lacking = said(column())[1]["inertia"]
     assert "steps.seconds" in lacking.says
     assert 0.3 < 0.01 / struck(at(lacking)) < 3
+
+
+def test_cylinders_that_slide_past_each_other_part_by_the_square_of_their_way() -> None:
+    """By s² / 4 R: the mean of what both sides fall away by, where the contact goes half of the way back."""
+    last, report = said(read("cylinders", [*CURVED, FAR]))
+    found = report["sliding search"].changes["line.normal_force"] / last.contacts["line"].normal_force
+    assert found == pytest.approx(0.3**2 / (4 * 8.0) / 0.1845, rel=0.3)  # of forces in proportion to the depth
+    assert report["sliding search"].where is not None
 
 
 def test_effects_that_are_on_have_no_row_and_prices_are_positive() -> None:

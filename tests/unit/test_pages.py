@@ -18,6 +18,7 @@ from markupsafe import Markup
 
 from stickslip.workflows.commands.cli import app
 from stickslip.workflows.formats import templates
+from stickslip.workflows.formats.files import read_json
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.pages import gallery
 from stickslip.workflows.lab.pages.console import agree, blocks, commands, file_name, played, same
@@ -184,6 +185,21 @@ def test_a_page_is_a_program(tmp_path: Path) -> None:
     assert len(complaints) == 1
     with pytest.raises(ValueError, match="exit code 3"):
         played("```console\n$ exit 3\n```\n", tmp_path)
+
+
+@pytest.mark.slow  # five processes and some twenty runs
+def test_the_tutorial_of_calibration_finds_what_its_bench_has_hidden(tmp_path: Path) -> None:
+    """On fewer cells and steps than it shows: its commands run, and end as they say."""
+    text = (ROOT / "docs/tutorials/calibration.md").read_text(encoding="utf-8")
+    played(text.replace("mesh_size = 2.5e-3", "mesh_size = 5e-3").replace("count = 20", "count = 10"), tmp_path)
+    known = dict(zip(("friction.mu", "friction.k_T", "normal.c_n"), (0.42, 2e13, 5e13), strict=True))
+    force, guess, fitted = (read_json(tmp_path / name / "fit.json") for name in ("force", "guess", "fitted"))
+    for key, value in known.items():
+        name = f"contacts.base.{key}"
+        assert abs(fitted["values"][name] - value) < 3 * fitted["deviations"][name] < 0.1 * value
+    assert guess["not_told"] == ["contacts.base.normal.c_n"]
+    assert force["not_told"] == fitted["not_told"] == []
+    assert (tmp_path / "fitted/fit.png").stat().st_size > 10_000
 
 
 def test_numbers_agree_within_their_last_digit() -> None:

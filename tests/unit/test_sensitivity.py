@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 from shared.problems import on_floor, scene_of, two_blocks
 from shared.ranks import mpirun
+from shared.solved import coarse
 from stickslip import Scene, SceneError, prepare
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.accuracy.areas import MovingEdges
@@ -138,6 +139,15 @@ SCENES: dict[str, tuple[Scene, tuple[str, ...]]] = {
         ("bodies.block.density", "gravity.acceleration.y", "loads.side.pressure", "bodies.block.E"),
     ),
 }
+READY = {
+    "cylinders": ("bodies.upper.E", "contacts.line.friction.mu", "supports.top.displacement.x"),
+    "foundation": ("bodies.block.E", "contacts.base.friction.mu", "obstacles.foundation.displacement.x"),
+    "ring": ("bodies.ring.E", "contacts.outside.friction.mu", "obstacles.plate.displacement.y"),
+    "shaft": ("bodies.ring.E", "contacts.bore.friction.mu", "obstacles.shaft.displacement.y"),
+    "sphere": ("bodies.disc.E", "obstacles.plane.force.y"),
+    "two_blocks": ("bodies.upper.E", "contacts.joint.friction.mu", "supports.top.displacement.x"),
+}
+SCENES |= {name: (read(name, [*coarse(name), "solver.tolerance=1e-12"]), keys) for name, keys in READY.items()}
 
 
 def numbers(scene: Scene, edges: Sequence[MovingEdges] = ()) -> tuple[list[dict[Quantity, Any]], list[MovingEdges]]:
@@ -150,7 +160,7 @@ def numbers(scene: Scene, edges: Sequence[MovingEdges] = ()) -> tuple[list[dict[
     return [quantities(step) | each(step) for step, each in zip(steps, every, strict=True)], [*every]
 
 
-ITERATIVE = ("order 1", "bolts", "3D", "points that slide", "a body that friction holds")
+ITERATIVE = ("order 1", "bolts", "3D", "points that slide", "a body that friction holds", "sphere", "shaft")
 
 
 @pytest.mark.parametrize(("name", "form"), [*((name, "") for name in SCENES), *((n, "matrix-free") for n in ITERATIVE)])
@@ -169,6 +179,9 @@ def test_derivatives_are_the_differences_of_two_runs(name: str, form: str) -> No
             for quantity, value in mine.items():
                 units[number_of(quantity).unit].append(np.abs(value).max())
             units["m"] += [np.abs(step.w).max(), step.u_ref]
+            units.setdefault("N m", []).append(
+                max(units["N"]) * simulation.system.extent
+            )  # it is small beside its parts
             for quantity in mine:
                 slope = step.sensitivity.get(str(quantity), {}).get(key, Slope()).value
                 if slope is not None:
@@ -413,6 +426,22 @@ def test_what_has_no_derivative_yet_is_refused_with_the_reason(tables: dict[str,
     key = "contacts.base.normal.m_n" if "compliance" in str(tables) else "bodies.block.E"
     with pytest.raises(SceneError, match=words):
         prepare(replace(scene, sensitivity=Sensitivity(parameters=(key,))))
+
+
+def test_a_periodic_twin_is_no_edge_of_what_touches() -> None:
+    """All of the fit touches and sticks: its areas have no derivatives, rather than those of rounding."""
+    key = "bodies.inner.E"
+    scene = read("sector", [*coarse("sector")])
+    *_, step = solved(replace(scene, sensitivity=Sensitivity(parameters=(key,))))[1]
+    for area in ("contact_area", "stick_area", "slip_area"):
+        assert step.sensitivity[f"contacts.fit.{area}"][key] == Slope()
+    assert step.sensitivity["contacts.fit.normal_force"][key].value is not None
+
+
+def test_a_node_that_another_radius_gives_to_the_other_roller_is_refused() -> None:
+    scene = read("three_point_bending", [*coarse("three_point_bending")])
+    with pytest.raises(SceneError, match=r"obstacles\.left\.radius: another value gives a contact other points"):
+        prepare(replace(scene, sensitivity=Sensitivity(parameters=("obstacles.left.radius",))))
 
 
 def test_all_are_the_numbers_that_have_a_size() -> None:

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip import MeshData, prepare
-from stickslip.geometry.arrays import Array
+from stickslip import prepare
 from stickslip.solvers.simulation.plan import warnings
+from stickslip.workflows.lab.verification.cases.neglect import GLUED, total_lagrangian
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict
 
 E, NU = 6.0, 0.3
-LAME, G = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
 
 
 def scene(size: tuple[float, float], top: dict[str, float], **tables: Any) -> dict[str, Any]:
@@ -66,9 +65,6 @@ def test_a_modulus_in_pascals_under_megapascals_draws_a_line() -> None:
     assert not warnings(from_dict(gasket(0.02) | steel | {"units": "mm-N-MPa"}))
 
 
-GLUED = {"surface": "block.bottom", "against": "floor", "normal": {"law": "bilateral"}, "friction": {"law": "stick"}}
-
-
 @pytest.mark.parametrize(
     ("size", "top"),
     [((2.0, 1.0), {"x": 0.05, "y": -0.05}),  # pressed and sheared: shear is softer under pressure
@@ -77,7 +73,7 @@ GLUED = {"surface": "block.bottom", "against": "floor", "normal": {"law": "bilat
 def test_of_a_glued_block_it_is_that_of_a_total_lagrangian_computation(
     size: tuple[float, float], top: dict[str, float]
 ) -> None:
-    simulation = prepare(from_dict(scene(size, top, contacts={"base": GLUED})))
+    simulation = prepare(from_dict(scene(size, top, contacts=GLUED["contacts"])))
     (step,) = simulation.steps()
     assert step.displacement.shape == simulation.data.points.shape
     exact = total_lagrangian(simulation.data, step.displacement)
@@ -85,35 +81,3 @@ def test_of_a_glued_block_it_is_that_of_a_total_lagrangian_computation(
     assert_allclose(total_lagrangian(simulation.data, 1e-6 * step.displacement), 1e-6 * found, rtol=1e-4)
     assert_allclose(error, np.abs(exact - found), atol=0.3 * np.linalg.norm(exact - found))
     assert np.linalg.norm(exact - found) > 0.02 * np.linalg.norm(found)
-
-
-def total_lagrangian(mesh: MeshData, u: Array) -> Array:
-    """Force (2,) on the top of a block of triangles whose ends are moved as by u (n, 2), St. Venant-Kirchhoff."""
-    X, cells, u = mesh.points, mesh.cells, u.copy()
-    slope = np.array([[-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]])
-    jacobian = np.einsum("kn,cni->cki", slope, X[cells])
-    gradients, area = np.linalg.inv(jacobian) @ slope, np.abs(np.linalg.det(jacobian)) / 2
-    ends = (X[:, 1] < 1e-9) | (X[:, 1] > X[:, 1].max() - 1e-9)
-    free = np.flatnonzero(np.repeat(~ends, 2))
-    dofs = (2 * cells[:, :, None] + np.arange(2)).reshape(len(cells), -1)
-    eye = np.eye(2)
-    for _ in range(30):
-        H = np.einsum("cni,cjn->cij", u[cells], gradients)
-        F = eye + H
-        strain = (np.swapaxes(F, 1, 2) @ F - eye) / 2
-        S = LAME * np.trace(strain, axis1=1, axis2=2)[:, None, None] * eye + 2 * G * strain
-        force, K = np.zeros(X.size), np.zeros((X.size, X.size))
-        at_nodes = np.einsum("c,cij,cjn->cni", area, F @ S, gradients)
-        np.add.at(force, dofs, at_nodes.reshape(len(cells), -1))
-        dF = np.einsum("ab,cjn->cnbaj", eye, gradients)  # (c, n, b) to dF_aj
-        dE = np.einsum("cka,cnbkj->cnbaj", F, dF)
-        dE = (dE + np.swapaxes(dE, -1, -2)) / 2
-        dS = LAME * np.einsum("cnbaa->cnb", dE)[..., None, None] * eye + 2 * G * dE
-        local = np.einsum("cnbij,cmdij->cnbmd", dS, dE) + np.einsum("cnbij,cjk,cmdik->cnbmd", dF, S, dF)
-        local = (area[:, None, None, None, None] * local).reshape(len(cells), 6, 6)
-        np.add.at(K, (dofs[:, :, None], dofs[:, None, :]), local)
-        if np.abs(force[free]).max() < 1e-8 * np.abs(force).max():
-            top = X[:, 1] > X[:, 1].max() - 1e-9
-            return np.asarray(force.reshape(-1, 2)[top].sum(axis=0))
-        u.ravel()[free] -= np.linalg.solve(K[np.ix_(free, free)], force[free])
-    raise AssertionError("Newton's method has not converged")

@@ -443,14 +443,19 @@ def _gravity(answer: Answer) -> Iterator[Found]:
 
 
 def _sliding(answer: Answer) -> Iterator[Found]:
-    """Gaps that slips along curved sides open, while points keep the pairs and normals of the start."""
+    """Gaps that slips along curved sides open, while points keep the pairs and normals of the start.
+
+    To second order: what the other side's normal turns by on the way counts by half.
+    """
     gaps = dict[str, Array]()
     for side in answer.sides:
         pair, rows, state = answer.problem.pairs[side.rows.name], side.rows, side.state
         if pair.contact.sliding or rows.normal.ties or pair.contact.gap is not None:
             continue
         if rows.master is not None:
-            facing = rows.relative[:, len(state.points) :] @ rows.master.node_normals()
+            onto, d = -rows.relative[:, len(state.points) :], state.slip.shape[1]
+            turning = (onto @ _turning(rows.master).reshape(-1, d * d)).reshape(-1, d, d)
+            facing = onto @ rows.master.node_normals() + np.einsum("nd,nde->ne", state.slip, turning) / 2
             gaps[rows.name] = np.einsum("nd,nd->n", state.slip, facing)
         elif (obstacle := answer.problem.obstacles[str(pair.obstacle)]).rotation is None:
             gaps[rows.name] = strayed(rows, obstacle, state)
@@ -483,19 +488,39 @@ def _by_gaps(answer: Answer, gaps: Mapping[str, Array]) -> Iterator[Found]:
         yield Found(answer.opened(gaps), side.at(size))
 
 
+def _along_edges(side: Surface) -> tuple[Array, Array]:
+    """Edges (e, f, d) of the facets of a side [m], and what its outward normals turn by along them (e, f, d).
+
+    Of a side in 2D the only edge of a facet is the facet. Sides of order 2 are taken by their corners.
+    """
+    edges = np.array([ends[:2] for ends in RIDGES[side.shape]] if side.dim == 3 else [(0, 1)])
+    (a, b), normals = side.facets[:, edges].T, side.node_normals()
+    return side.points[b] - side.points[a], normals[b] - normals[a]
+
+
 def _bulge(side: Surface) -> Array:
     """Mean height (n,) [m] of a curved side above the facets around each node, positive outward."""
-    normals, found, count = side.node_normals(), np.zeros(len(side.points)), np.zeros(len(side.points))
-    edges = [ends[:2] for ends in RIDGES[side.shape]] if side.dim == 3 else [(0, 1)]
-    heights = [
-        np.einsum("fd,fd->f", normals[b] - normals[a], side.points[b] - side.points[a]) / 8
-        for a, b in (side.facets[:, list(ends)].T for ends in edges)
-    ]
-    mean = np.sum(heights, axis=0) * (2 if side.dim == 2 else 1) / 3
+    heights = np.einsum("efd,efd->f", *_along_edges(side)) / 8
+    return _around(side, heights * (2 if side.dim == 2 else 1) / 3)
+
+
+def _turning(side: Surface) -> Array:
+    """What the outward normal turns by a way (n, d, d) [1/m], its own component last.
+
+    It is linear on a facet, by least squares where that has more edges than dimensions: of a sphere the identity on
+    the facet over the radius.
+    """
+    ways, turns = (np.moveaxis(each, 0, 1) for each in _along_edges(side))
+    return _around(side, np.linalg.pinv(ways) @ turns)
+
+
+def _around(side: Surface, values: Array) -> Array:
+    """Means at nodes (n, ...) of values of the facets (f, ...) around them."""
+    found, count = np.zeros((len(side.points), *values.shape[1:])), np.zeros(len(side.points))
     for nodes in side.facets.T:
-        np.add.at(found, nodes, mean)
+        np.add.at(found, nodes, values)
         np.add.at(count, nodes, 1.0)
-    return np.asarray(found / np.maximum(count, 1.0))
+    return np.asarray((found.T / np.maximum(count, 1.0)).T)
 
 
 class Spent(NamedTuple):
