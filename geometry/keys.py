@@ -89,7 +89,11 @@ class Checked(type):
 class Noun(metaclass=Checked):
     """Base of the frozen dataclasses that a scene is made of; keys that are no fields are refused."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "allow_inf_nan": False}
+    __pydantic_config__: ClassVar[dict[str, Any]] = {
+        "extra": "forbid",
+        "allow_inf_nan": False,
+        "alias_generator": lambda name: name.rstrip("_"),  # a key may be a word of Python, as `from`
+    }
 
     @classmethod
     def is_key(cls) -> bool:

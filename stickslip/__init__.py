@@ -84,8 +84,8 @@ nothing can balance the loads. `MachineError` (with `DamagedError`) is about dis
 Names
 -----
 Functions         read, prepare, steps, run, sweep, fit, load
-Scene             Scene, Material, Orthotropic, Contact, Support, Load, Probe, Steps, Clock, Solver,
-                  Initial, Gram, Output, Exact, Accuracy, Sensitivity
+Scene             Scene, Material, Orthotropic, Contact, Support, Load, Probe, Steps, Clock, Cycle,
+                  Solver, Initial, Gram, Output, Exact, Accuracy, Sensitivity
 Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, HalfDisc, HalfSpace, Ring,
                   Rings, Spheres, Stack, Strip, TwoBlocks, Wedge
 Obstacles         Plane, Cylinder, Sphere, Cone, Rotation
@@ -98,7 +98,8 @@ Solving           Simulation, Script, Limit, PlanRow, Seconds, Counters; iterati
                   HistoryTuple, Step, Status
 Results           StepResult, ContactState, ContactNumbers, OPEN, SLIP, STICK, BodyState, Reaction,
                   ObstacleState, SpringForce, BoltState, RemoteState, ProbeValue, Energy, Event,
-                  MeshData, SurfaceMesh, Convergence; errors: Quantity, ErrorParts; derivatives: Slope
+                  Batch, MeshData, SurfaceMesh, Convergence; errors: Quantity, ErrorParts;
+                  derivatives: Slope
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended);
                   Loaded; sweeps: Sweep, Solved; calibration: Fit
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,

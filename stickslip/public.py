@@ -58,6 +58,7 @@ from stickslip.solvers.scene.material import Material, Orthotropic
 from stickslip.solvers.scene.parameters import Sensitivity
 from stickslip.solvers.scene.problem import PlanRow
 from stickslip.solvers.scene.record import (
+    Batch,
     BodyState,
     ContactNumbers,
     Energy,
@@ -134,6 +135,7 @@ __all__ = [
     "STICK",
     "Accuracy",
     "Arch",
+    "Batch",
     "Bilateral",
     "Block",
     "BodyState",

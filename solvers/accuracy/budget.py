@@ -149,6 +149,8 @@ class Estimates:
         self._on_iteration, self._tell, self._clock = on_iteration, tell, stepper.system.counters.clock
         self._pairs = KeptPairs(stepper, self._noticed)
         self._times = [step.time for step in steps]
+        cycles = sorted({batch.cycles for step in steps for batch in step.batches})
+        stepper.system.course.batches = np.diff([0.0, *cycles]).tolist()
         self._now, self._until, self._ended = "", 0.0, set[str]()  # what is being found; seconds of errors at its end
         self._history: OtherHistory | None = None  # on the coarser mesh
         self._coarse, self._of_time = list[StepResult](), list[Errors]()

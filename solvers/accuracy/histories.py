@@ -67,6 +67,7 @@ class OtherHistory:
         if choice.stages[0].surface == "matrix-free":
             solver = replace(solver, tolerance=max(solver.tolerance, loosest))
             system = replace(system, problem=replace(system.problem, solver=solver))
+        system.course.batches = own.course.batches
         self.stepper = Stepper(system, MethodChain(system, Reached(choice, 0, ())))
         recovered = RecoveredStress(system)
 

@@ -7,7 +7,8 @@ A coarser mesh shows it nearly as well as the run's own, at a fraction of the pr
 
 The mesh of a file has no coarser one. There the run is compared with the history in half of its steps on its own mesh,
 by which times that are left out have no error; every turn of a value in time is kept. Where all steps are alone between
-two turns, with the history in steps half as long. A clock is compared with one that allows larger errors.
+two turns, with the history in steps half as long. A clock is compared with one that allows larger errors; batches of
+load cycles, and steps of their cycles, with those half as long.
 """
 
 from __future__ import annotations
@@ -97,7 +98,10 @@ class TimeStepErrors:
             return 0
         if self._stepper.clock is not None:
             return len(times)
-        half = () if coarser else halved(times, self._stepper.system.problem.timeline)
+        timeline = self._stepper.system.problem.timeline
+        if timeline.cycle is not None:
+            return 2 * len(halves(times))  # in twice the batches
+        half = () if coarser else halved(times, timeline)
         return len(half if 0 < len(half) < len(times) else halves(times))
 
     def __call__(
@@ -122,10 +126,11 @@ class TimeStepErrors:
                 return
             log.info("the same history in steps half as long, for the error of the time steps")
             times, before = [step.time for step in coarse], NOTHING_YET
-            for whole, half in zip(coarse, history.results(halves(times), times), strict=True):
-                both = quantities(half), quantities(whole)
-                yield _errors(both, before, True, (corrected(half), corrected(whole)))
-                before = both
+            with history.stepper.system.course.in_halves():
+                for whole, half in zip(coarse, history.results(halves(times), times), strict=True):
+                    both = quantities(half), quantities(whole)
+                    yield _errors(both, before, True, (corrected(half), corrected(whole)))
+                    before = both
         except StickslipError as error:
             log.info("no error of the time steps from there on: %s", error)
 
@@ -151,8 +156,8 @@ class TimeStepErrors:
         Raises:
             StepError: a step cannot be solved.
         """
-        times = [step.time for step in steps]
-        half = halved(times, self._stepper.system.problem.timeline)
+        times, timeline = [step.time for step in steps], self._stepper.system.problem.timeline
+        half = halved(times, timeline) if timeline.cycle is None else tuple(times)
         finer = len(half) == len(times)
         other = self._results(halves(times) if finer else half)
         unknown = ErrorParts(dear={"time_step": 2.0}, by=OWN_MESH)  # times the run: twice its steps
@@ -172,8 +177,9 @@ class TimeStepErrors:
             StepError: a step cannot be solved.
         """
         observe, state = Observer.of(self._stepper), self._stepper.start()
-        with self._stepper.chain.repeating(self._stepper.system):
-            for time in self._stepper.system.counters.clock.counted(times):
+        system = self._stepper.system
+        with self._stepper.chain.repeating(system), system.course.in_halves():
+            for time in system.counters.clock.counted(times):
                 accepted = self._stepper.reach(state, time, self._on_iteration)
                 yield time, quantities(observe(accepted))
                 state = accepted.state

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated
 
 from stickslip.geometry.errors import require, require_components
 from stickslip.geometry.keys import Key, Vector
@@ -29,11 +29,6 @@ class Periodic(EffectTable):
     ] = 0.0
     point: Annotated[Vector | None, Key("m", "of the axis of the turn; absent: the origin")] = None
     axis: Annotated[Vector | None, Key("-", "its direction, 3D only; absent: z")] = None
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = {
-        **EffectTable.__pydantic_config__,
-        "alias_generator": lambda name: name.rstrip("_"),
-    }
 
     def __post_init__(self) -> None:
         require(self.boundary != self.with_, "with", self.with_, "a side cannot be periodic with itself")

@@ -31,6 +31,7 @@ from stickslip.solvers.laws.normal import NEWTON_STEPS
 # behind the name of a contact that wears, in `State.memory`: worn depth, path of the slip where friction or k asks for
 # it (m_n,) [m], and pressure where k does [Pa]
 WORN, SLID, PRESSED = ".worn", ".slid", ".pressed"
+REPEAT = ".repeat"  # beside them: number of load cycles that a step stands for; absent: one
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -268,6 +268,7 @@ class Observer:
             jump=accepted.jump,
             bodies=self._bodies(nodal, cell_stress),
             events=state.events,
+            batches=state.batches,
             columns=self._columns(state.time),
         )
         if self.estimate is None:

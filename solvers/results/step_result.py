@@ -24,6 +24,7 @@ from stickslip.solvers.parallel.serialise import Plain, deserialise, serialise
 from stickslip.solvers.scene.record import (
     CONTACT_NUMBERS,
     RECORDS,
+    Batch,
     BodyState,
     ContactNumbers,
     Energy,
@@ -315,6 +316,7 @@ class StepResult(Numbers):
     covariance: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # of the uncertain ones of these
     bodies: Mapping[str, BodyState] = field(default_factory=dict)
     events: tuple[Event, ...] = ()  # that ended in this step, of a clock
+    batches: tuple[Batch, ...] = ()  # of load cycles in this step, of `steps.cycle`
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
     def __repr__(self) -> str:

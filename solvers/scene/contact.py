@@ -253,6 +253,13 @@ class Contact(Noun):
             said = "only along a rigid plane, or the axis of a rigid cylinder, is the other side the same everywhere"
             require(alike, "slide", way.tolist(), said)
 
+    def check_cycle(self) -> None:
+        """Refuse friction by the slip so far, of which a cycle that stands for many does not tell."""
+        law = self.friction
+        adds = law is not None and bool(law.remembers) and (not law.drags or self.ages)
+        require(not adds, "friction.law", getattr(law, "law", ""), "changes from cycle to cycle; leave out steps.cycle")
+        require(not self.sliding, "sliding", "true", "pairs that are searched again do not go with steps.cycle yet")
+
     def law(self, turns: bool) -> tuple[FrictionLaw | None, Slide | None]:
         """The friction law in force, turned towards the sliding out of the plane, and that; turns: about an axis."""
         given, law = self.aside, self.tangential

@@ -75,6 +75,15 @@ class Event(NamedTuple):
     place: Annotated[tuple[float, ...], Key("m", "point that became that fast first")]
 
 
+class Batch(NamedTuple):
+    """A contact after a batch of the load cycles that `steps.cycle` stands for."""
+
+    contact: Annotated[str, Key("", "its name")]
+    cycles: Annotated[float, Key("", "number of cycles so far; the last one is told in steps")]
+    max_wear: Annotated[float, Key("m", "largest worn depth of both sides together")]
+    worn_volume: Annotated[float, Key("m³", "in the plane m²")]
+
+
 class Reaction(NamedTuple):
     """Reaction of a support, or of an elastic one, on its body."""
 

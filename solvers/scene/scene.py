@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, get_origin
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.geometry.builders import Builder
 from stickslip.geometry.errors import (
     LONGEST,
@@ -344,7 +344,8 @@ class Scene(Noun):
         expressions = self.expressions().items()
         moving = [place for place, found in expressions if found.in_time and place.table != "contacts"]
         jumps = any(self.sampled(place, 0.0).any() for place in moving)
-        return Timeline(self.drives(), self.steps.end, self.steps.count, self.expressions(), jumps, self.steps.clock)
+        steps = self.steps
+        return Timeline(self.drives(), steps.end, steps.count, self.expressions(), jumps, steps.clock, steps.cycle)
 
     def requested_times(self) -> tuple[float, ...]:
         """Times [s] at which results are asked for; see `Timeline.times`."""
@@ -425,6 +426,8 @@ class Scene(Noun):
             with mistakes, prefixed(f"contacts.{name}"):
                 if self.steps.clock is not None:
                     contact.check_clock()
+                if self.steps.cycle is not None:
+                    contact.check_cycle()
             for pair in contact.each(name, tuple(self.bodies)).values() if contact.along else ():
                 with mistakes, prefixed(f"contacts.{name}"):
                     contact.check_partner(self.obstacles.get(pair.partners[0]), self.steps.end, self.dim)
@@ -437,6 +440,8 @@ class Scene(Noun):
     def _check_rest(self, mistakes: Mistakes) -> None:
         with mistakes:
             self._check_expressions()
+        with mistakes:
+            self._check_cycle()
         with mistakes, prefixed("geometry"):
             self.geometry.refuse_too_large(self.request())
         for key, table in self._tables_by_key().items():
@@ -450,6 +455,21 @@ class Scene(Noun):
             with mistakes:
                 for name in asked:
                     require_known(key, name, known, "no such quantity")
+
+    def _check_cycle(self) -> None:
+        """Refuse a cycle that wears nothing, or that does not end where it began, but for the way slid."""
+        if (cycle := self.steps.cycle) is None:
+            return
+        wears = any(contact.wear is not None for contact in self.contacts.values())
+        require(wears, "steps.cycle", "given", "leave it out: no contact wears")
+        timeline, times = self.timeline(), np.linspace(cycle.from_, cycle.to, 9)
+        onward = [p for p, _ in self._varying() if p.quantity in ("slide", "slide_speed") and not p.component]
+        for place in (place for place, _ in self._varying() if place not in onward):
+            value = self.sampled if place in timeline.expressions else timeline.value
+            found = np.array([value(place, t) for t in times.tolist()])
+            same = np.abs(found[0] - found[-1]).max() <= ROUNDING * np.abs(found).max()
+            said = f"is not the same at both ends of steps.cycle, {cycle.from_:g} and {cycle.to:g} s"
+            require(bool(same), str(place), "changes", said)
 
     def _check_expressions(self) -> None:
         for place, expression in self.expressions().items():

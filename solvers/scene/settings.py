@@ -70,6 +70,22 @@ class Clock(Noun):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Cycle(Noun):
+    """One load cycle that stands for many: worn depth goes on in batches of cycles, and the last one is told."""
+
+    from_: Annotated[float, Key("s", "its beginning; the key is `from`")]
+    to: Annotated[float, Key("s", "its end, with the loads and motions of its beginning")]
+    repeat: Annotated[float, Key("-", "number of cycles that it stands for")]
+    error: Annotated[float, Key("-", "of worn depth, relative to the largest: one batch against two halves")] = 0.01
+
+    def __post_init__(self) -> None:
+        require(self.from_ >= 0, "from", self.from_, "must not be negative, in seconds")
+        require(self.to > self.from_, "to", self.to, "must be later than `from`")
+        require(self.repeat >= 1 and self.repeat % 1 == 0, "repeat", self.repeat, "must be a whole number from 1 on")
+        require(0 < self.error < 1, "error", self.error, "must lie between 0 and 1, for example 0.01")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Steps(Noun):
     """Equal steps in time; steps end exactly at these times, and at every time listed in a table."""
 
@@ -79,12 +95,18 @@ class Steps(Noun):
     clock: Annotated[
         Clock | None, Key("-", "steps by their error, of friction by rate and state; absent: `count` equal ones")
     ] = None
+    cycle: Annotated[Cycle | None, Key("-", "a part that stands for many load cycles, of wear; absent: none")] = None
 
     def __post_init__(self) -> None:
         require(self.end > 0, "end", self.end, "must be positive")
         require(SMALLEST <= self.end <= LARGEST, "end", self.end, f"must be from {SMALLEST:g} to {LARGEST:g} s")
         require(1 <= self.count <= 1_000_000, "count", self.count, "must be a whole number from 1 to 1000000")
         require(self.clock is None or self.count == 1, "count", self.count, "leave it out: the clock finds the steps")
+        if self.cycle is not None:
+            require(self.clock is None, "cycle", "given", "leave it out: a clock follows each cycle by itself")
+            require(
+                self.cycle.to <= self.end, "cycle.to", self.cycle.to, f"must not be later than the end, {self.end:g}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

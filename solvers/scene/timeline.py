@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,7 +14,7 @@ from stickslip.geometry.amplitude import Amplitude, listed_times, turns, value_a
 from stickslip.geometry.arrays import EXACT, Array
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.expression import Expression
-from stickslip.solvers.scene.settings import Clock
+from stickslip.solvers.scene.settings import Clock, Cycle
 
 
 class Place(NamedTuple):
@@ -48,15 +48,17 @@ class Timeline:
     expressions: Mapping[Place, Expression] = field(default_factory=dict)
     jumps: bool = False  # whether an expression is not zero at t = 0
     clock: Clock | None = None  # that finds the steps between requested times
+    cycle: Cycle | None = None  # a part that stands for many
 
     @cached_property
     def times(self) -> tuple[float, ...]:
-        """Requested times [s], increasing: equal steps, and every time that a table lists up to the end.
+        """Requested times [s], increasing: equal steps, every time that a table lists up to the end, ends of a cycle.
 
         t = 0 is requested only if a load or a motion is not zero there.
         """
         found = {self.end * (k + 1) / self.count for k in range(self.count)}
         found |= {t for a in self.amplitudes.values() for t in listed_times(a) if 0 < t <= self.end}
+        found |= {self.cycle.from_, self.cycle.to} - {0.0} if self.cycle else set()
         moving = [a for place, a in self.amplitudes.items() if place.table != "contacts"]
         if self.jumps or any(0.0 in listed_times(a) and value_at(a, 0.0, self.end) != 0 for a in moving):
             found.add(0.0)
@@ -98,6 +100,8 @@ class Course:
     def __init__(self, timeline: Timeline) -> None:
         self.timeline = timeline
         self.found: Mapping[Place, Amplitude] = {}  # values that a step finds, over its own time
+        self.batches: Sequence[float] = ()  # load cycles of each batch, as a run has found them; empty: to be found
+        self.halved = False  # whether batches, and steps of their cycles, are half as long
 
     def value(self, drive: Drive, time: float) -> float:
         """Value of a drive at `time` [s], in the unit of its key."""
@@ -117,3 +121,12 @@ class Course:
             yield
         finally:
             self.timeline = before
+
+    @contextmanager
+    def in_halves(self) -> Iterator[None]:
+        """Context in which batches of load cycles, and steps of their cycles, are half as long."""
+        self.halved = True
+        try:
+            yield
+        finally:
+            self.halved = False

@@ -26,7 +26,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.laws.law import touching
-from stickslip.solvers.laws.wear import PRESSED, SLID, WORN, Worn
+from stickslip.solvers.laws.wear import PRESSED, REPEAT, SLID, WORN, Worn
 from stickslip.solvers.newton import path
 from stickslip.solvers.newton.correction import ENOUGH
 
@@ -44,6 +44,11 @@ def no_memory(cone: AdmissibleSet) -> dict[str, Array]:
         keys = {WORN: True, SLID: c.friction is not None or asks["slip"], PRESSED: asks["pressure"]}
         found |= {f"{c.name}{key}": np.zeros(len(c.W_n)) for key, kept in keys.items() if kept}
     return found
+
+
+def repeats(memory: Memory) -> float:
+    """Number of load cycles that a step from it stands for."""
+    return float(memory.get(REPEAT, 1.0))
 
 
 def worn_depth(cone: AdmissibleSet, memory: Memory) -> Array:
@@ -71,7 +76,7 @@ def with_memory(
         if (worn := start.get(f"{c.name}{WORN}")) is not None:
             softness = None
             if step is not None:
-                path, slid = c.path(None, cone.time, step), memory.get(f"{c.name}{SLID}")
+                path, slid = repeats(start) * c.path(None, cone.time, step), memory.get(f"{c.name}{SLID}")
                 if slid is not None:
                     path = np.maximum(path, slid - start[f"{c.name}{SLID}"])
                 softness = path * c.wear_rate(cone.time, memory.get(f"{c.name}{PRESSED}"), slid)
@@ -111,7 +116,7 @@ class LawMemory:
             ways[rows.name] = length
             if (key := f"{rows.name}{WORN}") in self.start:
                 way, pressed = self.start.get(f"{rows.name}{SLID}"), self.start.get(f"{rows.name}{PRESSED}")
-                path = rows.path(None if way is None else length, self.cone.time, self.step)
+                path = repeats(self.start) * rows.path(None if way is None else length, self.cone.time, self.step)
                 if pressed is not None:
                     pressed = worn[f"{rows.name}{PRESSED}"] = np.maximum(p[place.normal], 0.0)
                 rate = rows.wear_rate(self.cone.time, pressed, None if way is None else way + path)
@@ -125,12 +130,13 @@ class LawMemory:
             slips: by contact, its length (m_t,) [m] at points that touch.
             ways: at all points: what wears does not jump where they part, for without pressure nothing wears.
         """
-        found = dict[str, Array]()
+        found = {key: self.start[key] for key in (REPEAT,) if key in self.start}
         for c in self.cone.contacts:
             if c.name in self.start and c.friction is not None:
                 found[c.name] = c.friction.after(self.start[c.name], slips[c.name], self.step)
             if (key := f"{c.name}{SLID}") in self.start:
-                found[key] = self.start[key] + c.path(ways[c.name], self.cone.time, self.step)
+                path = repeats(self.start) * c.path(ways[c.name], self.cone.time, self.step)
+                found[key] = self.start[key] + path
             if (key := f"{c.name}{PRESSED}") in self.start:
                 found[key] = np.zeros(len(c.W_n))
         return found

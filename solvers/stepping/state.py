@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from stickslip.geometry.arrays import EXACT, ROUNDING, Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.iteration import Correction
-from stickslip.solvers.scene.record import Energy, Event
+from stickslip.solvers.laws.wear import REPEAT
+from stickslip.solvers.scene.record import Batch, Energy, Event
 
 HALVINGS = 8  # a step is cut down to 1/256 before it is given up
 ENOUGH = 3  # easy substeps in a row after which the size doubles: if every second one is hard, a larger one would fail
@@ -114,7 +115,20 @@ class State:
     neighbours: tuple[State, ...] = ()  # with other numbers in the scene, see `sensitivity`; empty: nobody asks
     events: tuple[Event, ...] = ()  # that ended in the step to this state, see `stepping/clock`
     running: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)  # by contact, how its event began
+    batches: tuple[Batch, ...] = ()  # of load cycles in the step to this state, see `stepping/cycles`
     peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded
+
+    def again(self, time: float, cycles: float) -> State:
+        """This state at another time [s], at which loads are the same; steps from it stand for so many load cycles."""
+        memory = {key: value for key, value in self.memory.items() if key != REPEAT}
+        return replace(
+            self,
+            time=time,
+            memory=memory if cycles == 1 else memory | {REPEAT: np.array(cycles)},
+            previous=None,
+            refined=self.refined and self.refined.again(time, cycles),
+            neighbours=tuple(each.again(time, cycles) for each in self.neighbours),
+        )
 
     def ahead(self, time: float, turns: Iterable[float]) -> Array:
         """Tractions (rows,) [Pa] extrapolated to a later time [s]; the state's own if a load or motion turns here.

@@ -12,6 +12,7 @@ from stickslip.solvers.iteration import Convergence
 from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.stepping.certificate import certified, with_others
 from stickslip.solvers.stepping.clock import ClockLoop
+from stickslip.solvers.stepping.cycles import CycleLoop
 from stickslip.solvers.stepping.halving import Halving
 from stickslip.solvers.stepping.history import History, HistoryRow, OnIteration, count_iterations
 from stickslip.solvers.stepping.method_chain import MethodChain
@@ -116,7 +117,14 @@ class Stepper(SubstepSolver):
             self.system, self.chain, (certified, with_others, self._accompanied, *filter(None, [self.neighbours]))
         )
         clock = ClockLoop(self, self.clock, pauses)
-        loops: tuple[Loop, ...] = (Methods(self.chain), pairs, halving, clock, self.bolts)  # inside out
+        loops: tuple[Loop, ...] = (
+            Methods(self.chain),
+            pairs,
+            halving,
+            clock,
+            self.bolts,
+            CycleLoop(self),
+        )  # inside out
 
         def innermost(state: State, end: float) -> Attempt:
             return pairs.present.solve(state, end)

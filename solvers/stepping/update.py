@@ -14,7 +14,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.wear import WORN
 from stickslip.solvers.scene.record import Energy
-from stickslip.solvers.stepping.law_memory import LawMemory, Memory, no_memory
+from stickslip.solvers.stepping.law_memory import LawMemory, Memory, no_memory, repeats
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.system import System
 
@@ -192,6 +192,12 @@ def new_state(
     external, contact = external - by_gaps, contact - by_gaps
     slipping = W * p * (w - problem.gap - cone.give(p))
     dissipated = np.array([slipping[place.tangential].sum() for place in cone.places])
+    if surplus is not None:
+        external, contact = external + surplus.external, contact + surplus.contact
+        dissipated += [surplus.friction[c.name][1] if c.name in surplus.friction else 0.0 for c in contacts]
+    repeat = repeats(old.memory)  # so many cycles rub as often
+    again = (repeat - 1) * float(dissipated.sum())
+    external, contact, dissipated = external + again, contact + again, repeat * dissipated
     lasting = LawMemory(replace(cone, contacts=contacts).at(time), old.memory, time - old.time)
     memory = lasting.after(problem, p, w) if memory is None else memory
     for k, place in enumerate(lasting.cone.places if memory else ()):
@@ -199,11 +205,8 @@ def new_state(
         if (worn := f"{name}{WORN}") in memory:  # what the pressure does to what wears away is lost
             dissipated[k] += W[place.normal] * p_n @ (memory[worn] - old.memory[worn])
         if law is not None and name in memory:  # what drives it brings the work
-            beside = float(place.rows.W_t @ law.work_aside(p_n, place.average, memory[name], lasting.step))
+            beside = repeat * float(place.rows.W_t @ law.work_aside(p_n, place.average, memory[name], lasting.step))
             external, contact, dissipated[k] = external + beside, contact + beside, dissipated[k] + beside
-    if surplus is not None:
-        external, contact = external + surplus.external, contact + surplus.contact
-        dissipated += [surplus.friction[c.name][1] if c.name in surplus.friction else 0.0 for c in contacts]
     energy = Energy(
         external=old.energy.external + external,
         stored=stored + system.initial.stored(initial, initial_work),

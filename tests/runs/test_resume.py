@@ -53,6 +53,11 @@ CLOCK = [
     "supports.top.displacement.x=[[0,0],[1,0],[1.2,0.01],[1.4,0.02],[1.7,0.03],[2,0.05]]",
     "steps={end=2.0,clock={error=1e-5,smallest=1e-9,largest=0.1}}",
 ]
+CYCLE = [
+    "contacts.base.wear.k=0.05",
+    "supports.top.displacement={x=[[0,0],[1,0.01],[1.5,-0.01],[2,0.01]],y=[[0,0],[1,-0.1]]}",
+    "steps={end=2.0,count=4,cycle={from=1.0,to=2.0,repeat=8,error=0.1}}",
+]
 HISTORIES = {
     "hysteresis": ("hysteresis", HYSTERESIS),
     "condensed-newton": ("block", [*SMALL, "solver.method=condensed-newton"]),
@@ -86,13 +91,14 @@ HISTORIES = {
     "clock": ("block", [*SMALL, *CLOCK]),
     "friction by slip": ("stick_slip", ["geometry.mesh_size=0.025", "output.pictures=false", "steps.count=6"]),
     "wear": ("block", [*SMALL, "contacts.base.wear.k=0.05", "contacts.base.slide=[[0,0],[1,0],[2,0.01]]"]),
+    "cycle": ("block", [*SMALL, *CYCLE]),
     "orthotropic": ("spruce", ["geometry.mesh_size=0.012", "output.pictures=false", "steps.count=6"]),
     "springs of one way": ("block", [*SMALL, STOP, "solver.method=condensed-newton"]),
     "floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"]),
 }
 QUICK = (
     *("springs of one way", "substeps", "friction by slip", "friction by slip rate", "tangent-cg"),
-    *("surface-uzawa", "sliding", "block-uzawa, compliance", "wear", "clock"),
+    *("surface-uzawa", "sliding", "block-uzawa, compliance", "wear", "clock", "cycle"),
 )
 WITHOUT_ERRORS = ("springs of one way", "friction by slip")  # others are resumed with them
 EACH = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in HISTORIES]
@@ -132,7 +138,7 @@ def test_every_method_goes_on_to_the_same_bits(name: str, tmp_path: Path) -> Non
     ready, words = HISTORIES[name]
     scene = read(ready, [*words, f"output.error={'false' if name in WITHOUT_ERRORS else 'full'}"])
     _, content = run(scene, tmp_path / "whole")
-    assert (max(step["substeps"] for step in content["steps"]) > 1) == (name in ("substeps", "clock"))
+    assert (max(step["substeps"] for step in content["steps"]) > 1) == (name in ("substeps", "clock", "cycle"))
     outcome, _ = run(scene, tmp_path / "out", Watch(on_step=Stop(3)))
     assert (outcome.status, len(result(tmp_path / "out")["steps"])) == ("interrupted", 3)
     outcome, _ = run(scene, tmp_path / "out", resume=True)

@@ -1,6 +1,8 @@
 """Wear: columns, an annulus and a roller that slide and wear, against their implicit rule and published figures."""
 
 from dataclasses import asdict
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from stickslip.solvers.stepping import halving
 from stickslip.solvers.stepping.law_memory import LawMemory
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.warnings import wears_too_fast
-from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.scene_file.read import from_dict, to_dict, with_keys
 
 E, NU, PRESS, K = 1000.0, 0.3, 0.01, 1e-4
 M = E * (1 - NU) / ((1 + NU) * (1 - 2 * NU))  # of a confined column
@@ -45,7 +47,8 @@ def solved(scene: Scene) -> tuple[list[stickslip.StepResult], Audit]:
     simulation = prepare(scene)
     steps = list(simulation.steps())
     auditor, records = Auditor(simulation.problem, simulation.mesh), [record_of(step) for step in steps]
-    audits = [auditor(record, before) for record, before in zip(records, [None, *records], strict=False)]
+    pairs = zip(steps, records, [None, *records], strict=False)
+    audits = [auditor(record, before if step.substeps == 1 else None) for step, record, before in pairs]
     return steps, Audit(**{key: found or 0.0 for key, found in Audit.worst(audits).items()})
 
 
@@ -358,3 +361,85 @@ def test_fretting_wears_until_only_what_sticks_presses() -> None:
     assert pole.wear is not None
     assert pole.wear[pole.status == STICK].max() < 0.1 * pole.max_wear
     sound(audit)
+
+
+CLOCK = {"error": 1e-3, "smallest": 1e-6, "largest": 1.0}
+WEAKENS = {"law": "slip_dependent", "mu": [[0, 0.5], [1, 0.3]]}
+
+
+def cycled(repeat: float, far: float, error: float = 0.05, **tables: Any) -> Scene:
+    """The column in two steps a cycle, in each of which it slides so far, under its drive or under 2 Pa."""
+    base = {"slide": [[0, 0], [1, 0], [2, far]], "wear": {"k": K}} | tables.pop("base", {})
+    scene = column(1, base=base, **tables)
+    cycle = {"from": 1.0, "to": 2.0, "repeat": repeat, "error": error}
+    return with_keys(scene, {"steps": {"end": 2.0, "count": 4, "cycle": cycle}})
+
+
+@pytest.mark.parametrize("repeat", [2, 3, 1_000_000])
+def test_a_cycle_under_a_force_wears_by_k_p_s_times_its_number(repeat: int) -> None:
+    press = {"press": {"boundary": "block.top", "pressure": [[0, 0], [1, 2.0]]}}
+    rubs = {"friction": {"law": "coulomb", "mu": 0.3}}
+    steps, audit = solved(cycled(repeat, 5.0 / repeat, base=rubs, supports=WALLS, loads=press))
+    base = steps[-1].contacts["base"]
+    assert_allclose([base.max_wear, base.worn_volume], K * 2.0 * 5.0, rtol=1e-9)
+    assert_allclose(steps[-1].energy.dissipation, 2.0 * (0.3 * 5.0 + base.max_wear), rtol=1e-9)
+    assert_allclose(steps[-1].energy.external, steps[-1].energy.stored + steps[-1].energy.contact, rtol=1e-12)
+    batches = steps[2].batches
+    assert batches[-1].cycles == repeat - 1
+    assert_allclose([b.max_wear for b in batches], [K * 2.0 * 5.0 * b.cycles / repeat for b in batches], rtol=1e-9)
+    assert len(batches) < 4 + 2 * np.log(repeat) / np.log(4)  # nothing limits them but their growth
+    sound(audit)
+
+
+def test_cycles_of_a_held_column_go_by_batches_of_a_stated_error() -> None:
+    simulation = prepare(cycled(10_000, 1e-3))
+    steps = list(simulation.steps())
+    cycles = np.diff([0.0, *(batch.cycles for batch in steps[2].batches), 1e4])
+    found, exact = steps[-1].contacts["base"], M * PRESS * np.exp(-K * M * 10.0)
+    assert_allclose(found.max_pressure, M * PRESS / np.prod(1 + K * M * 1e-3 * cycles / 2) ** 2, rtol=1e-9)
+    assert abs(found.max_wear - (PRESS - exact / M)) < 0.05 * found.max_wear
+    *_, errors = simulation.errors(steps)
+    for key, off in (("max_pressure", found.max_pressure - exact), ("max_wear", found.max_wear - PRESS + exact / M)):
+        stated = errors[Quantity("contacts", "base", key)].total
+        assert stated is not None
+        assert 0.9 * abs(off) < stated < 1.6 * abs(off)  # batches and steps are both halved: a quarter is left
+
+
+def test_a_cycle_that_stands_for_itself_changes_nothing() -> None:
+    one, plain = (
+        list(prepare(scene).steps())
+        for scene in (cycled(1, 3.0), with_keys(cycled(1, 3.0), {"steps": {"end": 2.0, "count": 4}}))
+    )
+    assert (one[-1].p == plain[-1].p).all()
+    assert one[-1].contacts["base"].max_wear == plain[-1].contacts["base"].max_wear
+
+
+@pytest.mark.parametrize(
+    ("cycle", "tables", "said"),
+    [
+        ({"repeat": 1.5}, {}, r"steps\.cycle\.repeat = 1\.5: must be a whole number from 1 on"),
+        ({"to": 1.0}, {}, r"steps\.cycle\.to = 1\.0: must be later than `from`"),
+        ({"to": 3.0}, {}, r"steps\.cycle\.to = 3\.0: must not be later than the end, 2"),
+        ({"error": 0.0}, {}, r"steps\.cycle\.error = 0\.0: must lie between 0 and 1"),
+        ({"from": 0.5}, {}, r"supports\.top\.displacement\.y = changes: is not the same at both ends of steps\.cycle"),
+        ({}, {"steps.clock": CLOCK, "steps.count": 1}, r"steps\.cycle = given: .*a clock follows each cycle by itself"),
+        ({}, {"contacts.base.wear": None}, r"steps\.cycle = given: leave it out: no contact wears"),
+        (
+            {},
+            {"contacts.base.slide": None, "contacts.base.friction": WEAKENS},
+            r"contacts\.base\.friction\.law = slip_dependent: changes from cycle to cycle; leave out steps\.cycle",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_no_load_cycle_is_refused_in_a_line(cycle: dict[str, Any], tables: dict[str, Any], said: str) -> None:
+    whole = to_dict(cycled(10, 1.0))
+    whole["steps"]["cycle"] |= cycle
+    for key, value in tables.items():
+        *path, last = key.split(".")
+        table = reduce(getitem, path, whole)
+        table |= {last: value}
+        if value is None:
+            del table[last]
+    with pytest.raises(SceneError, match=said) as refused:
+        from_dict(whole)
+    assert "\n" not in str(refused.value)

@@ -49,7 +49,8 @@ class Level:
             geometry = replace(geometry, order=self.order)
         clock, n = scene.steps.clock, self.splits
         finer = {"count": scene.steps.count * n} if clock is None else {"clock": replace(clock, error=clock.error / n)}
-        steps = replace(scene.steps, **finer)
+        cycle = scene.steps.cycle and replace(scene.steps.cycle, error=scene.steps.cycle.error / n)
+        steps = replace(scene.steps, cycle=cycle, **finer)
         solver = scene.solver if self.tolerance is None else replace(scene.solver, tolerance=self.tolerance)
         return replace(scene, geometry=geometry, steps=steps, solver=solver)
 

@@ -43,7 +43,7 @@ from stickslip.solvers.results.step_result import (
 )
 from stickslip.solvers.results.verdict import limits
 from stickslip.solvers.scene.problem import PlanRow
-from stickslip.solvers.scene.record import Event, RecordType, numbers_of
+from stickslip.solvers.scene.record import Batch, Event, RecordType, numbers_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.choice import Stage
@@ -123,6 +123,7 @@ def summary(
             for step, each, audit in zip(steps, errors or nothing, audits or nothing, strict=True)
         ],
         "events": [event._asdict() for step in steps for event in step.events],
+        "cycles": [batch._asdict() for step in steps for batch in step.batches],
         "counters": {
             "unknowns": {
                 "displacement": simulation.system.constraints.free_total,
@@ -244,6 +245,7 @@ def _result() -> Any:
         "plan": list[PlanRow],
         "steps": LIST[_reported_step()],
         "events": Annotated[list[Event], Key("", "that a clock has found")],
+        "cycles": Annotated[list[Batch], Key("", "batches of load cycles that `steps.cycle` has found")],
         "counters": _table("Counters", counted, "What the run has done so many times."),
         "audit": Annotated[Audit | None, Key("", "the largest defects of all steps")],
         "verdict": _table("Verdict", judged) | None,

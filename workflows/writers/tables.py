@@ -24,7 +24,7 @@ from stickslip.solvers.results.step_result import (
     total_errors,
     values,
 )
-from stickslip.solvers.scene.record import ContactNumbers, Event, ProbeValue, flat_names, numbers_of
+from stickslip.solvers.scene.record import Batch, ContactNumbers, Event, ProbeValue, flat_names, numbers_of
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.history import HistoryTuple
 from stickslip.workflows.formats.contact_line import walk
@@ -40,7 +40,7 @@ from stickslip.workflows.formats.csv_tables import (
 from stickslip.workflows.formats.files import disk_errors
 from stickslip.workflows.writers.writer import Ended, Turn, Writer
 
-PROBES, HISTORY, EVENTS = "probes.csv", "history.csv", "events.csv"
+PROBES, HISTORY, EVENTS, CYCLES = "probes.csv", "history.csv", "events.csv", "cycles.csv"
 OF_HISTORY = ("step", "time", "iteration", "residual", "volume_solves", "seconds", "method")  # see `HistoryRow`
 
 
@@ -159,6 +159,20 @@ class EventsTable(TableWriter):
     def tables(self, index: int, result: StepResult) -> Iterator[Table]:
         axes = [f"place_{axis}" for axis in "xyz"[: self.job.mesh.points.shape[1]]]
         yield Table(EVENTS, [*Event._fields[:-1], *axes], [(*event[:-1], *event.place) for event in result.events])
+
+
+class CyclesTable(TableWriter):
+    """cycles.csv: one row a contact and batch of load cycles: how it wears from cycle to cycle."""
+
+    @classmethod
+    def wanted(cls, scene: Scene) -> bool:
+        return scene.steps.cycle is not None
+
+    def names(self) -> list[str]:
+        return [CYCLES]
+
+    def tables(self, index: int, result: StepResult) -> Iterator[Table]:
+        yield Table(CYCLES, [*Batch._fields], [*result.batches])
 
 
 class StepsTable(TableWriter):
