@@ -42,7 +42,7 @@ LIMITS = {  # what the house may weigh; a limit is lowered when the house got li
     ("outside tests", "constants"): 742,
     ("tests", "gross"): 50_243,
 }
-IMPORTS, DOCSTRINGS = 0.116, 0.259  # lines per net line outside tests: no more imports, no fewer docstrings
+IMPORTS, DOCSTRINGS = 0.116, 0.26  # lines per net line outside tests: no more imports, no fewer docstrings
 UFL = ("elastic_energy", "contact_forms", "mean_dilatation", "forms")
 FORMS = tuple(f"solvers/fem/{name}.py" for name in UFL)  # where UFL is written
 
