@@ -25,15 +25,14 @@ MODULI = ("E", "E_1", "E_2", "E_3")  # keys of Young's moduli
 
 
 def ready(name: str) -> Tables:
-    """A ready scene on a coarser mesh, cut after its first `CORNERS` listed times."""
+    """A ready scene on a coarser mesh, cut after its first `CORNERS` listed times, or a part as small of a clock's."""
     tables = to_dict(read(name))
     for key in sizes(tables):
         tables["geometry"][key] *= COARSER
     tables["output"]["pictures"] = False
     steps, times = tables["steps"], corners(tables)[:CORNERS]
     steps["count"] = max(1, min(COUNT, round(steps["count"] * times[-1] / steps["end"])))
-    if times[-1] < steps["end"]:
-        steps["end"] = times[-1]
+    steps["end"] = steps["end"] / CORNERS if steps.get("clock") else min(times[-1], steps["end"])
     return tables
 
 
