@@ -45,6 +45,7 @@ def quick(scene: Scene, rung: Rung, seconds: float) -> Run:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_two_meshes_are_compared_and_told(call: Call, folder: Path) -> None:
     """Level -4 of a 4 x 2 block is two cells: whatever the machine, two meshes of it fit."""
     words = [*SMALL, "--quantity", "base.normal_force", "--quantity", "energy.stored"]

@@ -160,6 +160,7 @@ def test_it_is_combined_with_a_law_that_remembers_slip() -> None:
     assert_allclose(V + below / 0.25, 0.2, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_errors_of_the_time_steps_are_of_the_size_of_the_true_ones() -> None:
     """The drag gets faster and faster: a step has the mean of its speeds."""
     path = [[t, 0.1 * max(t - 1.0, 0.0) ** 2] for t in np.linspace(0.0, 2.0, 41)]
