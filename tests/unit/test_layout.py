@@ -40,7 +40,7 @@ LIMITS = {  # what the house may weigh; a limit is lowered when the house got li
     ("product", "gross"): 65_003,
     ("product", "small"): 59,
     ("outside tests", "constants"): 742,
-    ("tests", "gross"): 50_243,
+    ("tests", "gross"): 50_245,
 }
 IMPORTS, DOCSTRINGS = 0.116, 0.26  # lines per net line outside tests: no more imports, no fewer docstrings
 UFL = ("elastic_energy", "contact_forms", "mean_dilatation", "forms")
