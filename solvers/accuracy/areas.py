@@ -118,9 +118,8 @@ class _Inside:
         corners = len({"interval": "12", "triangle": "123", "quadrilateral": "1234"}[side.shape])
         self._side = side
         cut = np.concatenate([side.facets[:, :corners][:, list(part)] for part in PARTS[side.shape]])
-        self._cut = cut[
-            (contact.weight[cut] > 0).all(axis=1)
-        ]  # a periodic twin, what faces nothing: no node is outside
+        faces = contact.weight > 0  # not of a periodic twin, nor of what faces nothing: these are not outside
+        self._cut = cut[faces[cut].all(axis=1)]
         squares = self._squares(contact)
         self._levels = [self._level(f) for f in squares]
         self._sizes = [self._above(f, level) for f, level in zip(squares, self._levels, strict=True)]
