@@ -14,7 +14,7 @@ from mpi4py import MPI
 from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array, Bools, Ints, products
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Vec
-from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.interface.flexibility import DelassusOperator, Load
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import MemoisedMap
@@ -48,6 +48,8 @@ class TangentCG(Method):
     What stops it is the natural residual, and the error in the energy norm, (r . z)^(1/2), r the tangent residual and z
     the direction, relative to the displacement.
 
+    Where points touch that close within the step is found again once the error is a small part of its last change.
+
     Source: truncated multigrid: Kornhuber, Numer. Math. 69 (1994); Gräser & Kornhuber, J. Comput. Math. 27 (2009).
     """
 
@@ -71,12 +73,14 @@ class OnTangent(Ready):
         held: numbers of the coordinates that multigrid holds; None: of all slave nodes.
         coarse: motions that are added to the iteration, made when they are needed.
         moved: free displacements (owned,) of about the last step: under loads that grow they are most of the next.
+        latest: load and solution (owned,) of the last one: with other laws or gaps the next is near, if the load stays.
         scale: from forces to about the displacement (c,) under them, by a multigrid cycle; the surface has it too.
     """
 
     held: Ints | None
     coarse: CoarseMotions | None
     moved: Array | None
+    latest: tuple[Load, Array] | None
     scale: MemoisedMap
 
     def __init__(self, method: TangentCG, setup: Setup, before: OnTangent | None = None) -> None:
@@ -96,7 +100,7 @@ class OnTangent(Ready):
             lambda f: read(guess(f)), len(surface.volume.contact.rows), before.scale if before else None
         )
         surface.guess = self.scale  # which does not know the surface: in a circle both would outlive their user
-        self.moved, self.coarse = before.moved if before else None, None
+        self.moved, self.latest, self.coarse = before.moved if before else None, None, None
         if before is not None and before.coarse is not None:
             self.make_coarse()
 
@@ -129,12 +133,15 @@ class OnTangent(Ready):
         """Solve one step from displacement u [m] of all dofs; see `SameEveryStep`; collective."""
         operator, iteration = self.operator, Iteration(self, problem, u)
         start = iteration.v.copy()
-        if self.moved is not None:
+        if self.latest is not None and self.latest[0] is problem.load:
+            iteration.go_to(self.latest[1])
+        elif self.moved is not None:
             again = operator.coordinates_of(self.moved)
             iteration.earlier = [(again, operator.product(again))]
         solution = iteration.solve(on_step)
         if solution.status is Status.CONVERGED:
             self.moved = operator.displacement(iteration.v - start).array_r.copy()
+            self.latest = problem.load, iteration.v
         return solution
 
     def apart(self, u: Vec, drop: float) -> Solve:
@@ -195,9 +202,8 @@ class Iteration:
             u: displacement of all dofs to start from [m].
             drop: share of the first error and residual that is small enough, too; multigrid then stays as it is.
         """
-        self.ready, self.problem, self.operator, self.drop = ready, problem, ready.operator, drop
-        self.faces = CompliantFaces(self.operator, ready.coordinates, problem)
-        self.points = ContactPoints(self.operator, ready.coordinates, problem, self.faces)
+        self.ready, self.operator, self.drop = ready, ready.operator, drop
+        self._pose(problem)
         system, time = ready.system, problem.cone.time
         self.v = self.operator.coordinates(system.free_part(u, time))
         self.f = self.operator.forces(problem.load.f_q)
@@ -215,6 +221,29 @@ class Iteration:
             forces, free = system.K * u_s, system.T.createVecRight()
             system.T.multTranspose(forces, free)
             self.pull, self.stored = self.f + 2 * self.operator.forces(free), float(forces.dot(u_s))
+        # of the displacement at the start: smaller ones are measured against it, for a full release leaves none
+        self.least = SLIGHT * self._size()
+
+    def go_to(self, v: Array) -> None:
+        """Start from other coordinates v (owned,) [m]; collective."""
+        self.v, self.g = v.copy(), self.f - self.operator.product(v)
+        self.pressed = self.faces.pressed(self.v)
+
+    def _pose(self, problem: SurfaceProblem) -> None:
+        """Take the laws and gaps of a problem; collective."""
+        self.problem = problem
+        self.faces = CompliantFaces(self.operator, self.ready.coordinates, problem)
+        self.points = ContactPoints(self.operator, self.ready.coordinates, problem, self.faces)
+
+    def _follow_touch(self, tangent: Tangent) -> float:
+        """Count slip from where points touch now; the change, relative to all motion, 0: they stay; collective."""
+        problem = self.problem
+        assert problem.touch is not None
+        gap = problem.touch(*self._tractions(tangent), problem.gap)
+        if gap is problem.gap:
+            return 0.0
+        self._pose(replace(problem, gap=gap))
+        return float(np.abs(gap - problem.gap).max()) / problem.u_ref
 
     def solve(self, on_step: OnStep) -> Solution:
         """Iterate until the error that is expected is small enough; collective."""
@@ -225,9 +254,7 @@ class Iteration:
     def _iterates(self) -> Iterator[Iterate]:
         """Yield relative errors in the energy norm, as they are estimated, and at the end the natural residual."""
         operator, rtol, natural = self.operator, self.ready.method.rtol, self.ready.method.rtol
-        expected, slow = np.inf, 0
-        # of the displacement at the start: smaller ones are measured against it, for a full release leaves none
-        least = SLIGHT * self._size()
+        expected, slow, touch = np.inf, 0, 1.0 if self.problem.touch else 0.0
         first = 1 if self.earlier else 0  # residual that counts: a good guess is no contraction
         residuals: list[float] = []
         for k in count():
@@ -236,8 +263,13 @@ class Iteration:
             r = self._residual(tangent)
             if k == 0 and self.drop:
                 natural = max(natural, self.drop * self._natural(tangent))
-            size = max(self._size(), least)
+            size = max(self._size(), self.least)
             self.expected = expected * size
+            if touch and expected <= max(rtol, SLIGHT * touch):
+                touch = min(touch, self._follow_touch(tangent))
+                trial = self._relax()
+                self.reached = trial, (tangent := self._tangent(trial))
+                r, expected, residuals = self._residual(tangent), np.inf, residuals[-1:]
             if expected <= rtol and (residual := self._natural(tangent)) <= natural:
                 yield Iterate(k, residual, enough=True)
             z, K_z = self._direction(tangent, r)
@@ -462,7 +494,7 @@ class Iteration:
             size = float(np.hypot(own.size, share * before.size))
             return Correction(own.p + share * before.p, own.w + w_kept, size)
 
-        return replace(found, p=p, w=w, u_c=u_c, correct=correct)
+        return replace(found, p=p, w=w, u_c=u_c, correct=correct, gap=problem.gap if problem.touch else None)
 
 
 def _contractions(residuals: list[float]) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from scipy import sparse
 
-from stickslip.geometry.arrays import CLOSE, HALF_DIGITS, Array
+from stickslip.geometry.arrays import CLOSE, HALF_DIGITS, SLIGHT, Array
 from stickslip.solvers.interface.limit_analysis import Mechanism, balancing_tractions
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -17,7 +17,6 @@ from stickslip.solvers.iteration import QUICK, Driver, Iterate, OnStep, Solution
 from stickslip.solvers.newton.active_set import ActiveSet, linearise
 
 HALVINGS = 12  # of a step
-DECREASE = 1e-3  # share of a step by which the merit must fall
 
 
 @dataclass
@@ -38,7 +37,7 @@ class LineSearch:
         tried: list[tuple[float, float]] = []
         for t in 0.5 ** np.arange(HALVINGS):
             merit = self._merit(p + t * (p_new - p), w + t * (w_new - w))
-            if merit <= (1 - DECREASE * t) * allowed:
+            if merit <= (1 - SLIGHT * t) * allowed:
                 return float(t)
             tried.append((merit, float(t)))
         return min(tried)[1]

@@ -8,15 +8,20 @@ from their slip by one dense product. These give rates, f(V, theta) p_n + eta V 
 A point that opens, or closes, ends a stretch; then tractions are those of other points. Before anything presses a step
 is solved like any other. Dissipation is integrated too, and what drives the bodies has brought it and what they store.
 
-Source: Dormand & Prince, J. Comput. Appl. Math. 6 (1980), of the pair, by `scipy.integrate.RK45`; Lapusta et al., J.
-Geophys. Res. 105 (2000), of steps that follow the slip; Erickson et al., Seismol. Res. Lett. 91 (2020), of problems.
+Where steps are as long as stability allows for as many in a row as there are unknowns, the system is stiff, and an
+implicit pair goes on: bodies that are much stiffer than friction slide as they are driven, in steps of any size.
+
+Source: Dormand & Prince, J. Comput. Appl. Math. 6 (1980), of the pair, by `scipy.integrate.RK45`; Hairer & Wanner,
+Solving Ordinary Differential Equations II, Springer (1996), of stiffness and of the implicit pair, by
+`scipy.integrate.Radau`; Lapusta et al., J. Geophys. Res. 105 (2000), of steps that follow the slip; Erickson et al.,
+Seismol. Res. Lett. 91 (2020), of problems.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -24,12 +29,13 @@ from scipy import sparse
 from scipy.linalg import inv
 from scipy.optimize import brentq
 
-from stickslip.geometry.arrays import EPS, EXACT, TINY, Array, Bools
+from stickslip.geometry.arrays import EPS, EXACT, HALF_DIGITS, TINY, Array, Bools
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Correction, Solution, Status
 from stickslip.solvers.laws.rate_and_state import RateAndStateByPoint
+from stickslip.solvers.newton.surface_model import DENSE
 from stickslip.solvers.scene.record import Energy, Event
 from stickslip.solvers.scene.settings import Clock
 from stickslip.solvers.stepping.law_memory import with_memory
@@ -37,6 +43,7 @@ from stickslip.solvers.stepping.state import State, StepControl
 from stickslip.solvers.stepping.substep import Attempt, Substep, SubstepSolver, unsolved
 
 SETTLING = 50  # changes of the points that touch at one time, at the most
+STABLE = 2.9  # times the largest decay: a step of the pair that stability holds back keeps within this and 3.7
 ROUGHEST = 100 * EPS  # relative error that the pair takes as the least, of slips that are long beside Dc
 
 
@@ -92,15 +99,26 @@ class _Flow:
 
 
 @cache
-def _pair() -> Any:
-    """The embedded pair, whose error is the largest of all entries, not their mean."""
-    from scipy.integrate import RK45  # late: it loads much else
+def _pairs() -> tuple[Any, Any]:
+    """The embedded pair, whose error is the largest of all entries, not their mean; and one of stiff systems."""
+    from scipy.integrate import RK45, Radau  # late: they load much else
 
     class Pair(RK45):  # type: ignore[misc]  # scipy has no types
         def _estimate_error_norm(self, K: Array, h: float, scale: Array) -> float:
             return float(np.abs(self._estimate_error(K, h) / scale).max())
 
-    return Pair
+        def is_stiff(self) -> bool:
+            """Whether the last step was as long as stability allows, by its last two stages, which lie at one time."""
+            apart = self.y - self.y_old - self.step_size * (self.K[:5].T @ self.A[5])
+            turns = self.step_size * (self.K[6] - self.K[5])
+            return bool(np.linalg.norm(turns / self.atol) > STABLE * np.linalg.norm(apart / self.atol))
+
+    class StiffPair(Radau):  # type: ignore[misc]
+        def is_stiff(self) -> bool:
+            """It does not matter."""
+            return False
+
+    return Pair, StiffPair
 
 
 class _March:
@@ -167,8 +185,7 @@ class _March:
         while time < self._target:
             if not self._settles(time, y, closed):
                 return _given_up(self._solver, self._start, time, "points open and close without end")
-            pair = _pair()(self._rates, time, y, self._target, clock.largest, ROUGHEST, allowed,
-                         first_step=min(size, self._target - time))  # fmt: skip
+            pair, stiff = self._pair(False, time, y, allowed, size), 0
             while time < self._target and (self._shut(time) == self._closed).all():
                 tried = pair.h_abs
                 with np.errstate(all="ignore"):  # of what is tried and not taken
@@ -184,10 +201,40 @@ class _March:
                 self._solver.chain.history.tick(time, steps, self._solver.system.counters.volume_solves)
                 size = max(pair.h_abs, tried) if pair.status == "finished" else pair.h_abs
                 changes = [self._notice(flow, pair) for flow in self._flows]
+                stiff = stiff + 1 if pair.is_stiff() else 0
+                if stiff > len(y) and len(y) <= DENSE and time < self._target:  # an implicit step costs as much
+                    pair = self._pair(True, time, y, allowed, size)
                 if (self._pauses and any(changes)) or steps >= self._most:
                     return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
             closed = self._shut(time)
         return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
+
+    def _pair(self, stiff: bool, time: float, y: Array, allowed: Array, size: float) -> Any:
+        """What integrates from a time on.
+
+        Args:
+            stiff: whether by an implicit pair, which no stability holds back, at the price of a dense matrix.
+            time: where it begins [s].
+            y: what it begins with, see `_rates`.
+            allowed: errors of its entries in a step.
+            size: of the first step [s].
+        """
+        make = partial(_pairs()[stiff], self._rates, time, y, self._target, self._clock.largest, ROUGHEST,
+                       first_step=min(size, self._target - time))  # fmt: skip
+        if not stiff:
+            return make(allowed)
+        changes = HALF_DIGITS * np.diag(np.where(np.isinf(allowed), 0.0, np.maximum(np.abs(y), allowed)))
+
+        def slopes(time: float, y: Array) -> Array:
+            """d(dy/dt)/dy, by differences; the tractions stay."""
+            kept, rates, J = self._p, self._rates(time, y), np.zeros(changes.shape)
+            for k, change in enumerate(changes[: self._works]):
+                J[:, k] = (self._rates(time, y + change) - rates) / change[k]
+            self._p = kept
+            return J
+
+        allowed = allowed / np.sqrt(len(y))  # its error is a mean
+        return make(allowed, jac=slopes)
 
     def _notice(self, flow: _Flow, pair: Any) -> bool:
         """Note whether an event of a contact begins or ends in the last step.

@@ -135,6 +135,7 @@ class PairSearch:
         self._solver.widen(system)
         other = SubstepSolver(system, self._solver.chain)
         other.surface.adopt(self._solver.surface)
+        other.bolts = self._solver.bolts
         self._solver.latest = {**searched, **_lists(system)}, other
         return other
 

@@ -108,9 +108,9 @@ class AtOnce(Protocol):
     """Another way to solve a posed problem, with more unknowns at once; see `tightening`."""
 
     def at_once(
-        self, solver: SubstepSolver, problem: SurfaceProblem, u_s: Vec, state: State, p: Array, on_step: OnStep
-    ) -> tuple[Solution, SurfaceProblem] | None:
-        """The solution, and the problem with what was found; None: not this way; collective."""
+        self, solver: SubstepSolver, problem: SurfaceProblem, state: State, p: Array, on_step: OnStep
+    ) -> tuple[Solution | None, SurfaceProblem]:
+        """The solution, None: not this way; and the problem with what was found; collective."""
 
 
 class Companion(Protocol):
@@ -186,7 +186,7 @@ class SubstepSolver:
                 nothing = replace(tried.solution, p=start, status=Status.NO_EQUILIBRIUM)
                 nothing = replace(nothing, u_c=mechanism.motion, lacking=mechanism.lacking)
                 return replace(tried, solution=nothing, problem=problem)
-            solution, problem = self._solved(problem, u_s, state, start, on_step)
+            solution, problem = self._solved(problem, state, start, on_step)
             tried = replace(tried, solution=solution, problem=problem)
             if solution.status is not Status.CONVERGED:
                 return tried
@@ -235,17 +235,17 @@ class SubstepSolver:
         )
 
     def _solved(
-        self, problem: SurfaceProblem, u_s: Vec, state: State, p: Array, on_step: OnStep
+        self, problem: SurfaceProblem, state: State, p: Array, on_step: OnStep
     ) -> tuple[Solution, SurfaceProblem]:
         """Solve a posed problem from tractions p (rows,) [Pa]; returns the problem as it is then too; collective."""
         method = self.method_after(state)
-        at_once = self.bolts and self.bolts.at_once(self, problem, u_s, state, p, on_step)
-        if at_once:
-            return at_once
         memory = self.memory(state, problem.cone.time)
 
         def once(problem: SurfaceProblem, p: Array) -> tuple[Solution, SurfaceProblem]:
-            found = method(problem, p, on_step)
+            found = None
+            if self.bolts:
+                found, problem = self.bolts.at_once(self, problem, state, p, on_step)
+            found = found or method(problem, p, on_step)
             return found, problem if found.gap is None else replace(problem, gap=found.gap, touch=None)
 
         solve = memory.around(once)

@@ -222,55 +222,61 @@ class BoltsAndSprings:
         return tightened
 
     def at_once(
-        self, solver: SubstepSolver, problem: SurfaceProblem, u_s: Vec, state: State, p: Array, on_step: OnStep
-    ) -> tuple[Solution, SurfaceProblem] | None:
-        """Solve a step, and set the shortenings that are found; None: not this way; collective.
+        self, solver: SubstepSolver, problem: SurfaceProblem, state: State, p: Array, on_step: OnStep
+    ) -> tuple[Solution | None, SurfaceProblem]:
+        """Solve a step, and set the shortenings that are found; collective.
 
         That is Newton's way with condensed bodies where no law remembers slip, at a step's end, in its first try.
 
         Args:
             solver: with the method in use.
-            problem: with the shortenings a_0.
-            u_s: prescribed displacement of all dofs [m].
+            problem: with shortenings of any try.
             state: that the step starts from.
             p: tractions (rows,) [Pa] that the iteration starts from.
             on_step: called with each iteration.
 
         Returns:
-            The solution, and the problem with the shortenings that are found.
+            The solution, None: not this way; and the problem with the shortenings that are set.
         """
         lengths, surface = self._lengths, problem.surface
         if lengths is None or solver.chain.stage.method != CondensedNewton.NAME:
-            return None
+            return None, problem
         free = np.flatnonzero(lengths.free)
         ends = problem.cone.time == lengths.target and lengths.tried is None
         ours = len(free) and not lengths.springs.any() and not state.memory
         if not (ends and ours and isinstance(surface, CondensedSurface)):
-            return None
+            return None, problem
         settings = self._system.problem.solver
         newton = SemismoothNewton(
             rtol=settings.tolerance, max_it=settings.max_iterations, linear=condensed_system.solve
         )
+
+        def tightened() -> SurfaceProblem:
+            """The problem with the shortenings that are set."""
+            return replace(problem, load=solver.posed(state, lengths.target)[0].load)
+
+        problem = tightened()
         try:
             given = self._given(surface, lengths.places[free])
             q = given.volume.expand(problem.load.f_q, np.zeros(len(given.volume.contact.rows)))
-            _, strained = displacement(self._system, lengths.target, q, u_s)
+            _, strained = displacement(self._system, lengths.target, q, self._system.prescribed(lengths.target))
             missing = (lengths.wanted - lengths.tension_at(strained))[free]
             found = newton(given.posed(problem, missing), p, on_step)
         except np.linalg.LinAlgError as error:
             log.info("t = %g: shortenings are found by trying: %s", lengths.target, error)
-            return None
-        if found.status is not Status.CONVERGED or problem.natural_residual(found.p, found.w) > settings.tolerance:
+            return None, problem
+        ended = problem if found.gap is None else replace(problem, gap=found.gap)
+        if found.status is not Status.CONVERGED or ended.natural_residual(found.p, found.w) > settings.tolerance:
             log.info("t = %g: shortenings are found by trying: %s", lengths.target, found.status.value)
-            return None
+            return None, problem
         shorter = np.zeros(len(lengths.free))
         shorter[free] = given.shortenings(missing, found.u_c)
         lengths.shorten(shorter)
-        return found, solver.posed(state, lengths.target)[0]
+        return found, tightened()
 
     def _given(self, surface: CondensedSurface, places: Ints) -> GivenTensions:
         system, key = self._system, places.tobytes()
-        if key not in self._known or self._known[key].volume is not surface.volume:  # they may be condensed anew
+        if key not in self._known or self._known[key].rigid is not surface:  # other pairs, or bodies condensed anew
             pulls = []
             for place in places:
                 pulls.append(system.T.createVecRight())
@@ -285,14 +291,14 @@ class GivenTensions:
     def __init__(self, surface: CondensedSurface, pulls: list[Vec], C: Array) -> None:
         """
         Args:
-            surface: the bodies with bolts whose shortening is given.
+            surface: the bodies with bolts whose shortening is given: `rigid`.
             pulls: G over the free displacements, a vector [N/m] a bolt.
             C: (b, b) [N/m].
 
         Raises:
             LinAlgError: whether a bolt resists to be stretched cannot be said for certain.
         """
-        self.volume, own = surface.volume, len(surface.volume.contact.rows)
+        self.rigid, self.volume, own = surface, surface.volume, len(surface.volume.contact.rows)
         self._H, D = np.zeros((surface.size, len(pulls))), np.zeros_like(C)
         for j, pull in enumerate(pulls):
             inside = self.volume.expand(pull, np.zeros(own))

@@ -235,6 +235,9 @@ class Touch:
         allowed = np.maximum(settled, problem.scales.no_motion(self.way.w))
         self.felt = change if self.on_the_way else self.way.felt(change, p, w, before)
         heard = np.abs(self.felt) > allowed
+        for place in problem.cone.with_friction():  # a slip that turns is felt in all directions
+            t = place.tangential
+            heard[t] = np.repeat(heard[t].reshape(-1, place.components).any(axis=1), place.components)
         self.idle = np.where(heard | (np.abs(change) <= allowed), before, gap)
         if not heard.any():
             return before

@@ -167,7 +167,7 @@ def test_tensions_are_as_exact_in_every_unit_of_force(
 ) -> None:
     """A slack bolt beside a tight one is as exact as that, not to a part of itself or of 1 N."""
     force, idle = forces
-    monkeypatch.setattr(BoltsAndSprings, "at_once", lambda *words: None)
+    monkeypatch.setattr(BoltsAndSprings, "at_once", lambda _, __, problem, *words: (None, problem))
     stiff = BY_FORCE | {"stiffness": K * unit}
     made = joint(
         bolt={"force": [[1.0, force * unit]]} | stiff,
@@ -248,7 +248,7 @@ def test_the_tension_is_found_with_the_step(
         return numbers, sum("tension of bolts" in record.message for record in caplog.records)
 
     at_once, few = solved()
-    monkeypatch.setattr(BoltsAndSprings, "at_once", lambda *words: None)
+    monkeypatch.setattr(BoltsAndSprings, "at_once", lambda _, __, problem, *words: (None, problem))
     by_trying, many = solved()
     assert few == len(at_once) == 4 < many
     assert_allclose(at_once, by_trying, rtol=1e-7, atol=1e-9)
@@ -322,7 +322,7 @@ def test_a_step_that_fails_has_all_tries_and_no_state_with_another_tension(
     begins: float, good: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """While the tension is sought, and the third try fails on its way; and once the bolt is held."""
-    monkeypatch.setattr(BoltsAndSprings, "at_once", lambda *words: None)
+    monkeypatch.setattr(BoltsAndSprings, "at_once", lambda _, __, problem, *words: (None, problem))
     base = {"joint": {"surface": "upper.bottom", "against": "lower.top", "gap_offset": 1e-6}}
     force = BY_FORCE | {"force": [[1.0, 3.0]], "held_from": 1.0}
     tables = {"steps": {"end": 2.0, "count": 2}, "solver": {"method": "condensed-newton"}}

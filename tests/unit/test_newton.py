@@ -14,7 +14,7 @@ from scipy.linalg import null_space
 from shared.cases import every_nth
 from shared.discrete import random_problem
 from shared.problems import FRICTION, NORMAL, pressed, scene_of, surface_problem
-from stickslip.geometry.arrays import CLOSE, EXACT, Array
+from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
@@ -26,7 +26,6 @@ from stickslip.solvers.newton import attempts, condensed_system
 from stickslip.solvers.newton.active_set import ActiveSet, linearise
 from stickslip.solvers.newton.attempts import (
     ATTEMPT,
-    DECREASE,
     HALVINGS,
     Attempts,
     LineSearch,
@@ -595,7 +594,7 @@ def test_a_step_that_goes_too_far_is_shortened_and_a_good_one_is_not() -> None:
     t = LineSearch(problem, problem.gamma)(p, w, p + far * (exact.p - p), w + far * (exact.w - w))
     steps = far * 0.5 ** np.arange(HALVINGS)
     trials = [merit(problem, p + s * (exact.p - p), w + s * (exact.w - w)) for s in steps]
-    small = [value <= (1 - DECREASE * 0.5**k) * merit(problem, p, w) for k, value in enumerate(trials)]
+    small = [value <= (1 - SLIGHT * 0.5**k) * merit(problem, p, w) for k, value in enumerate(trials)]
     assert t == 0.5 ** small.index(True)
     assert small.index(True) > 0
 
@@ -603,9 +602,9 @@ def test_a_step_that_goes_too_far_is_shortened_and_a_good_one_is_not() -> None:
 def test_a_step_is_small_enough_by_the_share_of_it_that_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, (p, w, p_new, w_new) = given(), np.random.default_rng(0).normal(size=(4, 8))
     for merits, expected in (
-        ([1.0, 1 - 1.01 * DECREASE], 1.0),
-        ([1.0, 1 - 0.99 * DECREASE, 1 - 0.51 * DECREASE], 0.5),
-        ([1.0, 1.0, 1 - 0.49 * DECREASE, 1 - 0.26 * DECREASE], 0.25),
+        ([1.0, 1 - 1.01 * SLIGHT], 1.0),
+        ([1.0, 1 - 0.99 * SLIGHT, 1 - 0.51 * SLIGHT], 0.5),
+        ([1.0, 1.0, 1 - 0.49 * SLIGHT, 1 - 0.26 * SLIGHT], 0.25),
         ([0.0, 0.0], 1.0),  # at a solution
     ):
         values, tried = iter(merits), []

@@ -533,6 +533,20 @@ def test_gauss_seidel_is_that_and_says_when_it_ends() -> None:
     assert gauss_seidel(bad, np.ones(2)).ended == "diverged"
 
 
+def test_slip_counts_from_touch_while_bodies_are_solved() -> None:
+    """Where points touch, and where their slip turns, is found on the way: it costs less than a second solution."""
+    sizes = ("geometry.mesh_size=0.56", "geometry.contact_mesh_size=0.056", "geometry.lower_mesh_size=0.4")
+
+    def steps(method: str, surface: str) -> list[tuple[int, float, float]]:
+        asked = (f"solver.method={method}", f"solver.surface={surface}", "steps.count=2")
+        each = prepare(read("spheres", [*sizes, *asked])).steps()
+        return [(x.iterations, x.contacts["pole"].dissipation, x.contacts["pole"].max_slip) for x in each]
+
+    found, exact = steps("tangent-cg", "matrix-free"), steps("condensed-newton", "condensed")
+    assert_allclose([x[1:] for x in found], [x[1:] for x in exact], rtol=1e-6)
+    assert max(x[0] for x in found) <= 50
+
+
 def test_the_condition_number_is_that_of_the_one_norm() -> None:
     A = upwind(4)
     assert condition(A) == pytest.approx(np.linalg.cond(A.toarray(), 1), rel=0.1)  # an estimate, rarely far below

@@ -64,6 +64,19 @@ def test_dissipation_of_steady_creep_is_friction_times_slip() -> None:
     assert_allclose(lost, 0.6 * SIGMA * 1e-3, rtol=1e-6)
 
 
+def test_a_stiff_column_takes_no_more_steps_than_a_soft_one() -> None:
+    """It slides as it is driven: a pair that stability holds back would need 30 000 steps."""
+    k = 1e4 * STIFF
+    far = 0.6 * SIGMA / k
+    drive = [[0.0, 0.0], [1.0, far], [4000.0, far + 3999e-6], [5000.0, far + 3999e-6 + 2e-3]]
+    steps = list(prepare(by_clock(column(k, drive))).steps())
+    assert sum(step.substeps for step in steps) < 300
+    last = steps[-1].contacts["base"]
+    assert_allclose(last.slip_rate, 2e-6, rtol=1e-8)
+    rated = 0.6 + (LAW["a"] - LAW["b"]) * np.log(2.0)
+    assert_allclose(np.abs(last.force[0]) / SIGMA, rated, rtol=1e-7)
+
+
 def running_away(error: float, end: float = 700.0, **keys: Any) -> Scene:
     """A slider of half the stiffness that it had to have, in its first events."""
     far = 0.6 * SIGMA / 2.5e8
