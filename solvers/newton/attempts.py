@@ -266,6 +266,8 @@ class Attempts(Driver):
                 rises, least = rises or x.residual > least, x.residual
                 weight = min(1.0, x.residual) * proximal * rises
             solved = self._solve(p_hat, held, gamma, (p, u), weight)
+            if solved is None and proximal and not weight:  # which holds what the active set leaves free
+                solved = self._solve(p_hat, held, gamma, (p, u), weight := proximal)
             if solved is None:
                 return
             p_new, u_new, held = solved

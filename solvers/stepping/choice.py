@@ -249,10 +249,10 @@ def chosen(size: Size, solver: Solver, memory: float) -> Choice:
     form, because = _form(size, solver, size.dense_bytes < SHARE * memory)
     if solver.method != "auto":
         return Choice((Stage(solver.method, form),), because)
-    forms: tuple[Form, ...] = ("condensed",)
-    if form == "matrix-free":
-        forms = ("matrix-free", "condensed") if size.dense_bytes < SHARE * memory else ("matrix-free",)
-    return Choice(tuple(stage for each in forms for stage in chain(each, size)), because)
+    stages, there = chain(form, size), size.dense_bytes < SHARE * memory
+    if form == "matrix-free" and there:  # where bodies float no other one is as sure
+        stages = (stages[:1] if size.floating else stages) + chain("condensed", size)
+    return Choice(stages, because)
 
 
 def chain(form: Form, size: Size) -> tuple[Stage, ...]:

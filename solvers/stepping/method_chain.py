@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.geometry.errors import SolverError
 from stickslip.solvers.interface.coarse_mesh import CoarseMesh
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.flexibility import DelassusOperator
@@ -136,17 +135,35 @@ class MethodChain:
         before, later = self.stage, self._later(other_form=solution.status is Status.SLOW)
         if self.repeats:
             later = [k for k in later if self.choice.stages[k].surface == before.surface]
+        return bool(later) and self._go_on(system, later[0], time, solution.iterations, solution.status.value)
+
+    def leave(self, system: System, why: str) -> bool:
+        """Switch from a method that cannot be prepared, for good; collective.
+
+        Args:
+            why: it cannot, in a line.
+
+        Returns:
+            As `advance`.
+        """
+        later = self._later(other_form=False)
+        self._ready.pop(self.stage, None)
         if not later:
             return False
-        after = self.choice.stages[later[0]]
+        self._unable.add(self.stage)
+        return self._go_on(system, later[0], 0.0, 0, why)
+
+    def _go_on(self, system: System, place: int, time: float, iterations: int, because: str) -> bool:
+        """Switch to the stage at a place of the chain, and say why; see `advance`."""
+        before, after = self.stage, self.choice.stages[place]
         if after.surface != before.surface:
             for ready in self._ready.values():  # another form may take its memory
                 ready.release()
             if not fits(system, after.surface):
-                log.warning("t = %g: %s: %s; no memory for %s", time, before, solution.status.value, after)
+                log.warning("t = %g: %s: %s; no memory for %s", time, before, because, after)
                 return False
-        self.at = later[0]
-        switch = Switch(time, solution.iterations, str(before), str(self.stage), solution.status.value)
+        self.at = place
+        switch = Switch(time, iterations, str(before), str(self.stage), because)
         self.switches.append(switch)
         log.warning("t = %g: %s: %s; goes on with %s", time, switch.before, switch.because, switch.after)
         known = self.stage.surface == before.surface
@@ -216,25 +233,11 @@ class MethodChain:
     def method(self, system: System, surface: DelassusOperator) -> Callable[[State], Solve]:
         """A function from a state to the solver of the next step; the method keeps what it has learnt of the bodies.
 
-        Where the method in use cannot be prepared, the next one with the same form of the bodies takes its place.
-
         Raises:
-            SolverError: it cannot be prepared, and there is no other.
+            SolverError: it cannot be prepared; see `leave`.
         """
-        while True:
-            try:
-                self._ready[self.stage] = ready = self._readied(system, surface)
-            except SolverError as error:
-                before, later = self.stage, self._later(other_form=False)
-                if not later or self.choice.stages[later[0]].surface != before.surface:
-                    raise
-                self._unable.add(before)
-                self._ready.pop(before, None)
-                self.at = later[0]
-                self.switches.append(Switch(0.0, 0, str(before), str(self.stage), str(error)))
-                log.warning("%s: %s; goes on with %s", before, error, self.stage)
-            else:
-                return ready.after
+        self._ready[self.stage] = ready = self._readied(system, surface)
+        return ready.after
 
     def _readied(self, system: System, surface: DelassusOperator) -> Ready:
         """The method in use, prepared for these bodies and rows; collective."""

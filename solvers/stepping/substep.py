@@ -166,10 +166,15 @@ class SubstepSolver:
         self.stage = None
 
     def follow(self) -> None:
-        """Take over the current stage of `chain`; a SolverError says that it cannot be prepared; collective."""
+        """Take over the stage of `chain`, or the next that can be prepared; SolverError: there is none; collective."""
         self.follow_bodies()
-        self.method_after = self.chain.method(self.system, self.surface)
-        self.stage = self.chain.stage
+        try:
+            self.method_after = self.chain.method(self.system, self.surface)
+            self.stage = self.chain.stage
+        except SolverError as error:
+            if not self.chain.leave(self.system, str(error)):
+                raise
+            self.follow()
 
     def solve(self, state: State, end: float) -> Attempt:
         """One substep by the method in use; a failure of linear algebra ends as `Status.BROKEN`; collective."""

@@ -48,6 +48,15 @@ def test_stated_is_the_larger_of_two_differences() -> None:
     assert judged > 20
 
 
+def test_cells_that_cannot_be_finer_tell_nothing() -> None:
+    """Cubes of order 2 whose size is so near to the side that two thirds of it make as many."""
+    simulation = prepare(read("cube", ["geometry.order=2", "geometry.mesh_size=0.6"]))
+    *_, errors = simulation.errors(list(simulation.steps()))
+    force = errors[Quantity("contacts", "base", "normal_force")]
+    assert force.by == "rough"
+    assert 0 < force.mesh < 1e-3
+
+
 def stated(better: float | None, coarser: float | None, order: int = 1, **given: object) -> ErrorParts:
     """Of a largest pressure of 1, twice the mean one, that is another on other cells."""
     simulation, last = solved()
