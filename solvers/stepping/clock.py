@@ -8,8 +8,8 @@ from their slip by one dense product. These give rates, f(V, theta) p_n + eta V 
 A point that opens, or closes, ends a stretch; then tractions are those of other points. Before anything presses a step
 is solved like any other. Dissipation is integrated too, and what drives the bodies has brought it and what they store.
 
-Where steps are as long as stability allows for as many in a row as there are unknowns, the system is stiff, and an
-implicit pair goes on: bodies that are much stiffer than friction slide as they are driven, in steps of any size.
+Where more steps than there are unknowns are as long as stability allows, the system is stiff, and an implicit pair goes
+on up to the next event: bodies that are much stiffer than friction slide as they are driven, in steps of any size.
 
 Source: Dormand & Prince, J. Comput. Appl. Math. 6 (1980), of the pair, by `scipy.integrate.RK45`; Hairer & Wanner,
 Solving Ordinary Differential Equations II, Springer (1996), of stiffness and of the implicit pair, by
@@ -100,7 +100,7 @@ class _Flow:
 
 @cache
 def _pairs() -> tuple[Any, Any]:
-    """The embedded pair, whose error is the largest of all entries, not their mean; and one of stiff systems."""
+    """The embedded pair, whose error is the largest of all entries, not their mean; and the implicit one."""
     from scipy.integrate import RK45, Radau  # late: they load much else
 
     class Pair(RK45):  # type: ignore[misc]  # scipy has no types
@@ -113,12 +113,7 @@ def _pairs() -> tuple[Any, Any]:
             turns = self.step_size * (self.K[6] - self.K[5])
             return bool(np.linalg.norm(turns / self.atol) > STABLE * np.linalg.norm(apart / self.atol))
 
-    class StiffPair(Radau):  # type: ignore[misc]
-        def is_stiff(self) -> bool:
-            """It does not matter."""
-            return False
-
-    return Pair, StiffPair
+    return Pair, Radau
 
 
 class _March:
@@ -181,11 +176,12 @@ class _March:
             y[flow.aged] = start.memory[flow.place.rows.name][:, 0]
             allowed[flow.slip] = clock.error * np.repeat(flow.law.Dc, flow.place.components)
             allowed[flow.aged] = clock.error
+        held_back = start.control.easy  # steps that stability held back, less those that it did not
         time, last, closed = start.time, 0.0, (start.p[: self._n] > 0) | self._held
         while time < self._target:
             if not self._settles(time, y, closed):
                 return _given_up(self._solver, self._start, time, "points open and close without end")
-            pair, stiff = self._pair(False, time, y, allowed, size), 0
+            pair = self._pair(self._stiff(held_back), time, y, allowed, size)
             while time < self._target and (self._shut(time) == self._closed).all():
                 tried = pair.h_abs
                 with np.errstate(all="ignore"):  # of what is tried and not taken
@@ -201,13 +197,20 @@ class _March:
                 self._solver.chain.history.tick(time, steps, self._solver.system.counters.volume_solves)
                 size = max(pair.h_abs, tried) if pair.status == "finished" else pair.h_abs
                 changes = [self._notice(flow, pair) for flow in self._flows]
-                stiff = stiff + 1 if pair.is_stiff() else 0
-                if stiff > len(y) and len(y) <= DENSE and time < self._target:  # an implicit step costs as much
-                    pair = self._pair(True, time, y, allowed, size)
+                if any(changes):
+                    held_back = 0
+                elif not self._stiff(held_back):
+                    held_back = max(held_back + (1 if pair.is_stiff() else -1), 0)
+                    if self._stiff(held_back) and time < self._target:
+                        pair = self._pair(True, time, y, allowed, size)
                 if (self._pauses and any(changes)) or steps >= self._most:
-                    return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
+                    return self._ended(time, y, last, max(steps, 2), StepControl(size, held_back))
             closed = self._shut(time)
-        return self._ended(time, y, last, max(steps, 2), StepControl(size=size))
+        return self._ended(time, y, last, max(steps, 2), StepControl(size, held_back))
+
+    def _stiff(self, held_back: int) -> bool:
+        """Whether an implicit pair is cheaper: so many steps cost as much as one of its matrices."""
+        return self._works < held_back and sum(flow.slip.stop - flow.slip.start for flow in self._flows) <= DENSE
 
     def _pair(self, stiff: bool, time: float, y: Array, allowed: Array, size: float) -> Any:
         """What integrates from a time on.
