@@ -90,7 +90,7 @@ class LearningIteration(SameEveryStep):
 
     def _iterates(self, problem: SurfaceProblem, p: Array) -> Iterator[Iterate]:
         surface, F, rtol = problem.surface, self._F(problem.surface), self.rtol
-        inner = 0.0 if surface.exact or problem.p_ref == 0 else 0.3  # p_ref = 0: no load and no motion
+        inner = 0.0 if surface.exact or problem.p_ref == 0 else 0.1  # p_ref = 0: no load and no motion
         accuracy = inner
         known = not (p.any() or problem.load.rough)
         u_c = problem.load.free if known else problem.contact_displacement(p, accuracy)

