@@ -195,8 +195,8 @@ class Attempts(Driver):
     Where all laws are piecewise linear the next iterate of plain Newton depends on the active set alone: it arrives, or
     comes back to where it was and cycles from there on. A damped attempt looks for the length of its steps by a line
     search, and adds a proximal term to the laws, see `ActiveSet.proximal`: it fades out with the residual, and tenfold
-    with each full step; short ones bring it back. From near a solution it begins as plain Newton, up to the first iterate
-    with a larger residual, from which it goes on if that is a residual of less than all tractions.
+    with each full step; short ones bring it back. From near a solution it begins as plain Newton, up to the first
+    larger residual; where that is as large as all tractions it goes back to the iterate before.
 
     Source: Levenberg, Quart. Appl. Math. 2 (1944), and Marquardt, SIAM J. 11 (1963), of the term.
     """
