@@ -257,7 +257,7 @@ def test_stopped_run_spends_no_time_on_audit_and_pictures(tmp_path: Path, monkey
     assert (outcome.status, [step["audit"] for step in content["steps"]]) == ("interrupted", [None, None])
     assert set(content["audit"].values()) == {None}
     _, content = run(asks_not, tmp_path / "out", resume=True)
-    assert all(max(step["audit"].values()) <= 1e-8 for step in content["steps"])  # those of before it was stopped too
+    assert all(max(step["audit"].values()) <= 1e-7 for step in content["steps"])  # those of before it was stopped too
 
 
 def test_resume_without_anything_there_begins_at_the_start_and_says_so(call: Call, whole: Path, folder: Path) -> None:
