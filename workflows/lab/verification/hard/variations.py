@@ -52,6 +52,8 @@ def mirrored(tables: Tables, random: Random) -> Tables | None:
         return None
     if "body_force" in tables or any("moment" in point for point in tables.get("remote_points", {}).values()):
         return None  # may be an expression; turns with the axes
+    if any("height" in obstacle for obstacle in tables.get("obstacles", {}).values()):
+        return None  # an expression, or a file
     scene = from_dict(tables)
     ends = np.asarray(scene.geometry.box(scene.dim))[:, 0]
     middle = float(ends.min() + ends.max())
