@@ -360,7 +360,7 @@ def test_a_search_takes_over_bodies_whose_form_has_changed(monkeypatch: pytest.M
     system = SimpleNamespace(
         searched=lambda moved: SimpleNamespace(contacts=()), contacts=(), problem=SimpleNamespace(pairs={})
     )
-    solver: Any = SimpleNamespace(system=system, chain=None, surface="before", volume=None, latest=None)
+    solver: Any = SimpleNamespace(system=system, chain=None, surface="before", volume=None, latest=None, bolts=None)
     solver.widen = lambda system: None
     solver.follow_bodies = lambda: setattr(solver, "surface", "now")
     assert pairs.PairSearch(solver).found({"moved": np.zeros(1)}) is other
