@@ -197,12 +197,13 @@ class _March:
                 self._solver.chain.history.tick(time, steps, self._solver.system.counters.volume_solves)
                 size = max(pair.h_abs, tried) if pair.status == "finished" else pair.h_abs
                 changes = [self._notice(flow, pair) for flow in self._flows]
+                implicit = self._stiff(held_back)
                 if any(changes):
                     held_back = 0
-                elif not self._stiff(held_back):
+                elif not implicit:
                     held_back = max(held_back + (1 if pair.is_stiff() else -1), 0)
-                    if self._stiff(held_back) and time < self._target:
-                        pair = self._pair(True, time, y, allowed, size)
+                if self._stiff(held_back) != implicit and time < self._target:
+                    pair = self._pair(not implicit, time, y, allowed, size)
                 if (self._pauses and any(changes)) or steps >= self._most:
                     return self._ended(time, y, last, max(steps, 2), StepControl(size, held_back))
             closed = self._shut(time)
