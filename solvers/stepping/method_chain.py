@@ -148,7 +148,7 @@ class MethodChain:
         """
         later = self._later(other_form=False)
         self._ready.pop(self.stage, None)
-        if not later:
+        if not later or (self.repeats and self.choice.stages[later[0]].surface != self.stage.surface):
             return False
         self._unable.add(self.stage)
         return self._go_on(system, later[0], 0.0, 0, why)
