@@ -69,6 +69,12 @@ class ActiveSet:
             A_p, A_w, rhs = sparse.diags(scale) @ A_p, sparse.diags(scale) @ A_w, scale * rhs
         return replace(self, k=k, A_p=A_p, A_w=A_w, rhs=rhs, weight=weight, hold=hold)
 
+    def without_springs(self) -> ActiveSet:
+        """The same system with springs as rows like any other, of one size however stiff they are."""
+        scale = 1 / (1 + self.k / self.problem.gamma)
+        A_p, A_w = ((sparse.diags(scale) @ A).tocsr() for A in (self.A_p, self.A_w))
+        return replace(self, k=np.zeros_like(self.k), A_p=A_p, A_w=A_w, rhs=scale * self.rhs)
+
     def refuse_unbalanced(self, p: Array, rounding: float = 0.0) -> None:
         """Check that tractions p (rows,) [Pa] balance the load of floating bodies; rounding: of these forces [N].
 

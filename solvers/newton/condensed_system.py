@@ -95,7 +95,8 @@ def by_tractions(
 ) -> tuple[Array, Array]:
     """Dual reduction: the unknowns are x, the tractions of the active rows, and the rigid motions b of floating bodies.
 
-    p = E x + p_0 + k (w - gap): springs are added to the stiffness of the bodies, rows of given p depend on x.
+    p = E x + p_0 + k (w - gap): springs are added to the stiffness of the bodies where they are too many to be active
+    rows like others; rows of given p depend on x.
 
     Args:
         laws: the active set.
@@ -106,6 +107,8 @@ def by_tractions(
     Returns:
         Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m].
     """
+    if laws.k.any() and np.count_nonzero(~laws.given) < surface.size:
+        laws = laws.without_springs()
     problem, N, W, R, k = laws.problem, surface.N, surface.W, surface.R, laws.k
     rows, spring = len(k), k > 0
     on_springs = abs(laws.A_p) @ spring.astype(float) > 0  # slip whose pressure is that of a spring

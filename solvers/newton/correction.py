@@ -72,21 +72,28 @@ def _newton(problem: SurfaceProblem, found: Solution, goal: float) -> tuple[Arra
     """Tractions (rows,) [Pa] and contact displacement (c,) [m] by Newton's method from `found`; None if it fails.
 
     Newton's iterate is exact if its residual is small, or if it repeats itself: the residual alone may end in rounding.
+    So do steps that do not get shorter while the active set stays, for there Newton's method is quadratic.
     """
     p, u_c, gamma = found.p, found.u_c, problem.gamma
     # rounding of a displacement, relative, in the energy norm; two exact solutions differ by less
     negligible = EXACT * elastic_norm(problem, u_c)
+    last, sets = np.inf, None
     # from the final iterate, whose active set is nearly right; then all starts are tried
     for _ in range(12):
         before, p_hat = u_c, p + gamma * (problem.relative_displacement(u_c) - problem.gap)
+        laws = linearise(problem, p_hat, gamma)
         try:
-            p, u_c = condensed_system.solve(linearise(problem, p_hat, gamma), u_c)
+            p, u_c = condensed_system.solve(laws, u_c)
         except np.linalg.LinAlgError:
             return None
         if problem.natural_residual(p, problem.relative_displacement(u_c)) <= goal:
             return p, u_c
-        if elastic_norm(problem, u_c - before) <= max(negligible, ENOUGH * elastic_norm(problem, u_c - found.u_c)):
+        step = elastic_norm(problem, u_c - before)
+        if step <= max(negligible, ENOUGH * elastic_norm(problem, u_c - found.u_c)):
             return p, u_c
+        if step > last / 2 and np.array_equal(laws.sets, sets):
+            return p, u_c
+        last, sets = step, laws.sets
     return None
 
 
