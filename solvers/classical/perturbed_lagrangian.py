@@ -17,6 +17,7 @@ from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, Driver, Iterate, OnStep, Solution, Status, ignore
 from stickslip.solvers.methods.method import Applicability, Before, Method, Ready, Setup, Solve
+from stickslip.solvers.newton.condensed_system import saddle_point
 from stickslip.solvers.newton.correction import ENOUGH, MARGIN, elastic_norm, exact_problem
 from stickslip.solvers.system.system import System
 
@@ -308,13 +309,20 @@ def newton_step(elements: ContactElements, answer: Answer, u_c: Array, Sigma: Ar
 
     ( K_B       N^T  ) ( ΔU )     ( R_U )
     ( Σ*'N/ω   -1/ω  ) ( ΔΣ ) = - ( R_Σ )
+
+    The unknowns are y = Σ*'N ΔU of the elements that bear, and the rigid motions b of floating bodies.
     """
+    surface = condensed(elements.problem.surface)
     R_U, R_Sigma = residual(elements, answer, u_c, Sigma)
     to_dofs, to_forces, K_C = elements.tangent(answer)
     give = -1 / K_C.diagonal()  # ω
-    follows = give[:, None] * to_forces.toarray()  # ΔΣ = ω (R_Σ + Σ*'N/ω ΔU)
-    K = np.asarray(condensed(elements.problem.surface).S) + to_dofs @ follows
-    Delta_U = np.linalg.solve(K, -R_U - to_dofs @ (give * R_Sigma))
+    follows = sparse.diags(give).tocsr() @ to_forces  # ΔΣ = ω (R_Σ + Σ*'N/ω ΔU)
+    rows, R, right = np.flatnonzero(np.diff(answer.slope.indptr)), surface.R, -R_U - to_dofs @ (give * R_Sigma)
+    F, C, u_0 = follows[rows], to_dofs.tocsc()[:, rows], surface.flexibility @ right
+    K = np.eye(len(rows)) + surface.coupling(answer.slope[rows], sparse.eye(len(give), format="csc")[:, rows])
+    none = np.zeros((R.shape[1],) * 2)
+    y, b = saddle_point(K, -(F @ R), R.T @ C, none, F @ u_0, R.T @ right)
+    Delta_U = u_0 - surface.flexibility @ (C @ y) + R @ b
     return Delta_U, give * R_Sigma + follows @ Delta_U
 
 
