@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -86,6 +87,11 @@ class DelassusOperator(ABC):
     def give(self) -> Array | None:
         """Flexibility of each row (rows,) [m/Pa]: the diagonal of W^-1 B K_B^-1 B^T; None: it is not known."""
         return None
+
+    @cached_property
+    def delassus(self) -> Array:
+        """W^-1 B K_B^-1 B^T (rows, rows) [m/Pa], a volume solve for each row; collective."""
+        return self.agreed(np.column_stack([self.N @ self.displacement(self.forces(p)) for p in np.eye(len(self.W))]))
 
     def forces(self, p: Array) -> Array:
         """Forces B^T p on the contact dofs (c,) [N] of tractions p (rows,) [Pa]."""

@@ -207,6 +207,11 @@ class CondensedSurface(DelassusOperator):
         place[known] = np.arange(len(known))
         return np.asarray(left[:, rows] @ D[np.ix_(place[rows], place[columns])] @ right[columns])
 
+    @property
+    def delassus(self) -> Array:  # type: ignore[override]  # D is kept already
+        whole = sparse.identity(len(self.W))
+        return np.asarray(self.coupling(whole, whole) * self.W)
+
     @cached_property
     def give(self) -> Array | None:
         blocks = zip(self.flexibility.indices, self.flexibility.blocks, strict=True)

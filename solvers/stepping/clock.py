@@ -25,14 +25,12 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 from scipy.linalg import inv
 from scipy.optimize import brentq
 
-from stickslip.geometry.arrays import EPS, EXACT, HALF_DIGITS, TINY, Array, Bools
+from stickslip.geometry.arrays import EPS, EXACT, HALF_DIGITS, ROUNDING, TINY, Array, Bools
 from stickslip.geometry.errors import SolverError
 from stickslip.solvers.contact.admissible_set import ContactBlock
-from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Correction, Solution, Status
 from stickslip.solvers.laws.rate_and_state import RateAndStateByPoint
 from stickslip.solvers.newton.surface_model import DENSE
@@ -120,7 +118,7 @@ class _March:
     """One step of a clock: from a state to a time."""
 
     def __init__(self, solver: SubstepSolver, clock: Clock, start: State, target: float, pauses: bool) -> None:
-        """Form the dense matrix, and see how loads and motions change up to the end; collective.
+        """See how loads and motions change up to the end; collective.
 
         Args:
             start: state that the step starts from.
@@ -139,7 +137,7 @@ class _March:
                 self._flows.append(_Flow(place, law, slice(*ends[:2]), slice(*ends[1:]), index))
                 at = ends[-1]
         self._works = at
-        self._free, self._D = self._motion(), solver.surface.agreed(self._delassus())
+        self._free, self._D = self._motion(), solver.surface.delassus
         bilateral = [np.full(len(c.W_n), c.normal.sides == 2) for c in problem.cone.contacts]
         self._held: Bools = np.concatenate(bilateral)
         self._closed, self._p, self._acts = self._held, start.p, None
@@ -150,20 +148,14 @@ class _March:
 
         def exactly(time: float) -> Array:
             problem = self._solver.posed(self._start, time)[0]
-            return np.array([problem.relative_displacement(problem.load.free), problem.gap])
+            u_c = problem.contact_displacement(np.zeros_like(problem.gap))  # of the load, `free` is the scale alone
+            return np.array([problem.relative_displacement(u_c), problem.gap])
 
         first, middle, last = (exactly(t) for t in (begin, (begin + end) / 2, end))
         slope = (last - first) / (end - begin)
-        if np.abs(first + last - 2 * middle).max() > EXACT * np.abs([first, last]).max():
+        if np.abs(first + last - 2 * middle).max() > ROUNDING * np.abs([first, last]).max():
             return lambda time: tuple(exactly(time))
         return lambda time: tuple(first + (time - begin) * slope)
-
-    def _delassus(self) -> Array:
-        """W^-1 B K_B^-1 B^T (rows, rows) [m/Pa]: w by tractions of each row; collective."""
-        surface, unit = self._solver.surface, np.eye(len(self._posed[0].gap))
-        if isinstance(surface, CondensedSurface):
-            return np.asarray(surface.coupling(sparse.identity(len(unit)), sparse.identity(len(unit))) * surface.W)
-        return np.column_stack([surface.N @ surface.displacement(surface.forces(each)) for each in unit])
 
     def __call__(self) -> Attempt:
         """Integrate from stretch to stretch, each with the same points closed; collective."""
