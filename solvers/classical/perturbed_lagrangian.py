@@ -320,8 +320,8 @@ def newton_step(elements: ContactElements, answer: Answer, u_c: Array, Sigma: Ar
     rows, R, right = np.flatnonzero(np.diff(answer.slope.indptr)), surface.R, -R_U - to_dofs @ (give * R_Sigma)
     F, C, u_0 = follows[rows], to_dofs.tocsc()[:, rows], surface.flexibility @ right
     K = np.eye(len(rows)) + surface.coupling(answer.slope[rows], sparse.eye(len(give), format="csc")[:, rows])
-    none = np.zeros((R.shape[1],) * 2)
-    y, b = saddle_point(K, -(F @ R), R.T @ C, none, F @ u_0, R.T @ right)
+    hold = LAST_DIGITS * surface.rho * np.eye(R.shape[1])  # of what no element holds: a long step, to be shortened
+    y, b = saddle_point(K, -(F @ R), R.T @ C, hold, F @ u_0, R.T @ right)
     Delta_U = u_0 - surface.flexibility @ (C @ y) + R @ b
     return Delta_U, give * R_Sigma + follows @ Delta_U
 
