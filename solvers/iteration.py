@@ -162,6 +162,22 @@ class Solution:
     def iterations(self) -> int:
         return self.history[-1].iteration if self.history else 0
 
+    @property
+    def contraction(self) -> float | None:
+        """Mean factor of the residual [-], over the second half of the iterations; None: too few."""
+        residuals = [step.residual for step in self.history]
+        half = len(residuals) // 2
+        if len(residuals) < 8 or not residuals[half] > 0:  # iterations of which the second half tells a rate
+            return None
+        return float((residuals[-1] / residuals[half]) ** (1 / (len(residuals) - 1 - half)))
+
+    def needs(self, begin: float, end: float) -> float:
+        """Iterations from one residual to another, where they ran out while it fell steadily; nan: unknown."""
+        rate, last = self.contraction, [step.residual for step in self.history[len(self.history) // 2 :]]
+        if rate is None or self.status is not Status.MAX_IT or not np.all(np.diff(last) < 0):
+            return np.nan
+        return float(np.log(end / begin) / np.log(rate))
+
 
 QUICK, USUAL, PATIENT = 20, 50, 500  # windows of stalls, by the number of iterations that methods need
 When = Callable[[int, float], bool]  # number and residual of an iterate: whether something is the case there

@@ -262,17 +262,12 @@ class OnBlocks(Ready):
         alpha, lambda_1, lambda_m = self.alpha, self.lambda_1, None
         if self.method.rates:
             lambda_m = self._eigenvalue("SA")
-        residuals = tuple(step.residual for step in found.history)
-        half = len(residuals) // 2
-        observed = None
-        if len(residuals) >= 8 and residuals[half] > 0:  # iterations of which the second half tells a rate
-            observed = (residuals[-1] / residuals[half]) ** (1 / (len(residuals) - 1 - half))
         return Convergence(
             preconditioner=self.method.preconditioner,
             alpha=alpha,
             lambda_1=lambda_1,
             lambda_m=lambda_m,
             bound=None if lambda_m is None else max(abs(1 - alpha * lambda_1), abs(1 - alpha * lambda_m)),
-            observed=observed,
-            residuals=residuals,
+            observed=found.contraction,
+            residuals=tuple(step.residual for step in found.history),
         )

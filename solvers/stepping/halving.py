@@ -150,7 +150,7 @@ class _March:
             if not self._limit.found(state.time):
                 log.warning("t = %g: %s; the step is cut", end, solution.status.value)
                 return None
-        elif not scaled and not self._least(size):
+        elif not scaled and not self._least(size) and not _creeps(solution, system.problem.solver):
             self._control, self._whole = self._control.after_failure(size, self._smallest), None
             log.warning("t = %g: %s; the step is cut to %.3g s", end, solution.status.value, self._control.size)
             return None
@@ -302,6 +302,9 @@ def explain(problem: SurfaceProblem | None, solution: Solution, solver: Solver, 
         residual = f"{where}residual {solution.residual:.1e}, not {solver.tolerance:g},"
     other = solver.method != "auto" and solution.status in (Status.STALLED, Status.BROKEN)
     advice = solution.status.value.replace("try ", f"try {'another solver.method, or ' * other}")
+    if np.isfinite(more := solution.needs(solution.residual, solver.tolerance)):
+        advice += f" by about {more:.1e}, for each leaves {solution.contraction:.5g} of the residual"
+        advice += ', or set solver.method = "auto"' if solver.method != "auto" else ""
     ending = f"after {solution.iterations} iterations; {advice}{rigid_bodies}"
     return f"{residual} in a step of {size:.3g} s {ending}{_jumps(problem)}"
 
@@ -316,6 +319,11 @@ def _jumps(problem: SurfaceProblem | None) -> str:
                 f"solution; {friction.continuous} has one"
             )
     return ""
+
+
+def _creeps(solution: Solution, solver: Solver) -> bool:
+    """Whether iterations contract so little that they would not do even from the start that a short step has."""
+    return solution.needs(SLIGHT, solver.tolerance) > solver.max_iterations
 
 
 def largest_residual(problem: SurfaceProblem, solution: Solution) -> str:
