@@ -24,7 +24,7 @@ from stickslip.geometry.arrays import CLOSE, EXACT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Solution, Status
+from stickslip.solvers.iteration import QUICK, Solution, Stall, Status
 from stickslip.solvers.laws.law import touching
 from stickslip.solvers.laws.wear import PRESSED, REPEAT, SLID, WORN, Worn
 from stickslip.solvers.newton import path
@@ -157,7 +157,8 @@ class LawMemory:
         still = {c.name: np.zeros(len(c.W_t)) for c in self.cone.contacts}
         least = self._moved(still, still)
         known, gap, omega, off, worst = self.start, None, 1.0, 0.0, self._worn_off(problem, solution)
-        for _ in range(200):  # near the edge of stability turns are slow
+        most, stall = 10.0, Stall(QUICK)  # steps, in units of the change of slip in a turn
+        for turn in range(200):  # near the edge of stability turns are slow
             if solution.status is not Status.CONVERGED:
                 return solution, problem
             found = self.after(problem, solution.p, solution.w)
@@ -171,9 +172,10 @@ class LawMemory:
                     and not any(name.endswith((SLID, PRESSED)) for name in names)
                 ):
                     worst = max(worst, ratio)
-                # steps, in units of the change of slip in a turn
-                omega = min(max(1 / (1 - ratio), 1e-3), 10.0) if ratio < 1 else 1.0
+                omega = min(max(1 / (1 - ratio), 1e-3) if ratio < 1 else 1.0, most)
             off = self._apart(problem, solution.p, found)
+            if stall(turn, off):  # what turns about the solution comes nearer in shorter steps
+                most, stall = min(most, omega) / 2, Stall(QUICK, turn)
             if off <= self.tolerance:
                 return replace(solution, weakening=worst), problem
             known = {name: np.maximum(known[name] + omega * (found[name] - known[name]), least[name]) for name in least}
