@@ -208,7 +208,7 @@ class CondensedSurface(DelassusOperator):
         return np.asarray(left[:, rows] @ D[np.ix_(place[rows], place[columns])] @ right[columns])
 
     @property
-    def delassus(self) -> Array:  # type: ignore[override]  # D is kept already
+    def delassus(self) -> Array:
         whole = sparse.identity(len(self.W))
         return np.asarray(self.coupling(whole, whole) * self.W)
 

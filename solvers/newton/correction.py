@@ -77,7 +77,7 @@ def _newton(problem: SurfaceProblem, found: Solution, goal: float) -> tuple[Arra
     p, u_c, gamma = found.p, found.u_c, problem.gamma
     # rounding of a displacement, relative, in the energy norm; two exact solutions differ by less
     negligible = EXACT * elastic_norm(problem, u_c)
-    last, sets = np.inf, None
+    last, sets = np.inf, np.zeros(0)
     # from the final iterate, whose active set is nearly right; then all starts are tried
     for _ in range(12):
         before, p_hat = u_c, p + gamma * (problem.relative_displacement(u_c) - problem.gap)

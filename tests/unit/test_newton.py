@@ -122,6 +122,22 @@ def test_the_condensed_system_is_solved_with_its_laws(dim: int) -> None:
     assert_allclose(balance, 0.0, atol=1e-11 * np.abs(surface.S @ u_c).max())
 
 
+@pytest.mark.parametrize("c_n", [1e-2, 1e2, 1e8])
+def test_springs_are_solved_as_rows_too_however_stiff(c_n: float) -> None:
+    base = {"surface": "block.bottom", "against": "foundation", "friction": FRICTION["coulomb"]}
+    base |= {"normal": {"law": "compliance", "c_n": c_n}}
+    problem = surface_problem(prepare(scene_of(3, contacts={"base": base})))
+    laws = linearise(problem, trial_away_from_kinks(problem.cone, problem.gamma, seed=4)[0], problem.gamma)
+    assert laws.k.any()
+    assert isinstance(problem.surface, CondensedSurface)
+    p, u_c = by_tractions(laws.without_springs(), problem.surface)
+    M, r = as_one_system(laws)
+    x, size = np.concatenate([p, problem.relative_displacement(u_c)]), np.abs(M).max(axis=1)
+    assert_allclose((M @ x - r) / size, 0.0, atol=1e-12 * np.abs(x).max())  # each row has its own size
+    balance = problem.surface.S @ u_c + problem.surface.forces(p) - problem.load.f_c
+    assert_allclose(balance, 0.0, atol=1e-11 * problem.surface.total * np.abs(u_c).max())
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(("normal", "friction"), [
     ("unilateral", "coulomb"), ("unilateral", "soft coulomb"), ("soft", "soft coulomb"), ("power", "coulomb"),

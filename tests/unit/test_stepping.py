@@ -173,6 +173,21 @@ def test_the_smallest_step_that_fails_names_contact_point_law_and_what_to_try(
     assert {row.time for row in failed.value.history} == {0.5**k for k in range(HALVINGS + 1)}
 
 
+def test_iterations_that_contract_too_little_for_any_step_end_at_once(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    simulation = simulation_of(sheared(scene_of, solver={"method": "uzawa", "max_iterations": 40}))
+    says = (
+        r"t = 1: .*; the iterations ran out: raise solver.max_iterations by about \S+, for each leaves 0\.9\d+ of the"
+    )
+    with pytest.raises(StepError, match=says) as failed:
+        list(simulation.steps())
+    assert {row.time for row in failed.value.history} == {1.0}
+    more = float(str(failed.value).split("by about ")[1].split(",")[0])
+    whole = sheared(scene_of, solver={"method": "uzawa", "max_iterations": 1000})
+    assert 0.5 < (next(simulation_of(whole).steps()).iterations - 40) / more < 2
+
+
 def test_what_was_reached_before_the_smallest_step_is_kept(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     simulation = simulation_of(sheared(scene_of))
     Reluctant(simulation.stepper, lambda time: 0.25 if time < 0.5 else 0.0)

@@ -630,3 +630,14 @@ def test_local_forces_are_given_way_to_as_by_the_bodies(scene_of: SceneOf, syste
     rough[1::2] = (-1.0) ** np.arange(len(F) // 2)
     assert_allclose(rough @ given(system, 2) @ rough, rough @ F @ rough, rtol=0.05)
     assert rough @ given(system, 2) @ rough < rough @ F @ rough
+
+
+def test_each_row_by_a_volume_solve_gives_the_matrix_of_the_condensed_form(
+    scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    system = system_of(block(scene_of, 2, 8))
+    exact, free = condensed_surface(system), prepare_surface(system, IterativeVolume(system))
+    assert_allclose(free.delassus, exact.delassus, rtol=0, atol=1e-9 * np.abs(exact.delassus).max())
+    solves = free.counters.volume_solves
+    assert free.delassus is free.delassus
+    assert free.counters.volume_solves == solves  # it is formed once

@@ -20,7 +20,7 @@ from stickslip.solvers.stepping import halving
 from stickslip.solvers.stepping.law_memory import LawMemory
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.warnings import wears_too_fast
-from stickslip.workflows.scene_file.read import from_dict, to_dict, with_keys
+from stickslip.workflows.scene_file.read import from_dict, read, to_dict, with_keys
 
 E, NU, PRESS, K = 1000.0, 0.3, 0.01, 1e-4
 M = E * (1 - NU) / ((1 + NU) * (1 - 2 * NU))  # of a confined column
@@ -321,6 +321,16 @@ def test_other_methods_refuse_wear(method: str) -> None:
     base = {"slide": 1.0, "wear": {"k": K}}
     with pytest.raises(SceneError, match=r"contacts\.base\.slide = true: .*no prescribed sliding, and no wear"):
         prepare(column(1, base=base, solver={"method": method}))
+
+
+@pytest.mark.slow
+def test_turns_that_circle_about_their_solution_come_to_it() -> None:
+    """A roller so stiff that slip wears it off hundreds of times as fast as it unloads."""
+    coarse = {"geometry.mesh_size": 11.2, "geometry.contact_mesh_size": 0.021, "steps.end": 4.0, "steps.count": 6}
+    steps, audit = solved(with_keys(read("fretting_wear"), {"bodies.disc.E": 2.1e7} | coarse))
+    assert all(step.substeps == 1 for step in steps)
+    assert max(step.weakening for step in steps) > 100
+    assert max(asdict(audit).values()) < 1e-7  # what the turns leave of a slip, times how much they enlarge it
 
 
 def test_fretting_wears_until_only_what_sticks_presses() -> None:
