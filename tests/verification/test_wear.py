@@ -363,8 +363,9 @@ def test_fretting_wears_until_only_what_sticks_presses() -> None:
     sound(audit)
 
 
-HALF = """s = 0.45 * {c}; q = 0.8 * s; n = 2; // half of the rings of cells around a square, one at the edge of what sticks
-Point(1) = {{-s, 0, 0}}; Point(2) = {{s, 0, 0}}; Point(3) = {{q, q, 0}}; Point(4) = {{-q, q, 0}}; Point(5) = {{0, 0, 0}};
+HALF = """s = 0.45 * {c}; q = 0.8 * s; n = 2; // half of the rings around a square; one is the edge of stick
+Point(1) = {{-s, 0, 0}}; Point(2) = {{s, 0, 0}}; Point(3) = {{q, q, 0}}; Point(4) = {{-q, q, 0}};
+Point(5) = {{0, 0, 0}};
 Line(1) = {{1, 2}}; Line(2) = {{2, 3}}; Line(3) = {{3, 4}}; Line(4) = {{4, 1}};
 Transfinite Curve {{1, 3}} = 2 * n + 1; Transfinite Curve {{2, 4}} = n + 1;
 Curve Loop(1) = {{1, 2, 3, 4}}; Plane Surface(1) = {{1}};
