@@ -250,7 +250,7 @@ def test_coarse_bp1_has_the_interval_of_boundary_elements() -> None:
 
 @pytest.mark.slow
 def test_bp3_has_the_published_interval() -> None:
-    """In cells of 200 m, with 50 m of a larger box 89.81. Source: Erickson et al., Bull. Seismol. Soc. Am. 113 (2023)."""
+    """In cells of 200 m. Source: Erickson et al., Bull. Seismol. Soc. Am. 113 (2023)."""
     words = ["geometry.count=200", "geometry.length=160e3", "geometry.depth=200e3", "steps.end=1.45e10"]
     steps = list(prepare(read(ROOT / "workflows/lab/studies/bp3/bp3.toml", words)).steps())
     starts = np.array([event.start for step in steps for event in step.events]) / 31556926  # years
