@@ -280,8 +280,8 @@ def _of_kernel(gmsh: Gmsh, dim: int, tag: int, nodes: Ints, mean: Array) -> Arra
         return mean
     tags, _, where = gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True, returnParametricCoord=True)
     numbers = np.asarray(tags, np.int64) - 1
-    if not np.isin(nodes, numbers).all():  # a mesh that was put there by itself
-        return mean
+    if len(where) != dim * len(numbers) or not np.isin(nodes, numbers).all():
+        return mean  # middles of extruded boxes, or a mesh that was put there by itself
     order = np.argsort(numbers, kind="stable")
     parameters = np.reshape(where, (len(numbers), dim))[order[np.searchsorted(numbers, nodes, sorter=order)]]
     flat = list(parameters.ravel())

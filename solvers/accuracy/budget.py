@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from stickslip.solvers.accuracy.kept_pairs import KeptPairs
 from stickslip.solvers.accuracy.mesh_error import Values
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.accuracy.two_level import STEPS
+from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.parallel.counters import Clock
 from stickslip.solvers.results.step_result import ErrorParts, Errors, StepResult
 from stickslip.solvers.scene.settings import Output
@@ -124,6 +126,14 @@ class Choice:
     prices: Mapping[str, float] = field(default_factory=dict)  # of each estimate, times the run
     done: Sequence[str] = ()  # those that are paid for
     room: float | None = None  # times the run, that a better mesh may cost if it is cut; None: whatever it takes
+
+
+class Coarser(NamedTuple):
+    """The run's steps on longer cells."""
+
+    steps: Sequence[StepResult]
+    contacts: Mapping[str, ContactRows]
+    factor: float  # how many times as long
 
 
 class Estimates:
@@ -268,6 +278,14 @@ class Estimates:
 
     def _by_pairs(self) -> None:
         self._of_pairs = self._pairs(self._steps)
+
+    @property
+    def coarser(self) -> Coarser | None:
+        """The same steps on longer cells; None: not all of them are solved."""
+        if self._history is None or len(self._coarse) < len(self._steps):
+            return None
+        rows = {c.name: c for c in self._history.stepper.system.contacts}
+        return Coarser(tuple(self._coarse), rows, self.choice.factor)
 
     @property
     def errors(self) -> tuple[Errors, ...]:

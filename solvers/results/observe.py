@@ -412,6 +412,7 @@ class Observer:
             status=status,
             wear=c.node_pressure(depth) if c.wears else None,
             rate=None if rates is None else c.share_t.T @ rates,
+            moved=displaced[: len(c.surface.points)],
             force=resultant,
             moment=moment,
             normal_force=float(c.W_n @ p_n),

@@ -204,6 +204,7 @@ class ContactState(ContactNumbers):
     status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
     wear: Array | None = None  # (n,) worn depth of both sides together [m]; None: nothing wears
     rate: Array | None = None  # (n,) slip rate at the end of the step [m/s]; None: friction does not know it
+    moved: Array | None = None  # (n, d) displacement of the slave side [m]; None: made without it
 
     def columns(self) -> dict[str, AnyArray]:
         """Values at the nodes, by the columns of contact_NAME.csv but `arc`: arrays (n,); a status is a word."""

@@ -131,3 +131,28 @@ def test_shells_keep_their_order_to_the_axis(tmp_path: Path, slave: str, tied: b
     normal, across, off = orders(tmp_path, "axisymmetric", (8, 16), **how)
     assert min(normal, across) > 2.5
     assert np.abs(off).max() < 0.015
+
+
+def test_boxes_that_gmsh_itself_extrudes_are_round(tmp_path: Path) -> None:
+    """Of order 2 the nodes in the middle of their sides have no parameters in its own kernel."""
+    (tmp_path / "quarter.geo").write_text(
+        """Point(1) = {0, 0, 0}; Point(2) = {1, 0, 0}; Point(3) = {2, 0, 0}; Point(4) = {0, 2, 0}; Point(5) = {0, 1, 0};
+Line(1) = {2, 3}; Circle(2) = {3, 1, 4}; Line(3) = {4, 5}; Circle(4) = {5, 1, 2};
+Curve Loop(1) = {1, 2, 3, 4}; Plane Surface(1) = {1};
+Transfinite Curve {1, 3} = 3; Transfinite Curve {2, 4} = 5; Transfinite Surface {1}; Recombine Surface {1};
+e[] = Extrude {0, 0, -1} { Surface{1}; Layers{2}; Recombine; };
+Physical Volume("body") = {e[1]}; Physical Surface("body.top") = {1}; Physical Surface("body.bottom") = {e[0]};
+Physical Surface("body.around") = {e[2], e[3], e[4], e[5]};
+"""
+    )
+    data = {
+        "model": "3d",
+        "geometry": {"file": str(tmp_path / "quarter.geo"), "order": 2},
+        "bodies": {"body": {"E": 1.0, "nu": 0.0}},
+        "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0, -1.0], "normal": [0.0, 0.0, 1.0]}},
+        "contacts": {"base": {"surface": "body.bottom", "against": "floor", "friction": {"law": "stick"}}},
+        "supports": {"top": {"boundary": "body.top", "displacement": {"x": 0.0, "y": 0.0, "z": -0.01}}},
+        "output": {"error": False},
+    }
+    base = list(steps(from_dict(data)))[-1].contacts["base"]
+    assert abs(base.contact_area / (3 * np.pi / 4) - 1) < 1e-3

@@ -3,7 +3,7 @@
 import csv
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -109,6 +109,41 @@ def test_two_cylinders_slip_and_dissipate_as_cattaneo_and_mindlin_say(tmp_path: 
     near = np.abs(x) < 1.3 * a
     shear = cattaneo.MU * p0 * (along(x, a) - c / a * along(x, c))
     assert_allclose(np.abs(swing)[near], np.abs(shear)[near], atol=0.15 * float(np.abs(shear).max()))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_largest_numbers_are_within_their_error_of_the_closed_form(order: Literal[1, 2], tmp_path: Path) -> None:
+    """Of Cattaneo and Mindlin: the edge, where most are largest, lies between nodes. No coarser mesh, no error."""
+    there, down = cattaneo.ASIDE, -cattaneo.DOWN
+    scene = cattaneo.scene(cattaneo.Two(order=order), [(0.0, down), (there, down), (-there, down), (there, down)])
+    asked = FrettingCycle(cycle=(2.0, 4.0), dang_van=A)
+    rows = {}
+    for error in ("rough", False):
+        output = Output(**QUIET | {"error": error}, audit=False, fretting={"face": asked})
+        run(replace(scene, output=output), tmp_path / str(error))
+        lines = csv.DictReader((tmp_path / str(error) / "fretting.csv").read_text().splitlines())
+        rows[error] = {line["number"]: line for line in lines}
+    face = result(tmp_path / "rough")["steps"][-1]["contacts"]["face"]
+    E_star = cattaneo.hertz.plane_strain(cattaneo.E, cattaneo.NU) / 2
+    closed = cattaneo.cattaneo(face["normal_force"], face["tangential_force"], cattaneo.R / 2, E_star, cattaneo.MU)
+    a, c, p0, mu, nu = closed.pressed.a, closed.c, closed.pressed.p0, cattaneo.MU, cattaneo.NU
+    x = np.linspace(c, a, 10001)
+    slip = mu * p0 / (a * E_star) * (x * np.sqrt(x**2 - c**2) - c**2 * np.arccosh(x / c))
+    work = 4 * mu * closed.pressed.pressure(x) * slip
+    tension = 2 * mu * p0 * np.sqrt(1 - (c / a) ** 2)
+    exact = {
+        "slip_amplitude": slip[-1],
+        "work": work.max(),
+        "max_shear": mu * closed.pressed.pressure(x)[0],
+        "max_tension": tension,
+        "swt": tension**2 * (1 - nu**2) / cattaneo.E,
+        "dang_van": tension / 2 + A * tension * (1 + nu) / 3,
+    }
+    for key, value in exact.items():
+        found = rows["rough"][key]
+        assert abs(float(found["largest"]) - value) < float(found["error"]), key
+        assert float(found["error"]) < 0.55 * value, key  # of 12 cells in a: the peaks are a cell wide
+        assert rows[False][key] == {**found, "error": ""}
 
 
 def table_of_contact(path: Path, nodes: int) -> Array:

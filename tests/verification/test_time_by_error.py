@@ -248,6 +248,17 @@ def test_coarse_bp1_has_the_interval_of_boundary_elements() -> None:
     assert_allclose([2 * event.rate for event in events], [0.676, 0.650], rtol=0.03)
 
 
+@pytest.mark.slow
+def test_bp3_has_the_published_interval() -> None:
+    """In cells of 200 m. Source: Erickson et al., Bull. Seismol. Soc. Am. 113 (2023)."""
+    words = ["geometry.count=200", "geometry.length=160e3", "geometry.depth=200e3", "steps.end=1.45e10"]
+    steps = list(prepare(read(ROOT / "workflows/lab/studies/bp3/bp3.toml", words)).steps())
+    starts = np.array([event.start for step in steps for event in step.events]) / 31556926  # years
+    assert_allclose(starts[0], 185, rtol=0.025)  # it is 183.7 with 50 m
+    assert_allclose(np.diff(starts)[2:], [89.83], rtol=0.01)
+    assert_allclose(steps[-1].contacts["fault"].pressure, 50e6, rtol=1e-8)
+
+
 def test_points_that_supports_hold_along_the_surface_have_a_state_too() -> None:
     scene = stressed({"pressure": SIGMA, "traction": 0.55 * SIGMA, "rate": 1e-9}, [[0.0, 0.0], [1.0, 1e-6]])
     held = Support(point=(0.0, 0.0), displacement={"x": 0.0})

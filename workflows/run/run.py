@@ -15,6 +15,7 @@ from typing import Any
 
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.mesh_sizes import SizeField
+from stickslip.solvers.accuracy.budget import Coarser
 from stickslip.solvers.parallel.counters import Clock, Counters, Row
 from stickslip.solvers.parallel.serialise import serialise
 from stickslip.solvers.results.linear_reference import LinearReference, linear_reference
@@ -111,6 +112,7 @@ class Run:
         self._state: State | None = None  # that the last step has left
         self.steps = list(earlier.steps)  # the last one with its fields on rank 0, the others without
         self._errors: tuple[Errors, ...] | None = None  # of the numbers of each step; None: not estimated
+        self._coarser: Coarser | None = None  # its steps on longer cells
         self._choice = earlier.choice
         seen = Seen()
         if earlier.last:
@@ -174,7 +176,7 @@ class Run:
                 self._on_rank_0(partial(resuming.note_choice, self._folder, choice))
             estimates.solve(choice)
         finally:
-            self._errors, self._choice = estimates.errors, choice
+            self._errors, self._choice, self._coarser = estimates.errors, choice, estimates.coarser
 
     @property
     def _seen(self) -> Seen:
@@ -274,7 +276,7 @@ class Run:
         if state is not None and status != "interrupted":
             with simulation.clock.phase("output", "neglected effects"):
                 left_out = neglected(simulation, self.steps, state, self._seen, self._errors)
-        ended = Ended(status=status, steps=self.steps, errors=self._errors)
+        ended = Ended(status=status, steps=self.steps, errors=self._errors, coarser=self._coarser)
         reference: LinearReference | None = None
 
         def content() -> dict[str, Any]:

@@ -1,20 +1,24 @@
 """fatigue_NAME.csv, stress_NAME.csv: fretting numbers of a contact over a cycle, and stresses they follow from.
 
+fretting.csv: the largest of each, the node that has it, and its error.
+
 They are made at the end, from the steps of the cycle and their files.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Annotated
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any
 
 import numpy as np
 
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import nearest, require
 from stickslip.geometry.keys import Key, Noun
+from stickslip.solvers.accuracy.budget import Coarser
 from stickslip.solvers.results.fretting import Below
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import StepResult, SurfaceMesh
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.record import STRESSES
 from stickslip.solvers.scene.scene import Scene
@@ -23,6 +27,7 @@ from stickslip.workflows.formats.steps import read_step, step_name
 from stickslip.workflows.writers.writer import Ended, Job, Keys, Turn, Writer, keys_of
 
 KEY = "output.fretting"
+LARGEST = "fretting.csv"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +58,7 @@ class FrettingTables(Writer):
 
     turn = Turn.AFTER
     keys = FrettingKeys
-    reader, files = "programs for fatigue", ("fatigue_*.csv", "stress_*.csv")
+    reader, files = "programs for fatigue", ("fatigue_*.csv", "stress_*.csv", "fretting.csv")
 
     @classmethod
     def wanted(cls, scene: Scene) -> bool:
@@ -100,7 +105,7 @@ class FrettingTables(Writer):
             self._below[rows.name] = Below(job.mesh.surfaces[rows.name], rows.frames[:, 0], rows.sense, material, model)
 
     def names(self) -> Sequence[str]:
-        return [f"{what}_{name}.csv" for name in self._asked for what in ("fatigue", "stress")]
+        return [*(f"{what}_{name}.csv" for name in self._asked for what in ("fatigue", "stress")), LARGEST]
 
     def resume(self, steps: Sequence[StepResult]) -> None:
         """The run makes them anew when it ends."""
@@ -109,25 +114,66 @@ class FrettingTables(Writer):
     def finish(self, ended: Ended) -> None:
         times = [step.time for step in ended.steps]
         reached = [name for name, given in self._asked.items() if given.cycle[1] in times]
-        write_tables_again(self.job.folder, (self._tables(name, ended.steps, times) for name in reached), self.names())
+        write_tables_again(self.job.folder, self._all(reached, ended, times), self.names())
 
-    def _tables(self, name: str, steps: Sequence[StepResult], times: Sequence[float]) -> Iterable[Table]:
-        """The tables of a contact, from the files of a cycle's steps."""
+    def _all(self, reached: Sequence[str], ended: Ended, times: Sequence[float]) -> Iterator[Sequence[Table]]:
+        largest = list[list[Any]]()
+        for name in reached:
+            tables, numbers = self._tables(name, ended.steps, times)
+            largest += self._largest(name, numbers, ended.coarser, times)
+            yield tables
+        if reached:
+            places = "xyz"[: self.job.mesh.points.shape[1]]
+            yield [Table(LARGEST, ["contact", "number", *places, "largest", "error"], largest)]
+
+    def _largest(
+        self, name: str, numbers: Mapping[str, Array], coarser: Coarser | None, times: Sequence[float]
+    ) -> list[list[Any]]:
+        """Rows of the largest numbers of a contact, with their errors where a coarser mesh tells of them.
+
+        At the edges of contact and stick all vary as the root of the distance, so that they err as the root of the
+        cells' length; and no less than by what the highest neighbour lacks, for the largest value lies between nodes.
+        """
+        others, below = dict[str, Array](), self._below[name]
+        if coarser is not None:
+            rows = coarser.contacts[name]
+            side = SurfaceMesh(points=rows.surface.points, facets=rows.surface.facets, shape=rows.surface.shape)
+            contacts = [coarser.steps[k - 1].contacts[name] for k in _steps_of(self._asked[name], times)]
+            on_it = replace(below, mesh=side, normals=rows.frames[:, 0])
+            stress = np.array([on_it.stress(each, each.moved) for each in contacts if each.moved is not None])
+            others = on_it.numbers(contacts, stress, self._asked[name].dang_van)
+        found, facets = list[list[Any]](), below.mesh.facets
+        for key, values in numbers.items():
+            if key.startswith("swt_"):  # a direction
+                continue
+            at, off = int(values.argmax()), None
+            if coarser is not None:
+                near = np.setdiff1d(facets[(facets == at).any(axis=1)], at)
+                apart = abs(values[at] - others[key].max()) / (np.sqrt(coarser.factor) - 1)
+                off = float(max(apart, values[at] - values[near].max()))
+            found.append([name, key, *below.mesh.points[at].tolist(), float(values[at]), off])
+        return found
+
+    def _tables(
+        self, name: str, steps: Sequence[StepResult], times: Sequence[float]
+    ) -> tuple[list[Table], dict[str, Array]]:
+        """The tables of a contact, from the files of a cycle's steps, and its fretting numbers."""
         below, mesh = self._below[name], self.job.mesh
         dim, nodes, indices = mesh.points.shape[1], mesh.slaves[name], _steps_of(self._asked[name], times)
         moved = [read_step(self.job.folder / step_name(k)).displacement[nodes, :dim] for k in indices]
         contacts = [steps[k - 1].contacts[name] for k in indices]
         stress = np.array([below.stress(contact, u) for contact, u in zip(contacts, moved, strict=True)])
         places = dict(zip("xyz", below.mesh.points.T, strict=False))
-        columns = places | below.numbers(contacts, stress, self._asked[name].dang_van)
-        yield Table(f"fatigue_{name}.csv", list(columns), np.transpose([*columns.values()]).tolist())
+        numbers = below.numbers(contacts, stress, self._asked[name].dang_van)
+        columns = places | numbers
+        fatigue = Table(f"fatigue_{name}.csv", list(columns), np.transpose([*columns.values()]).tolist())
         shown = [*STRESSES][: 4 if dim == 2 else 6]
         rows = [
             [times[k - 1], *place, *(float(at_node[STRESSES[part]]) for part in shown)]
             for k, at_time in zip(indices, stress, strict=True)
             for place, at_node in zip(below.mesh.points.tolist(), at_time, strict=True)
         ]
-        yield Table(f"stress_{name}.csv", ["time", *places, *shown], rows)
+        return [fatigue, Table(f"stress_{name}.csv", ["time", *places, *shown], rows)], numbers
 
 
 def _steps_of(given: FrettingCycle, times: Sequence[float]) -> list[int]:

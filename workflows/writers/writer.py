@@ -13,6 +13,7 @@ from typing import Any, ClassVar, TypeVar, get_type_hints
 from stickslip.geometry.errors import nearest, require
 from stickslip.geometry.keys import Noun
 from stickslip.geometry.protocols import Comm
+from stickslip.solvers.accuracy.budget import Coarser
 from stickslip.solvers.results.step_result import Errors, MeshData, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
@@ -49,6 +50,7 @@ class Ended:
     status: str  # converged, doubtful, not_converged, no_equilibrium, interrupted
     steps: Sequence[StepResult]  # all of them, the last one with its fields, the others without
     errors: Sequence[Errors] | None = None  # of the numbers of each step; None: not estimated
+    coarser: Coarser | None = None  # the steps on longer cells; None: not solved
 
     @property
     def in_haste(self) -> bool:
