@@ -149,12 +149,11 @@ class Way:
         u = surface.displacement(forces, self.tolerance * problem.u_ref)
         freed = surface.N @ (u - surface.R @ (surface.R.T @ u))
         if surface.floating:
-            weight, n = closed.astype(float), surface.normal_rows
-            if not closed.any():  # in proportion to their tractions: what just touches has no weight
-                weight = np.sqrt(surface.W * np.abs(acting))
-                wanted[:n] = np.average(p[:n] / problem.gamma[:n], weights=weight[:n] ** 2)
-            weighted = weight[:, None] * bodies
-            freed = freed + bodies @ np.linalg.lstsq(weighted, weight * (wanted - freed), rcond=None)[0]
+            if not closed.any():
+                closed = (acting != 0) & (np.arange(len(p)) < surface.normal_rows)
+                pressed = surface.W[closed] * p[closed]  # by which what just touches does not count
+                wanted = wanted + np.average((p / problem.gamma)[closed], weights=pressed)
+            freed = freed + bodies @ np.linalg.lstsq(bodies[closed], (wanted - freed)[closed], rcond=None)[0]
         return np.asarray(freed)
 
     def felt(self, change: Array, p: Array, w: Array, gap: Array) -> Array:
