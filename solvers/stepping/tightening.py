@@ -126,7 +126,8 @@ class Tightening:
             if not moved.any():
                 self.lost = True
                 return False
-            self.J += np.outer(off - residual - self.J @ moved, moved) / (moved @ moved)
+            way = moved / np.abs(moved).max()  # whose square is no denormal number
+            self.J += np.outer((off - residual - self.J @ moved) / np.abs(moved).max(), way) / (way @ way)
         self.tried = self.x, off
         step, moves = np.where(taut, self.least - self.x, 0.0), self.free & ~taut
         off = off + self.J @ step
@@ -162,7 +163,7 @@ class Tightening:
 
     def _scale(self, state: State) -> Array:
         """Of the forces of bolts and springs (b,) [N]; collective."""
-        far = float(state.u.norm(PETSc.NormType.NORM_INFINITY))
+        far = max(float(u.norm(PETSc.NormType.NORM_INFINITY)) for u in (self.start.u, state.u))
         own = np.maximum(np.abs(self.tension(state)), stretched(self.k, far))
         # of the force that displacements would make of a bolt's stiffness: less is known by rounding only
         return np.where(self.springs | (self.largest == 0), own, np.maximum(self.largest, 1e-5 * own))
