@@ -114,7 +114,8 @@ def one_way(model: str, acts: str, method: str, order: Literal[1, 2] = 1, surfac
     solver = {"method": method, "surface": surface}
     second, found = 1 / (1 / (2 * K) + 1 / (E * AREA[model])), list[Check]()
     for step in prepare(scene(springs, model, order, solver=solver, **tables)).steps():
-        energy, force = step.energy, float(np.interp(step.time, *zip((0.0, 0.0), *PULSE, strict=True)))
+        energy = step.energy
+        force = float(np.interp(step.time, (0.0, *(t for t, _ in PULSE)), (0.0, *(f for _, f in PULSE))))
         exact = max(second * (force / K - GAP) / (1 + second / K), 0.0)
         name = f"{acts} only, {model}, order {order}, t = {step.time:g}"
         found += [
