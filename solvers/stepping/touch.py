@@ -151,8 +151,8 @@ class Way:
         if surface.floating:
             if not closed.any():
                 closed = (acting != 0) & (np.arange(len(p)) < surface.normal_rows)
-                pressed = surface.W[closed] * p[closed]  # by which what just touches does not count
-                wanted = wanted + np.average((p / problem.gamma)[closed], weights=pressed)
+                # by tractions: what just touches does not count
+                wanted = wanted + np.average((p / problem.gamma)[closed], weights=p[closed])
             freed = freed + bodies @ np.linalg.lstsq(bodies[closed], (wanted - freed)[closed], rcond=None)[0]
         return np.asarray(freed)
 
