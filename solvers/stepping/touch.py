@@ -67,6 +67,12 @@ class Way:
         room = np.where(self.p[:n] == 0, self.problem.gap[:n] - self.w[:n], 0.0)
         return np.where(room > np.maximum(scales.no_motion(self.w)[:n], ROUNDING * scales.motion), room, 0.0)
 
+    @cached_property
+    def _motions(self) -> Array:
+        """Rigid motions (rows, modes), without what is rounding: a motion along a surface closes nothing."""
+        motions = np.asarray(self.problem.surface.N @ self.problem.surface.R)
+        return np.where(np.abs(motions) > CLOSE * np.abs(motions).max(axis=0, initial=0.0), motions, 0.0)
+
     def closing(self, place: ContactBlock, p: Array) -> Bools:
         """Which points (m_t,) of a contact close before there are tractions p (rows,) [Pa]: what presses had room."""
         law, average, n = place.rows.normal, place.average, place.normal
@@ -107,7 +113,7 @@ class Way:
         surface, rows, along = self.problem.surface, place.rows, np.zeros_like(p)
         if not surface.floating or self.problem.idle:
             return along
-        own, motions = np.r_[place.normal, place.tangential], np.asarray(surface.N @ surface.R)
+        own, motions = np.r_[place.normal, place.tangential], self._motions
         slave = np.arange(len(rows.points))[:, None] < len(rows.surface.points)
         force = rows.nodal_forces(p[place.normal], p[place.tangential])
         push = np.where(slave, force[slave[:, 0]].sum(axis=0), 0.0).ravel()
@@ -142,7 +148,7 @@ class Way:
         """
         problem, surface, acting = self.problem, self.problem.surface, self.holding(p, closes)
         forces, closed, wanted = surface.forces(acting) + self.added, self.p != 0, np.zeros_like(p)
-        bodies = np.asarray(surface.N @ surface.R)[:, : surface.R.shape[1] - surface.driven]
+        bodies = self._motions[:, : surface.R.shape[1] - surface.driven]
         if surface.floating and closed.any():  # these take up the forces, as rigid bodies would share them out
             left = (surface.R.T @ forces)[: bodies.shape[1]]
             forces = forces - surface.N[closed].T @ np.linalg.lstsq(bodies[closed].T, left, rcond=None)[0]
@@ -151,8 +157,7 @@ class Way:
         if surface.floating:
             if not closed.any():
                 closed = (acting != 0) & (np.arange(len(p)) < surface.normal_rows)
-                # by tractions: what just touches does not count
-                wanted = wanted + np.average((p / problem.gamma)[closed], weights=p[closed])
+                wanted = wanted + (p / problem.gamma)[closed].mean()
             freed = freed + bodies @ np.linalg.lstsq(bodies[closed], (wanted - freed)[closed], rcond=None)[0]
         return np.asarray(freed)
 
