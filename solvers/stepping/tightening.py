@@ -126,8 +126,9 @@ class Tightening:
             if not moved.any():
                 self.lost = True
                 return False
-            way = moved / np.abs(moved).max()  # whose square is no denormal number
-            self.J += np.outer((off - residual - self.J @ moved) / np.abs(moved).max(), way) / (way @ way)
+            size = np.abs(moved).max()
+            way = moved / size  # whose square is no denormal number
+            self.J += np.outer((off - residual - self.J @ moved) / size, way) / (way @ way)
         self.tried = self.x, off
         step, moves = np.where(taut, self.least - self.x, 0.0), self.free & ~taut
         off = off + self.J @ step

@@ -1,13 +1,16 @@
 """What the history decides: the branch that it reaches, and where a closing point begins to slip."""
 
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from stickslip import StepResult, read, steps
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.stepping.touch import Way
 
 SPRINGS = {0.0451863064206929: [-0.975070012221757, 0.221897434112842],
            4.20481369357931: [0.221897434112842, 0.975070012221757]}  # stiffness and direction  # fmt: skip
@@ -209,3 +212,13 @@ def test_a_pad_slips_from_where_it_falls(model: str, mu: float, count: int, tmp_
     assert abs(base.traction[middle, 0]) == pytest.approx(traction, rel=0.1)
     slipped = (0.01 - traction / 0.5) * traction * base.contact_area
     assert base.dissipation_total == pytest.approx(slipped, rel=0.1, abs=1e-9)
+
+
+def test_what_rounding_leaves_of_a_motion_along_a_floor_closes_nothing() -> None:
+    """A pad that only friction holds along y: the normals have 1e-17 of that motion, and all of its fall."""
+    motions = np.array(
+        [[1e-17, 1.0], [-3e-17, 0.9], [1.0, 0.0]]
+    )  # along the floor, and down
+    surface = SimpleNamespace(N=np.eye(3), R=motions)
+    way = Way(cast(SurfaceProblem, SimpleNamespace(surface=surface)), np.zeros(3), np.zeros(3), 1e-8)
+    assert_allclose(way._motions, [[0.0, 1.0], [0.0, 0.9], [1.0, 0.0]], rtol=0, atol=0)
