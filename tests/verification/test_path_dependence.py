@@ -216,9 +216,7 @@ def test_a_pad_slips_from_where_it_falls(model: str, mu: float, count: int, tmp_
 
 def test_what_rounding_leaves_of_a_motion_along_a_floor_closes_nothing() -> None:
     """A pad that only friction holds along y: the normals have 1e-17 of that motion, and all of its fall."""
-    motions = np.array(
-        [[1e-17, 1.0], [-3e-17, 0.9], [1.0, 0.0]]
-    )  # along the floor, and down
+    motions = np.array([[1e-17, 1.0], [-3e-17, 0.9], [1.0, 0.0]])  # along the floor, and down
     surface = SimpleNamespace(N=np.eye(3), R=motions)
     way = Way(cast(SurfaceProblem, SimpleNamespace(surface=surface)), np.zeros(3), np.zeros(3), 1e-8)
     assert_allclose(way._motions, [[0.0, 1.0], [0.0, 0.9], [1.0, 0.0]], rtol=0, atol=0)
