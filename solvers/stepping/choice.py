@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from mpi4py import MPI
 
+from stickslip.geometry.arrays import ROUNDING
 from stickslip.geometry.errors import MachineError
 from stickslip.geometry.memory import available
 from stickslip.geometry.mesh.mesh import Mesh
@@ -37,8 +38,11 @@ INVERSE = 6e-11  # of the inverse of the dense stiffness, times the cube of the 
 SET_UP = 6e-8  # of multigrid, for each entry of K_B
 PER_ENTRY = 1e-8  # of one iteration of conjugate gradients, for each entry of K_B: products and a multigrid cycle
 PER_CONTACT_DOF = 2e-6  # of what is done on the surface beside it, for each contact dof
-# Of conjugate gradients that a step takes, measured 40 to 75 and 20 to 50, and 9 to 31 with little else beside them
-ITERATIONS = {(2, "surface-uzawa"): 60, (3, "surface-uzawa"): 40, (3, "tangent-cg"): 15}
+# Of conjugate gradients that a step takes, measured 40 to 75 and 20 to 50, and 9 to 31 with little else beside them;
+# where points close 26 to 41 that cost twice as much, and half of that again for where they touch
+ITERATIONS = {
+    (2, "surface-uzawa"): 60, (3, "surface-uzawa"): 40, (3, "tangent-cg"): 15, (3, "tangent-cg, closing"): 120,
+}  # fmt: skip
 FACTOR = {2: 40.0, 3: 60.0}  # entries of a factor, to be multiplied by N and N^(4/3)
 NEEDS = ("floating", "driven", "rates", "worn")  # fields of `Size` that a method may not work with
 SHARE = 0.7  # of the available memory that the condensed form may take
@@ -72,6 +76,7 @@ class Size:
     rates: bool = False  # whether friction depends on the slip rate
     clock: bool = False  # whether steps follow slip rates, by the flexibility of each contact dof
     worn: bool = False  # whether a contact slides out of the plane, or wears
+    closing: bool = False  # whether points of contact are open before the first step
     slower: float = 1.0  # iterations of conjugate gradients, relative to those of bodies that are easy to compress
     mixed: float = 1.0  # seconds and entries of a factor, likewise
     parts: tuple[tuple[float, float], ...] = ()  # dofs and contact dofs of bodies that share no node; (): of all
@@ -82,7 +87,7 @@ class Size:
         dofs = constraints.free_total
         nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.nodes % SECTOR for c in contacts)]))
         kind = mesh.domain.topology.cell_type.name, mesh.degree
-        averaged = _averaged(problem, mesh)
+        averaged, (low, high) = _averaged(problem, mesh), mesh.box()
         machine = mesh.comm.Split_type(MPI.COMM_TYPE_SHARED)
         ranks = mesh.comm.allreduce(machine.size, op=MPI.MAX)
         machine.Free()
@@ -99,6 +104,7 @@ class Size:
             rates=any(c.friction is not None and c.friction.drags for c in contacts),
             clock=problem.timeline.clock is not None,
             worn=any(c.wears or c.slides for c in contacts),
+            closing=any((c.gap > ROUNDING * np.max(high - low)).any() for c in contacts),
             slower=slower(problem),
             mixed=mixed(kind, averaged),
             parts=_parts(mesh, dofs, contacts) if mesh.comm.size == 1 and mesh.part_count > 1 else (),
@@ -125,12 +131,14 @@ class Size:
         """Predicted time [s] on one core of preparation and all steps, with the bodies in condensed form."""
         factor = self.mixed * FACTOR_TIME[self.dim]
         prepared = sum(factor * n ** POWER[self.dim] + INVERSE * c**3 for n, c in self._each)
-        newton = INVERSE / 10 * float(self.contact_dofs) ** 3  # of a step
+        # of a step: few systems of few rows, or many of many
+        newton = INVERSE * self._rows**3 if self.closing else INVERSE / 10 * float(self.contact_dofs) ** 3
         return float(prepared + self.steps * (BACK[self.dim] * self.dofs + newton))
 
     def matrix_free_seconds(self, method: str) -> float:
         """The same with the bodies in matrix-free form, by a method."""
-        usual = ITERATIONS.get((self.dim, method), ITERATIONS[self.dim, "surface-uzawa"])
+        kinds = [method + ", closing", method, "surface-uzawa"][not self.closing :]
+        usual = next(ITERATIONS[self.dim, kind] for kind in kinds if (self.dim, kind) in ITERATIONS)
         # a floating body more slender than 2 takes more, in proportion to the square
         iterations = usual * self.slower * max(1.0, self.slender / 2) ** 2
         step = iterations * (PER_ENTRY * self.entries + PER_CONTACT_DOF * self.contact_dofs)
@@ -144,11 +152,14 @@ class Size:
         is the Delassus matrix, which they are cut from.
         """
         factor = sum(n * (n ** (1 / 3) * FACTOR[3] if self.dim == 3 else FACTOR[2]) for n, _ in self._each)
-        several = len(self.parts) > 1
-        rows = (self.contact_dofs / (2 if several else 1)) ** 2
+        several, rows = len(self.parts) > 1, self._rows**2
         # copies of the dense stiffness that are in memory at the same time
         dense = 5 * (sum(c**2 for _, c in self._each) + several * rows) + rows
         return 8.0 * (self.ranks * dense + self.mixed * factor)
+
+    @property
+    def _rows(self) -> float:
+        return self.contact_dofs / (2 if len(self.parts) > 1 else 1)
 
     @property
     def _each(self) -> tuple[tuple[float, float], ...]:

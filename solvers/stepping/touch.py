@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, Array, Bools
+from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, SLIGHT, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock, project_disc
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, Solution, Status
@@ -196,7 +196,7 @@ class Way:
         size = first = float((surface.W * d) @ change)
         with surface.counters.for_error():
             for _ in range(SOLVES if size else 0):
-                u = surface.displacement(surface.forces(d), self.tolerance * float(np.abs(change).max()))
+                u = surface.displacement(surface.forces(d), SLIGHT * float(np.abs(change).max()))
                 answer = surface.N @ (u - surface.R @ (surface.R.T @ u))
                 if (given := float((surface.W * d) @ answer)) <= 0 or size <= CONTRACTION**2 * first:
                     break
