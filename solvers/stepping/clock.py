@@ -105,11 +105,14 @@ def _pairs() -> tuple[Any, Any]:
         def _estimate_error_norm(self, K: Array, h: float, scale: Array) -> float:
             return float(np.abs(self._estimate_error(K, h) / scale).max())
 
-        def is_stiff(self) -> bool:
-            """Whether the last step was as long as stability allows, by its last two stages, which lie at one time."""
+        def asked_by_stability(self) -> float:
+            """Steps that stability asks for in the last one, by its last two stages, which lie at one time; at most 2.
+
+            Where it holds steps back they grow and fall about its limit: it asks for three in four of them or more.
+            """
             apart = self.y - self.y_old - self.step_size * (self.K[:5].T @ self.A[5])
-            turns = self.step_size * (self.K[6] - self.K[5])
-            return bool(np.linalg.norm(turns / self.atol) > STABLE * np.linalg.norm(apart / self.atol))
+            turns, limit = self.step_size * (self.K[6] - self.K[5]), STABLE * np.linalg.norm(apart / self.atol)
+            return min(float(np.linalg.norm(turns / self.atol) / max(limit, TINY)), 2.0)
 
     return Pair, Radau
 
@@ -168,7 +171,7 @@ class _March:
             y[flow.aged] = start.memory[flow.place.rows.name][:, 0]
             allowed[flow.slip] = clock.error * np.repeat(flow.law.Dc, flow.place.components)
             allowed[flow.aged] = clock.error
-        held_back = start.control.easy  # steps that stability held back, less those that it did not
+        held_back = start.control.easy  # steps that stability asked for, less half of those that were made
         time, last, closed = start.time, 0.0, (start.p[: self._n] > 0) | self._held
         while time < self._target:
             if not self._settles(time, y, closed):
@@ -191,9 +194,9 @@ class _March:
                 changes = [self._notice(flow, pair) for flow in self._flows]
                 implicit = self._stiff(held_back)
                 if any(changes):
-                    held_back = 0
+                    held_back = 0.0
                 elif not implicit:
-                    held_back = max(held_back + (1 if pair.is_stiff() else -1), 0)
+                    held_back = max(held_back + pair.asked_by_stability() - 0.5, 0.0)
                 if self._stiff(held_back) != implicit and time < self._target:
                     pair = self._pair(not implicit, time, y, allowed, size)
                 if (self._pauses and any(changes)) or steps >= self._most:
@@ -201,7 +204,7 @@ class _March:
             closed = self._shut(time)
         return self._ended(time, y, last, max(steps, 2), StepControl(size, held_back))
 
-    def _stiff(self, held_back: int) -> bool:
+    def _stiff(self, held_back: float) -> bool:
         """Whether an implicit pair is cheaper: so many steps cost as much as one of its matrices."""
         return self._works < held_back and sum(flow.slip.stop - flow.slip.start for flow in self._flows) <= DENSE
 
@@ -219,7 +222,14 @@ class _March:
                        first_step=min(size, self._target - time))  # fmt: skip
         if not stiff:
             return make(allowed)
-        changes = HALF_DIGITS * np.diag(np.where(np.isinf(allowed), 0.0, np.maximum(np.abs(y), allowed)))
+        allowed = allowed.copy()
+        for flow in self._flows:  # little slip of stiff bodies changes the rate as much as an error of the state does
+            place, c = flow.place, flow.place.components
+            turns = np.repeat(flow.law.a * (place.average @ self._p[place.normal]), c)  # traction [Pa] of a rate e times
+            slips = np.where(turns > 0, turns * np.diagonal(self._D)[place.tangential], np.inf)
+            allowed[flow.slip] = np.minimum(allowed[flow.slip], self._clock.error * slips)
+        scale = np.where(np.isinf(allowed), 0.0, allowed / self._clock.error)  # over which rates change
+        changes = HALF_DIGITS * np.diag(np.sqrt(np.maximum(np.abs(y), scale) * scale))
 
         def slopes(time: float, y: Array) -> Array:
             """d(dy/dt)/dy, by differences; the tractions stay."""

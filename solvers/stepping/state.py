@@ -29,7 +29,7 @@ class StepControl:
     """
 
     size: float = np.inf  # largest substep to try [s]; inf: whole steps
-    easy: int = 0  # number of substeps of that size that were easy, in a row; of a clock: that stability held back
+    easy: float = 0  # number of substeps of that size that were easy, in a row; of a clock: that stability held back
 
     def next_size(self, remaining: float, smallest: float) -> float:
         """Size of the next substep [s].

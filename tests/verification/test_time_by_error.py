@@ -77,6 +77,14 @@ def test_a_stiff_column_takes_no_more_steps_than_a_soft_one() -> None:
     assert_allclose(np.abs(last.force[0]) / SIGMA, rated, rtol=1e-7)
 
 
+def test_a_rigid_slab_slips_as_it_is_driven() -> None:
+    """A million times as stiff as rock: rates are as it is driven, at all depths, whatever slip has to be known to."""
+    meshed = ["geometry.mesh_size=8e3", "geometry.contact_mesh_size=2e3", "output.error=false", "steps.end=4e9"]
+    steps = list(prepare(read("fault", [*meshed, "bodies.block.E=8e16"])).steps())
+    assert sum(step.substeps for step in steps) < 1000
+    assert_allclose(steps[-1].contacts["fault"].slip_rate, 5e-10, rtol=1e-3)
+
+
 def running_away(error: float, end: float = 700.0, **keys: Any) -> Scene:
     """A slider of half the stiffness that it had to have, in its first events."""
     far = 0.6 * SIGMA / 2.5e8
