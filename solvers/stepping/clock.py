@@ -225,7 +225,7 @@ class _March:
         allowed = allowed.copy()
         for flow in self._flows:  # little slip of stiff bodies changes the rate as much as an error of the state does
             place, c = flow.place, flow.place.components
-            turns = np.repeat(flow.law.a * (place.average @ self._p[place.normal]), c)  # traction [Pa] of e times the rate
+            turns = np.repeat(flow.law.a * (place.average @ self._p[place.normal]), c)  # [Pa] of e times the rate
             slips = np.where(turns > 0, turns * np.diagonal(self._D)[place.tangential], np.inf)
             allowed[flow.slip] = np.minimum(allowed[flow.slip], self._clock.error * slips)
         scale = np.where(np.isinf(allowed), 0.0, allowed / self._clock.error)  # over which rates change
