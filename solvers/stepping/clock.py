@@ -111,8 +111,9 @@ def _pairs() -> tuple[Any, Any]:
             Where it holds steps back they grow and fall about its limit: it asks for three in four of them or more.
             """
             apart = self.y - self.y_old - self.step_size * (self.K[:5].T @ self.A[5])
-            turns, limit = self.step_size * (self.K[6] - self.K[5]), STABLE * np.linalg.norm(apart / self.atol)
-            return min(float(np.linalg.norm(turns / self.atol) / max(limit, TINY)), 2.0)
+            turns = self.step_size * (self.K[6] - self.K[5])
+            size, limit = (float(np.linalg.norm(x / self.atol)) for x in (turns, STABLE * apart))
+            return min(size / max(limit, TINY), 2.0)
 
     return Pair, Radau
 
