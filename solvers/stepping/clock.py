@@ -33,7 +33,6 @@ from stickslip.geometry.errors import SolverError
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.iteration import Correction, Solution, Status
 from stickslip.solvers.laws.rate_and_state import RateAndStateByPoint
-from stickslip.solvers.newton.surface_model import DENSE
 from stickslip.solvers.scene.record import Energy, Event
 from stickslip.solvers.scene.settings import Clock
 from stickslip.solvers.stepping.law_memory import with_memory
@@ -90,6 +89,23 @@ class _Flow:
     def speeds(self, rates: Array) -> Array:
         """Slip rates (m_t,) [m/s] among those of all that is integrated."""
         return np.asarray(np.linalg.norm(rates[self.slip].reshape(-1, self.place.components), axis=1))
+
+    def moves(self, at: Array) -> tuple[Array, Array]:
+        """Slip rates and d ln(theta) / dt of each point (m_t, c + 1), and its work by area [W/m²].
+
+        Args:
+            at: ln(V0 theta / Dc), tractions along the contact [Pa], and pressure [Pa] (m_t, c + 2).
+        """
+        aged, t, pressure = at[:, 0], at[:, 1:-1], np.maximum(at[:, -1], 0.0)
+        size = np.linalg.norm(t, axis=1)
+        V = self.law.rate(aged, size, pressure)
+        slips = (V / np.maximum(size, TINY))[:, None] * t
+        return np.column_stack([slips, self.law.evolves(aged, V)]), size * V
+
+    def at(self, p: Array, aged: Array) -> Array:
+        """What `moves` is a function of, at tractions p (rows,) [Pa] and states (m_t,)."""
+        t = p[self.place.tangential].reshape(-1, self.place.components)
+        return np.column_stack([aged, t, self.place.average @ p[self.place.normal]])
 
     def fastest(self, rates: Array) -> float:
         """The largest of them, at least the smallest number."""
@@ -206,8 +222,8 @@ class _March:
         return self._ended(time, y, last, max(steps, 2), StepControl(size, held_back))
 
     def _stiff(self, held_back: float) -> bool:
-        """Whether an implicit pair is cheaper: so many steps cost as much as one of its matrices."""
-        return self._works < held_back and sum(flow.slip.stop - flow.slip.start for flow in self._flows) <= DENSE
+        """Whether an implicit pair is cheaper: so many steps cost as much as several of its matrices."""
+        return self._works < held_back
 
     def _pair(self, stiff: bool, time: float, y: Array, allowed: Array, size: float) -> Any:
         """What integrates from a time on.
@@ -229,19 +245,8 @@ class _March:
             turns = np.repeat(flow.law.a * (place.average @ self._p[place.normal]), c)  # [Pa] of e times the rate
             slips = np.where(turns > 0, turns * np.diagonal(self._D)[place.tangential], np.inf)
             allowed[flow.slip] = np.minimum(allowed[flow.slip], self._clock.error * slips)
-        scale = np.where(np.isinf(allowed), 0.0, allowed / self._clock.error)  # over which rates change
-        changes = HALF_DIGITS * np.diag(np.sqrt(np.maximum(np.abs(y), scale) * scale))
-
-        def slopes(time: float, y: Array) -> Array:
-            """d(dy/dt)/dy, by differences; the tractions stay."""
-            kept, rates, J = self._p, self._rates(time, y), np.zeros(changes.shape)
-            for k, change in enumerate(changes[: self._works]):
-                J[:, k] = (self._rates(time, y + change) - rates) / change[k]
-            self._p = kept
-            return J
-
         allowed = allowed / np.sqrt(len(y))  # its error is a mean
-        return make(allowed, jac=slopes)
+        return make(allowed, jac=self._slopes)
 
     def _notice(self, flow: _Flow, pair: Any) -> bool:
         """Note whether an event of a contact begins or ends in the last step.
@@ -336,14 +341,36 @@ class _March:
         self._p = np.zeros(len(w))
         self._p[self._acts] = self._stiffness @ (free - w)[self._acts]
         for flow in self._flows:
-            place, aged = flow.place, y[flow.aged]
-            t = self._p[place.tangential].reshape(-1, place.components)
-            size, pressure = np.linalg.norm(t, axis=1), np.maximum(place.average @ self._p[place.normal], 0.0)
-            V = flow.law.rate(aged, size, pressure)
-            found[flow.slip] = ((V / np.maximum(size, TINY))[:, None] * t).ravel()
-            found[flow.aged] = flow.law.evolves(aged, V)
-            found[self._works + flow.index] = place.rows.W_t @ (size * V)
+            moves, work = flow.moves(flow.at(self._p, y[flow.aged]))
+            found[flow.slip], found[flow.aged] = moves[:, :-1].ravel(), moves[:, -1]
+            found[self._works + flow.index] = flow.place.rows.W_t @ work
         return found
+
+    def _slopes(self, time: float, y: Array) -> Array:
+        """d(dy/dt)/dy: differences of what each point does, times the bodies' stiffness; the tractions stay.
+
+        What is dissipated follows from all else.
+        """
+        kept, _, acts = self._p, self._rates(time, y), np.asarray(self._acts)
+        p, self._p = self._p, kept
+        J, by_y = np.zeros((len(y), len(y))), np.zeros((len(p), len(y)))  # by_y: dp/dy
+        for flow in self._flows:
+            by_y[flow.place.tangential, flow.slip] = np.eye(flow.slip.stop - flow.slip.start)
+        by_y[acts] = -self._stiffness @ by_y[acts]
+        by_y[~acts] = 0.0
+        for flow in self._flows:
+            place, points, at = flow.place, len(flow.law.a), flow.at(p, y[flow.aged])
+            aged = np.zeros((points, len(y)))
+            aged[:, flow.aged] = np.eye(points)
+            t = by_y[place.tangential].reshape(points, -1, len(y)).swapaxes(0, 1)
+            turns = np.where(at[:, -1] > 0, flow.law.a * at[:, -1], 1.0)  # [Pa]
+            for k, inner in enumerate([aged, *t, place.average @ by_y[place.normal]]):
+                change = np.zeros_like(at)
+                change[:, k] = HALF_DIGITS * (turns if k else 1.0)
+                slope = (flow.moves(at + change)[0] - flow.moves(at)[0]) / change[:, k, None]
+                J[flow.slip] += (slope[:, :-1, None] * inner[:, None]).reshape(-1, len(y))
+                J[flow.aged] += slope[:, -1:] * inner
+        return J
 
     def _ended(self, time: float, y: Array, last: float, steps: int, control: StepControl) -> Attempt:
         """The state at the end of the step; collective.
