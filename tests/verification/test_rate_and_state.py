@@ -86,29 +86,31 @@ def test_a_state_at_constant_rate_is_exact_in_any_number_of_steps(evolution: str
         assert_allclose(law.coefficient(*memory.T)[0], f, rtol=2e-9)
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e6])  # of stress [MPa], [Pa]
 @pytest.mark.parametrize("evolution", STEP)
 @pytest.mark.parametrize(  # |t_hat| over the pressure, from 1e-30 to 1 m/s
     ("size", "step"), [(0.0, 1e-3), (1e-3, 1e-3), (1e-3, 1e4), (0.7, 1e-3), (3.0, 1e-3), (50.0, 1e-3)]
 )
 def test_the_traction_of_a_rate_is_that_of_its_law_and_has_its_derivatives(
-    evolution: str, size: float, step: float
+    evolution: str, size: float, step: float, unit: float
 ) -> None:
-    gamma, h = np.array([0.1, 0.2, 0.1, 0.1]) / step, 1e-5
-    law, whole = by_point(evolution=evolution, damping=1e-2), size * np.abs(MEANS @ PRESSED)
+    gamma, p, h = np.array([0.1, 0.2, 0.1, 0.1]) * unit / step, PRESSED * unit, 1e-5
+    strength = F0 if size else 10 * F0  # then no number is as small as the rate of nothing
+    law, whole = by_point(evolution=evolution, damping=1e-2 * unit, f0=strength), size * np.abs(MEANS @ p)
     now = law.within(MEMORY, step)
 
     def bound(size: Array, p: Array) -> Array:
         return now.dragged(p, MEANS, Trial(size, gamma)).bound
 
-    found = now.dragged(PRESSED, MEANS, Trial(whole, gamma))
+    found = now.dragged(p, MEANS, Trial(whole, gamma))
     slip = np.maximum(whole - found.bound, 0.0) / gamma
-    ended = law.at(law.after(MEMORY, slip, step)).limit(PRESSED, MEANS, Unilateral(), 1.0, 1.0)
-    creep = np.where(MEANS @ PRESSED > 0, whole, 0.0)  # the slowest slip is lost in rounding
-    assert_allclose(found.bound, ended if size > 0.1 else creep, rtol=1e-6, atol=1e-200)
-    slope = (bound(whole * (1 + h), PRESSED) - bound(whole * (1 - h), PRESSED)) / (2 * h) / np.maximum(whole, 1e-9)
-    assert_allclose(found.by_trial, slope if size else MEANS @ PRESSED > 0, rtol=1e-4, atol=1e-7)
+    ended = law.at(law.after(MEMORY, slip, step)).limit(p, MEANS, Unilateral(), 1.0, 1.0)
+    creep = np.where(MEANS @ p > 0, whole, 0.0)  # the slowest slip is lost in rounding
+    assert_allclose(found.bound, ended if size > 0.1 else creep, rtol=1e-6, atol=1e-30)
+    slope = (bound(whole * (1 + h), p) - bound(whole * (1 - h), p)) / (2 * h) / np.maximum(whole, 1e-9)
+    assert_allclose(found.by_trial, slope if size else MEANS @ p > 0, rtol=1e-4, atol=1e-7)
     for k, own in enumerate(np.eye(3) * h):
-        slope = (bound(whole, PRESSED * (1 + own)) - bound(whole, PRESSED * (1 - own))) / (2 * h * PRESSED[k])
+        slope = (bound(whole, p * (1 + own)) - bound(whole, p * (1 - own))) / (2 * h * p[k])
         assert_allclose(found.by_pressure.toarray()[:, k], slope, rtol=1e-4, atol=1e-7)
 
 
