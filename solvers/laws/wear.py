@@ -57,9 +57,7 @@ class Wear(Noun):
             mu_table.check(self.table, "k")
             p, k = np.array(self.table).T
             slope = np.diff(k) / np.diff(p)
-            falls = self.by == "pressure" and bool(
-                np.any(np.maximum(-slope * p[1:] - k[1:], -slope * p[:-1] - k[:-1]) > 0)
-            )
+            falls = self.by == "pressure" and bool(np.any(k[1:] + slope * p[1:] < 0))  # least at the end of a piece
             require(not falls, "k", [list(line) for line in self.table], "k p must not fall as the pressure p grows")
         else:
             require(self.k != (), "k", "[]", "a table needs at least one [value, k]")
@@ -87,7 +85,7 @@ class Wear(Noun):
         if isinstance(self.k, str):
             with prefixed("wear"):
                 found = values(self.k, "k", points, time, end)
-                require(float(found.min(initial=0.0)) >= 0, "k", f'"{self.k}"', "must not be negative, in 1/Pa")
+                require(bool(np.all(found >= 0)), "k", f'"{self.k}"', "must not be negative, in 1/Pa")
                 return found
         if self.table:
             at = pressed if self.by == "pressure" else slid
@@ -213,11 +211,11 @@ class Turned(FrictionLaw):
         return np.divide(slip, np.hypot(slip, aside), out=np.ones_like(slip), where=aside > 0)
 
     def at(self, memory: Array) -> FrictionLaw:
-        return _Left(of=self.of, share=memory, k_T=self.k_T)
+        return _Left(of=self.of, share=memory)
 
     def within(self, memory: Array, step: float) -> FrictionLaw:
         aside, now = self.slid(step), (self.normal, self.time, self.end)
-        return _Turning(of=self.of, aside=aside, now=now, k_T=self.k_T) if aside.any() else self.of
+        return _Turning(of=self.of, aside=aside, now=now) if aside.any() else self.of
 
     def work_aside(self, p: Array, average: Sparse, memory: Array, step: float) -> Array:
         """Work (m_t,) [J/m²] on the sliding out of the plane in a step that has ended at pressures p (m_n,) [Pa]."""
@@ -264,20 +262,20 @@ class _Turning(FrictionLaw):
         return self.of.limit(p, average, normal, time, end)
 
     def dragged(self, p: Array, average: Sparse, trial: Trial) -> Dragged:
-        """Solve soft s x / sqrt(x² + Δs²) + gamma x = |t_hat| for the slip x, by Newton's method from below."""
+        """Solve s x / sqrt(x² + Δs²) + gamma x = |t_hat| for the slip x, by Newton's method from below."""
         s, slope = self.of.limit(p, average, *self.now), self.of.limit_slope(p, average, self.now[0])
-        soft, aside = 1 + trial.gamma * self.softness, np.maximum(self.aside, TINY)
-        x = np.maximum((trial.size - soft * s) / trial.gamma, trial.size / (trial.gamma + soft * s / aside))
+        aside = np.maximum(self.aside, TINY)
+        x = np.maximum((trial.size - s) / trial.gamma, trial.size / (trial.gamma + s / aside))
         for _ in range(NEWTON_STEPS):  # the left side is concave: it is approached from below
             length = np.hypot(x, aside)
-            steep = trial.gamma + soft * s * (aside / length) ** 2 / length
-            step = (trial.size - soft * s * x / length - trial.gamma * x) / steep
+            steep = trial.gamma + s * (aside / length) ** 2 / length
+            step = (trial.size - s * x / length - trial.gamma * x) / steep
             x = x + np.maximum(step, 0.0)
             if np.all(step <= 2 * EPS * x):
                 break
         length = np.hypot(x, aside)
         left, growth = x / length, s * (aside / length) ** 2 / length
-        stiff = trial.gamma + soft * growth
+        stiff = trial.gamma + growth
         by_pressure = slope.multiply((left * trial.gamma / stiff)[:, None]).tocsr()
         return Dragged(left * s, growth / stiff, by_pressure)
 

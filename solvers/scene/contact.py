@@ -266,7 +266,7 @@ class Contact(Noun):
         if given is None:
             return law, None
         slide = Slide(given=given, speed=self.slide_speed is not None, turns=turns)
-        return law and Turned(of=law, normal=self.normal, slide=slide, k_T=law.k_T), slide
+        return law and Turned(of=law, normal=self.normal, slide=slide), slide
 
     def _check_sides(self) -> None:
         several = self.partners

@@ -35,6 +35,7 @@ from stickslip.solvers.laws.pressure_dependent import PressureDependent
 from stickslip.solvers.laws.rate_dependent import SPEEDS, RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.wear import Worn
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.results.step_result import SLIP, STICK
 from stickslip.solvers.scene.contact import Contact
@@ -58,6 +59,7 @@ NORMAL = [
     Compliance(c_n=3.0),
     Compliance(c_n=1e9, m_n=2.0),
     Compliance(c_n=0.2, m_n=1.5),
+    *(Worn(of=of, softness=np.array([0.3])) for of in (Unilateral(), Compliance(c_n=3.0, m_n=2.0))),
 ]
 
 
@@ -97,7 +99,8 @@ def test_stiffness_is_the_slope_of_the_resolvent_without_its_step(law: NormalLaw
     for trial in (np.array([0.9]), np.array([-0.4])):
         slope = (law.resolvent(trial + h, gamma) - law.resolvent(trial - h, gamma)) / (2 * h)
         k = law.stiffness(law.resolvent(trial, gamma), trial)
-        expected = np.where(np.isinf(k), 1.0, np.divide(k, k + gamma, where=np.isfinite(k), out=np.ones(1)))
+        rigid = 1 / (1 + gamma * law.give)
+        expected = np.where(np.isinf(k), rigid, np.divide(k, k + gamma, where=np.isfinite(k), out=np.ones(1)))
         assert_allclose(slope, expected, atol=1e-8)  # central difference, h² and eps/h
 
 

@@ -1,6 +1,6 @@
 """Wear: columns, an annulus and a roller that slide and wear, against their implicit rule and published figures."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import reduce
 from operator import getitem
 from pathlib import Path
@@ -8,12 +8,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import sparse
 
 import stickslip
 from shared.audited import record_of
 from shared.problems import on_floor
 from stickslip import SLIP, STICK, Quantity, Scene, SceneError
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.laws.friction import Cohesion, Coulomb, OrthotropicCoulomb, Stick, Tresca
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, Trial
+from stickslip.solvers.laws.normal import Compliance, Unilateral
+from stickslip.solvers.laws.rate_dependent import RateDependent
+from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.wear import Slide, Turned, Wear, Worn
 from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.stepping import halving
@@ -158,6 +166,161 @@ def test_friction_turns_towards_the_sliding_out_of_the_plane() -> None:
         assert_allclose(found.dissipation, mu * p * np.hypot(x, s) + k * p**2 * np.hypot(x, s), rtol=1e-9)
         assert (found.status == SLIP).all()
         sound(audit)
+
+
+@pytest.mark.parametrize("law", [Unilateral(), Compliance(c_n=3.0), Compliance(c_n=3.0, m_n=2.0)])
+def test_a_point_that_wears_gives_by_k_times_its_slip(law: NormalLaw) -> None:
+    worn, gamma = Worn(of=law, softness=np.array([0.0, 0.5, 2.0])), np.array([1.0, 2.0, 0.7])
+    p_hat = np.array([3.0, 4.0, 5.0])
+    p = worn.resolvent(p_hat, gamma)
+    deep = law.penetration(p) + worn.softness * p
+    assert_allclose(p + gamma * deep, p_hat, rtol=1e-12)
+    assert_allclose(worn.penetration(p), deep)
+    assert_array_equal(worn.energy(p), law.energy(p))  # what wears away stores nothing
+    assert worn.at_quadrature == law.at_quadrature
+    assert (worn.power == 1) is np.allclose(worn.penetration(2 * p), 2 * worn.penetration(p))
+    assert worn.power in (None, 1)
+
+
+def test_k_is_a_number_two_numbers_a_table_or_an_expression() -> None:
+    points, table = np.array([[0.0, 1.0], [2.0, 3.0]]), ((1.0, 0.4), (3.0, 0.3))
+    now: dict[str, Any] = {"time": 0.5, "end": 2.0, "pressed": np.array([1.0, 2.0]), "slid": np.array([3.0, 7.0])}
+    for k, by, found in (
+        (0.5, "pressure", [0.5, 0.5]),
+        (0.0, "slip", [0.0, 0.0]),
+        ((0.0, 0.75), "pressure", [0.75, 0.75]),
+        ("x + t", "pressure", [0.5, 2.5]),
+        ("0.1*x", "slip", [0.0, 0.2]),
+        (table, "pressure", [0.4, 0.35]),
+        (table, "slip", [0.3, 0.3]),
+    ):
+        wear = Wear(k=k, by=by)  # type: ignore[arg-type]
+        assert_allclose(wear.rate(points, **now), found)
+        assert [wear.asks_for(what) for what in ("pressure", "slip")] == [
+            k == table and by == what for what in ("pressure", "slip")
+        ]
+    assert Wear(k="x").rate(np.zeros((0, 2)), **now).shape == (0,)
+    with pytest.raises(SceneError, match=r'^wear\.k = "1 - x": must not be negative, in 1/Pa'):
+        Wear(k="1 - x").rate(points, **now)
+    with pytest.raises(SceneError, match=r'^wear\.k = "1/x": has no finite value'):
+        Wear(k="1/x").rate(points, **now)
+
+
+def test_k_times_pressure_may_stay_but_not_fall() -> None:
+    Wear(k=((0.0, 0.4), (2.0, 0.2)))  # k p = 0.4 p - 0.1 p^2 is level at 2 Pa
+    Wear(k=((0.0, 0.4), (2.0, 0.1)), by="slip")
+    for table in (((0.0, 0.4), (2.0, 0.19)), ((1.0, 0.4), (2.0, 0.25)), ((0.0, 0.1), (1.0, 0.4), (2.0, 0.25))):
+        with pytest.raises(SceneError, match=r"^k = \[\[.*\]\]: k p must not fall as the pressure p grows"):
+            Wear(k=table)
+    for k, said in (
+        ((), r"^k = \[\]: a table needs at least one"),
+        ((1.0, -2.0), r"^k = -2\.0: must not be negative, in 1/Pa"),
+        (((1.0, 0.2), (1.0, 0.3)), r"^k = .*: its first column must increase"),
+        ("q", r'^k = "q": column 1: q is not known'),
+    ):
+        with pytest.raises(SceneError, match=said):
+            Wear(k=k)  # type: ignore[arg-type]
+
+
+PATHS: list[tuple[Any, bool, list[float]]] = [  # given, whether it is a speed, path at 1, 1.5 and 3 s of 4 s
+    (-4.0, False, [1.0, 1.5, 3.0]),
+    (((1.0, 2.0), (2.0, -1.0)), False, [2.0, 3.5, 5.0]),
+    (-2.0, True, [2.0, 3.0, 6.0]),
+    (((0.0, 0.2), (2.0, 0.6)), True, [0.3, 0.525, 1.4]),
+    (((0.0, 1.0), (1.0, 3.0), (2.0, 0.0)), True, [2.0, 2.0 + 1.125, 3.5]),
+    (((0.0, -1.0), (2.0, 3.0)), True, [0.5, 0.25 + 1.0, 0.25 + 2.25 + 3.0]),  # it turns at half a second
+]
+
+
+@pytest.mark.parametrize(("given", "speed", "path"), PATHS)
+def test_the_length_of_a_path_counts_there_and_back(given: Any, speed: bool, path: list[float]) -> None:
+    slide, points = Slide(given=given, speed=speed), np.array([[2.0, 5.0], [3.0, 5.0]])
+    assert_allclose([slide.travelled(time, 4.0) for time in (0.0, 1.0, 1.5, 3.0)], [0.0, *path])
+    assert_allclose(slide.within(points, 3.0, 1.5, 4.0), path[2] - path[1])
+    assert_allclose(replace(slide, turns=True).within(points, 1.5, 0.5, 4.0), (path[1] - path[0]) * points[:, 0])
+
+
+def test_a_path_that_does_not_grow_but_by_rounding_is_at_rest() -> None:
+    for far, moves in ((5.0, False), (5.0 + 1e-9, False), (5.0 + 1e-8, True)):
+        slide = Slide(given=((0.0, 0.0), (1.0, 5.0), (2.0, far)), speed=False)
+        assert (slide.within(np.ones((2, 2)), 2.0, 1.0, 2.0) > 0).tolist() == [moves] * 2
+
+
+MEANS = sparse.csr_matrix([[0.5, 0.5, 0.0], [0.0, 0.25, 0.75], [0.0, 0.0, 1.0]])
+PRESSED = np.array([1.0, 3.0, 5.0])  # [Pa]
+TURN = 3e-8  # [rad]
+RADII = np.array([[0.0, 9.0], [1.0, 9.0], [2.0, 9.0]])  # points [m]
+TURNED: list[FrictionLaw] = [
+    Coulomb(mu="(0.1 + 0.1*x)*t"),
+    Cohesion(a=0.2, mu=0.1),
+    Tresca(bound=2.0),
+    TangentialCompliance(c_T=2.0),
+]
+
+
+def turned(of: FrictionLaw, normal: NormalLaw) -> Turned:
+    """Friction of three points at the radii 0, 1, 2 m, that turn by TURN within the first second, and then rest."""
+    slide = Slide(given=((0.0, 0.0), (1.0, TURN)), speed=False, turns=True)
+    law = Turned(of=of, normal=normal, slide=slide).placed(RADII, 1.0, 2.0)
+    assert isinstance(law, Turned)
+    return law
+
+
+@pytest.mark.parametrize("of", TURNED)
+@pytest.mark.parametrize("size", [1e-6, 0.1, 0.9, 30.0])  # |t_hat| [Pa]
+def test_slip_turns_friction_by_its_formula_and_has_its_derivatives(
+    of: FrictionLaw, size: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stickslip.solvers.laws.wear.NEWTON_STEPS", 8)  # quadratic
+    normal = Compliance(c_n=4.0) if isinstance(of, TangentialCompliance) else Unilateral()
+    at, law, memory, gamma, h = (normal, 1.0, 2.0), turned(of, normal), np.zeros(3), np.array([2e7, 5e7, 1e7]), 1e-6
+    whole, aside = size * np.array([1.0, 0.8, 1.2]), TURN / 2 * np.arange(3.0)
+    now, s = law.within(memory, 0.5), law.limit(PRESSED, MEANS, *at)
+    assert_allclose(s, of.placed(RADII, 1.0, 2.0).limit(PRESSED, MEANS, *at))
+
+    def bound(size: Array, p: Array) -> Array:
+        return now.dragged(p, MEANS, Trial(size, gamma)).bound
+
+    found = now.dragged(PRESSED, MEANS, Trial(whole, gamma))
+    slip = (whole - found.bound) / gamma
+    assert_allclose(
+        found.bound, np.append(min(whole[0], s[0]), (s * slip / np.hypot(slip, aside + 1e-99))[1:]), rtol=1e-8
+    )
+    slope = (bound(whole * (1 + h), PRESSED) - bound(whole * (1 - h), PRESSED)) / (2 * h * whole)
+    assert_allclose(found.by_trial, slope, rtol=1e-5, atol=1e-8)
+    for k, own in enumerate(np.eye(3) * h):
+        slope = (bound(whole, PRESSED * (1 + own)) - bound(whole, PRESSED * (1 - own))) / (2 * h * PRESSED[k])
+        assert_allclose(found.by_pressure.toarray()[:, k], slope, rtol=1e-5, atol=1e-8)
+    assert_array_equal(now.limit(PRESSED, MEANS, *at), s)
+    share = law.after(memory, slip, 0.5)
+    ended = law.at(share)
+    assert_allclose((share * s)[1:], found.bound[1:], rtol=1e-8)
+    assert share[0] == 1
+    assert_allclose(ended.limit(PRESSED, MEANS, *at), share * s)
+    for k, e in enumerate(np.eye(3) * h):
+        slope = (ended.limit(PRESSED + e, MEANS, *at) - ended.limit(PRESSED - e, MEANS, *at)) / (2 * h)
+        assert_allclose(ended.limit_slope(PRESSED, MEANS, normal).toarray()[:, k], slope, atol=1e-8)
+    work = law.work_aside(PRESSED, MEANS, share, 0.5)
+    assert_allclose(work, s * aside**2 / np.maximum(np.hypot(slip, aside), 1e-99), rtol=1e-7, atol=1e-22)
+
+
+def test_a_turned_law_is_that_of_its_friction_where_nothing_slides() -> None:
+    soft = Compliance(c_n=4.0)
+    for of, normal in ((TURNED[0], Unilateral()), (Tresca(bound=2.0), Unilateral()), (TURNED[-1], soft)):
+        law, here, at = turned(of, normal), of.placed(RADII, 1.0, 2.0), (normal, 1.0, 2.0)
+        assert replace(law, time=2.0).within(np.zeros(3), 1.0) is law.of
+        for each in (law, law.at(np.ones(3)), law.within(np.zeros(3), 1.0)):
+            assert each.lines(*at) == here.lines(*at)
+            assert_allclose(each.limit(PRESSED, MEANS, *at), here.limit(PRESSED, MEANS, *at))
+        assert not law.within(np.zeros(3), 1.0).homogeneous(*at)
+        assert law.changes
+        assert_allclose(replace(law, slide=Slide(given=0.6, speed=False, turns=True)).slid(0.5), [0.0, 0.15, 0.3])
+        assert law.amplitudes() == here.amplitudes()
+        assert not Turned.refuses_law(of)
+    assert [turned(Coulomb(mu=mu), soft).resists() for mu in (0.0, 0.1)] == [False, True]
+    across = OrthotropicCoulomb(mu_1=0.1, mu_2=0.2, axis=(1.0, 0.0, 0.0))
+    for wrong in (across, Stick(), Coulomb(mu=0.3, k_T=1.0), RateDependent(mu="0.3 + V")):
+        assert Turned.refuses_law(wrong)
 
 
 @pytest.mark.parametrize(("dim", "normal"), [(2, {}), (3, {}), (2, {"normal": {"law": "compliance", "c_n": 1e8}})])
