@@ -235,7 +235,7 @@ class Attempts(Driver):
         """
         number = self.history[-1].iteration + start.in_equilibrium if self.history else 0  # of the start
         stalls = Stall(QUICK if proximal else QUICK // 2, number)
-        found = self.run(self._iterates(start, proximal or 0.0, number), stalls, cycles=proximal is None)
+        found = self.run(self.iterates(start, proximal or 0.0, number), stalls, cycles=proximal is None)
         if found.status is Status.NO_HOLD and (self.best is None or np.isnan(self.best.residual)):
             w = self.bodies.relative(start.p, start.u_c)
             self.best = Solution(start.p, w, start.u_c, Status.NO_HOLD, np.inf, ())
@@ -251,7 +251,14 @@ class Attempts(Driver):
                 residual = max(problem.natural_residual(p, w), problem.imbalance(p))
         return Iterate(number, residual, p, w, u, problem.gap if problem.touch else None)
 
-    def _iterates(self, start: Start, proximal: float, number: int) -> Iterator[Iterate]:
+    def iterates(self, start: Start, proximal: float, number: int) -> Iterator[Iterate]:
+        """Iterates of one attempt, see `Attempts`.
+
+        Args:
+            start: where to begin.
+            proximal: weight of the proximal term [-]; 0: plain Newton.
+            number: of the start.
+        """
         problem, gamma = self.problem, start.factor * self.problem.gamma
         p, u, p_hat, known = start.p, start.u_c, start.p_hat, start.in_equilibrium
         w, held = self.bodies.relative(p, u), p_hat
@@ -265,6 +272,8 @@ class Attempts(Driver):
                 if moved := self.problem is not problem:
                     problem, least = self.problem, np.inf
                     search = LineSearch(problem, gamma)
+                if start.near and not proximal and x.residual > least:
+                    return
                 if not rises and proximal and x.residual > 1 > least:
                     rises, (p, u, w) = True, best
                 else:
@@ -286,6 +295,10 @@ class Attempts(Driver):
                 p_new, u_new, w_new = p + t * (p_new - p), u + t * (u_new - u), w + t * (w_new - w)
             p, u, w, known = p_new, u_new, w_new, True
 
+    def solved(self, laws: ActiveSet, p: Array, u: Array, weight: float) -> tuple[Array, Array]:
+        """Tractions (rows,) [Pa] and displacement by linearised laws; weight [-] of a proximal term to p and u."""
+        return self.bodies.solve(laws.proximal(p, weight, self.problem.gamma, weight) if weight else laws, p, u)
+
     def _solve(
         self, p_hat: Array, held: Array, gamma: Array, at: tuple[Array, Array], weight: float
     ) -> tuple[Array, Array, Array] | None:
@@ -305,9 +318,7 @@ class Attempts(Driver):
         for _ in range(RETREATS):
             try:
                 laws = linearise(self.problem, p_hat, gamma)
-                if weight:
-                    laws = laws.proximal(at[0], weight, self.problem.gamma, weight)
-                return *self.bodies.solve(laws, *at), p_hat
+                return *self.solved(laws, *at, weight), p_hat
             except np.linalg.LinAlgError:
                 p_hat = (p_hat + held) / 2
         return None

@@ -36,7 +36,7 @@ def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
     bodies = surface.row_stiffness(problem.cone.carrying)
     # ratio of unknown tractions to unknown motions below which the inverse that tractions need pays
     few = not laws.k.any() and (~laws.given).sum() < 0.5 * (~laws.fixed).sum()
-    if laws.weight and surface.floating:
+    if laws.hold and surface.floating:
         return by_tractions(laws, surface, laws.hold * surface.rho * np.eye(surface.R.shape[1]), u_c)
     held = unfelt(laws, surface)
     if held.any():

@@ -39,6 +39,7 @@ from stickslip.solvers.newton.attempts import (
     other_starts,
 )
 from stickslip.solvers.newton.collapse import on_softer_springs
+from stickslip.solvers.newton.settling import settled
 from stickslip.solvers.newton.soft_start import soft_starts
 
 Linear = Callable[[ActiveSet, Array], tuple[Array, Array]]  # linearised laws, u_c of the iterate: p [Pa] and u_c [m]
@@ -84,6 +85,8 @@ class SemismoothNewton:
             if attempts.stalled and attempts.best is not None:
                 yield again(problem, attempts.best), FIRM[0]
         for start in soft_starts(attempts):
+            for place in settled(attempts, start):
+                yield place, None
             yield start, FIRM[0]
         if attempts.over:
             return
