@@ -224,12 +224,13 @@ def test_a_csv_file_is_the_map_written_out(text: str, keys: str, expected: Any, 
 
 WRONG: dict[str, tuple[str, str]] = {
     "no file": ('{ csv = "none.csv" }', "gap_offset.csv = .*none.csv: no such file"),
+    "no file in time": ('{ csv = "none.csv", time = "t", column = "u" }', "gap_offset.csv = .*none.csv: no such file"),
     "no name of a file": ("{ csv = 2 }", "gap_offset.csv = 2: expected a text, in quotes"),
     "unknown axis": ('{ over = ["q"], rows = [[0, 0], [1, 1]] }', r"gap_offset.over = \['q'\]: expected one or two"),
     "short row": ('{ over = ["x"], rows = [[0, 0], [1]] }', r"gap_offset.rows = \[1.0\]: expected rows of 2 numbers"),
     "one place": ('{ over = ["x"], rows = [[0, 0]] }', "gap_offset.rows: 1 places do not span x"),
     "no places": ('{ over = ["x"], rows = [] }', "gap_offset.rows: 0 places do not span x"),
-    "a line": ('{ over = ["x", "y"], rows = [[0, 0, 0], [1, 1, 0], [2, 2, 0]] }', "rows: 3 places do not span x, y"),
+    "a line": ('{ over = ["x", "y"], rows = [[0, 1, 0], [1, 2, 0], [2, 3, 0]] }', "rows: 3 places do not span x, y"),
     "a place twice": (
         '{ over = ["x"], rows = [[0, 0], [0, 1]] }',
         "gap_offset.rows = 2: rows; a place is listed twice",

@@ -192,13 +192,14 @@ def test_a_graph_has_a_height_over_each_point() -> None:
         Graph(height=ALONG_Y).check_points(np.array([[0.5, 0.5, 0.0], [0.5, 7.0, 0.0]]))
 
 
-@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
-def test_a_graph_of_any_size_is_that_of_size_one(size: float) -> None:
+@pytest.mark.parametrize(("size", "shift"), [(1e-6, 0.0), (1.0, 1e5), (1e6, 0.0)])
+def test_a_graph_of_any_size_anywhere_is_that_of_size_one(size: float, shift: float) -> None:
     """The circle of radius 2, and the plane y = -x."""
     x = size * np.array([[-1.0, 1.0], [0.5, 3.0], [1.0, 1.0], [1.0, 1.5]])
-    round_, slope = Graph(height=f"sqrt({4 * size**2} - x**2)"), Graph(height="-x")
-    assert_allclose(round_.signed_gap(x), np.linalg.norm(x, axis=1) - 2 * size, rtol=1e-9)
-    assert_allclose(round_.normals(x), x / np.linalg.norm(x, axis=1)[:, None], atol=1e-8)
+    round_, slope = Graph(height=f"sqrt({4 * size**2} - (x - {shift})**2)"), Graph(height="-x")
+    at = x + np.array([shift, 0.0])
+    assert_allclose(round_.signed_gap(at), np.linalg.norm(x, axis=1) - 2 * size, rtol=1e-9)
+    assert_allclose(round_.normals(at), x / np.linalg.norm(x, axis=1)[:, None], atol=1e-4)
     assert_allclose(slope.signed_gap(x), x.sum(axis=1) / np.sqrt(2), atol=1e-12 * size)
     assert slope.signed_gap(x[:0]).shape == (0,)
     assert slope.normals(x[:0]).shape == (0, 2)
