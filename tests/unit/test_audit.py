@@ -669,6 +669,10 @@ REMEMBERING: dict[str, tuple[int, dict[str, Any]]] = {  # dimension, and the con
     "wear, held": (2, WORN),
     "wear without friction": (2, {"slide": 0.3, "wear": {"k": 2.0}}),
     "wear by slip alone": (2, {"friction": COULOMB, "wear": {"k": 2.0}}),
+    "wear of tables": (2, {"friction": COULOMB, "wear": {"k": [[0, 1.0], [1, 3.0]], "by": "pressure"}}),
+    "wear of a path": (2, {"friction": COULOMB, "wear": {"k": [[0, 1.0], [1, 3.0]], "by": "slip"}}),
+    "wear of places": (2, {"friction": COULOMB, "wear": {"k": "1 + x"}}),
+    "wear of places and times": (2, {"friction": COULOMB, "wear": {"k": "1 + x*t"}}),
     "slip, springs": (3, {"friction": {"law": "slip_dependent", "mu": [[0, 0.4], [1, 0.2]], "k_T": 7.0}}),
     "bilateral": (3, {"normal": {"law": "bilateral"},
                       "friction": {"law": "static_kinetic", "mu_s": 0.4, "mu_k": 0.2, "slip_length": 0.1}}),
@@ -719,7 +723,9 @@ def test_what_contacts_remember_is_that_of_the_definition(name: str) -> None:
         own = [w @ slips / w.sum() if w.sum() > 0 else 0.0 for w in rows.average.T.toarray() * rows.W_t]
         path = np.hypot(own if law else 0.0, aside) + points
         then = {"base.worn": 0.1 + points} | ({"base.slid": 0.2 + points} if law else {})
-        now = {"base.worn": 0.1 + (1.5 if contact is WORN else 2.0) * path * p_n}
+        rates = {"wear of tables": 1 + 2 * np.clip(p_n, 0, 1), "wear of a path": 1 + 2 * np.clip(0.2 + path, 0, 1)}
+        places = 1 + rows.surface.points[:, 0] if "places" in name else 2.0
+        now = {"base.worn": 0.1 + (1.5 if contact is WORN else rates.get(name, places)) * path * p_n}
         now |= {"base.slid": 0.2 + path} if law else {}
     if law and law.remembers:
         then["base"] = random.uniform(0.0, 0.1, len(slips))
@@ -838,6 +844,16 @@ def test_points_that_were_not_paired_before_were_not_pressed() -> None:
         reference[place.tangential] = u + wrong
         found = audit._history(place, replace(record, reference=reference), before, scales)
         assert (found != [0.0]) is told
+
+
+def test_what_points_remember_is_read_by_the_pairs_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    base = {"surface": "block.bottom", "against": "foundation", "friction": COULOMB}
+    audit, place, record, _, _ = judged(scene_of(contacts={"base": base}), seed=1)
+    twice = SimpleNamespace(contacts=(replace(place.rows, share_t=2 * place.rows.share_t),))
+    monkeypatch.setattr(System, "searched", lambda system, moved: twice)
+    for searched, factor in (({}, 1.0), ({"base": place.rows.points}, 2.0)):
+        before = replace(record, searched=searched, memory={"base": np.full(len(place.rows.W_t), 0.3)})
+        assert_allclose(audit._carried(place.rows, before), factor * 0.3)
 
 
 def test_springs_of_a_sliding_contact_turn_with_it(case_of: Callable[[str], Solved]) -> None:
