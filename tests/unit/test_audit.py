@@ -849,9 +849,12 @@ def test_points_that_were_not_paired_before_were_not_pressed() -> None:
 def test_what_points_remember_is_read_by_the_pairs_before(monkeypatch: pytest.MonkeyPatch) -> None:
     base = {"surface": "block.bottom", "against": "foundation", "friction": COULOMB}
     audit, place, record, _, _ = judged(scene_of(contacts={"base": base}), seed=1)
-    twice = SimpleNamespace(contacts=(replace(place.rows, share_t=2 * place.rows.share_t),))
-    monkeypatch.setattr(System, "searched", lambda system, moved: twice)
-    for searched, factor in (({}, 1.0), ({"base": place.rows.points}, 2.0)):
+
+    def found(system: System, moved: Any) -> Any:
+        return SimpleNamespace(contacts=(replace(place.rows, share_t=moved["base"] * place.rows.share_t),))
+
+    monkeypatch.setattr(System, "searched", found)
+    for searched, factor in (({}, 1.0), ({"base": 2.0}, 2.0)):
         before = replace(record, searched=searched, memory={"base": np.full(len(place.rows.W_t), 0.3)})
         assert_allclose(audit._carried(place.rows, before), factor * 0.3)
 
