@@ -457,14 +457,15 @@ class Auditor:
             found -= float(np.sum(place.rows.W_n * (pressed + old_pressed) / 2 * (offset - old_offset)))
         return found
 
-    def _end(self, place: ContactBlock, record: Record | None) -> tuple[Array, Array, Array, Array | float]:
+    def _end(self, place: ContactBlock, record: Record | None) -> tuple[Array | float, ...]:
         """Forces [N] and motions [m] of a contact's nodes, its pressures [Pa] and gap offsets [m]; None: at rest."""
         rows = place.rows
-        offset = rows.fields.offsets(record.time if record else 0.0)[0] if rows.fields else 0.0
+        assert rows.fields is not None
+        offset = rows.fields.offsets(record.time if record else 0.0)[0]
         if record is None:
-            return np.zeros_like(rows.points), np.zeros_like(rows.points), np.zeros(len(rows.W_n)), offset
-        p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
-        return rows.nodal_forces(p_n, t), self._motion(rows, record), p_n, offset
+            return 0.0, 0.0, 0.0, offset
+        p_n = record.p[place.normal]
+        return rows.nodal_forces(p_n, record.p[place.tangential]), self._motion(rows, record), p_n, offset
 
     def _compliance(self, place: ContactBlock, record: Record) -> float:
         """Energy that the laws of a contact store [J]."""

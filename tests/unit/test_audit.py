@@ -797,6 +797,34 @@ def test_work_beside_friction_in_the_plane_is_that_of_the_definition(
     assert audit._beside(place, unknown) == (None if rows.slides or rows.wears else 0.0)
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_work_at_contacts_is_that_of_both_ends_of_a_step(known: bool) -> None:
+    """Mean forces on what moves between them, less mean pressures on a gap that grows; the first step begins at rest."""
+    base = {"surface": "block.bottom", "against": "floor", "normal": COMPLIANCE, "friction": COULOMB}
+    contacts = {"base": base | {"gap_offset": "0.1*x*t - 0.2"}}
+    floor = {"floor": plane(3) | {"displacement": {"z": 0.04}}}
+    audit, place, record, _, _ = judged(scene_of(3, {"mesh_size": 1.0}, obstacles=floor, contacts=contacts), seed=1)
+    rows, x = place.rows, (place.rows.fields.to_points @ place.rows.fields.points)[:, 0]
+    before = replace(record, time=0.75, p=0.5 * record.p + 0.1, displacement=0.3 * record.displacement)
+    ends = []
+    for end, part in ((record, 1.0), (before, float(known))):
+        forces = rows.nodal_forces(end.p[place.normal], end.p[place.tangential].reshape(-1, 2))
+        motion = end.displacement[rows.input] - [0.0, 0.0, 0.04 * end.time]
+        ends.append((part * forces, part * motion, part * end.p[place.normal], 0.1 * x * end.time * part))
+    means, changes = [(a + b) / 2 for a, b in zip(*ends, strict=True)], [a - b for a, b in zip(*ends, strict=True)]
+    expected = float(np.sum(means[0] * changes[1]) - rows.W_n @ (means[2] * changes[3]))
+    told = {"told": {"substeps": 1}, "told_before": {"energy": {"contact": 3.0}} if known else {}}
+
+    def found(**more: Any) -> float | None:
+        return audit._work(replace(record, stored=StoredFields(**told | more)))
+
+    audit._before = before if known else None
+    assert found() == pytest.approx(expected + 3.0 * known, rel=1e-12)
+    assert found(told={"substeps": 2}) is None
+    audit._before = None
+    assert (found() is None) is known
+
+
 FORMS: dict[str, tuple[bool, dict[str, Any], dict[str, Any]]] = {  # whether they know the gap; contact, and obstacle
     "plane": (True, {"gap_offset": -0.05}, plane()),
     "offset in time": (False, {"gap_offset": [[0, 0], [1, -0.05]]}, plane()),
