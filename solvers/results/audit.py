@@ -537,13 +537,12 @@ class Auditor:
 
     def _aside(self, place: ContactBlock, record: Record) -> float:
         """Work in a step of friction on the sliding out of the plane [J]."""
-        rows, law, p_n = place.rows, place.rows.friction, record.p[place.normal]
+        rows, law = place.rows, place.rows.friction
         if not isinstance(law, Turned) or law.points is None:
             return 0.0
         lasts = record.time - (self._before.time if self._before is not None else 0.0)
         far, share = slid(law.slide, law.points, record.time, lasts, law.end), record.memory[rows.name]
-        whole = bound(law.of, rows.normal, p_n, rows.average, record.time, law.end, share)
-        whole = whole if whole is not None else law.of.limit(p_n, rows.average, rows.normal, record.time, law.end)
+        whole = self._bound(place, record, np.ones_like(share))
         return float(rows.W_t @ (whole * np.sqrt(np.maximum(1 - share**2, 0.0)) * far))
 
     def _fields(self, record: Record, before: Record | None, w: Array, scales: Scales) -> float:
@@ -714,11 +713,16 @@ class Auditor:
         own = pressure(law, closing)
         return own if own is not None else law.pressure(closing)
 
-    def _bound(self, place: ContactBlock, record: Record) -> Array:
-        """Friction bound (m_t,) [Pa] at the stored pressures, by the second formula if there is one."""
+    def _bound(self, place: ContactBlock, record: Record, memory: Array | None = None) -> Array:
+        """Friction bound (m_t,) [Pa] at the stored pressures, by the second formula if there is one.
+
+        Args:
+            memory: of the law (m_t,); by default the stored one.
+        """
         rows, p_n = place.rows, record.p[place.normal]
         assert rows.friction is not None
-        memory, now = record.memory.get(rows.name, np.zeros(len(rows.W_t))), (record.time, self.cone.end)
+        now = record.time, self.cone.end
+        memory = record.memory.get(rows.name, np.zeros(len(rows.W_t))) if memory is None else memory
         own = bound(rows.friction, rows.normal, p_n, rows.average, *now, memory)
         return own if own is not None else rows.friction.at(memory).limit(p_n, rows.average, rows.normal, *now)
 

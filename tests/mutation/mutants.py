@@ -29,7 +29,7 @@ from typing import Any
 ROOT = Path(__file__).parents[2]
 WORK = ROOT / "build" / "mutants"  # copies of the code, a folder for each module
 TABLE = Path(__file__).with_name("mutants.toml")
-PLUGINS = Path(__file__).parent  # of pytest: reversed_order, shortest_first
+PLUGINS = Path(__file__).parent  # of pytest: reversed_order, closest_first
 PACKAGE = "stickslip"
 COPIED = ("geometry", "solvers", "workflows", "tests", "stickslip", "pyproject.toml")
 NOTICED = ("killed", "timeout", "segfault", "suspicious")  # endings by which a test has noticed the change
@@ -109,7 +109,7 @@ def mutate(module: str, files: Sequence[str], tests: Sequence[str]) -> Tally:
         "source_paths": sorted({f"{PACKAGE}/{name.split('/')[0]}" for name in files}),  # named as they are imported
         "only_mutate": [f"{PACKAGE}/{name}" for name in files],
         "also_copy": COPIED,
-        "pytest_add_cli_args": ["-p", "no:cacheprovider", "-p", "shortest_first", "-m", "not slow"],
+        "pytest_add_cli_args": ["-p", "no:cacheprovider", "-p", "closest_first", "-m", "not slow"],
         "pytest_add_cli_args_test_selection": tests,
         "timeout_multiplier": ["5"],  # of processor time
         "track_dependencies": ["false"],

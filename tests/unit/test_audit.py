@@ -799,7 +799,7 @@ def test_work_beside_friction_in_the_plane_is_that_of_the_definition(
 
 @pytest.mark.parametrize("known", [True, False])
 def test_work_at_contacts_is_that_of_both_ends_of_a_step(known: bool) -> None:
-    """Mean forces on what moves between them, less mean pressures on a gap that grows; the first step begins at rest."""
+    """Mean forces on what moves between them, less mean pressures on a gap that grows; at first all rests."""
     base = {"surface": "block.bottom", "against": "floor", "normal": COMPLIANCE, "friction": COULOMB}
     contacts = {"base": base | {"gap_offset": "0.1*x*t - 0.2"}}
     floor = {"floor": plane(3) | {"displacement": {"z": 0.04}}}
