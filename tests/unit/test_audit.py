@@ -212,6 +212,17 @@ def test_every_stored_field_of_a_contact_is_read(case: Case, name: str) -> None:
     assert case.audit(replace(records[1], stored=stored), records[0]).fields > 1e-6
 
 
+def test_vectors_of_the_plane_that_a_file_has_in_space_are_read(case: Case) -> None:
+    records = [replace(record_of(step), stored=stored_by(step, case.steps[0])) for step in case.steps]
+    padded = []
+    for record in records:
+        (base,) = record.stored.contacts.values()
+        space = {k: np.column_stack([v, 0 * v[:, :1]]) if np.ndim(v) == 2 else v for k, v in base.items()}
+        padded.append(replace(record, stored=replace(record.stored, contacts={"base": space})))
+    assert case.audit(padded[1], padded[0]) == case.audit(records[1], records[0])
+    assert case.audit(records[1], records[0]).numbers < CLEAN
+
+
 def test_stress_equivalent_stress_and_status_are_read(case: Case) -> None:
     record = replace(case.record, stored=stored_by(case.step))
     stored = record.stored
