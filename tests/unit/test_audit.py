@@ -24,6 +24,7 @@ from stickslip.solvers.results import audit as module
 from stickslip.solvers.results.audit import Audit, Auditor, Record, Scales, _largest
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, StepResult
 from stickslip.solvers.results.stored_fields import MultiplierForces, StoredFields
+from stickslip.solvers.scene.record import STATUS_WORDS
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
@@ -1278,6 +1279,63 @@ def test_a_moment_is_that_of_the_forces_on_the_other_side_up_to_slips_and_gaps(n
     assert found(0.0, stored=StoredFields()) == 0.0
     silent = replace(record, p=0 * record.p, stored=StoredFields(moments={"base": np.array([1.0])}))
     assert audit._moment(place, silent) == 0.0
+
+
+STATE = {"law": "rate_and_state", "f0": 0.3, "a": 0.02, "b": 0.015, "Dc": "0.02 + 0.01*x", "V0": 0.01}
+SEEN: dict[str, tuple[int, dict[str, Any]]] = {
+    "springs": (3, {"friction": SPRINGS}),
+    "compliance": (3, {"normal": COMPLIANCE}),
+    "wear": (2, WORN),
+    "state": (2, {"friction": STATE}),
+}
+
+
+@pytest.mark.parametrize("name", SEEN)
+def test_what_is_seen_of_a_contact_is_that_of_the_definition(name: str) -> None:
+    dim, contact = SEEN[name]
+    base, top = {"surface": "block.bottom", "against": "foundation"} | contact, dict.fromkeys("xyz"[:dim], 0.0)
+    tables = {
+        "supports": {"top": {"boundary": "block.top", "displacement": top}},
+        "steps": {"end": 2.0, "seconds": True},
+    }
+    audit, _, record, w, _ = judged(scene_of(dim, {"mesh_size": 1.0}, contacts={"base": base}, **tables), seed=2)
+    audit._set_system(audit.start, 1.0)
+    (place,) = audit.cone.places
+    rows, law, u = place.rows, place.rows.friction, record.displacement[place.rows.input].ravel()
+    nodes, points, worn = np.arange(len(rows.node_gap)), len(rows.W_t), np.full(len(rows.W_n), 0.1)
+    shown = {"pressure": 2.0 + nodes, "status": np.array([OPEN, SLIP, STICK, SLIP, STICK, STICK])[nodes % 6]}
+    counts = {
+        word: int(np.sum(shown["status"] == kind)) for word, kind in zip(STATUS_WORDS, (OPEN, SLIP, STICK), strict=True)
+    }
+    told = {"substeps": 1, "contacts": {"base": {"dissipation": 2.0, "dissipation_total": 7.0, "statuses": counts}}}
+    told_before = {"contacts": {"base": {"dissipation_total": 3.0}}}
+    both = np.linspace(0.1, 0.9, 2 * points).reshape(points, 2)
+    memory = {"wear": {"base": both[:, 0], "base.worn": worn}, "state": {"base": both}}.get(name, {})
+    record = replace(record, memory=memory)
+    audit._before = replace(record, time=0.75, memory={"base.worn": worn / 2})
+
+    def seen(*, before: Mapping[str, Any] = told_before, **more: Any) -> Any:
+        stored = StoredFields(contacts={"base": shown}, told=told | more, told_before=before)
+        return audit._contact(place, replace(record, stored=stored), w)
+
+    found, t = seen(), record.p[place.tangential].reshape(rows.free.shape)
+    pressures = 40 * np.maximum(rows.N_n @ u - rows.gap, 0.0) ** 1.5
+    assert_allclose(found.peaks, pressures if name == "compliance" else shown["pressure"], atol=1e-12)
+    assert_allclose(found.closing, w[place.normal] - rows.gap - (0.1 if name == "wear" else 0.0), atol=1e-12)
+    assert_allclose(found.rates, {"wear": both[:, 0], "state": both[:, 1]}.get(name, []))
+    Dc = 0.02 + 0.01 * rows.surface.points[:, 0]
+    assert_allclose(found.ages, Dc * np.exp(both[:, 0]) / 0.01 if name == "state" else [])
+    slid = (w - record.reference)[place.tangential].reshape(t.shape) - t / ((law and law.k_T) or np.inf)
+    work = float(rows.W_t @ (t * slid).sum(axis=1)) + (audit._beside(place, record) or 0.0)
+    assert (found.dissipation, found.dissipation_total, found.wrong) == (pytest.approx(work), 5.0, 0.0)
+    assert seen(before={}).dissipation_total == 2.0
+    assert not audit._unseen
+    assert seen(substeps=2).dissipation == 4.0  # the parts are not known
+    assert audit._unseen == {f"contacts.base.dissipation: {module.UNFOLLOWED}"}
+    audit._before = None
+    assert seen().dissipation == (4.0 if name == "wear" else pytest.approx(work))
+    counts["open"] += 1
+    assert seen().wrong == 1.0
 
 
 def test_bolts_are_off_by_what_their_tension_lacks() -> None:
