@@ -522,7 +522,7 @@ def table(contact: Mapping[str, Any], obstacle: Mapping[str, Any] = HILL, **more
 
 SCENES: dict[str, dict[str, Any]] = {
     "springs": table({"friction": SPRINGS}),
-    "sliding": table({"friction": {"law": "coulomb", "mu": 0.3}, "sliding": True}),
+    "sliding": table({"friction": {"law": "coulomb", "mu": [[0, 0.1], [2, 0.3]]}, "sliding": True}),
     "sliding springs": table({"friction": SPRINGS, "sliding": True}),
     "compliance": table({"normal": COMPLIANCE, "friction": SPRINGS}),
     "sliding compliance": table({"normal": COMPLIANCE, "friction": TRESCA, "sliding": True}),
@@ -1022,6 +1022,17 @@ def test_tangential_defects_are_those_of_the_definition(law: str, seed: int) -> 
     back = replace(record, reference=2 * w - record.reference)  # slip along the traction where it was against it
     if k_T == np.inf:
         assert_allclose(audit._tangential(place, back, w, scales)[2], max(work, 0.0) / some, rtol=1e-9)
+
+
+def test_bounds_are_those_of_the_time_of_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of a number that is reached at the end."""
+    scene = scene_of(**flat(2, {"law": "unilateral"}, {"law": "tresca", "bound": 0.1}), steps={"end": 2.0, "count": 2})
+    audit, place, record, _, _ = judged(scene, seed=1)
+    pressed = place.rows.average @ record.p[place.normal] > 0
+    assert 0 < np.count_nonzero(pressed) < len(pressed)
+    assert_allclose(audit._bound(place, record), np.where(pressed, 0.05, 0.0))
+    monkeypatch.setattr(module, "bound", lambda *given: None)
+    assert_allclose(audit._bound(place, record), np.where(pressed, 0.05, 0.0))
 
 
 def test_rounding_of_tractions_wastes_no_work_however_far_an_unloaded_contact_moves() -> None:
