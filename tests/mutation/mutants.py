@@ -109,7 +109,8 @@ def mutate(module: str, files: Sequence[str], tests: Sequence[str]) -> Tally:
         "source_paths": sorted({f"{PACKAGE}/{name.split('/')[0]}" for name in files}),  # named as they are imported
         "only_mutate": [f"{PACKAGE}/{name}" for name in files],
         "also_copy": COPIED,
-        "pytest_add_cli_args": ["-p", "no:cacheprovider", "-p", "closest_first", "-m", "not slow"],
+        # a traceback would read the file, fifty times as long with all mutants in it: that takes seconds
+        "pytest_add_cli_args": ["--tb=no", "-p", "no:cacheprovider", "-p", "closest_first", "-m", "not slow"],
         "pytest_add_cli_args_test_selection": tests,
         "timeout_multiplier": ["5"],  # of processor time
         "track_dependencies": ["false"],
