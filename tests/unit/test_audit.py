@@ -13,12 +13,12 @@ from numpy.testing import assert_allclose
 from shared.audited import record_of, stored_by
 from shared.cases import every_nth
 from shared.problems import plane, scene_of
-from stickslip.geometry.arrays import EPS, ROUNDING, SLIGHT, Array
+from stickslip.geometry.arrays import EPS, LAST_DIGITS, ROUNDING, SLIGHT, Array
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.build import MultiplierNodes
 from stickslip.solvers.laws.friction import Coulomb, Tresca
-from stickslip.solvers.laws.normal import Compliance
+from stickslip.solvers.laws.normal import Compliance, Unilateral
 from stickslip.solvers.parallel.gather import nodes_of
 from stickslip.solvers.results import audit as module
 from stickslip.solvers.results.audit import Audit, Auditor, Record, Scales, _largest
@@ -930,6 +930,15 @@ def test_motion_by_unit_traction_is_the_extent_of_what_is_closed_by_e(
     assert audit._give(rows, p) == 0.5
 
 
+def test_where_nothing_is_closed_yet_all_of_a_narrow_body_gives() -> None:
+    """Along the normals, 0.5 m by E_2."""
+    wood = {"E_1": 1.0, "E_2": 0.4, "E_3": 0.4, "G_12": 0.3, "nu_12": 0.3, "nu_13": 0.2, "nu_23": 0.2, "axis_1": [1, 0]}
+    audit, place, record, _, _ = judged(
+        scene_of(2, {"length": 0.5}, bodies={"block": wood}, **flat(2, {"law": "unilateral"})), seed=1
+    )
+    assert audit._give(place.rows, 0 * record.p[place.normal]) == pytest.approx(0.5 / 0.4)
+
+
 def given(simulation: Simulation, **fields: Any) -> Record:
     """A record at t = 1 of nothing but these fields."""
     none = dict.fromkeys(("p", "w", "reference", "driven", "shortened"), np.zeros(0))
@@ -1060,6 +1069,35 @@ def test_scales_are_those_of_the_largest_tractions() -> None:
     nothing = replace(record, p=0 * record.p, displacement=0 * record.displacement, time=0.0)
     fresh = Auditor(audit.system.problem, audit.system.mesh)
     assert fresh._scales(nothing, fresh._inner(u)).p == 1.0
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 40.0, 4e8])
+@pytest.mark.parametrize("load", [0.0, 0.5])
+def test_levels_of_rounding_are_those_of_the_definition(
+    load: float, stiffness: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a floor that moves by 5 m, and a side of 2 m."""
+    law = {"law": "compliance", "c_n": stiffness, "m_n": 1.0} if stiffness else {"law": "unilateral"}
+    push = {"push": {"boundary": "block.right", "pressure": load}} if load else {}
+    floor = {"foundation": plane() | {"displacement": {"y": 5.0}}}
+    audit, place, record, _, _ = judged(scene_of(**flat(2, law) | {"obstacles": floor}, loads=push), seed=1)
+    monkeypatch.setattr(Unilateral, "penetration", None)  # which the audit has for itself
+    stiff = stiffness * float(place.rows.W_n[record.p[place.normal] > 0].sum())
+    for far in (1e-3, 1.0):
+        now = replace(record, displacement=far * record.displacement, time=far)
+        u, floor_moved = now.displacement, [0.0, 5.0 * far]
+        motion = max(np.abs(u).max(), np.abs(u[place.rows.input] - floor_moved).max())
+        assert motion > np.abs(u).max()
+        inner, forces, extent = audit._inner(vector_of(audit, now)), audit.system.load(far), audit.system.extent
+        digit, allowed = EPS * audit._largest_stiffness * motion / 2.0, 1e3 * EPS * stiff * motion / 2.0
+        found = audit._scales(now, inner)
+        rest = 0.0 if load or motion > extent else min(1e3 * digit + allowed, ROUNDING / EPS * digit)
+        assert found.rest == pytest.approx(rest, rel=1e-9)
+        sizes = np.abs(inner.array).sum() + np.abs(forces.array).sum()
+        assert found.noise == pytest.approx(ROUNDING * sizes / 2.0 + digit, rel=1e-9)
+        assert (found.area, found.rounding) == pytest.approx((2.0, LAST_DIGITS * max(extent, motion)))
+        give = found.p * audit._give(place.rows, now.p[place.normal])
+        assert found.u["base"] == pytest.approx(give + (found.p / stiffness if stiffness else 0.0))
 
 
 def test_tractions_are_no_smaller_than_rounding_of_all_forces() -> None:
