@@ -368,16 +368,14 @@ class Auditor:
 
         On a plane through the origin gaps are exact, however large the body is.
         """
-        rows, problem = place.rows, self.system.problem
+        rows, system, problem = place.rows, self.system, self.system.problem
         pair, motion = problem.pairs[rows.name], float(np.abs(record.w).max(initial=0.0))
         normals = np.abs(rows.frames[:, 0])
         size = _largest(np.einsum("nd,nd->n", normals, np.abs(rows.surface.points)))
-        if pair.obstacle is None:
-            return size + motion
-        obstacle = problem.obstacles[pair.obstacle]
-        if not isinstance(obstacle, Plane):
-            return self.system.extent + motion
-        return size + _largest(normals @ np.abs(obstacle.point)) + motion
+        if pair.obstacle is not None:
+            obstacle = problem.obstacles[pair.obstacle]
+            size = size + _largest(normals @ np.abs(obstacle.point)) if isinstance(obstacle, Plane) else system.extent
+        return size + motion
 
     def _supports(self, record: Record, u: Vec) -> float:
         """Prescribed displacements that are not met, see `Audit` [-]; periodic sides move alike."""

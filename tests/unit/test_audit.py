@@ -1092,10 +1092,10 @@ def test_levels_of_rounding_are_those_of_the_definition(
         digit, allowed = EPS * audit._largest_stiffness * motion / 2.0, 1e3 * EPS * stiff * motion / 2.0
         found = audit._scales(now, inner)
         rest = 0.0 if load or motion > extent else min(1e3 * digit + allowed, ROUNDING / EPS * digit)
-        assert found.rest == pytest.approx(rest, rel=1e-9)
+        assert found.rest == pytest.approx(rest, rel=1e-9, abs=0)
         sizes = np.abs(inner.array).sum() + np.abs(forces.array).sum()
-        assert found.noise == pytest.approx(ROUNDING * sizes / 2.0 + digit, rel=1e-9)
-        assert (found.area, found.rounding) == pytest.approx((2.0, LAST_DIGITS * max(extent, motion)))
+        assert found.noise == pytest.approx(ROUNDING * sizes / 2.0 + digit, rel=1e-9, abs=0)
+        assert (found.area, found.rounding) == pytest.approx((2.0, LAST_DIGITS * max(extent, motion)), abs=0)
         give = found.p * audit._give(place.rows, now.p[place.normal])
         assert found.u["base"] == pytest.approx(give + (found.p / stiffness if stiffness else 0.0))
 
@@ -1107,7 +1107,7 @@ def test_tractions_are_no_smaller_than_rounding_of_all_forces() -> None:
     inner, load = audit._inner(u), audit.system.load(1.0)
     noise = ROUNDING * (np.abs(inner.array).sum() + np.abs(load.array).sum())  # on a side of 2 m
     noise += module.EPS * audit._largest_stiffness * np.abs([*u.array, *audit._motion(place.rows, record).flat]).max()
-    assert audit._scales(replace(record, p=0 * record.p), inner).p == pytest.approx(noise / 2.0, rel=1e-9)
+    assert audit._scales(replace(record, p=0 * record.p), inner).p == pytest.approx(noise / 2.0, rel=1e-9, abs=0)
 
 
 def test_stiffness_of_laws_is_that_of_springs_alone() -> None:
@@ -1137,7 +1137,7 @@ def test_equilibrium_is_relative_to_the_sum_of_all_forces() -> None:
     found, rounding = audit._equilibrium(record, u, inner, scales)
     assert found == pytest.approx((np.abs(free.array).sum() + np.abs(on_obstacle).sum()) / scale, rel=1e-12)
     system.T.multTranspose(audit._inner(u * audit._signs), free)
-    assert rounding == pytest.approx(module.EPS * np.abs(free.array).sum() / scale, rel=0.5)  # of last digits
+    assert rounding == pytest.approx(module.EPS * np.abs(free.array).sum() / scale, rel=0.5, abs=0)  # of last digits
 
 
 @pytest.mark.parametrize(
@@ -1157,7 +1157,7 @@ def test_the_last_digit_of_gaps_counts_by_the_stiffness_of_the_law(obstacle: dic
     scale = inner.norm(0) + audit.system.load(1.0).norm(0) + contact.norm(0)
     _, rounding = audit._equilibrium(record, u, inner, scales)
     size += np.abs(record.w).max()
-    assert rounding == pytest.approx(module.EPS * size * 4e8 * 2.0 / scale, rel=1e-3)  # on a side of 2 m
+    assert rounding == pytest.approx(module.EPS * size * 4e8 * 2.0 / scale, rel=1e-3, abs=0)  # on a side of 2 m
 
 
 SUPPORTS: dict[str, dict[str, Any]] = {
@@ -1271,7 +1271,7 @@ def test_gaps_of_known_obstacles_are_not_the_rows_own_and_agree_with_them(name: 
 
 MOVED = {"displacement": {"x": 0.01, "y": 0.02}}
 MOMENTS: dict[str, dict[str, Any]] = {
-    "hill": table({"friction": SPRINGS}, HILL | MOVED),
+    "hill": table({"friction": SPRINGS, "gap_offset": [[0, 0], [2, -0.02]]}, HILL | MOVED),
     "hill that wears": table({"slide": 0.1, "wear": {"k": 1.0}}, HILL | MOVED),
     "between bodies": SCENES["between bodies"],
     "roles exchanged": SCENES["between bodies"]
@@ -1427,7 +1427,7 @@ def test_numbers_are_relative_to_the_largest_of_their_unit(
     given = dict[str, Mapping[str, float]]()
 
     def differences(stored: Any, seen: Any, sizes: Any, rounding: Any) -> dict[str, float | None]:
-        given.update(sizes=sizes, rounding=rounding)
+        given.update(sizes=sizes, rounding=rounding, energy=vars(seen["energy"][""]))
         return {"right": 0.0, "unseen": None, "off": 0.25}
 
     monkeypatch.setattr(audit, "_scales", lambda record, inner: scales)
@@ -1447,7 +1447,15 @@ def test_numbers_are_relative_to_the_largest_of_their_unit(
     sizes = {"N": force, "N m": force * length, "J": force * motion, "m": motion, "rad": motion / length, "m²": 3.0}
     assert given["sizes"] == pytest.approx(sizes | {"Pa": max(0.3, np.abs(stored.stress).max())})
     rounding = {"N": least, "N m": least * length, "J": least * motion, "m": 2e-4, "rad": 2e-4 / length}
-    assert given["rounding"] == pytest.approx(rounding | {"Pa": max(1e-5, 1e-6 * many) + least / 3.0})
+    assert given["rounding"] == pytest.approx(rounding | {"Pa": max(1e-5, 1e-6 * many) + least / 3.0}, abs=0)
+    for before, said in ((None, [f"energy.contact: {module.UNFOLLOWED}"]), (case.records[-2], [])):
+        fresh = case.auditor()
+        monkeypatch.setattr(fresh._second, "differences", differences)
+        fresh(record, before)
+        told = {key: value for key, value in record.stored.told["energy"].items() if key in given["energy"]}
+        assert given["energy"] == pytest.approx(told, rel=1e-6)
+        assert [name for name in fresh.shared if name.startswith("energy")] == said
+    assert min(abs(told[key]) for key in ("external", "stored", "contact", "compliance", "dissipated")) > 1e-6
 
 
 @pytest.mark.parametrize(("part", "judged_at_all"), [(0.8, False), (1.25, True)])
