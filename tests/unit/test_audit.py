@@ -694,7 +694,7 @@ REMEMBERING: dict[str, tuple[int, dict[str, Any]]] = {  # dimension, and the con
 
 def remembering(name: str) -> tuple[Auditor, Any, Record]:
     """Tractions and motions that no solver has seen, at 1 s."""
-    dim, contact = REMEMBERING.get(name, (2, {"friction": COULOMB, "slide": WORN["slide"]}))
+    dim, contact = REMEMBERING.get(name, (2, {"friction": COULOMB, "slide": 0.4}))
     held = "block.bottom" if "held" in name else "block.right"  # no row, or a row or a direction less
     supports = {"side": {"boundary": held, "displacement": {"x": 0.0}}}
     base = {"surface": "block.bottom", "against": "foundation"} | contact
@@ -878,6 +878,7 @@ def test_points_that_were_not_paired_before_were_not_pressed() -> None:
     u = place.rows.N_t @ record.displacement[place.rows.input].ravel()
     pressed = place.rows.average @ record.p[place.normal] > 0
     assert 0 < np.count_nonzero(pressed) < len(pressed)
+    assert audit._searched(place.rows, record)
     before = replace(record, p=np.append(np.abs(record.p) + 1.0, 0.0))
     for wrong, told in ((pressed, False), (~pressed, True)):
         reference = record.reference.copy()
@@ -1371,6 +1372,8 @@ def test_what_is_seen_of_a_contact_is_that_of_the_definition(name: str) -> None:
     pressures = 40 * np.maximum(rows.N_n @ u - rows.gap, 0.0) ** 1.5
     assert_allclose(found.peaks, pressures if name == "compliance" else shown["pressure"], atol=1e-12)
     assert_allclose(found.closing, w[place.normal] - rows.gap - (0.1 if name == "wear" else 0.0), atol=1e-12)
+    assert_allclose(found.normal_weight, rows.W_n)
+    assert_allclose(found.wear, worn if name == "wear" else [])
     assert_allclose(found.rates, {"wear": both[:, 0], "state": both[:, 1]}.get(name, []))
     Dc = 0.02 + 0.01 * rows.surface.points[:, 0]
     assert_allclose(found.ages, Dc * np.exp(both[:, 0]) / 0.01 if name == "state" else [])
@@ -1451,7 +1454,8 @@ def test_numbers_are_relative_to_the_largest_of_their_unit(
     for before, said in ((None, [f"energy.contact: {module.UNFOLLOWED}"]), (case.records[-2], [])):
         fresh = case.auditor()
         monkeypatch.setattr(fresh._second, "differences", differences)
-        fresh(record, before)
+        monkeypatch.setattr(fresh, "_terms", {"load": 0.5, "other load": None})
+        assert fresh(record, before).numbers == 0.5
         told = {key: value for key, value in record.stored.told["energy"].items() if key in given["energy"]}
         assert given["energy"] == pytest.approx(told, rel=1e-6)
         assert [name for name in fresh.shared if name.startswith("energy")] == said
